@@ -1,0 +1,76 @@
+"""Write the generated parts of docs/ anew: `./dev docs`. `--check` changes nothing and fails where something drifted.
+
+A page holds generated blocks between `<!-- generated: NAME -->` and `<!-- end -->`. What stands in them comes from the
+tables in the code, so that page and code cannot disagree for longer than one test run.
+"""
+
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import cv2
+
+from gateway import configdoc
+from gateway.modbus import export
+from gateway.mqtt import reference
+from gateway.ranger import cheader, protocol
+from gateway.sim import gallery, scenariodoc
+from gateway.vision import example, parameters
+
+DOCS = Path(__file__).resolve().parent
+BLOCK = re.compile(r"(?<=<!-- generated: )([a-z][a-z ]*)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
+
+PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
+    "config.md": {"keys": configdoc.markdown},
+    "mqtt.md": reference.BLOCKS,
+    "ranger.md": {"wire": protocol.markdown},
+    "registers.md": {"registers": export.markdown},
+    "simulator.md": {"keys and faults": scenariodoc.markdown},
+    "vision.md": {"stages and parameters": parameters.markdown},
+}
+
+
+def page(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
+    """`text` with every block written anew. Raises KeyError for a block nobody makes, or one that is missing."""
+    found = [match[1] for match in BLOCK.finditer(text)]
+    if missing := set(blocks) - set(found):
+        raise KeyError(f"the page has no block for {sorted(missing)}")
+    return BLOCK.sub(lambda match: f"{match[1]}{match[2]}\n{blocks[match[1]]().strip()}\n\n", text)
+
+
+def texts() -> Iterator[tuple[Path, str]]:
+    """Every generated or partly generated text file with what it should say."""
+    for name, blocks in PAGES.items():
+        path = DOCS / name
+        yield path, page(path.read_text(encoding="utf-8"), blocks)
+    for name, text in reference.schemas().items():
+        yield DOCS / "schemas" / name, text
+    yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", cheader.header()
+
+
+def pictures() -> None:
+    """Write the pictures anew. Their own tests compare them within a grey level: processors round differently."""
+    made = {f"vision-{name}": image for name, image in example.figures().items()} | gallery.pictures()
+    for name, image in made.items():
+        path = DOCS / "images" / f"{name}.png"
+        if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9]):
+            raise OSError(f"cannot write {path}")
+
+
+def main() -> int:
+    check = sys.argv[1:] == ["--check"]
+    drifted = [(path, text) for path, text in texts() if not path.is_file() or path.read_text(encoding="utf-8") != text]
+    for path, text in drifted:
+        print(
+            f"{path.relative_to(DOCS.parent)}: {'differs from the code; run ./dev docs' if check else 'written anew'}"
+        )
+        if not check:
+            path.write_text(text, encoding="utf-8")
+    if not check:
+        pictures()
+    return int(check and bool(drifted))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

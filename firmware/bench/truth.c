@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Part of the firmware bench, a test program of its own that links simavr (GPL-3.0). See README.md beside this file.
+#include <stdarg.h>
+
+#include "bench.h"
+
+static FILE *out;
+
+bool truth_open(const char *path) {
+    out = fopen(path, "w");
+    if (out) setvbuf(out, NULL, _IOLBF, 0);
+    return out != NULL;
+}
+
+void truth_close(void) {
+    if (out) fclose(out);
+    out = NULL;
+}
+
+void truth(uint64_t at, const char *type, const char *format, ...) {
+    if (!out) return;
+    fprintf(out, "{\"t_ns\": %llu, \"type\": \"%s\"", (unsigned long long)ns_of(at), type);
+    va_list args;
+    va_start(args, format);
+    vfprintf(out, format, args);
+    va_end(args);
+    fputs("}\n", out);
+}
+
+void truth_line(uint64_t at, const uint8_t *line, size_t size) {
+    if (!out) return;
+    fprintf(out, "{\"t_ns\": %llu, \"type\": \"line\", \"text\": \"", (unsigned long long)ns_of(at));
+    for (size_t i = 0; i < size; i++) {
+        const uint8_t c = line[i];
+        if (c < ' ' || c > '~' || c == '"' || c == '\\') fprintf(out, "\\u%04x", c);
+        else fputc(c, out);
+    }
+    fputs("\"}\n", out);
+}

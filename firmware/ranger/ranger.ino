@@ -1,0 +1,51 @@
+/* An HC-SR04 on an Arduino Uno, for the loading gateway. Open this folder in the Arduino IDE, choose "Arduino Uno" and
+ * the port, press Upload. In the Serial Monitor at 9600 baud you can read along; send ? to get a hello.
+ *
+ *     HC-SR04   VCC -> 5V    GND -> GND    TRIG -> D7    ECHO -> D8
+ *
+ * Wiring, flashing and what the LED says: docs/firmware.md. The lines: docs/ranger.md. The logic: src/ranger.h. */
+
+#include "src/board_uno.h"
+#include "src/protocol_constants.h"
+
+/* A thermometer (TMP36) on A0: take the slashes away, and measure the voltage between the pins AREF and GND while the
+ * sketch runs: it differs from board to board, and 1 % of it is 1 % of 0.7 V, that is 0.7 degrees. */
+// #define THERMOMETER
+#ifndef AREF_MILLIVOLTS
+#define AREF_MILLIVOLTS 1100
+#endif
+
+static struct ranger ranger;
+
+void setup()
+{
+    board_begin();
+    ranger_begin(&ranger, &board_uno, "hcsr04", PROTOCOL_PERIOD_MS, board_reset_cause(), board_now());
+}
+
+void loop()
+{
+    const uint32_t now = board_now();
+    uint32_t ticks;
+    uint16_t sum;
+    uint8_t byte;
+    bool is_high;
+
+    while (board_edge(&ticks, &is_high)) {
+        ranger_edge(&ranger, ticks, is_high);
+    }
+    while (board_received(&byte)) {
+        ranger_receive(&ranger, byte);
+    }
+#ifdef THERMOMETER
+    if (board_sample_a0(&sum)) {
+        ranger_temperature(&ranger, ranger_tmp36(sum, AREF_MILLIVOLTS));
+    }
+#else
+    (void)sum;
+#endif
+    if (ranger_poll(&ranger, now, board_echo_is_high())) {
+        board_feed_watchdog();
+        board_light(ranger.light);
+    }
+}

@@ -1,0 +1,48 @@
+/* What the ranger needs of an Arduino Uno (ATmega328P, 16 MHz). All globals of the firmware live behind this header.
+ *
+ *     TRIG  D7 (PD7)          any output
+ *     ECHO  D8 (PB0, ICP1)    Timer1 copies its count into ICR1 in the cycle in which the pin changes
+ *     LED   D13 (PB5)         the Uno's own
+ *     A0    TMP36, optional
+ *
+ * Timer1 counts 0.5 us. The UART is interrupt-driven on both sides and never waits. Do not use Serial, pulseIn, Servo
+ * or Tone beside it: they want the same hardware. Timer0, and with it millis(), is the Arduino core's and free. */
+#ifndef BOARD_UNO_H
+#define BOARD_UNO_H
+
+#include "ranger.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+extern const struct ranger_board board_uno;
+
+/* Take the hardware and start the watchdog (0.25 s). */
+void board_begin(void);
+
+/* Why the board was reset, as in MCUSR. The boot loader of the Uno clears MCUSR before a sketch can read it; then it is
+ * told from memory that survives a reset: 8 if the firmware had hung (with interrupts on), 2 if it had been running, 1 if
+ * it had not. */
+uint8_t board_reset_cause(void);
+
+/* Time since board_begin in 0.5 us ticks. Wraps. */
+uint32_t board_now(void);
+
+/* The next captured edge of ECHO. False: there is none. */
+bool board_edge(uint32_t *ticks, bool *is_high);
+bool board_echo_is_high(void);
+
+/* The next byte from the host. False: there is none. */
+bool board_received(uint8_t *byte);
+
+void board_light(bool on);
+void board_feed_watchdog(void);
+
+/* Sampling A0 against the internal reference, one sample a call. True: `sum_of_64` is complete. */
+bool board_sample_a0(uint16_t *sum_of_64);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,162 @@
+"""The composition root: configuration, ports and a clock become one table of supervised tasks.
+
+`gateway run` hands in the ports of the configuration, `gateway simulate` simulated ones; from here on nothing differs.
+"""
+
+import asyncio
+import logging
+import re
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+
+from gateway.bay import BayControl
+from gateway.clock import Clock
+from gateway.config import SHARED_SECTIONS, GatewayConfig
+from gateway.errors import ConfigError, GatewayError
+from gateway.hub import Hub
+from gateway.modbus.registers import CurrentImage
+from gateway.modbus.server import ModbusServer
+from gateway.mqtt import address
+from gateway.mqtt.publisher import MqttPublisher
+from gateway.mqtt.topics import Topics
+from gateway.ranger.port import check_url
+from gateway.ranger.service import RangerService
+from gateway.shared_state import SharedStateWriter
+from gateway.strict.faults import at
+from gateway.supervisor import Supervisor, Task
+from gateway.vision.service import VisionService
+from gateway.vision.sources import SourceSpec
+from gateway.vision.specs import source_spec
+
+log = logging.getLogger(__name__)
+
+FAREWELL_S = 1.0  # for the last MQTT words; the whole exit stays under 2 s
+LAST_WORD_S = 0.5  # at least so long a PLC can read that the gateway leaves; five polls at 100 ms
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Where each bay's frames and distances come from, by bay name."""
+
+    camera: Mapping[str, SourceSpec]
+    ranger: Mapping[str, str]  # pyserial URLs
+
+    @staticmethod
+    def of(config: GatewayConfig) -> "Ports":
+        """The real ports that the configuration names. Raises ConfigError for a camera URL that could never work."""
+        return Ports(
+            camera={bay.name: source_spec(bay.camera) for bay in config.bays},
+            ranger={bay.name: bay.ranger.port for bay in config.bays},
+        )
+
+
+def check(config: GatewayConfig, *, source: str, text: str) -> None:
+    """What can be said of ports and addresses without opening them. Raises ConfigError, one line per fault.
+
+    `text` is the TOML that `config` was read from, and `source` its name, so that each fault is told with its line.
+    """
+    faults: list[str] = []
+
+    def look(place: tuple[str | int, ...], part: Callable[[], object]) -> None:
+        try:
+            part()
+        except ConfigError as error:
+            said = re.sub(r"^(camera\.url|mqtt\.url|mqtt\.root|ranger port)\b[:= ]*", "", str(error))
+            line = at(place, said, source=source, text=text, shared=SHARED_SECTIONS)
+            if line not in faults:  # a shared section is looked at once per bay
+                faults.append(line)
+
+    for n, bay in enumerate(config.bays):
+        look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
+        look(("bays", n, "ranger", "port"), partial(check_url, bay.ranger.port))
+    if config.mqtt is not None:
+        look(("mqtt", "url"), partial(address.parse, config.mqtt.url))
+        look(("mqtt", "root"), partial(Topics, config.mqtt.root, config.site, config.instance))
+    if faults:
+        raise ConfigError("\n".join(faults))
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """Handed to `on_started` once a PLC could poll."""
+
+    modbus_host: str
+    modbus_port: int
+    hub: Hub
+    supervisor: Supervisor
+
+
+async def run(
+    config: GatewayConfig,
+    ports: Ports,
+    clock: Clock,
+    *,
+    stop: asyncio.Event,
+    on_started: Callable[[Running], None] = lambda _: None,
+    companions: Callable[[Hub], Sequence[Task]] = lambda _: (),
+) -> None:
+    """Serve all bays until `stop` is set; leaves every register at stop before it returns.
+
+    `companions` are further tasks for the table (a terminal view, a simulator's far ends). Raises ConfigError,
+    LinkError (the Modbus port), or what the supervisor could not survive.
+    """
+    with ExitStack() as shared:
+        hub = Hub(bay.name for bay in config.bays)
+        # Publisher and companions subscribe before the first state, or the start events would be missed.
+        publisher = (
+            MqttPublisher(config.mqtt, config.site, config.instance, hub, clock) if config.mqtt is not None else None
+        )
+        tasks: list[Task] = list(companions(hub))
+        controls = {
+            bay.name: BayControl(
+                bay, hub, clock, (shared.enter_context(SharedStateWriter(config.instance, bay.name)).write,)
+            )
+            for bay in config.bays
+        }
+        for bay in config.bays:
+            control = controls[bay.name]
+            vision = VisionService(bay.name, ports.camera[bay.name], bay.camera, bay.vision, clock, control.on_vision)
+            ranger = RangerService(bay.ranger, clock, control.on_range, port=ports.ranger[bay.name])
+            tasks += [
+                Task(f"{bay.name}.control", control.run, vital=True),
+                Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
+                Task(f"{bay.name}.ranger", ranger.run, bay.ranger.reconnect),
+            ]
+        if publisher is not None and config.mqtt is not None:
+            tasks += [
+                Task("mqtt.collect", publisher.collect),
+                Task("mqtt.deliver", publisher.deliver, config.mqtt.reconnect),
+            ]
+        supervisor = Supervisor(tasks, clock)
+
+        def image_of(control: BayControl) -> Callable[[], Sequence[int]]:
+            image = CurrentImage(config.modbus.word_order)
+            return lambda: image.of(control.state(), clock.now_ns(), clock.wall_ns())
+
+        images = {bay.unit_id: image_of(controls[bay.name]) for bay in config.bays}
+        try:
+            async with ModbusServer(config.modbus, images) as server, asyncio.TaskGroup() as group:
+                supervised = group.create_task(supervisor.run(), name="supervisor")
+                on_started(Running(config.modbus.host, server.port, hub, supervisor))
+                try:
+                    await stop.wait()
+                finally:  # also when a task is past help: what is retained at the broker must not look good for ever
+                    for control in controls.values():
+                        control.shut_down()
+                    last_words: list[Awaitable[object]] = [asyncio.sleep(LAST_WORD_S)]
+                    if publisher is not None:
+                        last_words.append(publisher.farewell(FAREWELL_S))
+                    await asyncio.gather(*last_words)
+                supervised.cancel()
+        except BaseExceptionGroup as group_error:
+            raise _deliberate(group_error) from group_error
+
+
+def _deliberate(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    """The gateway's own error inside, which has a text for people; else the group itself."""
+    found = group.subgroup(GatewayError)
+    while isinstance(found, BaseExceptionGroup):
+        found = found.exceptions[0]  # type: ignore[assignment]  # a group's members are groups or errors
+    return group if found is None else found

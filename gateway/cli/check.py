@@ -1,0 +1,49 @@
+"""Check a configuration file and show what it comes to.
+
+Every fault is one line: file:line: key = value: what is wrong (allowed range). Exit code 2 if there is any.
+
+examples:
+  gateway check config/gateway.toml
+  gateway check config/gateway.toml --full     every key with its value, defaults included
+  gateway check --keys                         every key there is: meaning, default, range (Markdown)
+"""
+
+import argparse
+from pathlib import Path
+
+NAME = "check"
+HELP = "check a configuration file"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path, nargs="?", metavar="CONFIG.toml")
+    parser.add_argument("--full", action="store_true", help="print every key with its value, defaults included")
+    parser.add_argument("--keys", action="store_true", help="print the table of all keys instead")
+
+
+def main(args: argparse.Namespace) -> int:
+    from gateway import app, config, configdoc
+    from gateway.errors import ConfigError
+    from gateway.strict.faults import without_password
+    from gateway.strict.tomlfile import read_toml
+
+    if args.keys:
+        print(configdoc.markdown(), end="")
+        return 0
+    if args.config is None:
+        raise ConfigError("gateway check: name a configuration file, or ask for --keys")
+    settings = config.load(args.config)
+    document, text = read_toml(args.config)
+    app.check(settings, source=str(args.config), text=text)  # a URL that could never work is a fault of the file, too
+    if args.full:
+        for key, value in configdoc.flat(settings):
+            print(f"{key} = {value}")
+        return 0
+    if not document:
+        print(f"{args.config}: sets nothing, so every value is a default (gateway check --keys)")
+    print(f"{args.config}: good. Site {settings.site}, Modbus TCP on {settings.modbus.host}:{settings.modbus.port},")
+    print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}")
+    for bay in settings.bays:
+        camera = without_password(bay.camera.url)
+        print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, ranger {bay.ranger.port}")
+    return 0

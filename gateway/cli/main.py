@@ -1,0 +1,55 @@
+"""`gateway VERB`: one module a verb, each with NAME, HELP, `configure(parser)` and `main(args) -> exit code`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from gateway import __version__
+from gateway.errors import ConfigError, GatewayError
+
+VERBS = ("run", "simulate", "check", "detect", "registers", "state")
+
+EPILOG = """\
+first steps:
+  gateway simulate                  a loading bay with no hardware at all; poll it with any Modbus client
+  gateway check config/gateway.toml tell what is wrong with a configuration
+  gateway run config/gateway.toml   the real thing
+exit codes: 0 done, 1 failed, 2 a file or an argument must be edited
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="gateway",
+        description="Tells a loading-control PLC when a truck's filling port stands under the loading spout.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"gateway {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for name in VERBS:
+        # OpenCV takes a while to load: each verb module keeps its heavy imports inside `main`.
+        module = import_module(f"gateway.cli.{name}")
+        verb = verbs.add_parser(
+            module.NAME,
+            help=module.HELP,
+            description=module.__doc__,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.configure(verb)
+        verb.set_defaults(main=module.main)
+    args = parser.parse_args(argv)
+    try:
+        return int(args.main(args))
+    except ConfigError as error:
+        print(error, file=sys.stderr)
+        return 2
+    except GatewayError as error:
+        print(f"gateway {args.verb}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:  # the long-running verbs end by themselves on Ctrl-C; this is for the short ones
+        return 130
+    except BrokenPipeError:  # the reader of our output went away: `gateway detect ... | head`
+        sys.stderr.close()
+        return 1

@@ -1,0 +1,82 @@
+"""Output that can never hold up the control path: a terminal on Ctrl-S, a full pipe and a full disk stop only a thread.
+
+Writing puts text into a bounded queue; a daemon thread carries it to the real stream. What does not fit is dropped and
+counted, and the count is written when the stream moves again.
+"""
+
+import contextlib
+import os
+import queue
+import threading
+from collections.abc import Callable
+from typing import TextIO
+
+LIMIT = 20_000  # chunks; a second of JSON lines of a bay is about 30
+CLOSE_S = 0.5
+
+
+class Outlet:
+    """A writable text stream for `print`, `logging` and rich. `on_lost` is called once, from the thread, when the
+    stream is gone (reader ended, disk full); everything after that is dropped in silence."""
+
+    def __init__(self, stream: TextIO | None, on_lost: Callable[[], None] = lambda: None, limit: int = LIMIT) -> None:
+        self._stream = stream
+        self._on_lost = on_lost
+        self._queue: queue.Queue[str | None] = queue.Queue(limit)
+        self._dropped = 0
+        self.lost = stream is None
+        self.encoding = getattr(stream, "encoding", None) or "utf-8"
+        self._thread = threading.Thread(target=self._carry, name="outlet", daemon=True)
+        self._thread.start()
+
+    def write(self, text: str) -> int:
+        """Never blocks, never raises."""
+        if not self.lost:
+            try:
+                self._queue.put_nowait(text)
+            except queue.Full:
+                self._dropped += 1
+        return len(text)
+
+    def flush(self) -> None:
+        """Nothing to do: the thread flushes whenever it has caught up."""
+
+    def isatty(self) -> bool:
+        return self._stream is not None and self._stream.isatty()
+
+    def fileno(self) -> int:
+        """Of the real stream: rich asks it for the terminal's size."""
+        if self._stream is None:
+            raise OSError("this stream is closed")
+        return self._stream.fileno()
+
+    def close(self, timeout_s: float = CLOSE_S) -> None:
+        """Give the thread so long to write what is queued; what it cannot write by then is left."""
+        try:
+            self._queue.put(None, timeout=timeout_s)
+        except queue.Full:
+            return
+        self._thread.join(timeout_s)
+
+    def _carry(self) -> None:
+        while (text := self._queue.get()) is not None:
+            if self.lost or self._stream is None:
+                continue
+            dropped, self._dropped = self._dropped, 0
+            try:
+                if dropped:
+                    self._stream.write(f"({dropped} outputs dropped: nobody read them in time)\n")
+                self._stream.write(text)
+                if self._queue.empty():
+                    self._stream.flush()
+            except (OSError, ValueError):  # ValueError: closed under our hands
+                self.lost = True
+                self._silence()
+                self._on_lost()
+
+    def _silence(self) -> None:
+        """What is left in the stream's own buffer goes nowhere, or the interpreter would complain of it at its end."""
+        with contextlib.suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)

@@ -1,0 +1,82 @@
+"""Run the gateway on the cameras, rangers and networks that a configuration file names.
+
+examples:
+  gateway check /etc/loading-gateway.toml      first: is the file right?
+  gateway run /etc/loading-gateway.toml        until Ctrl-C or SIGTERM; stop stays on when it ends
+  gateway run config/gateway.toml --view       with the terminal view
+  gateway run config/gateway.toml --modbus-port 5020
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+NAME = "run"
+HELP = "serve the loading bays of a configuration file"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path, metavar="CONFIG.toml")
+    parser.add_argument("--modbus-port", type=int, metavar="PORT", help="instead of the file's; 0 picks a free one")
+    parser.add_argument(
+        "--mqtt-url", metavar="URL", help="instead of the file's: mqtt[s]://[user[:password]@]host[:port]"
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="end by itself after so many seconds")
+    parser.add_argument("--view", action="store_true", help="show the bays live in the terminal")
+
+
+def overrides(args: argparse.Namespace) -> dict[str, Any]:
+    """What the command line says over the file."""
+    over: dict[str, Any] = {}
+    if args.modbus_port is not None:
+        over["modbus"] = {"port": args.modbus_port}
+    if args.mqtt_url is not None:
+        over["mqtt"] = {"url": args.mqtt_url}
+    return over
+
+
+def main(args: argparse.Namespace) -> int:
+    import asyncio
+
+    from gateway import app, config
+    from gateway.cli import running, view
+    from gateway.cli.outlet import Outlet
+    from gateway.clock import SystemClock
+    from gateway.errors import ConfigError
+    from gateway.hub import Hub
+    from gateway.strict.tomlfile import read_toml
+    from gateway.supervisor import Task
+
+    if args.duration is not None and not args.duration > 0:
+        raise ConfigError(f"--duration {args.duration:g}: must be above 0")
+    settings = config.load(args.config, overrides(args))
+    app.check(settings, source=str(args.config), text=read_toml(args.config)[1])
+    running.setup_logging("warning" if args.view else settings.log_level)
+    clock = SystemClock()
+    where = ""
+    out = Outlet(sys.stdout)  # a reader that goes away, or does not read, is no reason to stop the bays
+
+    def started(now: app.Running) -> None:
+        nonlocal where
+        where = f"Modbus TCP on {now.modbus_host}:{now.modbus_port}, site {settings.site}"
+        if not args.view:
+            out.write(f"gateway runs: {where}\n")
+
+    def companions(hub: Hub) -> list[Task]:
+        if not args.view:
+            return []
+        return [Task("view", view.TerminalView(settings, hub, clock, view.console(out, live=True), lambda: where).run)]
+
+    asyncio.run(
+        running.serve(
+            settings,
+            app.Ports.of(settings),
+            clock,
+            duration_s=args.duration,
+            on_started=started,
+            companions=companions,
+        )
+    )
+    out.close()
+    return 0

@@ -1,0 +1,66 @@
+"""A loading bay with no hardware at all: rendered frames, real serial bytes, the real gateway behind them.
+
+The simulated camera and ranger are handed to the same program that `gateway run` starts; poll it with any Modbus
+client, or let it talk to an MQTT broker. Without --mqtt-url it runs without one.
+
+examples:
+  gateway simulate                                    the default approach, watched in the terminal
+  gateway simulate --modbus-port 5020 --duration 20   end after 20 s
+  gateway simulate --scenario faults --speed 2        a scenario of config/scenarios/, twice as fast
+  gateway simulate --trials 10                        the paper's Table II, its figures beside ours
+  gateway simulate --bays 4 --modbus-port 0 --json    four bays, a free port, JSON lines for programs
+  gateway simulate --ranger firmware                  the Arduino's compiled firmware in an emulated Uno
+poll it:
+  mbpoll -0 -B -a 1 -r 0 -c 8 -p 5020 127.0.0.1       (gateway registers tells what they mean)
+"""
+
+import argparse
+from pathlib import Path
+
+NAME = "simulate"
+HELP = "run a simulated loading bay"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenario", default=None, metavar="NAME|FILE", help="a scenario (default: approach)")
+    parser.add_argument("--list", action="store_true", help="list the scenarios that come with the gateway")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="gateway settings (default: config/simulate.toml)")
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=1.0,
+        metavar="X",
+        help="simulated seconds a second (default 1); a small machine keeps up to about 5",
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many simulated seconds")
+    parser.add_argument("--seed", type=int, metavar="N", help="of everything random (default: the scenario's)")
+    parser.add_argument(
+        "--bays", type=int, metavar="N", help="so many bays, unit ids 1 to N (default: as in the settings, 1)"
+    )
+    parser.add_argument("--modbus-port", type=int, metavar="PORT", help="default 5020; 0 picks a free one")
+    parser.add_argument(
+        "--mqtt-url", metavar="URL", help="publish to this broker: mqtt[s]://[user[:password]@]host[:port]"
+    )
+    parser.add_argument("--trials", type=int, metavar="N", help="run N alignment trials and print Table II (paper: 10)")
+    parser.add_argument(
+        "--ranger",
+        choices=("simulated", "firmware"),
+        default="simulated",
+        help="who speaks on the serial line: the simulated ranger, or the real firmware in an emulator",
+    )
+    parser.add_argument(
+        "--ranger-log", type=Path, metavar="FILE", help="with --ranger firmware: what its sensor played, JSON lines"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="JSON lines on stdout: started, state with truth, event, summary"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no live view; print events only")
+
+
+def main(args: argparse.Namespace) -> int:
+    from gateway.cli import simulation
+
+    if args.list:
+        simulation.print_scenarios()
+        return 0
+    return simulation.simulate(args)

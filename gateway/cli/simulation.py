@@ -1,0 +1,239 @@
+"""Builds the simulated ports of `gateway simulate` and watches what the gateway makes of them."""
+
+import argparse
+import asyncio
+import contextlib
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+from gateway import app, config
+from gateway.cli import running, simjson, simtrials, view
+from gateway.cli.outlet import Outlet
+from gateway.cli.simbay import Bay
+from gateway.clock import NS_PER_S, SystemClock
+from gateway.config import GatewayConfig
+from gateway.errors import ConfigError
+from gateway.hub import Hub
+from gateway.shared_state import attachable
+from gateway.sim import scenario as scenarios
+from gateway.sim import trials
+from gateway.sim.camera import SimCameraSpec
+from gateway.sim.emulator import EmulatedRanger, check_built
+from gateway.sim.ranger import SimulatedRanger
+from gateway.sim.scenario import Scenario
+from gateway.strict.faults import without_password
+from gateway.supervisor import Task
+
+LEAD_S = 2.0  # world time starts so much later, when the processes have come up and the surfaces are painted
+
+
+def print_scenarios() -> None:
+    """Name and first comment line of every scenario that comes with the gateway."""
+    for path in sorted(running.shipped("scenarios").glob("*.toml")):
+        first = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+        print(f"{path.stem:16} {first}")
+
+
+def scenario_file(name: str) -> Path:
+    """A scenario by name or by path. Raises ConfigError that lists what there is."""
+    path = Path(name)
+    shipped = running.shipped("scenarios", f"{name.removesuffix('.toml')}.toml")
+    if path.is_file() or len(path.parts) > 1:
+        return path
+    if not shipped.is_file():
+        known = ", ".join(sorted(p.stem for p in shipped.parent.glob("*.toml")))
+        raise ConfigError(f"--scenario {name}: neither a file nor one of: {known}")
+    return shipped
+
+
+def simulate(args: argparse.Namespace) -> int:
+    """The verb. Exit code 1 when trials were asked for and one of them went wrong."""
+    _check(args)
+    scenario = _scenario(args)
+    settings = _at_speed(_settings(args), args.speed)
+    clock = SystemClock(speed=args.speed)
+    origin_ns = clock.now_ns() + int(LEAD_S * args.speed * NS_PER_S)
+    bays = [
+        Bay(bay.name, bay.unit_id, _variant(scenario, bay.name, number, len(settings.bays)), bay.fusion, origin_ns)
+        for number, bay in enumerate(settings.bays)
+    ]
+    live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
+    running.setup_logging("error" if live else settings.log_level)
+    return asyncio.run(_Simulation(args, scenario, settings, clock, bays, live).run())
+
+
+def _check(args: argparse.Namespace) -> None:
+    for name, low, high in (("speed", 0.05, 20), ("duration", 0.1, 86_400), ("bays", 1, 64), ("trials", 1, 100)):
+        value = getattr(args, name)
+        if value is not None and not low <= value <= high:
+            raise ConfigError(f"--{name} {value:g}: must lie in {low} to {high}")
+    if args.seed is not None and not 0 <= args.seed <= 2**31:
+        raise ConfigError(f"--seed {args.seed}: must lie in 0 to {2**31}")
+    if args.trials and args.scenario:
+        raise ConfigError("--trials brings its own scenario: leave out --scenario")
+    if args.ranger == "firmware":
+        check_built()
+    elif args.ranger_log:
+        raise ConfigError("--ranger-log: only the emulated firmware keeps one, add --ranger firmware")
+
+
+def _scenario(args: argparse.Namespace) -> Scenario:
+    if args.trials:
+        return trials.trial_scenario(seed=1 if args.seed is None else args.seed, n=args.trials)
+    over = {} if args.seed is None else {"seed": args.seed}
+    return scenarios.load(scenario_file(args.scenario or "approach"), over)
+
+
+def _settings(args: argparse.Namespace) -> GatewayConfig:
+    over: dict[str, Any] = {}
+    if args.modbus_port is not None:
+        over["modbus"] = {"port": args.modbus_port}
+    if args.mqtt_url is not None:
+        over["mqtt"] = {"url": args.mqtt_url}
+    if args.config is None:
+        taken = any(instance == "simulate" for instance, _ in attachable())
+        over["instance"] = f"simulate-{os.getpid()}" if taken else "simulate"  # several may run side by side
+    if args.bays is not None:
+        over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
+    return config.load(args.config or running.shipped("simulate.toml"), over)
+
+
+def _at_speed(settings: GatewayConfig, speed: float) -> GatewayConfig:
+    """Limits that stand for what this machine can do are real seconds, whatever the speed of the world."""
+
+    def stretched(bay: config.BayConfig) -> config.BayConfig:
+        camera = {key: getattr(bay.camera, key) * speed for key in ("deadline_s", "open_deadline_s")}
+        vision = {"deadline_s": bay.vision.deadline_s * speed}
+        fusion = {"start_grace_s": bay.fusion.start_grace_s * speed}
+        return bay.model_copy(
+            update={
+                "camera": bay.camera.model_copy(update=camera),
+                "vision": bay.vision.model_copy(update=vision),
+                "fusion": bay.fusion.model_copy(update=fusion),
+            }
+        )
+
+    return (
+        settings.model_copy(update={"bays": tuple(stretched(bay) for bay in settings.bays)}) if speed > 1 else settings
+    )
+
+
+def _variant(scenario: Scenario, bay: str, number: int, bays: int) -> Scenario:
+    """Each bay has its own truck; the schedule of faults hits only the bay that the scenario names."""
+    if bays == 1 or bay == scenario.bay:
+        return scenario
+    return scenario.model_copy(update={"seed": scenario.seed + number, "bay": bay, "faults": ()})
+
+
+class _Simulation:
+    """One run: the ports, the companions that watch, and what is printed."""
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        scenario: Scenario,
+        settings: GatewayConfig,
+        clock: SystemClock,
+        bays: list[Bay],
+        live: bool,
+    ) -> None:
+        self._args = args
+        self._scenario = scenario
+        self._settings = settings
+        self._clock = clock
+        self._bays = bays
+        self._live = live
+        self._header = "starting"
+        self._trials = [simtrials.Recorder(bay) for bay in bays] if args.trials else []
+        self._lead_s = (bays[0].origin_ns - clock.now_ns()) / NS_PER_S  # the show is what `--duration` counts
+        self._stop = asyncio.Event()
+        self._out = Outlet(sys.stdout, on_lost=self._reader_lost)
+        self._json = simjson.Printer(bays, clock, self._out) if args.json else None
+
+    async def run(self) -> int:
+        self._loop = asyncio.get_running_loop()
+        async with AsyncExitStack() as stack:
+            rangers = {bay.name: self._ranger(bay) for bay in self._bays}
+            for ranger in rangers.values():
+                await stack.enter_async_context(ranger)
+            ports = app.Ports(
+                camera={
+                    bay.name: SimCameraSpec(bay.scenario, bay.origin_ns, f"simulated camera of {bay.name}")
+                    for bay in self._bays
+                },
+                ranger={name: ranger.port for name, ranger in rangers.items()},
+            )
+
+            def companions(hub: Hub) -> Sequence[Task]:
+                far_ends = [Task(f"{name}.simulated-ranger", ranger.run) for name, ranger in rangers.items()]
+                return [*far_ends, *self._watchers(hub)]
+
+            await running.serve(
+                self._settings,
+                ports,
+                self._clock,
+                duration_s=None if self._args.duration is None else self._args.duration + self._lead_s,
+                on_started=self._started,
+                companions=companions,
+                stop=self._stop,
+            )
+        if self._trials:
+            return simtrials.report(self._trials, as_json=self._args.json)
+        if self._json:
+            self._json.summary()
+        self._out.close()
+        return int(self._out.lost and sys.stdout is not None)
+
+    def _reader_lost(self) -> None:
+        """Nobody reads any more (`gateway simulate | head`): end as on Ctrl-C. Called from the outlet's thread."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+            self._loop.call_soon_threadsafe(self._stop.set)
+
+    def _ranger(self, bay: Bay) -> SimulatedRanger | EmulatedRanger:
+        world = (bay.scenario, bay.world, bay.origin_ns, self._clock)
+        if self._args.ranger == "simulated":
+            return SimulatedRanger.of(*world)
+        log = self._args.ranger_log
+        return EmulatedRanger.of(
+            *world, log=log.with_name(f"{log.name}.{bay.name}") if log and len(self._bays) > 1 else log
+        )
+
+    def _watchers(self, hub: Hub) -> list[Task]:
+        tasks: list[Task] = []
+        if self._trials:
+            progress = None if self._args.json else simtrials.progress_bar()
+            tasks.append(Task("trials", lambda: simtrials.record(self._trials, hub, self._clock, self._stop, progress)))
+        if self._json:
+            tasks += self._json.tasks(hub)
+        elif not self._trials:
+            console = view.console(self._out, live=self._live)
+            screen = view.TerminalView(self._settings, hub, self._clock, console, lambda: self._header)
+            tasks.append(Task("view", screen.run))
+        return tasks
+
+    def _started(self, now: app.Running) -> None:
+        broker = without_password(self._settings.mqtt.url) if self._settings.mqtt else None
+        if self._json:
+            self._json.started(
+                modbus_host=now.modbus_host,
+                modbus_port=now.modbus_port,
+                mqtt=broker,
+                instance=self._settings.instance,
+                speed=self._args.speed,
+                seed=self._scenario.seed,
+            )
+            return
+        name = f"{self._args.trials} trials" if self._args.trials else (self._args.scenario or "approach")
+        units = f"unit id {self._bays[0].unit_id}" + (f" to {self._bays[-1].unit_id}" if len(self._bays) > 1 else "")
+        self._header = (
+            f"simulated bay: {name}, seed {self._scenario.seed}, speed {self._args.speed:g}\n"
+            f"Modbus TCP on {now.modbus_host}:{now.modbus_port}, {units}; "
+            + (f"MQTT {broker}" if broker else "no broker given (--mqtt-url), so none is used")
+            + "\nCtrl-C ends"
+        )
+        if self._trials:
+            print(self._header, file=sys.stderr)

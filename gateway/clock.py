@@ -1,0 +1,58 @@
+"""The only import of `time`. Everything else is handed a clock or a time in nanoseconds.
+
+Monotonic time decides; wall time is only published. CLOCK_MONOTONIC is one clock for all processes of a machine, so a
+frame stamped in the camera process can be aged in the main process.
+"""
+
+import asyncio
+import time
+from dataclasses import dataclass, field
+from typing import Protocol
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+
+
+class Clock(Protocol):
+    """A source of time. All durations are seconds of this clock, all instants its nanoseconds."""
+
+    def now_ns(self) -> int:
+        """Monotonic time, ns; never steps back, origin arbitrary."""
+
+    def wall_ns(self) -> int:
+        """Unix time, ns; for publishing only, may step."""
+
+    async def sleep(self, seconds: float) -> None:
+        """Yield to the event loop for `seconds` of this clock."""
+
+    def block(self, seconds: float) -> None:
+        """Block the calling thread for `seconds` of this clock; never call it on the event loop."""
+
+    def timeout(self, seconds: float) -> asyncio.Timeout:
+        """`asyncio.timeout` in seconds of this clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class SystemClock:
+    """The machine's clock, optionally running `speed` times faster for simulation. Picklable: workers share it."""
+
+    speed: float = 1.0
+    origin_ns: int = field(default_factory=time.monotonic_ns)
+    wall_origin_ns: int = field(default_factory=time.time_ns)
+
+    def now_ns(self) -> int:
+        elapsed_ns = time.monotonic_ns() - self.origin_ns
+        return self.origin_ns + (elapsed_ns if self.speed == 1.0 else int(elapsed_ns * self.speed))
+
+    def wall_ns(self) -> int:
+        # At true speed the published time follows the machine's, NTP corrections included.
+        return time.time_ns() if self.speed == 1.0 else self.wall_origin_ns + self.now_ns() - self.origin_ns
+
+    async def sleep(self, seconds: float) -> None:
+        await asyncio.sleep(seconds / self.speed)
+
+    def block(self, seconds: float) -> None:
+        time.sleep(max(0.0, seconds) / self.speed)
+
+    def timeout(self, seconds: float) -> asyncio.Timeout:
+        return asyncio.timeout(seconds / self.speed)

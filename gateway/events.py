@@ -1,0 +1,55 @@
+"""What happened between two states. Pure: (old, new) -> events, in a fixed order."""
+
+from gateway.model import Event, EventKind, Quality, StateVector
+
+_NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.WAITING})
+_NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
+
+
+def diff(old: StateVector, new: StateVector) -> list[Event]:
+    """Causes before consequences: sensors, then the target, then stop.
+
+    A sensor that changes from one fault to another is reported again; WAITING (nothing received yet) is no fault.
+    """
+    return [
+        *_sensor("vision", old, new),
+        *_sensor("range", old, new),
+        *_cross_check(old, new),
+        *_edge(old, new, was=old.memory.target_seen, now=new.memory.target_seen, kinds=_TARGET),
+        *_edge(old, new, was=old.stop, now=new.stop, kinds=_STOP),
+    ]
+
+
+_TARGET = (EventKind.TARGET_FOUND, EventKind.TARGET_LOST)
+_STOP = (EventKind.STOP_RAISED, EventKind.STOP_CLEARED)
+
+
+def _edge(
+    old: StateVector, new: StateVector, *, was: bool, now: bool, kinds: tuple[EventKind, EventKind]
+) -> list[Event]:
+    if was == now:
+        return []
+    return [Event(kinds[0] if now else kinds[1], new.bay, new.t_ns, new)]
+
+
+def _sensor(name: str, old: StateVector, new: StateVector) -> list[Event]:
+    vision = name == "vision"
+    fine = _NO_VISION_FAULT if vision else _NO_RANGE_FAULT
+    before = old.vision.quality if vision else old.range.quality
+    after = new.vision.quality if vision else new.range.quality
+    detail = new.vision.detail if vision else new.range.detail
+    if after not in fine and after is not before:
+        return [Event(EventKind.SENSOR_FAULT, new.bay, new.t_ns, new, name, after, detail)]
+    if after in fine and before not in fine:
+        return [Event(EventKind.SENSOR_RECOVERED, new.bay, new.t_ns, new, name, after)]
+    return []
+
+
+def _cross_check(old: StateVector, new: StateVector) -> list[Event]:
+    if old.memory.disagree == new.memory.disagree:
+        return []
+    kind = EventKind.SENSOR_FAULT if new.memory.disagree else EventKind.SENSOR_RECOVERED
+    detail = ""
+    if new.memory.disagree and new.z_vision_mm is not None and new.range.distance_mm is not None:
+        detail = f"camera sees {new.z_vision_mm:.0f} mm, ranger {new.range.distance_mm:.0f} mm"
+    return [Event(kind, new.bay, new.t_ns, new, "cross_check", Quality.GOOD, detail)]

@@ -1,0 +1,231 @@
+"""Fold one observation, or the mere passing of time, into the next state vector with its decision. Pure.
+
+Equation 13 is the state, equation 14 the decision:
+
+    D = 1 when R >= R_th and Z <= Z_th, else 0
+
+computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
+unless `fail_safe` has been switched off. `permit` asks for more than `not stop`: both sensors good, no disagreement.
+"""
+
+import math
+from dataclasses import replace
+
+from gateway.config import CrossCheck, FusionConfig
+from gateway.model import (
+    FusionMemory,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    Tick,
+    VisionReading,
+)
+
+Observation = VisionReading | RangeReading | Tick
+NS_PER_S = 1_000_000_000
+LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
+
+VISION_REASON: dict[Quality, Reason] = {
+    Quality.WAITING: Reason.STARTING,
+    Quality.STALE: Reason.VISION_STALE,
+    Quality.LINK_DOWN: Reason.CAMERA_DOWN,
+    Quality.NO_TARGET: Reason.NO_TARGET,
+}
+RANGE_REASON: dict[Quality, Reason] = {
+    Quality.WAITING: Reason.STARTING,
+    Quality.STALE: Reason.RANGE_STALE,
+    Quality.LINK_DOWN: Reason.RANGER_DOWN,
+    Quality.NO_ECHO: Reason.NO_ECHO,
+    Quality.TOO_NEAR: Reason.RANGE_TOO_NEAR,
+    Quality.TOO_FAR: Reason.RANGE_TOO_FAR,
+    Quality.STUCK: Reason.RANGER_STUCK,
+    Quality.UNSTABLE: Reason.RANGE_UNSTABLE,
+    Quality.WRONG_VERSION: Reason.RANGER_VERSION,
+}
+# Where several things are wrong, the one somebody has to repair is told first.
+_REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2}
+
+
+def step(state: StateVector, observation: Observation, now_ns: int, config: FusionConfig) -> StateVector:
+    """The next state after `observation`, as of `now_ns` (monotonic, the clock that stamped the observations).
+
+    Readings older than the one held are ignored but for their counters; damaged ones (GOOD without a finite value)
+    become a fault. Never raises on any observation.
+    """
+    vision, rng = state.vision, state.range
+    match observation:
+        case VisionReading():
+            vision = _newest_vision(vision, _checked_vision(observation, now_ns))
+        case RangeReading():
+            rng = _newest_range(rng, _checked_range(observation, now_ns))
+        case Tick():
+            pass
+    vision = _aged_vision(vision, now_ns, config)
+    rng = _aged_range(rng, now_ns, config)
+
+    memory, z_vision_mm = _cross_check(state.memory, vision, rng, now_ns, config.cross_check)
+    memory = _decide(memory, vision, rng, now_ns, config, stopped=state.stop)
+    if vision.quality in (Quality.GOOD, Quality.NO_TARGET):
+        memory = replace(memory, target_seen=vision.quality is Quality.GOOD)
+    known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
+    d = memory.d if known else None
+    fault = _fault(vision, rng, memory)
+    stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
+    reason = Reason.NONE
+    if stop:
+        reason = fault if fault is not Reason.NONE and config.fail_safe else Reason.TARGET_REACHED
+    return StateVector(
+        bay=state.bay,
+        t_ns=now_ns,
+        seq=state.seq + 1,
+        heartbeat=state.heartbeat + isinstance(observation, Tick),
+        vision=vision,
+        range=rng,
+        d=d,
+        stop=stop,
+        permit=not stop and fault is Reason.NONE,
+        reason=reason,
+        z_vision_mm=z_vision_mm,
+        memory=memory,
+    )
+
+
+def initial(bay: str, now_ns: int) -> StateVector:
+    """The state before any observation: nothing known, `stop` on."""
+    return StateVector(
+        bay=bay,
+        t_ns=now_ns,
+        vision=VisionReading(now_ns, Quality.WAITING),
+        range=RangeReading(now_ns, Quality.WAITING),
+    )
+
+
+def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
+    """The state with every value withdrawn and `stop` on: for a dead control task, and for the last word at exit."""
+    return replace(
+        state,
+        t_ns=now_ns,
+        seq=state.seq + 1,
+        vision=_without_circle(state.vision, _not_good(state.vision.quality)),
+        range=replace(state.range, quality=_not_good(state.range.quality), distance_mm=None),
+        d=None,
+        stop=True,
+        permit=False,
+        reason=reason,
+        z_vision_mm=None,
+    )
+
+
+def _not_good(quality: Quality) -> Quality:
+    return Quality.STALE if quality is Quality.GOOD else quality
+
+
+def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
+    return replace(reading, quality=quality, circle=None, x_n=None, y_n=None)
+
+
+def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
+    """No stamp from the future, no GOOD without a circle that can exist, and no coordinates without it."""
+    reading = replace(reading, t_ns=min(reading.t_ns, now_ns))
+    circle = reading.circle
+    if reading.quality is not Quality.GOOD:
+        return _without_circle(reading, reading.quality)
+    if circle is None or not all(map(_sane, (circle.u_px, circle.v_px, circle.radius_px))) or circle.radius_px < 0:
+        return replace(_without_circle(reading, Quality.PROCESS_FAULT), detail="detection without a usable circle")
+    if all(n is None or _sane(n) for n in (reading.x_n, reading.y_n)):
+        return reading
+    return replace(reading, x_n=None, y_n=None)
+
+
+def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
+    reading = replace(reading, t_ns=min(reading.t_ns, now_ns))
+    z = reading.distance_mm
+    if reading.quality is not Quality.GOOD:
+        return replace(reading, distance_mm=None) if z is not None else reading
+    if z is not None and _sane(z) and z > 0:
+        return reading
+    return replace(reading, quality=Quality.UNSTABLE, distance_mm=None, detail="reading without a usable distance")
+
+
+def _sane(number: float) -> bool:
+    return -LARGEST <= number <= LARGEST  # false for NaN, too
+
+
+def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
+    return new if new.t_ns >= held.t_ns else replace(held, stats=new.stats)
+
+
+def _newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
+    # A port that opens again and says nothing yet has mended nothing: the fault stands until something comes.
+    lifts_a_fault = new.quality is Quality.WAITING and held.quality not in (Quality.GOOD, Quality.WAITING)
+    return new if new.t_ns >= held.t_ns and not lifts_a_fault else replace(held, stats=new.stats)
+
+
+def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> VisionReading:
+    ages = reading.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.WAITING)
+    deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.vision_deadline_s
+    if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
+        return replace(_without_circle(reading, Quality.STALE), detail=f"no result for {deadline_s:g} s")
+    return reading
+
+
+def _aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> RangeReading:
+    # A live complaint (no echo, too far) ages like a value: silence after it is silence.
+    ages = reading.quality not in (Quality.LINK_DOWN, Quality.WRONG_VERSION, Quality.STALE)
+    deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
+    if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
+        return replace(reading, quality=Quality.STALE, distance_mm=None, detail=f"no reading for {deadline_s:g} s")
+    return reading
+
+
+def _cross_check(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, check: CrossCheck | None
+) -> tuple[FusionMemory, float | None]:
+    """Z_vision = f r / R against Z. A verdict, or the wait for one, is kept while it cannot be renewed."""
+    if check is None or vision.circle is None:
+        return memory, None
+    radius_px = vision.circle.radius_px
+    far_mm = check.focal_px * check.marker_radius_mm / radius_px if radius_px > 0 else math.inf
+    seen_mm = far_mm - check.camera_offset_mm
+    z_vision_mm = seen_mm if _sane(seen_mm) else None
+    if rng.distance_mm is None:
+        return memory, z_vision_mm
+    tolerance_mm = check.tolerance_mm + check.tolerance_share * rng.distance_mm
+    if abs(seen_mm - rng.distance_mm) <= tolerance_mm:
+        return replace(memory, disagree_since_ns=None, disagree=False), z_vision_mm
+    since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
+    lasting = now_ns - since_ns >= check.lasting_s * NS_PER_S
+    return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting), z_vision_mm
+
+
+def _decide(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, stopped: bool
+) -> FusionMemory:
+    """Equation 14, then hysteresis and debounce (both off by default). `stopped`: was stop on, whatever for?"""
+    if vision.circle is None or rng.distance_mm is None:
+        return replace(memory, pending_since_ns=None)
+    radius_th = config.radius_threshold_px - (config.radius_hysteresis_px if memory.d else 0.0)
+    distance_th = config.distance_threshold_mm + (config.distance_hysteresis_mm if memory.d else 0.0)
+    raw = vision.circle.radius_px >= radius_th and rng.distance_mm <= distance_th
+    if raw == memory.d:
+        return replace(memory, pending_since_ns=None)
+    since_ns = now_ns if memory.pending_since_ns is None else memory.pending_since_ns
+    wait_s = config.raise_debounce_s if raw else config.clear_debounce_s
+    if raw and stopped:
+        wait_s = 0.0  # what delays a stop must not end one: after a fault, D = 1 would first let the truck go on
+    if now_ns - since_ns >= wait_s * NS_PER_S:
+        return replace(memory, d=raw, pending_since_ns=None)
+    return replace(memory, pending_since_ns=since_ns)
+
+
+def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory) -> Reason:
+    """The one reason, if any, for which the state must not be trusted."""
+    reasons: list[Reason] = []
+    if vision.quality is not Quality.GOOD:
+        reasons.append(VISION_REASON.get(vision.quality, Reason.VISION_FAULT))
+    if rng.quality is not Quality.GOOD:
+        reasons.append(RANGE_REASON.get(rng.quality, Reason.RANGER_DOWN))
+    if memory.disagree:
+        reasons.append(Reason.SENSORS_DISAGREE)
+    return min(reasons, key=lambda reason: _REPAIR_FIRST.get(reason, 0), default=Reason.NONE)

@@ -1,0 +1,79 @@
+"""The current state of every bay: latest wins. Events queue, bounded, and every drop is counted.
+
+Single event loop, no locks: `publish` never waits and never runs a consumer.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Iterable, Sequence
+
+from gateway.model import Event, StateVector
+
+
+class EventQueue:
+    """One subscriber's bounded queue; the oldest event goes first when it is full, and is counted."""
+
+    def __init__(self, limit: int) -> None:
+        self._events: deque[Event] = deque(maxlen=limit)
+        self._filled = asyncio.Event()
+        self.dropped = 0
+
+    def put(self, event: Event) -> None:
+        if len(self._events) == self._events.maxlen:
+            self.dropped += 1
+        self._events.append(event)
+        self._filled.set()
+
+    async def get(self) -> Event:
+        """The oldest event; waits for one."""
+        while not self._events:
+            self._filled.clear()
+            await self._filled.wait()
+        return self._events.popleft()
+
+    def drain(self) -> list[Event]:
+        """Everything queued now, oldest first; never waits."""
+        events = list(self._events)
+        self._events.clear()
+        return events
+
+    def __len__(self) -> int:
+        return len(self._events)
+
+
+class Hub:
+    """Latest state per bay, and a fan-out of events."""
+
+    def __init__(self, bays: Iterable[str]) -> None:
+        self._states = {bay: StateVector(bay=bay) for bay in bays}
+        self._changed: dict[str, asyncio.Event] = {bay: asyncio.Event() for bay in self._states}
+        self._queues: list[EventQueue] = []
+
+    @property
+    def bays(self) -> tuple[str, ...]:
+        return tuple(self._states)
+
+    def state(self, bay: str) -> StateVector:
+        return self._states[bay]
+
+    def publish(self, state: StateVector, events: Sequence[Event] = ()) -> None:
+        self._changed[state.bay].set()  # a KeyError here: no such bay
+        self._changed[state.bay] = asyncio.Event()
+        self._states[state.bay] = state
+        for event in events:
+            for queue in self._queues:
+                queue.put(event)
+
+    async def newer(self, bay: str, seq: int) -> StateVector:
+        """The newest state with a sequence number above `seq`; waits for it. States in between are skipped."""
+        while (state := self._states[bay]).seq <= seq:
+            await self._changed[bay].wait()
+        return state
+
+    def subscribe(self, limit: int = 1000) -> EventQueue:
+        queue = EventQueue(limit)
+        self._queues.append(queue)
+        return queue
+
+    def unsubscribe(self, queue: EventQueue) -> None:
+        self._queues.remove(queue)

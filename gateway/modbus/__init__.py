@@ -1,0 +1,1 @@
+"""Modbus TCP. Pure: registers (the table). IO: server."""

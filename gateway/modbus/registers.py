@@ -1,0 +1,347 @@
+"""The register map is data: one table, from which the image, its decoding, docs/registers.md and the exports come.
+
+One block of 100 registers from address 0, the same on function codes 3 and 4, encoded whole from one state. Addresses
+are never renumbered: a new register takes a reserved place and raises MAP_VERSION.
+
+Sequence number: `seq_begin` and `seq_end` carry 2 * StateVector.seq modulo 65536. The odd number in between belongs to
+the image of a gateway whose control task has died, so that it can't share a number with the state that follows it.
+Equal numbers therefore mean one image, however many reads fetched it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TypeVar
+
+from gateway import fusion
+from gateway.errors import ProtocolError
+from gateway.modbus.words import (
+    FLOAT32,
+    MEASURED_FLOAT32,
+    MEASURED_INT16,
+    MEASURED_UINT16,
+    UINT16,
+    UINT32,
+    UINT64,
+    WireType,
+    WordOrder,
+    pack,
+    unpack,
+)
+from gateway.model import QUALITY_MEANING, REASON_MEANING, Circle, Quality, Reason, StateVector
+
+MAP_VERSION = 1
+BLOCK_WORDS = 100
+KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
+KNOWN_FLOAT32 = 123456.0  # 0x47F12000
+NS_PER_MS = 1_000_000
+
+Image = tuple[int, ...]
+Value = float | None
+Code = TypeVar("Code", bound=IntEnum)
+
+
+class StatusBit(IntEnum):
+    """Bits of the status word. Never renumber, only add."""
+
+    STOP = 0
+    PERMIT = 1
+    D = 2
+    D_UNKNOWABLE = 3
+    VISION_GOOD = 4
+    RANGE_GOOD = 5
+    HEALTHY = 6
+    STARTING = 7
+    FAULT = 8
+    VISION_FAULT = 9
+    RANGE_FAULT = 10
+    DISAGREE = 11
+    GATEWAY_FAULT = 12
+    SHUTDOWN = 13
+    CLAMPED = 14
+
+
+STATUS_MEANING: dict[StatusBit, str] = {
+    StatusBit.STOP: "stop is on, as in register stop",
+    StatusBit.PERMIT: "loading is permitted, as in register permit",
+    StatusBit.D: "D = 1, the paper's stop decision",
+    StatusBit.D_UNKNOWABLE: "D can't be computed: a sensor has no good, fresh value",
+    StatusBit.VISION_GOOD: "u, v, radius are fresh and valid",
+    StatusBit.RANGE_GOOD: "distance is fresh and valid",
+    StatusBit.HEALTHY: "both sensors good and not in disagreement",
+    StatusBit.STARTING: "a sensor has sent nothing yet",
+    StatusBit.FAULT: "any of bits 9 to 12",
+    StatusBit.VISION_FAULT: "vision_quality is a fault: neither good, nor waiting, nor merely without a target",
+    StatusBit.RANGE_FAULT: "range_quality is a fault: neither good nor waiting",
+    StatusBit.DISAGREE: "camera and ranger contradict each other (only with the cross-check configured)",
+    StatusBit.GATEWAY_FAULT: "the control task does not run; the image is frozen but for this verdict",
+    StatusBit.SHUTDOWN: "the gateway is shutting down",
+    StatusBit.CLAMPED: "an integer value stands at its register's limit; its float32 mirror has the true one",
+}
+
+NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.WAITING, Quality.NO_TARGET})
+NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One row. `read` gives the value in `unit` from (state, unix_ns); None: no value. `scale`: unit per count."""
+
+    address: int
+    name: str
+    kind: WireType
+    scale: float
+    unit: str
+    meaning: str
+    read: Callable[[StateVector, int], Value] = field(repr=False)
+    codes: Mapping[int, tuple[str, str]] | None = field(default=None, repr=False)  # value -> (name, meaning)
+    bits: Mapping[int, tuple[str, str]] | None = field(default=None, repr=False)  # bit -> (name, meaning)
+
+    @property
+    def words(self) -> int:
+        return self.kind.words
+
+
+@dataclass(frozen=True, slots=True)
+class Reserved:
+    """Addresses kept free; they read 0 until a later map version gives them a meaning."""
+
+    address: int
+    words: int
+    purpose: str
+
+
+def _circle(state: StateVector) -> Circle | None:
+    return state.vision.circle if state.vision.quality is Quality.GOOD else None
+
+
+def _u(state: StateVector, _: int) -> Value:
+    return None if (circle := _circle(state)) is None else circle.u_px
+
+
+def _v(state: StateVector, _: int) -> Value:
+    return None if (circle := _circle(state)) is None else circle.v_px
+
+
+def _radius(state: StateVector, _: int) -> Value:
+    return None if (circle := _circle(state)) is None else circle.radius_px
+
+
+def _distance(state: StateVector, _: int) -> Value:
+    return state.range.distance_mm if state.range.quality is Quality.GOOD else None
+
+
+def _z_vision(state: StateVector, _: int) -> Value:
+    return None if _circle(state) is None else state.z_vision_mm
+
+
+def _x_n(state: StateVector, _: int) -> Value:
+    return None if _circle(state) is None else state.vision.x_n
+
+
+def _y_n(state: StateVector, _: int) -> Value:
+    return None if _circle(state) is None else state.vision.y_n
+
+
+def _sequence(state: StateVector, _: int) -> Value:
+    return (2 * state.seq - (state.reason is Reason.GATEWAY_FAULT)) & 0xFFFF
+
+
+def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
+    return None if quality is Quality.WAITING else (state.t_ns - t_ns) // NS_PER_MS
+
+
+def _status(state: StateVector, _: int) -> Value:
+    """All bits but CLAMPED, which depends on how the other registers came out."""
+    vision, rng = state.vision.quality, state.range.quality
+    faults = {
+        StatusBit.VISION_FAULT: vision not in NO_VISION_FAULT,
+        StatusBit.RANGE_FAULT: rng not in NO_RANGE_FAULT,
+        StatusBit.DISAGREE: state.memory.disagree,
+        StatusBit.GATEWAY_FAULT: state.reason is Reason.GATEWAY_FAULT,
+    }
+    bits = faults | {
+        StatusBit.STOP: state.stop,
+        StatusBit.PERMIT: state.permit,
+        StatusBit.D: state.d is True,
+        StatusBit.D_UNKNOWABLE: state.d is None,
+        StatusBit.VISION_GOOD: vision is Quality.GOOD,
+        StatusBit.RANGE_GOOD: rng is Quality.GOOD,
+        StatusBit.HEALTHY: vision is Quality.GOOD and rng is Quality.GOOD and not state.memory.disagree,
+        StatusBit.STARTING: Quality.WAITING in (vision, rng),
+        StatusBit.FAULT: any(faults.values()),
+        StatusBit.SHUTDOWN: state.reason is Reason.SHUTDOWN,
+    }
+    return sum(on << bit for bit, on in bits.items())
+
+
+def _named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
+    return {int(code): (code.name.lower(), meaning) for code, meaning in meanings.items()}
+
+
+_QUALITY = _named(QUALITY_MEANING)
+_REASON = _named(REASON_MEANING)
+_STATUS = _named(STATUS_MEANING)
+_WRAPS = "count since the start of the gateway, modulo 65536"
+
+REGISTERS: tuple[Register, ...] = (
+    Register(0, "seq_begin", UINT16, 1, "", "sequence number of the image; equal to seq_end in one image", _sequence),
+    Register(1, "map_version", UINT16, 1, "", "version of this table; grows when registers are added; none ever moves",
+             lambda s, _: MAP_VERSION),
+    Register(2, "heartbeat", UINT16, 1, "", "+1 with every fusion tick, modulo 65536; stands still when fusion does",
+             lambda s, _: s.heartbeat & 0xFFFF),
+    Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", _status,
+             bits=_STATUS),
+    Register(4, "stop", UINT16, 1, "", "1: stop the truck; also on whenever D is unknowable; 0 alone permits nothing",
+             lambda s, _: int(s.stop)),
+    Register(5, "permit", UINT16, 1, "", "1: everything healthy and fresh, and stop is off; else 0",
+             lambda s, _: int(s.permit)),
+    Register(6, "reason", UINT16, 1, "", "why stop is on; 0 when it is off", lambda s, _: int(s.reason), _REASON),
+    Register(7, "vision_quality", UINT16, 1, "", "0: u, v, radius may be used; else why not",
+             lambda s, _: int(s.vision.quality), _QUALITY),
+    Register(8, "range_quality", UINT16, 1, "", "0: distance may be used; else why not",
+             lambda s, _: int(s.range.quality), _QUALITY),
+    Register(9, "d", MEASURED_UINT16, 1, "", "D of equation 14: 1 when R >= R_th and Z <= Z_th",
+             lambda s, _: None if s.d is None else int(s.d)),
+    Register(10, "u", MEASURED_INT16, 0.1, "px", "marker centre, to the right", _u),
+    Register(11, "v", MEASURED_INT16, 0.1, "px", "marker centre, downwards", _v),
+    Register(12, "radius", MEASURED_UINT16, 0.1, "px", "marker radius R", _radius),
+    Register(13, "distance", MEASURED_UINT16, 1, "mm", "distance Z from the ranger", _distance),
+    Register(14, "z_vision", MEASURED_UINT16, 1, "mm", "distance f r / R from the camera, where configured", _z_vision),
+    Register(15, "vision_age", MEASURED_UINT16, 1, "ms", "age of the newest camera result or fault, at `timestamp`",
+             lambda s, _: _age_ms(s, s.vision.t_ns, s.vision.quality)),
+    Register(16, "range_age", MEASURED_UINT16, 1, "ms", "age of the newest ranger result or fault, at `timestamp`",
+             lambda s, _: _age_ms(s, s.range.t_ns, s.range.quality)),
+    Register(17, "vision_rate", MEASURED_UINT16, 0.1, "Hz", "camera results a second",
+             lambda s, _: s.vision.stats.rate_hz),
+    Register(18, "range_rate", MEASURED_UINT16, 0.1, "Hz", "ranger results a second",
+             lambda s, _: s.range.stats.rate_hz),
+    Register(19, "vision_latency", MEASURED_UINT16, 0.1, "ms", "capture to result, newest frame",
+             lambda s, _: s.vision.stats.latency_ms),
+    Register(20, "frame_id", UINT32, 1, "", "number of the newest frame looked at, modulo 2^32",
+             lambda s, _: s.vision.frame_id & 0xFFFF_FFFF),
+    Register(22, "timestamp", UINT64, 1, "ms", "Unix time of this image, UTC; never use it to judge freshness",
+             lambda _, unix_ns: unix_ns // NS_PER_MS),
+    Register(26, "frames_skipped", UINT16, 1, "", f"frames replaced by a newer one before vision was free: {_WRAPS}",
+             lambda s, _: s.vision.stats.skipped & 0xFFFF),
+    Register(27, "frames_lost", UINT16, 1, "", f"frames that died with their vision process: {_WRAPS}",
+             lambda s, _: s.vision.stats.lost & 0xFFFF),
+    Register(28, "worker_restarts", UINT16, 1, "", f"vision processes replaced: {_WRAPS}",
+             lambda s, _: s.vision.stats.restarts & 0xFFFF),
+    Register(29, "camera_reopens", UINT16, 1, "", f"camera opened again: {_WRAPS}",
+             lambda s, _: s.vision.stats.reopens & 0xFFFF),
+    Register(30, "ranger_damaged", UINT16, 1, "", f"damaged lines from the ranger, dropped: {_WRAPS}",
+             lambda s, _: s.range.stats.damaged & 0xFFFF),
+    Register(31, "ranger_gaps", UINT16, 1, "", f"ranger measurements missing by their number: {_WRAPS}",
+             lambda s, _: s.range.stats.gaps & 0xFFFF),
+    Register(32, "ranger_rejected", UINT16, 1, "", f"ranger readings held back by the glitch gate: {_WRAPS}",
+             lambda s, _: s.range.stats.rejected & 0xFFFF),
+    Register(33, "ranger_reopens", UINT16, 1, "", f"ranger's port opened again: {_WRAPS}",
+             lambda s, _: s.range.stats.reopens & 0xFFFF),
+    Register(34, "range_seq", UINT16, 1, "", "the ranger's own number of its newest measurement, modulo 65536",
+             lambda s, _: s.range.seq & 0xFFFF),
+    Register(40, "known_u32", UINT32, 1, "", f"always {KNOWN_UINT32} (0x{KNOWN_UINT32:08X}): proves the word order",
+             lambda s, _: KNOWN_UINT32),
+    Register(42, "known_f32", FLOAT32, 1, "", f"always {KNOWN_FLOAT32}: proves the word order",
+             lambda s, _: KNOWN_FLOAT32),
+    Register(44, "u_f32", MEASURED_FLOAT32, 1, "px", "u, not rounded", _u),
+    Register(46, "v_f32", MEASURED_FLOAT32, 1, "px", "v, not rounded", _v),
+    Register(48, "radius_f32", MEASURED_FLOAT32, 1, "px", "radius, not rounded", _radius),
+    Register(50, "distance_f32", MEASURED_FLOAT32, 1, "mm", "distance, not rounded", _distance),
+    Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
+    Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured", _x_n),
+    Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured", _y_n),
+    Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
+)  # fmt: skip
+
+RESERVED: tuple[Reserved, ...] = (
+    Reserved(35, 5, "more counters"),
+    Reserved(58, 2, "another float32 mirror"),
+    Reserved(60, 10, "NE 107 status and guidance for the driver"),
+    Reserved(70, 10, "tracking and confidence of the detection"),
+    Reserved(80, 16, "handshake with the PLC"),
+    Reserved(96, 3, "to be decided"),
+)
+
+_ADDRESS = {register.name: register.address for register in REGISTERS}
+
+
+def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
+    """The whole image of one state: BLOCK_WORDS words, each 0..65535. Never raises on any numbers.
+
+    `unix_ns`: wall time of `state.t_ns`. Equal arguments give equal images.
+    """
+    image = [0] * BLOCK_WORDS
+    clamped = False
+    for register in REGISTERS:
+        words, cut = pack(register.kind, register.read(state, unix_ns), register.scale, word_order)
+        image[register.address : register.address + register.words] = words
+        clamped |= cut and register.name in _CLAMP_TOLD
+    image[_ADDRESS["status"]] |= clamped << StatusBit.CLAMPED
+    return tuple(image)
+
+
+# Ages, rates and counters at their limit are no news; a position at its limit is.
+_CLAMP_TOLD = frozenset({"u", "v", "radius", "distance", "z_vision"})
+
+
+def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOrder) -> Image:
+    """What a PLC must see when the control task does not run any more: `state` is its last, `now_ns` monotonic.
+
+    Stop on, permit off, reason GATEWAY_FAULT, no values, heartbeat as it stood.
+    """
+    return encode(fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns), unix_ns, word_order)
+
+
+class CurrentImage:
+    """The image of a bay's current state, encoded once: as long as the sequence number stands, so does the image."""
+
+    def __init__(self, word_order: WordOrder) -> None:
+        self._word_order: WordOrder = word_order
+        self._key: tuple[int, Reason] | None = None
+        self._image: Image = ()
+
+    def of(self, state: StateVector, now_ns: int, wall_ns: int) -> Image:
+        """`now_ns` and `wall_ns`: the clock's two times now, from which the image's own wall time follows.
+
+        A dead bay hands in a fresh state at every call, differing only in its time; the first one stands.
+        """
+        key = (state.seq, state.reason)
+        if key != self._key:
+            self._image = encode(state, wall_ns - (now_ns - state.t_ns), self._word_order)
+            self._key = key
+        return self._image
+
+
+def word_order_of(image: Sequence[int]) -> WordOrder:
+    """Read off `known_u32`. Raises ProtocolError if it stands in neither order: this is no image of ours."""
+    if len(image) != BLOCK_WORDS:
+        raise ProtocolError(f"an image has {BLOCK_WORDS} words, not {len(image)}")
+    address = _ADDRESS["known_u32"]
+    found, known = tuple(image[address : address + 2]), (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
+    if found == known:
+        return "big"
+    if found == known[::-1]:
+        return "little"
+    raise ProtocolError(f"registers {address} and {address + 1} do not hold 0x{KNOWN_UINT32:08X} in either word order")
+
+
+def decode(image: Sequence[int]) -> dict[str, Value]:
+    """Every register by name, in its unit; None where there is no value. Finds the word order by itself.
+
+    Raises ProtocolError for an image that is torn, of an older map version, or not one of ours.
+    """
+    order = word_order_of(image)
+    values = {
+        register.name: unpack(
+            register.kind, image[register.address : register.address + register.words], register.scale, order
+        )
+        for register in REGISTERS
+    }
+    if (version := image[_ADDRESS["map_version"]]) < MAP_VERSION:
+        raise ProtocolError(f"map version {version} lacks registers of version {MAP_VERSION}")
+    if values["seq_begin"] != values["seq_end"]:
+        raise ProtocolError(
+            f"torn image: sequence number {values['seq_begin']} at the begin, {values['seq_end']} at the end"
+        )
+    return values

@@ -1,0 +1,96 @@
+"""How one value becomes 16-bit words and back: types, scaling, saturation, sentinels, word order. Pure.
+
+Bytes inside a word are always big-endian (Modbus Application Protocol V1.1b3, 4.2); the order of the words of a longer
+value is not standardised, hence the choice. Nothing wraps by accident: a value too large for its register stands at
+the register's limit, a value that does not exist is the type's sentinel, and neither can be mistaken for the other.
+"""
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+WordOrder = Literal["big", "little"]
+"""`big`: the high word has the lowest address. `little`: the low word has it."""
+
+_FLOAT32_MAX = 3.4028234663852886e38
+_FLOAT32_NAN = 0x7FC0_0000
+_BEYOND = 1e30  # larger than any register at any scale, small enough to be divided by one
+
+
+@dataclass(frozen=True, slots=True)
+class WireType:
+    """A type on the wire. Integers span `low`..`high`; `no_value` lies outside of that (None: always has a value)."""
+
+    name: str
+    words: int
+    low: int = 0
+    high: int = 0
+    no_value: int | None = None
+    is_float: bool = False
+
+
+# A plain uint16 is a code or a counter and uses all its bits; a measured one gives up 0xFFFF as its sentinel.
+UINT16 = WireType("uint16", 1, 0, 0xFFFF)
+UINT32 = WireType("uint32", 2, 0, 0xFFFF_FFFF)
+UINT64 = WireType("uint64", 4, 0, 0xFFFF_FFFF_FFFF_FFFF)
+MEASURED_UINT16 = WireType("uint16", 1, 0, 0xFFFE, no_value=0xFFFF)
+MEASURED_INT16 = WireType("int16", 1, -0x7FFF, 0x7FFF, no_value=0x8000)
+FLOAT32 = WireType("float32", 2, is_float=True)
+MEASURED_FLOAT32 = WireType("float32", 2, no_value=_FLOAT32_NAN, is_float=True)
+
+
+def pack(kind: WireType, value: float | None, scale: float, order: WordOrder) -> tuple[tuple[int, ...], bool]:
+    """The words of `value` (in its unit; the register counts in `scale`), and whether it had to be cut to fit.
+
+    None and whatever is not finite is "no value": the sentinel, or 0 in a type without one. Never raises on a number.
+    """
+    raw = _float_bits(value) if kind.is_float else _counts(value, scale)
+    if raw is None:
+        return _split(kind.no_value or 0, kind.words, order), False
+    if kind.is_float:
+        return _split(raw, kind.words, order), False
+    fitting = min(max(raw, kind.low), kind.high)
+    return _split(fitting & _mask(kind), kind.words, order), fitting != raw
+
+
+def unpack(kind: WireType, words: Sequence[int], scale: float, order: WordOrder) -> float | None:
+    """The value behind `words`, in its unit; None where they hold the sentinel. An int where the scale is 1."""
+    raw = 0
+    for word in words if order == "big" else reversed(words):
+        raw = raw << 16 | word
+    if kind.is_float:
+        number = float(struct.unpack(">f", raw.to_bytes(4, "big"))[0])
+        return None if math.isnan(number) else number
+    if raw == kind.no_value:
+        return None
+    if kind.low < 0 and raw > kind.high:
+        raw -= _mask(kind) + 1
+    return raw if scale == 1 else round(raw * scale, 9)
+
+
+def _counts(value: float | None, scale: float) -> int | None:
+    """Whole register counts, rounded to the nearest; may lie far outside of any register."""
+    if value is None or not -math.inf < value < math.inf:  # false for NaN too
+        return None
+    if isinstance(value, int) and scale == 1:
+        return value
+    scaled = min(max(value, -_BEYOND), _BEYOND) / scale
+    return round(scaled)
+
+
+def _float_bits(value: float | None) -> int | None:
+    """The bits of the nearest finite float32; None for what is no number."""
+    if value is None or not -math.inf < value < math.inf:
+        return None
+    return int.from_bytes(struct.pack(">f", min(max(value, -_FLOAT32_MAX), _FLOAT32_MAX)), "big")
+
+
+def _mask(kind: WireType) -> int:
+    return (1 << 16 * kind.words) - 1
+
+
+def _split(raw: int, words: int, order: WordOrder) -> tuple[int, ...]:
+    high_first = tuple(raw >> 16 * place & 0xFFFF for place in reversed(range(words)))
+    return high_first if order == "big" else high_first[::-1]

@@ -1,0 +1,224 @@
+"""The records that travel through the gateway. Frozen, plain, units in the names; no behaviour beyond reading.
+
+Pixel centres lie at integers: the centre of the top left pixel is (0, 0).
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+
+
+class Quality(IntEnum):
+    """Why a sensor's value may or may not be used. Only GOOD carries a value; the numbers are on the wire."""
+
+    GOOD = 0
+    WAITING = 1
+    STALE = 2
+    LINK_DOWN = 3
+    NO_TARGET = 4
+    PROCESS_FAULT = 5
+    NO_ECHO = 6
+    TOO_NEAR = 7
+    TOO_FAR = 8
+    STUCK = 9
+    UNSTABLE = 10
+    WRONG_VERSION = 11
+
+
+QUALITY_MEANING: dict[Quality, str] = {
+    Quality.GOOD: "fresh and valid",
+    Quality.WAITING: "nothing received since the start",
+    Quality.STALE: "the last value is older than its deadline",
+    Quality.LINK_DOWN: "camera or serial port cannot be opened, or was lost",
+    Quality.NO_TARGET: "the frame is fine, but no marker is in it",
+    Quality.PROCESS_FAULT: "the vision process died, hung or failed on the frame",
+    Quality.NO_ECHO: "the ranger heard no echo",
+    Quality.TOO_NEAR: "nearer than the ranger can measure (2 cm)",
+    Quality.TOO_FAR: "farther than the ranger can measure (4 m)",
+    Quality.STUCK: "the ranger's ECHO pin does not move",
+    Quality.UNSTABLE: "readings jump more than the glitch gate allows",
+    Quality.WRONG_VERSION: "the ranger speaks another protocol version",
+}
+
+
+class Reason(IntEnum):
+    """Why `stop` is on. The numbers are on the wire: never renumber, only add."""
+
+    NONE = 0
+    TARGET_REACHED = 1
+    STARTING = 10
+    VISION_STALE = 11
+    CAMERA_DOWN = 12
+    NO_TARGET = 13
+    VISION_FAULT = 14
+    RANGE_STALE = 20
+    RANGER_DOWN = 21
+    NO_ECHO = 22
+    RANGE_TOO_NEAR = 23
+    RANGE_TOO_FAR = 24
+    RANGER_STUCK = 25
+    RANGE_UNSTABLE = 26
+    RANGER_VERSION = 27
+    SENSORS_DISAGREE = 30
+    GATEWAY_FAULT = 40
+    SHUTDOWN = 41
+
+
+REASON_MEANING: dict[Reason, str] = {
+    Reason.NONE: "stop is off",
+    Reason.TARGET_REACHED: "D = 1: the marker is large enough and the distance short enough",
+    Reason.STARTING: "a sensor has sent nothing yet",
+    Reason.VISION_STALE: "the newest frame is older than its deadline",
+    Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",
+    Reason.NO_TARGET: "no marker in the picture",
+    Reason.VISION_FAULT: "the vision process died, hung or failed",
+    Reason.RANGE_STALE: "the newest distance is older than its deadline",
+    Reason.RANGER_DOWN: "the ranger's port cannot be opened or was lost",
+    Reason.NO_ECHO: "the ranger hears no echo",
+    Reason.RANGE_TOO_NEAR: "nearer than the ranger can measure",
+    Reason.RANGE_TOO_FAR: "farther than the ranger can measure",
+    Reason.RANGER_STUCK: "the ranger's ECHO pin does not move",
+    Reason.RANGE_UNSTABLE: "distance readings jump",
+    Reason.RANGER_VERSION: "the ranger's firmware speaks another protocol version",
+    Reason.SENSORS_DISAGREE: "the distance seen by the camera contradicts the ranger",
+    Reason.GATEWAY_FAULT: "the gateway's own control task does not run",
+    Reason.SHUTDOWN: "the gateway is shutting down",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """Minimum enclosing circle of the marker (equation 10): centre (u_c, v_c) and radius R, px."""
+
+    u_px: float
+    v_px: float
+    radius_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """What the vision pipeline says about one image. `circle` is None where no marker was found."""
+
+    circle: Circle | None
+    area_px2: float = 0.0  # equation 8, of the chosen contour
+    circularity: float = 0.0  # 4 pi area / perimeter^2, 1 for a disc
+    fill: float = 0.0  # area / area of the enclosing circle, 1 for a disc
+    candidates: int = 0  # contours larger than S_min
+    x_n: float | None = None  # equation 11, only where intrinsics are known
+    y_n: float | None = None
+    stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage, in pipeline order
+
+
+@dataclass(frozen=True, slots=True)
+class VisionStats:
+    """Counters since the start of the gateway, one set per bay."""
+
+    frames: int = 0  # results delivered
+    skipped: int = 0  # frames replaced by a newer one before a worker was free
+    lost: int = 0  # frames that died with their worker
+    restarts: int = 0  # workers replaced
+    reopens: int = 0  # camera processes replaced or sources opened again
+    rate_hz: float = 0.0  # results a second, over about the last second
+    latency_ms: float = 0.0  # capture to result, newest frame
+
+
+@dataclass(frozen=True, slots=True)
+class RangeStats:
+    """Counters since the start of the gateway, one set per bay."""
+
+    lines: int = 0  # good measurement lines
+    damaged: int = 0  # lines or fragments dropped: checksum, length, syntax
+    gaps: int = 0  # measurements missing by sequence number
+    rejected: int = 0  # readings held back by the glitch gate, late, or out of a backlog
+    reopens: int = 0
+    rate_hz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class VisionReading:
+    """One observation from the camera side. `circle` is set if and only if quality is GOOD."""
+
+    t_ns: int  # capture time of the frame, or of the fault
+    quality: Quality
+    circle: Circle | None = None
+    frame_id: int = 0
+    x_n: float | None = None
+    y_n: float | None = None
+    detail: str = ""  # for people: what went wrong, never parsed
+    stats: VisionStats = field(default_factory=VisionStats)
+    stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage of this frame, in pipeline order; empty: no result
+
+
+@dataclass(frozen=True, slots=True)
+class RangeReading:
+    """One observation from the ranger side. `distance_mm` is set if and only if quality is GOOD."""
+
+    t_ns: int  # time of the echo, dated back over the wire
+    quality: Quality
+    distance_mm: float | None = None
+    seq: int = 0
+    detail: str = ""
+    stats: RangeStats = field(default_factory=RangeStats)
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The mere passing of time; fusion checks ages and advances the heartbeat."""
+
+
+@dataclass(frozen=True, slots=True)
+class FusionMemory:
+    """What the decision must remember between steps. All times monotonic ns; None: not pending."""
+
+    d: bool = False  # D(t) after hysteresis and debounce
+    pending_since_ns: int | None = None  # raw D differs from d since
+    disagree_since_ns: int | None = None
+    disagree: bool = False
+    target_seen: bool = False  # what the last frame that could be judged showed
+
+
+@dataclass(frozen=True, slots=True)
+class StateVector:
+    """Equation 13's x = [u, v, R, Z, tau] with the decision of equation 14 and what is needed to trust it.
+
+    Replaced whole, never changed. `vision` and `range` hold the newest observation with its quality as of `t_ns`: a
+    reading that has aged past its deadline stands here as STALE and without a value.
+    """
+
+    bay: str
+    t_ns: int = 0  # tau: the time this state was computed, monotonic
+    seq: int = 0  # +1 with every state
+    heartbeat: int = 0  # +1 with every fusion tick
+    vision: VisionReading = field(default_factory=lambda: VisionReading(0, Quality.WAITING))
+    range: RangeReading = field(default_factory=lambda: RangeReading(0, Quality.WAITING))
+    d: bool | None = None  # D(t); None: unknowable
+    stop: bool = True
+    permit: bool = False
+    reason: Reason = Reason.STARTING
+    z_vision_mm: float | None = None  # f r / R, only where configured and vision is GOOD
+    memory: FusionMemory = field(default_factory=FusionMemory)
+
+
+class EventKind(StrEnum):
+    """What happened. The names are on the wire."""
+
+    START = "start"
+    SHUTDOWN = "shutdown"
+    STOP_RAISED = "stop_raised"
+    STOP_CLEARED = "stop_cleared"
+    TARGET_FOUND = "target_found"
+    TARGET_LOST = "target_lost"
+    SENSOR_FAULT = "sensor_fault"
+    SENSOR_RECOVERED = "sensor_recovered"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened in one bay. Identity (a unique id) is given where it is published."""
+
+    kind: EventKind
+    bay: str
+    t_ns: int
+    state: StateVector
+    sensor: str = ""  # "vision", "range" or "cross_check", for the sensor events
+    quality: Quality = Quality.GOOD  # of that sensor
+    detail: str = ""

@@ -1,0 +1,345 @@
+"""What the messages say: one model per topic kind, and how a state or an event becomes one. Pure.
+
+The models are the contract; docs/schemas holds them as JSON Schema. A field that is added keeps SCHEMA_VERSION, a field
+that goes or changes its meaning raises it. No value is published that is not good: it is null, and a quality says why.
+Times are Unix time; `offset_ns` is what turns the monotonic clock into it (wall minus monotonic, ns).
+"""
+
+import math
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gateway import fusion
+from gateway.model import (
+    REASON_MEANING,
+    Event,
+    EventKind,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+)
+from gateway.mqtt.topics import Topics
+
+SCHEMA_VERSION = 1
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+LAST_MS = 253_402_300_799_999  # 9999-12-31T23:59:59.999Z, the last time ISO 8601 has four digits for
+MAX_DETAIL = 500
+# Fusion publishes at least once a second (its longest period); what is older comes from a dead control task.
+STATE_DEADLINE_NS = 3 * NS_PER_S
+
+# A change of stop is what the plant's records are kept for: dropped last.
+PRECIOUS = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
+EVENT_MEANING: dict[EventKind, str] = {
+    EventKind.START: "the gateway has begun to serve this bay; `stop` is on",
+    EventKind.SHUTDOWN: "the gateway ends as asked; `stop` stays on",
+    EventKind.STOP_RAISED: "`stop` went from off to on; `reason` says why",
+    EventKind.STOP_CLEARED: "`stop` went from on to off",
+    EventKind.TARGET_FOUND: "the marker came into sight",
+    EventKind.TARGET_LOST: "the marker went out of sight",
+    EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` say how",
+    EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
+}
+SENSORS = ("vision", "range", "cross_check")
+
+# Stated in the schema, not checked here: a miscounting sensor must not silence the gateway.
+Cause = Literal["running", "shutdown", "connection lost"]
+Count = Annotated[int, Field(json_schema_extra={"minimum": 0})]
+FROZEN = ConfigDict(frozen=True)
+
+
+class QualityPayload(BaseModel):
+    """Why a sensor's value may or may not be used."""
+
+    model_config = FROZEN
+    name: str = Field(json_schema_extra={"enum": [quality.name for quality in Quality]})
+    code: int = Field(json_schema_extra={"enum": [int(quality) for quality in Quality]})
+
+
+class ReasonPayload(BaseModel):
+    """Why `stop` is on."""
+
+    model_config = FROZEN
+    name: str = Field(json_schema_extra={"enum": [reason.name for reason in Reason]})
+    code: int = Field(json_schema_extra={"enum": [int(reason) for reason in Reason]})
+    text: str = Field(description="in words, for people; never to be parsed")
+
+
+class SensorPayload(BaseModel):
+    """One sensor: may its value be used, and how old is it?"""
+
+    model_config = FROZEN
+    quality: QualityPayload
+    age_ms: float | None = Field(description="of the newest observation at `timestamp_ms`; null: nothing received yet")
+    detail: str = Field(description="what went wrong, in words, for people; never to be parsed")
+
+
+class Measured(BaseModel):
+    """The decision and what it rests on; the same fields in a state and in an event."""
+
+    model_config = FROZEN
+    schema_version: Literal[1] = Field(description="raised when a field goes or changes its meaning")
+    site: str
+    bay: str
+    instance: str = Field(description="the gateway that speaks for this bay")
+    seq: Count = Field(description="number of the state in this bay; begins again when the gateway starts")
+    timestamp_ms: Count = Field(description="when the state was computed, Unix time, ms")
+    timestamp: str = Field(description="the same, ISO 8601, UTC", json_schema_extra={"format": "date-time"})
+    stop: bool = Field(description="the truck must stop; also on whenever the gateway can't know")
+    permit: bool = Field(description="everything is healthy and fresh, and stop is off")
+    reason: ReasonPayload
+    d: bool | None = Field(description="D(t), equation 14; null: unknowable")
+    u: float | None = Field(description="centre of the marker, px from the left; null unless vision is GOOD")
+    v: float | None = Field(description="centre of the marker, px from the top; null unless vision is GOOD")
+    radius_px: float | None = Field(description="R, px; null unless vision is GOOD")
+    distance_mm: float | None = Field(description="Z, mm; null unless range is GOOD")
+    z_vision_mm: float | None = Field(description="distance seen by the camera, mm; null unless known and vision GOOD")
+    vision: SensorPayload
+    range: SensorPayload
+
+
+class RatesPayload(BaseModel):
+    """Over about the last second."""
+
+    model_config = FROZEN
+    vision_hz: float | None = Field(description="vision results a second")
+    range_hz: float | None = Field(description="distances a second")
+    vision_latency_ms: float | None = Field(description="capture to result, newest frame")
+
+
+class CountersPayload(BaseModel):
+    """Since the start of the gateway."""
+
+    model_config = FROZEN
+    frames: Count = Field(description="vision results")
+    frames_skipped: Count = Field(description="frames replaced by a newer one before a worker was free")
+    frames_lost: Count = Field(description="frames that died with their worker")
+    vision_restarts: Count = Field(description="vision workers replaced")
+    camera_reopens: Count
+    range_lines: Count = Field(description="good measurement lines")
+    range_damaged: Count = Field(description="lines dropped: checksum, length, syntax")
+    range_gaps: Count = Field(description="measurements missing by sequence number")
+    range_rejected: Count = Field(description="readings the glitch gate held back")
+    ranger_reopens: Count
+
+
+class StatePayload(Measured):
+    """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic says online and it keeps coming."""
+
+    status_topic: str = Field(description="whether this bay's gateway lives is said there")
+    stale_after_ms: Count = Field(description="no newer state for so long: treat the bay as dead, stop on")
+    heartbeat: Count = Field(description="+1 with every tick of fusion")
+    frame_id: Count = Field(description="of the newest observation of the camera")
+    x_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
+    y_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
+    rates: RatesPayload
+    counters: CountersPayload
+
+
+class EventPayload(Measured):
+    """`<root>/<site>/<bay>/event`, never retained. A redelivery is the same bytes under the same id."""
+
+    id: str = Field(
+        description="unique for ever: <random number of this start>-<count of events since>",
+        json_schema_extra={"pattern": "^[0-9a-f]{16}-[1-9][0-9]*$"},
+    )
+    kind: EventKind
+    sensor: str | None = Field(
+        description="for the sensor events, else null", json_schema_extra={"enum": [*SENSORS, None]}
+    )
+    quality: QualityPayload | None = Field(description="of that sensor; null for cross_check and without a sensor")
+    detail: str = Field(description="in words, for people; never to be parsed")
+
+
+class Life(StrEnum):
+    """The two things a gateway can be."""
+
+    ONLINE = "online"
+    OFFLINE = "offline"
+
+
+class DeliveryPayload(BaseModel):
+    """The gateway's MQTT link, since the start of the gateway."""
+
+    model_config = FROZEN
+    published: Count = Field(description="messages the broker has acknowledged")
+    failed: Count = Field(description="messages it has not; events among them were sent again")
+    reconnects: Count = Field(description="connections after the first")
+    dropped: Count = Field(description="events given up because the outbox was full")
+    queued: Count = Field(description="events waiting for their acknowledgement")
+
+
+class StatusPayload(BaseModel):
+    """`<root>/<site>/<instance>/status`, retained; the last will of the gateway."""
+
+    model_config = FROZEN
+    schema_version: Literal[1] = Field(description="raised when a field goes or changes its meaning")
+    site: str
+    instance: str
+    status: Life
+    cause: Cause
+    version: str = Field(description="of the gateway's software")
+    boot: str = Field(description="random number of this start: the first part of its event ids")
+    bays: tuple[str, ...] = Field(description="the bays this gateway speaks for")
+    timestamp_ms: Count | None = Field(description="Unix time, ms; null in the will, which the broker sends later")
+    timestamp: str | None = Field(
+        description="the same, ISO 8601, UTC", json_schema_extra={"anyOf": [{"format": "date-time"}, {"type": "null"}]}
+    )
+    delivery: DeliveryPayload | None = Field(description="null in the will")
+
+
+@dataclass(frozen=True, slots=True)
+class Gateway:
+    """Who speaks: the same in every message of one start."""
+
+    topics: Topics
+    bays: tuple[str, ...]
+    version: str
+    boot: str
+
+
+def current(state: StateVector, now_ns: int) -> StateVector:
+    """The state as it may be shown now: if nothing computes it any more, stop is on and no value stands."""
+    if state.seq == 0 and state.t_ns == 0:  # not computed yet: it is what it says, as of now
+        return replace(state, t_ns=now_ns)
+    if now_ns - state.t_ns > STATE_DEADLINE_NS:
+        return fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns)
+    return state
+
+
+def final(state: StateVector, now_ns: int) -> StateVector:
+    """The state that stays behind when the gateway ends: stop on, no value."""
+    return state if state.reason is Reason.SHUTDOWN else fusion.forced_stop(state, Reason.SHUTDOWN, now_ns)
+
+
+def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_after_ms: int) -> StatePayload:
+    vision, rng = state.vision.stats, state.range.stats
+    seen = state.vision if state.vision.quality is Quality.GOOD else None
+    return StatePayload(
+        **_measured(state, state.t_ns, gateway, offset_ns).__dict__,
+        status_topic=gateway.topics.status,
+        stale_after_ms=stale_after_ms,
+        heartbeat=state.heartbeat,
+        frame_id=state.vision.frame_id,
+        x_n=_number(seen.x_n, 6) if seen else None,
+        y_n=_number(seen.y_n, 6) if seen else None,
+        rates=RatesPayload(
+            vision_hz=_number(vision.rate_hz, 2),
+            range_hz=_number(rng.rate_hz, 2),
+            vision_latency_ms=_number(vision.latency_ms, 2),
+        ),
+        counters=CountersPayload(
+            frames=vision.frames,
+            frames_skipped=vision.skipped,
+            frames_lost=vision.lost,
+            vision_restarts=vision.restarts,
+            camera_reopens=vision.reopens,
+            range_lines=rng.lines,
+            range_damaged=rng.damaged,
+            range_gaps=rng.gaps,
+            range_rejected=rng.rejected,
+            ranger_reopens=rng.reopens,
+        ),
+    )
+
+
+def event_payload(event: Event, number: int, gateway: Gateway, offset_ns: int) -> EventPayload:
+    """`number` counts the events of this start from 1."""
+    sensor = event.sensor if event.sensor in SENSORS else None
+    return EventPayload(
+        **_measured(event.state, event.t_ns, gateway, offset_ns).__dict__,
+        id=f"{gateway.boot}-{number}",
+        kind=event.kind,
+        sensor=sensor,
+        quality=_quality(event.quality) if sensor in ("vision", "range") else None,
+        detail=_text(event.detail),
+    )
+
+
+def status_payload(
+    gateway: Gateway,
+    cause: Cause,
+    wall_ns: int | None = None,
+    delivery: DeliveryPayload | None = None,
+) -> StatusPayload:
+    return StatusPayload(
+        schema_version=SCHEMA_VERSION,
+        site=gateway.topics.site,
+        instance=gateway.topics.instance,
+        status=Life.ONLINE if cause == "running" else Life.OFFLINE,
+        cause=cause,
+        version=gateway.version,
+        boot=gateway.boot,
+        bays=gateway.bays,
+        timestamp_ms=None if wall_ns is None else _unix_ms(wall_ns),
+        timestamp=None if wall_ns is None else _iso(_unix_ms(wall_ns)),
+        delivery=delivery,
+    )
+
+
+def encode(payload: BaseModel) -> bytes:
+    """The bytes on the wire: compact JSON, UTF-8."""
+    return payload.model_dump_json().encode()
+
+
+def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -> Measured:
+    circle = state.vision.circle if state.vision.quality is Quality.GOOD else None
+    timestamp_ms = _unix_ms(t_ns + offset_ns)
+    return Measured(
+        schema_version=SCHEMA_VERSION,
+        site=gateway.topics.site,
+        bay=state.bay,
+        instance=gateway.topics.instance,
+        seq=state.seq,
+        timestamp_ms=timestamp_ms,
+        timestamp=_iso(timestamp_ms),
+        stop=state.stop,
+        permit=state.permit,
+        reason=ReasonPayload(name=state.reason.name, code=state.reason, text=REASON_MEANING[state.reason]),
+        d=state.d,
+        u=_number(circle.u_px, 3) if circle else None,
+        v=_number(circle.v_px, 3) if circle else None,
+        radius_px=_number(circle.radius_px, 3) if circle else None,
+        distance_mm=_number(state.range.distance_mm, 2) if state.range.quality is Quality.GOOD else None,
+        z_vision_mm=_number(state.z_vision_mm, 2) if circle else None,
+        vision=_sensor(state.vision, t_ns),
+        range=_sensor(state.range, t_ns),
+    )
+
+
+def _sensor(reading: VisionReading | RangeReading, t_ns: int) -> SensorPayload:
+    waiting = reading.quality is Quality.WAITING
+    return SensorPayload(
+        quality=_quality(reading.quality),
+        age_ms=None if waiting else round(max(0, t_ns - reading.t_ns) / NS_PER_MS, 1),
+        detail=_text(reading.detail),
+    )
+
+
+def _quality(quality: Quality) -> QualityPayload:
+    return QualityPayload(name=quality.name, code=quality)
+
+
+def _number(value: float | None, digits: int) -> float | None:
+    """JSON knows no NaN and no infinity."""
+    return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
+def _text(text: str) -> str:
+    """At most MAX_DETAIL characters, all of which UTF-8 can carry (a file name from the system may hold others)."""
+    return text[:MAX_DETAIL].encode("utf-8", "replace").decode()
+
+
+def _unix_ms(unix_ns: int) -> int:
+    return min(max(0, unix_ns // NS_PER_MS), LAST_MS)
+
+
+def _iso(unix_ms: int) -> str:
+    time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(milliseconds=unix_ms)
+    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")

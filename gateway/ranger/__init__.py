@@ -1,0 +1,1 @@
+"""Distance over a serial line. Pure: protocol, session, filters. IO: service."""

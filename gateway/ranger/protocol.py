@@ -1,0 +1,284 @@
+"""The ranger's line protocol, sans-IO: any bytes in, frozen events out. Never raises on what a peer sends.
+
+A line is `$`, a body of comma-separated printable ASCII, `*`, four upper-case hex digits, CR LF; a technician can read
+it in a serial monitor. The checksum is CRC-16/XMODEM over the body (`_crc_xmodem_update` from 0 in avr-libc). Numbers
+are decimal without sign, leading zeros or spaces, so a message has exactly one spelling.
+
+A measurement says its distance twice, as time and as length. The second is for people; the decoder uses it as a further
+check, so that a damaged line must get past both.
+"""
+
+import binascii
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import IntFlag, StrEnum
+
+PROTOCOL_VERSION = 1
+"""Carried by the hello. A further optional field at a line's end keeps the version; anything else raises it."""
+
+QUESTION = b"?"
+"""The only thing the host says: asks for a hello."""
+
+TICK_NS = 500  # Timer1 of the Uno at 16 MHz / 8
+BURST_NS = 450_000  # from the trigger to ECHO's rising edge: the module sends its eight pulses
+PERIOD_MS = 60  # the datasheet's shortest cycle that keeps an old echo out of the next one
+MIN_PERIOD_MS, MAX_PERIOD_MS = 10, 500
+HELLO_PERIOD_S = 5
+MAX_SEQ = 0xFFFF
+MAX_TICKS = 999_999
+MAX_MCUSR = 0xFF
+MIN_TEMPERATURE_DC, MAX_TEMPERATURE_DC = -400, 850  # 0.1 °C
+MAX_LINE = 64
+"""Bytes between `$` and line feed. Longer is damage: the decoder never keeps more."""
+NOISE_RUN = 64
+"""Bytes outside any line are counted in runs of at most so many."""
+
+# 343.42 m/s at 20 °C: 0.5 us there and back is 0.85855 tenths of a millimetre.
+TENTHS_PER_TICK = (17_171, 20_000)
+
+
+class Flags(IntFlag):
+    """What is wrong with a measurement; 0 is a valid one."""
+
+    NO_ECHO = 1
+    NO_RISING_EDGE = 2
+    TOO_NEAR = 4
+    TOO_FAR = 8
+    STUCK_HIGH = 16
+
+
+NO_FLAGS = Flags(0)
+ALL_FLAGS = Flags.NO_ECHO | Flags.NO_RISING_EDGE | Flags.TOO_NEAR | Flags.TOO_FAR | Flags.STUCK_HIGH
+FLAG_MEANING: dict[Flags, str] = {
+    Flags.NO_ECHO: "ECHO rose, but no echo came back in time",
+    Flags.NO_RISING_EDGE: "ECHO never rose after the trigger: dead sensor, or TRIG wire broken",
+    Flags.TOO_NEAR: "nearer than 2 cm",
+    Flags.TOO_FAR: "farther than 4 m",
+    Flags.STUCK_HIGH: "ECHO is still high when the next cycle begins: hanging sensor, or ECHO wire broken",
+}
+RESET_CAUSES = ((1, "power on"), (2, "reset line"), (4, "brown-out"), (8, "watchdog"))  # MCUSR of the ATmega328P
+
+
+class Damage(StrEnum):
+    """Why bytes were thrown away."""
+
+    NOISE = "noise"  # outside any line
+    TRUNCATED = "truncated"  # a new `$` before the line's end
+    TOO_LONG = "too_long"
+    NO_CHECKSUM = "no_checksum"  # does not end in `*` and four digits
+    CHECKSUM = "checksum"
+    CONTENT = "content"  # right checksum, but not a message of this version
+    MISMATCH = "mismatch"  # right checksum, but time and length contradict each other
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Who speaks. Of another version only name and version are known; the rest is 0."""
+
+    name: str
+    version: int
+    period_ms: int = 0
+    mcusr: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One cycle of the sensor. With any flag set, `ticks` is not a distance."""
+
+    seq: int  # 16 bit, 0 after a reset, +1 with every cycle
+    ticks: int  # width of the ECHO pulse, 0.5 us
+    flags: Flags = NO_FLAGS
+    temperature_dc: int | None = None  # of the air, 0.1 °C; None: the ranger has no thermometer
+    size: int = field(default=0, compare=False)  # bytes on the wire, `$` to line feed; set by the decoder
+
+
+@dataclass(frozen=True, slots=True)
+class Damaged:
+    """Bytes that were dropped, and why."""
+
+    kind: Damage
+    size: int
+
+
+Event = Hello | Measurement | Damaged
+
+_NUMBER = rb"(0|[1-9][0-9]{0,5})"
+_MEASUREMENT = re.compile(rb"HCM,%b,%b,%b,%b(?:,(0|-?[1-9][0-9]{0,2}))?" % ((_NUMBER,) * 4))
+_HELLO = re.compile(rb"HCI,([A-Za-z0-9_.-]{1,16}),%b((?:,.*)?)" % _NUMBER)
+_HELLO_REST = re.compile(rb",%b,%b" % ((_NUMBER,) * 2))
+_CHECKSUM = re.compile(rb"[0-9A-F]{4}")
+_TOKEN = re.compile(rb"[$\n]|[^$\n]+")
+
+
+def tenths_at_20c(ticks: int) -> int:
+    """The distance the line shows to people, 0.1 mm at 20 °C, rounded half up."""
+    above, below = TENTHS_PER_TICK
+    return (ticks * above + below // 2) // below
+
+
+def reset_cause(mcusr: int) -> str:
+    """The reset causes in words."""
+    return ", ".join(name for bit, name in RESET_CAUSES if mcusr & bit) or "unknown"
+
+
+def frame(body: bytes) -> bytes:
+    """A body between `$` and its checksum, with the line's end."""
+    return b"$%b*%04X\r\n" % (body, binascii.crc_hqx(body, 0))
+
+
+def encode_hello(hello: Hello) -> bytes:
+    """The hello's line. Raises ValueError for what no decoder would take."""
+    line = frame(b"HCI,%b,%d,%d,%d" % (hello.name.encode(), hello.version, hello.period_ms, hello.mcusr))
+    return _checked(line, hello)
+
+
+def encode_measurement(measurement: Measurement) -> bytes:
+    """The measurement's line. Raises ValueError for what no decoder would take."""
+    m = measurement
+    body = b"HCM,%d,%d,%d,%d" % (m.seq, m.ticks, tenths_at_20c(m.ticks), m.flags)
+    return _checked(frame(body if m.temperature_dc is None else b"%b,%d" % (body, m.temperature_dc)), m)
+
+
+def _checked(line: bytes, message: Hello | Measurement) -> bytes:
+    if Decoder().feed(line) != [message]:
+        raise ValueError(f"cannot be said in protocol version {PROTOCOL_VERSION}: {message}")
+    return line
+
+
+class Decoder:
+    """Finds lines in a stream of bytes. How the stream is cut into `feed` calls makes no difference."""
+
+    def __init__(self) -> None:
+        self._line: bytearray | None = None  # bytes since `$`; None: between lines
+        self._noise = 0
+        self._forgiven = MAX_LINE  # the rest of a line that began before we listened is not damage
+
+    def feed(self, data: bytes) -> list[Event]:
+        """Everything that became certain with these bytes, in order."""
+        events: list[Event] = []
+        for token in _TOKEN.findall(data):
+            if token == b"$":
+                events += self._end_noise()
+                if self._line is not None:
+                    events.append(Damaged(Damage.TRUNCATED, 1 + len(self._line)))
+                self._line = bytearray()
+            elif token == b"\n":
+                events += self._end_noise()
+                if self._line is not None:
+                    events.append(_parse(bytes(self._line)))
+                self._line = None
+            elif self._line is None:
+                events += self._noisy(token)
+            else:
+                room = MAX_LINE - len(self._line)
+                self._line += token[:room]
+                if len(token) > room:
+                    events.append(Damaged(Damage.TOO_LONG, 1 + MAX_LINE))
+                    self._line = None
+                    events += self._noisy(token[room:])
+        return events
+
+    def _noisy(self, run: bytes) -> Iterator[Damaged]:
+        """Count bytes outside any line. A carriage return alone is nobody's damage."""
+        count = len(run) - run.count(b"\r")
+        forgiven = min(self._forgiven, count)
+        self._forgiven -= forgiven
+        self._noise += count - forgiven
+        while self._noise >= NOISE_RUN:
+            self._noise -= NOISE_RUN
+            yield Damaged(Damage.NOISE, NOISE_RUN)
+
+    def _end_noise(self) -> Iterator[Damaged]:
+        self._forgiven = 0
+        if self._noise:
+            yield Damaged(Damage.NOISE, self._noise)
+            self._noise = 0
+
+
+def _parse(line: bytes) -> Event:
+    """The message between `$` and line feed."""
+    size = len(line) + 2
+    body, star, checksum = line.removesuffix(b"\r").rpartition(b"*")
+    if not star or not _CHECKSUM.fullmatch(checksum):
+        return Damaged(Damage.NO_CHECKSUM, size)
+    if int(checksum, 16) != binascii.crc_hqx(body, 0):
+        return Damaged(Damage.CHECKSUM, size)
+    if found := _MEASUREMENT.fullmatch(body):
+        return _measurement(found, size)
+    if found := _HELLO.fullmatch(body):
+        name, version = found[1].decode(), int(found[2])
+        if version != PROTOCOL_VERSION:
+            return Hello(name, version)
+        rest = _HELLO_REST.fullmatch(found[3])
+        if rest and MIN_PERIOD_MS <= int(rest[1]) <= MAX_PERIOD_MS and int(rest[2]) <= MAX_MCUSR:
+            return Hello(name, version, int(rest[1]), int(rest[2]))
+    return Damaged(Damage.CONTENT, size)
+
+
+def _measurement(found: re.Match[bytes], size: int) -> Event:
+    seq, ticks, tenths, flags = (int(found[n]) for n in range(1, 5))
+    temperature_dc = None if found[5] is None else int(found[5])
+    if seq > MAX_SEQ or flags > ALL_FLAGS:
+        return Damaged(Damage.CONTENT, size)
+    if temperature_dc is not None and not MIN_TEMPERATURE_DC <= temperature_dc <= MAX_TEMPERATURE_DC:
+        return Damaged(Damage.CONTENT, size)
+    if abs(tenths - tenths_at_20c(ticks)) > 1:  # firmware may round otherwise
+        return Damaged(Damage.MISMATCH, size)
+    return Measurement(seq, ticks, Flags(flags), temperature_dc, size)
+
+
+def wire_ms(size: int, baud: int) -> float:
+    """How long so many bytes take on the wire: start bit, 8 data bits, stop bit."""
+    return size * 10_000 / baud
+
+
+def markdown() -> str:
+    """The wire as docs/ranger.md shows it."""
+    near = encode_measurement(Measurement(1234, 2912))
+    warm = encode_measurement(Measurement(1235, 2912, NO_FLAGS, 215))
+    deaf = encode_measurement(Measurement(1236, 0, Flags.NO_ECHO))
+    longest = encode_measurement(Measurement(MAX_SEQ, 46_590, ALL_FLAGS, MIN_TEMPERATURE_DC))
+    hello = encode_hello(Hello("hcsr04", PROTOCOL_VERSION, PERIOD_MS, 2))
+    fields = (
+        ("`$HCM`", "measurement, one a cycle", ""),
+        ("1", "sequence number, 0 after a reset, wraps", f"0-{MAX_SEQ}"),
+        ("2", f"width of the ECHO pulse, {TICK_NS / 1000} us", f"0-{MAX_TICKS}"),
+        ("3", "distance at 20 °C, 0.1 mm; for people, and must agree with field 2 within 1", ""),
+        ("4", "flags, a sum; 0: valid", f"0-{ALL_FLAGS.value}"),
+        ("5", "optional: air temperature, 0.1 °C", f"{MIN_TEMPERATURE_DC} to {MAX_TEMPERATURE_DC}"),
+        ("`$HCI`", f"hello: after a reset, every {HELLO_PERIOD_S} s, and when asked with `{QUESTION.decode()}`", ""),
+        ("1", "name", "1-16 of `A-Z a-z 0-9 _ . -`"),
+        ("2", f"protocol version, now {PROTOCOL_VERSION}", ""),
+        ("3", f"cycle, ms; {PERIOD_MS} as shipped", f"{MIN_PERIOD_MS}-{MAX_PERIOD_MS}"),
+        ("4", "reset cause (MCUSR): " + ", ".join(f"{bit} {name}" for bit, name in RESET_CAUSES), f"0-{MAX_MCUSR}"),
+    )
+    rows = ["| field | meaning | range |", "|---|---|---|", *(f"| {a} | {b} | {c} |" for a, b, c in fields)]
+    flags = ["| flag | name | meaning |", "|---|---|---|"]
+    flags += [f"| {flag.value} | {flag.name} | {text} |" for flag, text in FLAG_MEANING.items()]
+    spoken = (
+        ("valid, 250 mm", near),
+        ("with temperature, 21.5 °C", warm),
+        ("no echo", deaf),
+        ("longest the sensor can cause", longest),
+        ("hello", hello),
+    )
+    examples = ["| example | line | bytes | ms at 9600 baud |", "|---|---|---|---|"]
+    examples += [f"| {n} | `{b.decode().strip()}` | {len(b)} | {wire_ms(len(b), 9600):.1f} |" for n, b in spoken]
+    return "\n\n".join("\n".join(table) for table in (rows, flags, examples, _budget(9600))) + "\n"
+
+
+def _budget(baud: int) -> list[str]:
+    """From the trigger to a whole line, by distance."""
+    table = [
+        "| target at | ECHO pulse, ms | line, bytes | line on the wire, ms | trigger to whole line, ms | wire in use |",
+        "|---|---|---|---|---|---|",
+    ]
+    for mm in (20, 250, 300, 520, 1500, 4000):
+        ticks = round(mm * 10 * TENTHS_PER_TICK[1] / TENTHS_PER_TICK[0])
+        size = len(encode_measurement(Measurement(12_345, ticks)))
+        pulse_ms, line_ms = ticks * TICK_NS / 1e6, wire_ms(size, baud)
+        whole_ms = BURST_NS / 1e6 + pulse_ms + line_ms
+        share = line_ms / PERIOD_MS
+        table.append(f"| {mm / 10:g} cm | {pulse_ms:.1f} | {size} | {line_ms:.1f} | {whole_ms:.1f} | {share:.0%} |")
+    return table

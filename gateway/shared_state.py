@@ -1,0 +1,359 @@
+"""Equation 13's shared state vector x = [u, v, R, Z, tau]: any local process can attach and read it whole.
+
+One file per bay in shared memory. The gateway holds an exclusive lock on it while it lives; the kernel drops the lock
+when the gateway dies, however it dies, so a reader can tell a live vector from a corpse and the next gateway sweeps
+corpses away. Reading and writing never wait for each other: the writer fills one of two slots and then points to it,
+a reader takes the pointed slot and believes it only if its checksum holds (docs/decisions/0003). A gateway that lives
+but stands still (stopped, hung, its control task dead) holds its lock, too: each state says when it was written, and a
+reader withdraws an old one.
+"""
+
+import contextlib
+import fcntl
+import math
+import mmap
+import os
+import struct
+import tempfile
+import threading
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from gateway.clock import Clock, SystemClock
+from gateway.errors import ConfigError, LinkError
+from gateway.model import Quality, Reason, StateVector
+
+MAGIC = b"LOADBAY1"
+_HEAD = struct.Struct("<8sIIQ")  # magic, slot size, writer's pid, count of writes
+# seq, t, t_vision, t_range, written, frame id; u, v, R, Z, Z_vision; qualities, reason, D, stop, permit
+_BODY = struct.Struct("<QqqqqQ5dBBHbBB2x")
+_CRC = struct.Struct("<I")
+_SLOT_SIZE = _BODY.size + _CRC.size
+_SIZE = _HEAD.size + 2 * _SLOT_SIZE
+_COUNT = struct.Struct("<Q")
+_COUNT_AT = _HEAD.size - _COUNT.size
+_TRIES = 100
+DEAD_AFTER_NS = 1_000_000_000  # fusion writes at least once a period, and that is 1 s at most
+_PAUSE_S = 0.002  # between two looks at another's lock; a gateway that only sweeps is done by then
+
+
+@dataclass(frozen=True, slots=True)
+class SharedVector:
+    """One consistent reading. Values are NaN where the sensor's quality is not GOOD. Times: monotonic ns.
+
+    `written_ns` is the machine's clock, the others are the gateway's, which a simulation may run faster.
+    """
+
+    bay: str
+    pid: int
+    seq: int
+    t_ns: int
+    t_vision_ns: int
+    t_range_ns: int
+    written_ns: int
+    frame_id: int
+    u_px: float
+    v_px: float
+    radius_px: float
+    distance_mm: float
+    z_vision_mm: float
+    vision_quality: Quality
+    range_quality: Quality
+    reason: Reason
+    d: bool | None
+    stop: bool
+    permit: bool
+
+
+def folder() -> Path:
+    """Where the vectors lie: memory, not disk, wherever the system has it."""
+    shm = Path("/dev/shm")
+    return shm if shm.is_dir() else Path(tempfile.gettempdir())
+
+
+def path_of(instance: str, bay: str) -> Path:
+    return folder() / f"loading-gateway.{instance}.{bay}"
+
+
+def attachable() -> list[tuple[str, str]]:
+    """(instance, bay) of every live vector on this machine."""
+    return sorted(
+        (parts[1], parts[2])
+        for path in folder().glob("loading-gateway.*.*")
+        if len(parts := path.name.split(".", 2)) == 3 and _held(path)
+    )
+
+
+class SharedStateWriter:
+    """Owns one bay's vector; a context manager. Raises ConfigError if it can't be had, or another gateway holds it."""
+
+    def __init__(self, instance: str, bay: str) -> None:
+        self._path = path_of(instance, bay)
+        self._instance = instance
+        self._count = 0
+        self._clock = SystemClock()
+
+    def __enter__(self) -> Self:
+        _sweep()
+        _refuse_namesake(self._instance)
+        self._fd = _claim(self._path, self._instance)
+        try:
+            os.posix_fallocate(self._fd, 0, _SIZE)  # a full memory disk must fail here, not by SIGBUS at a write
+        except OSError as error:
+            os.close(self._fd)
+            raise ConfigError(f"{self._path}: no room for the shared state: {error}") from error
+        self._map = mmap.mmap(self._fd, _SIZE)
+        self._map[: _HEAD.size] = _HEAD.pack(MAGIC, _SLOT_SIZE, os.getpid(), 0)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if _is_at(self._fd, self._path):
+            self._path.unlink(missing_ok=True)
+        self._map.close()
+        os.close(self._fd)
+
+    def write(self, state: StateVector) -> None:
+        """Publish one state; a few microseconds, never waits."""
+        circle = state.vision.circle
+        nan = math.nan
+        body = _BODY.pack(
+            state.seq,
+            state.t_ns,
+            state.vision.t_ns,
+            state.range.t_ns,
+            self._clock.now_ns(),
+            state.vision.frame_id,
+            circle.u_px if circle else nan,
+            circle.v_px if circle else nan,
+            circle.radius_px if circle else nan,
+            nan if state.range.distance_mm is None else state.range.distance_mm,
+            nan if state.z_vision_mm is None else state.z_vision_mm,
+            state.vision.quality,
+            state.range.quality,
+            state.reason,
+            -1 if state.d is None else state.d,
+            state.stop,
+            state.permit,
+        )
+        self._count += 1
+        at = _HEAD.size + (self._count & 1) * _SLOT_SIZE
+        self._map[at : at + _SLOT_SIZE] = body + _CRC.pack(zlib.crc32(body))
+        self._map[_COUNT_AT : _HEAD.size] = _COUNT.pack(self._count)
+
+
+class SharedStateReader:
+    """Attached to one bay's vector; a context manager. Raises LinkError when no live gateway writes it."""
+
+    def __init__(self, instance: str, bay: str, clock: Clock | None = None) -> None:
+        self._path = path_of(instance, bay)
+        self._bay = bay
+        self._clock = clock or SystemClock()
+
+    def __enter__(self) -> Self:
+        try:
+            self._fd = os.open(self._path, os.O_RDONLY)
+        except OSError as error:
+            raise LinkError(f"no gateway shares a state for {self._path.name.split('.', 1)[1]!r}: {error}") from error
+        try:
+            self._map = mmap.mmap(self._fd, _SIZE, access=mmap.ACCESS_READ)
+        except (OSError, ValueError) as error:
+            os.close(self._fd)
+            raise LinkError(f"{self._path}: not a state vector of this version: {error}") from error
+        magic, slot_size, *_ = _HEAD.unpack(self._map[: _HEAD.size])
+        if magic != MAGIC or slot_size != _SLOT_SIZE:
+            self.close()
+            raise LinkError(f"{self._path}: not a state vector of this version")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._map.close()
+        os.close(self._fd)
+
+    def read(self) -> SharedVector:
+        """The newest whole vector; if nothing newer came for DEAD_AFTER_NS, with stop on and without any value.
+
+        Raises LinkError when its gateway is dead, or nothing has been written yet.
+        """
+        if not _locked_elsewhere(self._fd):
+            raise LinkError("the gateway that wrote this state is dead")
+        for _ in range(_TRIES):
+            _, _, pid, count = _HEAD.unpack(self._map[: _HEAD.size])
+            at = _HEAD.size + (count & 1) * _SLOT_SIZE
+            slot = self._map[at : at + _SLOT_SIZE]
+            body, crc = slot[: _BODY.size], _CRC.unpack(slot[_BODY.size :])[0]
+            if count and zlib.crc32(body) == crc:
+                try:
+                    vector = _unpack(self._bay, pid, body)
+                except ValueError as error:  # a quality or reason that only a later version knows
+                    raise LinkError(f"{self._path}: not a state vector of this version: {error}") from error
+                old = self._clock.now_ns() - vector.written_ns > DEAD_AFTER_NS
+                return _withdrawn(vector) if old else vector
+        raise LinkError("no whole state could be read")
+
+
+def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
+    seq, t, t_vision, t_range, written, frame, u, v, r, z, z_vision, q_vision, q_range, reason, d, stop, permit = (
+        _BODY.unpack(body)
+    )
+    return SharedVector(
+        bay=bay,
+        pid=pid,
+        seq=seq,
+        t_ns=t,
+        t_vision_ns=t_vision,
+        t_range_ns=t_range,
+        written_ns=written,
+        frame_id=frame,
+        u_px=u,
+        v_px=v,
+        radius_px=r,
+        distance_mm=z,
+        z_vision_mm=z_vision,
+        vision_quality=Quality(q_vision),
+        range_quality=Quality(q_range),
+        reason=Reason(reason),
+        d=None if d < 0 else bool(d),
+        stop=bool(stop),
+        permit=bool(permit),
+    )
+
+
+def _withdrawn(vector: SharedVector) -> SharedVector:
+    """What the registers say of such a state: see fusion.forced_stop."""
+
+    def lowered(quality: Quality) -> Quality:
+        return Quality.STALE if quality is Quality.GOOD else quality
+
+    return replace(
+        vector,
+        u_px=math.nan,
+        v_px=math.nan,
+        radius_px=math.nan,
+        distance_mm=math.nan,
+        z_vision_mm=math.nan,
+        vision_quality=lowered(vector.vision_quality),
+        range_quality=lowered(vector.range_quality),
+        reason=Reason.GATEWAY_FAULT,
+        d=None,
+        stop=True,
+        permit=False,
+    )
+
+
+def _claim(path: Path, instance: str) -> int:
+    """An open descriptor of `path` with the writer's lock on it. Blocks for 0.2 s at most."""
+    for _ in range(_TRIES):
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be opened for the shared state: {error}") from error
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:  # a gateway that lives; or one that just sweeps, or a reader asking whether we live
+            os.close(fd)
+            _pause()
+            continue
+        # Someone may have swept the file away between open and lock: a lock on a nameless file is worth nothing.
+        if _is_at(fd, path):
+            return fd
+        os.close(fd)
+    raise _already_running(instance, _pid_at(path))
+
+
+def _refuse_namesake(instance: str) -> None:
+    """Another process with this instance but other bays would not be in the way of our files, but of our names."""
+    for path in folder().glob(f"loading-gateway.{instance}.*"):
+        if _held(path) and (pid := _pid_at(path)) not in (0, os.getpid()) and _held_for_long(path):
+            raise _already_running(instance, pid)
+
+
+def _held_for_long(path: Path) -> bool:
+    """Longer than a sweep takes: 0.2 s."""
+    for _ in range(_TRIES):
+        if not _held(path):
+            return False
+        _pause()
+    return True
+
+
+def _pause() -> None:
+    threading.Event().wait(_PAUSE_S)
+
+
+def _already_running(instance: str, pid: int) -> ConfigError:
+    return ConfigError(
+        f'a gateway with instance = "{instance}" is already running (process {pid}); give this one another `instance`'
+    )
+
+
+def _is_at(fd: int, path: Path) -> bool:
+    """Is the open file still the one that stands at `path`?"""
+    try:
+        return os.path.samestat(os.fstat(fd), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _writer_pid(fd: int) -> int:
+    head = os.pread(fd, _HEAD.size, 0)
+    return int(_HEAD.unpack(head)[2]) if len(head) == _HEAD.size else 0
+
+
+def _pid_at(path: Path) -> int:
+    with _opened(path) as fd:
+        return 0 if fd is None else _writer_pid(fd)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int | None]:
+    try:
+        fd = os.open(path, os.O_RDONLY)
+    except OSError:
+        yield None
+        return
+    try:
+        yield fd
+    finally:
+        os.close(fd)
+
+
+def _locked_elsewhere(fd: int) -> bool:
+    """True while another open file holds the writer's lock. Taking the shared lock for a moment is how to ask."""
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    fcntl.flock(fd, fcntl.LOCK_UN)
+    return False
+
+
+def _held(path: Path) -> bool:
+    with _opened(path) as fd:
+        return fd is not None and _locked_elsewhere(fd)
+
+
+def _sweep() -> None:
+    """Remove what gateways that were killed left behind, as far as we may."""
+    for path in folder().glob("loading-gateway.*.*"):
+        with _opened(path) as fd:
+            if fd is None:
+                continue
+            try:
+                fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            # Another sweep may have been quicker, and a living gateway's new file may stand there by now.
+            if _is_at(fd, path):
+                with contextlib.suppress(OSError):  # another user's, most likely
+                    path.unlink(missing_ok=True)

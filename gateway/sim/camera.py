@@ -1,0 +1,87 @@
+"""The simulated camera, as any other source of frames: opened in the camera process, paced by the clock.
+
+World time is (now - origin) of the clock. Nothing is kept between two openings: a replaced camera process shows the
+same world at the same time.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.errors import LinkError
+from gateway.sim.scenario import FaultKind, Scenario
+from gateway.sim.world import World
+from gateway.vision.sources import Frame
+
+if TYPE_CHECKING:
+    from gateway.sim.render import Painter
+
+FREEZE_STEP_S = 0.02  # how often a hung read looks whether the hang is over
+
+
+@dataclass(frozen=True, slots=True)
+class SimCameraSpec:
+    """What is sent to the camera process. World time 0 is `origin_ns` of the clock given to `open`."""
+
+    scenario: Scenario
+    origin_ns: int
+    label: str = "simulated camera"
+
+    def open(self, clock: Clock) -> "SimCamera":
+        """Paints the textures, most of a second. Raises LinkError while the scenario says the camera is lost."""
+        from gateway.sim.render import Painter  # noqa: PLC0415 - OpenCV stays out of the main process
+
+        camera = SimCamera(self, clock, Painter(self.scenario))
+        camera.check_link()
+        return camera
+
+
+class SimCamera:
+    """Renders the world at the moment of each exposure."""
+
+    lossless = False
+
+    def __init__(self, spec: SimCameraSpec, clock: Clock, painter: "Painter") -> None:
+        self._spec = spec
+        self._clock = clock
+        self._world = World(spec.scenario)
+        self._painter: Painter | None = painter
+        self._period_ns = round(NS_PER_S / spec.scenario.camera.fps)
+        self._last = self._index(clock.now_ns())  # of the frame exposed last; negative before world time 0
+
+    def read(self) -> Frame:
+        """The next frame, stamped at the middle of its exposure, when that moment has come.
+
+        Frame k is exposed at k periods of world time. A caller that comes late gets the frame of now: frames missed
+        are gone, as with a real camera. Raises LinkError while the camera is lost and after `close`.
+        """
+        if self._painter is None:
+            raise LinkError(f"{self._spec.label}: closed")
+        self._wait_for(self._last + 1)
+        while self._spec.scenario.active(FaultKind.CAMERA_FREEZE, self._world_s()):
+            self.check_link()
+            self._clock.block(FREEZE_STEP_S)
+        self.check_link()
+        t_ns = self._clock.now_ns()
+        self._last = self._index(t_ns)
+        truth = self._world.truth((t_ns - self._spec.origin_ns) / NS_PER_S)
+        return Frame(self._painter.frame(truth, self._last), t_ns)
+
+    def close(self) -> None:
+        self._painter = None
+
+    def check_link(self) -> None:
+        if self._spec.scenario.active(FaultKind.CAMERA_LOST, self._world_s()):
+            raise LinkError(f"{self._spec.label}: the camera is gone (fault of the scenario)")
+
+    def _index(self, t_ns: int) -> int:
+        return (t_ns - self._spec.origin_ns) // self._period_ns
+
+    def _wait_for(self, index: int) -> None:
+        """Until the exposure of frame `index`; at once where that is past."""
+        due_ns = self._spec.origin_ns + index * self._period_ns
+        while (left_ns := due_ns - self._clock.now_ns()) > 0:
+            self._clock.block(left_ns / NS_PER_S)
+
+    def _world_s(self) -> float:
+        return (self._clock.now_ns() - self._spec.origin_ns) / NS_PER_S

@@ -1,0 +1,186 @@
+"""The simulated ranger without its pty: an Uno with an HC-SR04, bytes leaving it at the pace of the wire. Pure.
+
+Ask it with `advance(now_ns)` for the bytes that have left since the last call; time may run at any speed.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from enum import StrEnum
+from random import Random
+
+from gateway.ranger.protocol import (
+    HELLO_PERIOD_S,
+    MAX_SEQ,
+    PERIOD_MS,
+    PROTOCOL_VERSION,
+    QUESTION,
+    Flags,
+    Hello,
+    Measurement,
+    encode_hello,
+    encode_measurement,
+)
+from gateway.ranger.session import FARTHEST_MM, NEAREST_MM
+from gateway.sim.hcsr04 import Echo, SensorErrors, flight_ns, heard, measure, no_echo
+
+PERIOD_NS = PERIOD_MS * 1_000_000
+HELLO_NS = HELLO_PERIOD_S * 1_000_000_000
+SKIP_CYCLES = 20
+"""Behind by more than this (a stopped process), cycles pass unheard."""
+WIRE_LINES = 8
+"""Lines the board keeps for a busy wire; a further one is lost and counted."""
+
+POWER_ON, RESET_LINE = 1, 2  # MCUSR
+
+
+class RangerFault(StrEnum):
+    """What can be wrong with a ranger."""
+
+    SILENT = "silent"  # the board has power, but says nothing and hears nothing
+    NO_ECHO = "no_echo"
+    STUCK = "stuck"  # ECHO held high, as an HC-SR04P can
+    TOO_NEAR = "too_near"
+    TOO_FAR = "too_far"
+    SCATTER = "scatter"  # readings scatter; amount: standard deviation, mm
+    WILD = "wild"  # true and wild readings alternate, as clones do; amount: the wild distance, mm
+    LINE_NOISE = "line_noise"  # bytes flipped, lost and made up on the wire; amount: share of bytes hit
+    UNPLUGGED = "unplugged"  # acted on by the pty around the board
+    WRONG_VERSION = "wrong_version"  # the board reboots with another firmware; amount: its protocol version
+
+
+Faults = Mapping[RangerFault, float]
+"""The faults that hold now, with their amounts; 0 for those that take none."""
+
+
+class Board:
+    """One board, from power on. `distance_mm(t_ns)` is the truth, None where nothing is in the beam."""
+
+    def __init__(
+        self,
+        distance_mm: Callable[[int], float | None],
+        *,
+        seed: int = 0,
+        errors: SensorErrors | None = None,
+        air_c: float = 20.0,
+        thermometer: bool = False,
+        baud: int = 9600,
+        name: str = "hcsr04-sim",
+        boot_ns: int = 0,
+    ) -> None:
+        self.faults: Faults = {}
+        self._distance_mm = distance_mm
+        self._errors = errors or SensorErrors()
+        self._air_c, self._thermometer = air_c, thermometer
+        self._byte_ns = 10_000_000_000 // baud
+        self._name, self._boot_ns = name, boot_ns
+        self._sensor, self._noise = Random(f"{seed}/sensor"), Random(f"{seed}/noise")
+        self._wire: deque[tuple[int, bytes]] = deque()  # (time of the first start bit, bytes still to go)
+        self._version = PROTOCOL_VERSION
+        self.lost_lines = 0
+
+    def boot(self, now_ns: int, mcusr: int) -> None:
+        """Power on or reset: the boot loader's wait, then hello and sequence number 0."""
+        self._mcusr = mcusr
+        self._seq = 0
+        self._wire.clear()
+        self._up_ns = self._wire_free_ns = self._trigger_ns = now_ns + self._boot_ns
+        self._hello(self._up_ns)
+
+    def hear(self, data: bytes, now_ns: int) -> None:
+        """Bytes from the host. Several questions at once get one answer."""
+        if QUESTION in data and RangerFault.SILENT not in self.faults and now_ns >= self._up_ns:
+            self._hello(now_ns)
+
+    def advance(self, now_ns: int) -> bytes:
+        """Run up to `now_ns`; the bytes that were wholly sent since the last call."""
+        version = round(self.faults.get(RangerFault.WRONG_VERSION, PROTOCOL_VERSION))
+        if version != self._version:  # as if flashed anew
+            self._version = version
+            self.boot(now_ns, RESET_LINE)
+        behind = (now_ns - self._trigger_ns) // PERIOD_NS
+        if behind > SKIP_CYCLES:
+            self._seq = (self._seq + behind) & MAX_SEQ
+            self._trigger_ns += behind * PERIOD_NS
+        while self._trigger_ns <= now_ns:
+            self._cycle(self._trigger_ns)
+            self._trigger_ns += PERIOD_NS
+        sent = bytearray()
+        while self._wire:
+            start_ns, data = self._wire[0]
+            count = min(len(data), max(0, now_ns - start_ns) // self._byte_ns)
+            sent += data[:count]
+            if count < len(data):
+                self._wire[0] = (start_ns + count * self._byte_ns, data[count:])
+                break
+            self._wire.popleft()
+        if RangerFault.SILENT in self.faults:
+            return b""
+        return self._damaged(bytes(sent), self.faults.get(RangerFault.LINE_NOISE, 0.0))
+
+    def wake_ns(self) -> int:
+        """When there is something to do next: the middle or the end of a line, or the next trigger."""
+        if not self._wire:
+            return self._trigger_ns
+        start_ns, data = self._wire[0]
+        part = len(data) if len(data) <= 16 else len(data) // 2
+        return min(start_ns + part * self._byte_ns, self._trigger_ns)
+
+    def _cycle(self, trigger_ns: int) -> None:
+        echo = self._echo(trigger_ns)
+        temperature_dc = round(self._air_c * 10) if self._thermometer else None
+        line = encode_measurement(Measurement(self._seq, echo.ticks, echo.flags, temperature_dc))
+        self._say(line, trigger_ns + min(echo.fell_ns, PERIOD_NS))
+        self._seq = (self._seq + 1) & MAX_SEQ
+        if trigger_ns - self._hello_ns >= HELLO_NS:
+            self._hello(trigger_ns)
+
+    def _echo(self, trigger_ns: int) -> Echo:
+        here_mm = self._distance_mm(trigger_ns)
+        if here_mm is not None:  # the sound meets the target half a flight later
+            here_mm = self._distance_mm(trigger_ns + flight_ns(here_mm, self._air_c) // 2)
+        faults = self.faults
+        errors = self._errors
+        if RangerFault.SCATTER in faults:
+            errors = replace(errors, jitter_mm=faults[RangerFault.SCATTER])
+        echo = measure(here_mm, self._air_c, errors, self._sensor)
+        if RangerFault.STUCK in faults:
+            return Echo(0, Flags.STUCK_HIGH, PERIOD_NS)
+        if RangerFault.NO_ECHO in faults:
+            return no_echo()
+        if RangerFault.TOO_NEAR in faults:
+            return heard(NEAREST_MM / 2, self._air_c)
+        if RangerFault.TOO_FAR in faults:
+            return heard(FARTHEST_MM + 200.0, self._air_c)
+        if RangerFault.WILD in faults and self._seq % 2:
+            return heard(faults[RangerFault.WILD], self._air_c)
+        return echo
+
+    def _hello(self, now_ns: int) -> None:
+        self._hello_ns = now_ns
+        same = self._version == PROTOCOL_VERSION
+        hello = Hello(self._name, self._version, PERIOD_MS, self._mcusr) if same else Hello(self._name, self._version)
+        self._say(encode_hello(hello), now_ns)
+
+    def _say(self, line: bytes, ready_ns: int) -> None:
+        if len(self._wire) >= WIRE_LINES:
+            self.lost_lines += 1
+            return
+        start_ns = max(ready_ns, self._wire_free_ns)
+        self._wire_free_ns = start_ns + len(line) * self._byte_ns
+        self._wire.append((start_ns, line))
+
+    def _damaged(self, data: bytes, share: float) -> bytes:
+        if not share:
+            return data
+        out = bytearray()
+        for byte in data:
+            if self._noise.random() >= share:
+                out.append(byte)
+                continue
+            kind = self._noise.randrange(3)  # 2: the byte is lost
+            if kind == 0:
+                out.append(byte ^ 1 << self._noise.randrange(8))
+            elif kind == 1:
+                out += bytes((byte, self._noise.randrange(256)))
+        return bytes(out)

@@ -1,0 +1,213 @@
+"""A scenario is one TOML file: how the truck moves, what the camera suffers, which faults come when. Checked strictly.
+
+Everything the simulator shows follows from a scenario and a time; there is no other state. World time starts at 0.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from gateway.config import Name
+from gateway.errors import ConfigError
+from gateway.strict.faults import explain
+from gateway.strict.section import Section
+from gateway.strict.tomlfile import merge, read_toml
+
+
+class FaultKind(StrEnum):
+    CAMERA_FREEZE = "camera_freeze"
+    CAMERA_LOST = "camera_lost"
+    CAMERA_BLACK = "camera_black"
+    MARKER_HIDDEN = "marker_hidden"
+    RANGER_SILENT = "ranger_silent"
+    RANGER_NO_ECHO = "ranger_no_echo"
+    RANGER_STUCK = "ranger_stuck"
+    RANGER_TOO_NEAR = "ranger_too_near"
+    RANGER_TOO_FAR = "ranger_too_far"
+    RANGER_NOISE = "ranger_noise"
+    RANGER_WILD = "ranger_wild"
+    RANGER_UNPLUGGED = "ranger_unplugged"
+    RANGER_WRONG_VERSION = "ranger_wrong_version"
+
+
+FAULT_MEANING: dict[FaultKind, str] = {
+    FaultKind.CAMERA_FREEZE: "no frames: the driver hangs",
+    FaultKind.CAMERA_LOST: "the camera is gone, and opening it fails",
+    FaultKind.CAMERA_BLACK: "frames come, but black, as behind a lens cap",
+    FaultKind.MARKER_HIDDEN: "a grey tarpaulin hangs over the marker",
+    FaultKind.RANGER_SILENT: "the port is open, but no line comes",
+    FaultKind.RANGER_NO_ECHO: "every measurement says: no echo",
+    FaultKind.RANGER_STUCK: "every measurement says: ECHO is held high",
+    FaultKind.RANGER_TOO_NEAR: "every measurement says: nearer than 2 cm",
+    FaultKind.RANGER_TOO_FAR: "every measurement says: farther than 4 m",
+    FaultKind.RANGER_NOISE: "bytes are flipped, lost and made up on the wire",
+    FaultKind.RANGER_WILD: "every other reading is wild, as with known clones",
+    FaultKind.RANGER_UNPLUGGED: "the serial device is gone",
+    FaultKind.RANGER_WRONG_VERSION: "the ranger reboots with another protocol version",
+}
+
+
+class Fault(Section):
+    """One thing that goes wrong for a while. The schedule is in world time and does not repeat."""
+
+    kind: FaultKind = Field(description="what goes wrong: one of the kinds listed below")
+    at_s: float = Field(ge=0, le=86_400, description="when it starts, s of world time")
+    for_s: float = Field(gt=0, le=86_400, description="how long it lasts, s")
+
+
+class Pose(Section):
+    distance_cm: float = Field(150.0, ge=4, le=500, description="from the ranger to the marker's plane, cm")
+    lateral_mm: float = Field(0.0, ge=-1000, le=1000, description="marker right (+) or left (-) of the optical axis")
+    vertical_mm: float = Field(0.0, ge=-1000, le=1000, description="marker below (+) or above (-) the optical axis")
+
+
+class Leg(Section):
+    """Drive in a straight line from where the truck stands to this pose, then stand."""
+
+    name: str = Field("", max_length=40, description="for reports; trials are named here")
+    distance_cm: float = Field(ge=4, le=500, description="distance at the end of the leg, cm")
+    lateral_mm: float = Field(0.0, ge=-1000, le=1000, description="lateral offset at the end of the leg")
+    vertical_mm: float = Field(0.0, ge=-1000, le=1000, description="vertical offset at the end of the leg")
+    speed_cm_s: float = Field(20.0, ge=0.5, le=300, description="cruising speed, cm/s")
+    acceleration_cm_s2: float = Field(40.0, ge=1, le=1000, description="mean acceleration, both ways, cm/s^2")
+    hold_s: float = Field(0.0, ge=0, le=86_400, description="stand so long at the end, s")
+
+
+class Marker(Section):
+    radius_mm: float = Field(90.0, ge=20, le=200, description="true radius of the red disc")
+    wear: float = Field(0.3, ge=0, le=1, description="scratches and chipped paint; the rim keeps its radius")
+
+
+class Camera(Section):
+    width_px: int = Field(640, ge=64, le=1920, description="frame width")
+    height_px: int = Field(480, ge=64, le=1440, description="frame height")
+    focal_px: float = Field(600.0, ge=50, le=5000, description="focal length, px; square pixels, no distortion")
+    cx_px: float | None = Field(None, ge=-2000, le=4000, description="principal point, u; default: the frame's centre")
+    cy_px: float | None = Field(None, ge=-2000, le=4000, description="principal point, v; default: the frame's centre")
+    fps: float = Field(30.0, ge=1, le=120, description="frames a second")
+    offset_mm: float = Field(0.0, ge=-500, le=2000, description="camera behind the ranger (+) or before it (-)")
+    exposure_ms: float = Field(5.0, ge=0, le=50, description="exposure time: motion blur; 0: none")
+    noise: float = Field(2.0, ge=0, le=40, description="standard deviation of the sensor noise, grey levels")
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Principal point (u, v); pixel centres lie at integers."""
+        u = (self.width_px - 1) / 2 if self.cx_px is None else self.cx_px
+        v = (self.height_px - 1) / 2 if self.cy_px is None else self.cy_px
+        return u, v
+
+
+class Vibration(Section):
+    """Engine and chassis shake the truck on three axes."""
+
+    amplitude_mm: float = Field(1.5, ge=0, le=50, description="largest sideways excursion while driving")
+    frequency_hz: float = Field(6.0, ge=0.1, le=50, description="its middle frequency")
+    axial_share: float = Field(0.3, ge=0, le=1, description="along the optical axis, as a share of it")
+    rest_share: float = Field(0.2, ge=0, le=1, description="what is left of it while the truck stands, engine idling")
+
+
+class Light(Section):
+    level: float = Field(1.0, ge=0, le=3, description="1: well exposed; above: over-exposed, below: dark")
+    drift: float = Field(0.05, ge=0, le=1, description="slow change, clouds: share of the level")
+    drift_period_s: float = Field(17.0, ge=0.5, le=3600, description="period of the slow change, s")
+    flicker: float = Field(0.02, ge=0, le=1, description="lamps on the mains: share of the level")
+    flicker_hz: float = Field(100.0, ge=0.1, le=1000, description="frequency of the flicker, Hz")
+    gradient: float = Field(0.15, ge=0, le=1, description="one side of the frame brighter: share of the level")
+    gradient_deg: float = Field(-120.0, ge=-360, le=360, description="where the light comes from; 0 right, 90 below")
+    shadow: float = Field(0.0, ge=0, le=1, description="depth of a slanted shadow across the frame")
+    warmth: float = Field(0.0, ge=-1, le=1, description="colour cast: 1 sodium lamp, -1 blue hour")
+
+
+class Dust(Section):
+    """Cement dust between camera and truck."""
+
+    density: float = Field(0.03, ge=0, le=5, description="extinction per metre of air")
+    unevenness: float = Field(0.4, ge=0, le=1, description="clouds: share of the density")
+    drift_px_s: float = Field(25.0, ge=0, le=1000, description="how fast the clouds cross the frame, px/s")
+
+
+class Surface(Section):
+    stains: float = Field(0.5, ge=0, le=1, description="cement streaks, water marks and dirt on the truck")
+    rust: float = Field(0.0, ge=0, le=1, description="rust round the port, red enough for the paper's threshold")
+
+
+class Clutter(Section):
+    """Red things that are not the marker; each is drawn smaller than it, and none touches it."""
+
+    things: int = Field(5, ge=0, le=10, description="how many: hoses, lamps, handwheels, rust runs; 0: nothing red")
+    seed: int = Field(0, ge=0, le=2**31, description="other places and kinds with the same scenario seed")
+
+
+class Ranger(Section):
+    """What the ultrasonic sensor adds to the true distance."""
+
+    jitter_mm: float = Field(1.5, ge=0, le=200, description="standard deviation of a reading")
+    step_mm: float = Field(4.0, ge=0, le=50, description="readings come in steps of this; 0: none")
+    dropout: float = Field(0.0, ge=0, le=1, description="share of the measurements without an echo")
+    temperature_c: float = Field(20.0, ge=-40, le=85, description="of the air, which sets the true speed of sound")
+
+
+class Scenario(Section):
+    """A truck's visit to one bay. After the last leg it stands still, or begins again where `repeat` says so."""
+
+    seed: int = Field(1, ge=0, le=2**31, description="of everything random")
+    duration_s: float = Field(20.0, gt=0, le=86_400, description="length of the show; world and faults go on after it")
+    repeat: bool = Field(False, description="after the last leg begin again; it must then end where the start is")
+    bay: Name = Field("bay1", description="the bay it is meant for")
+    start: Pose = Field(default_factory=Pose)
+    legs: tuple[Leg, ...] = Field((), max_length=1000, description="one after the other; none: the truck stands")
+    marker: Marker = Field(default_factory=Marker)
+    camera: Camera = Field(default_factory=Camera)
+    vibration: Vibration = Field(default_factory=Vibration)
+    light: Light = Field(default_factory=Light)
+    dust: Dust = Field(default_factory=Dust)
+    surface: Surface = Field(default_factory=Surface)
+    clutter: Clutter = Field(default_factory=Clutter)
+    ranger: Ranger = Field(default_factory=Ranger)
+    faults: tuple[Fault, ...] = Field((), max_length=1000, description="the schedule of faults")
+
+    @model_validator(mode="after")
+    def _camera_stays_in_front(self) -> Self:
+        nearest = min([self.start.distance_cm, *(leg.distance_cm for leg in self.legs)])
+        room_mm = 10 * nearest + self.camera.offset_mm - 2 * self.vibration.amplitude_mm
+        if room_mm < 20:
+            raise ValueError(
+                f"the camera comes within {room_mm:g} mm of the marker: with camera.offset_mm = "
+                f"{self.camera.offset_mm:g} no leg may end at {nearest:g} cm"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _repeats_from_the_start(self) -> Self:
+        if not self.repeat:
+            return self
+        if not self.legs:
+            raise ValueError("repeat needs legs to repeat")
+        for key in Pose.model_fields:
+            if (end := getattr(self.legs[-1], key)) != (start := getattr(self.start, key)):
+                raise ValueError(f"repeat: the last leg ends at {key} = {end}, but the start is at {start}")
+        return self
+
+    def active(self, kind: FaultKind, t_s: float) -> bool:
+        """Does a fault of this kind hold at world time `t_s`?"""
+        return any(f.kind is kind and f.at_s <= t_s < f.at_s + f.for_s for f in self.faults)
+
+
+def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """Read and check one scenario; `overrides` (from the command line) are merged over it.
+
+    Raises ConfigError, one line per fault: `file:line: key = value: what is wrong and what is allowed`.
+    """
+    data, text = read_toml(path)
+    return parse(merge(data, overrides or {}), source=str(path), text=text)
+
+
+def parse(data: Mapping[str, Any], *, source: str = "scenario", text: str = "") -> Scenario:
+    """Check a parsed document. `text` is the TOML it came from, for line numbers. Raises ConfigError."""
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError("\n".join(explain(error, source=source, text=text, model=Scenario))) from error

@@ -1,0 +1,258 @@
+"""The paper's ten alignment trials (Table II) as a scenario, and what becomes of them. Pure.
+
+Definitions, all on D of equation 14 and none on the fail-safe, which is counted apart:
+
+- At rest: the truck has stood for `SETTLE_S` at the end of a trial.
+- Surely no: Z_true > Z_th + DISTANCE_TOLERANCE_MM or R_true < R_th - RADIUS_TOLERANCE_PX. Surely yes: both thresholds
+  are met with these tolerances to spare. In between the sensors may say either.
+- False stop: D = 1 although the truth has surely said no for the last `SETTLE_S`, driving or at rest. An unbroken run
+  of such records is one false stop.
+- Missed stop: a trial at rest whose truth surely says yes, with a record in which D = 0.
+- Undecided: a trial at rest with a record in which D is unknown (a sensor was bad; `stop` is then the fail-safe's).
+- A trial is right when none of the three happened from its start to the start of the next.
+"""
+
+import math
+import random
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from statistics import fmean, median
+
+from gateway.clock import NS_PER_S
+from gateway.sim.scenario import Leg, Pose, Scenario
+from gateway.sim.world import Phase, Truth, World
+
+NEAREST_CM, FARTHEST_CM = 25.0, 52.0  # Table II
+START_CM = 80.0
+READY_S = 4.0  # processes start, filters fill
+TRIAL = "trial "  # names of the legs that end in a trial
+
+DISTANCE_TOLERANCE_MM = 8.0  # 4 standard deviations of the default ranger's jitter and half its 4 mm step
+RADIUS_TOLERANCE_PX = 3.0  # the thresholded mask is up to 3 px larger than the paint
+SETTLE_S = 0.5  # the slowest way from the truth to the registers: exposure, filters, debounce
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One state of the gateway beside the truth at the same time."""
+
+    t_ns: int
+    truth: Truth
+    distance_mm: float | None  # as measured; None: no good value
+    radius_px: float | None
+    stop: bool
+    d: bool | None  # equation 14; None: unknowable
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResult:
+    """One line of the experiment: means of the truth and medians of the measurements while at rest."""
+
+    name: str
+    actual_mm: float
+    ultrasonic_mm: float | None
+    worst_error_mm: float | None  # of any reading at rest
+    true_radius_px: float
+    radius_px: float | None
+    decision: bool | None  # the last D at rest; None: unknown
+    expected: bool | None  # None: the truth lies within the tolerances of a threshold, either answer is right
+    right: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """The rows of Table II."""
+
+    trials: int
+    nearest_mm: float | None
+    farthest_mm: float | None
+    worst_error_mm: float | None
+    false_stops: int
+    missed_stops: int
+    accuracy: float | None  # share of trials that are right; None without trials
+
+
+PAPER = Figures(10, 250.0, 520.0, 17.0, 0, 0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialReport:
+    trials: tuple[TrialResult, ...]
+    figures: Figures
+    undecided: int
+    radius_threshold_px: float
+    distance_threshold_mm: float
+    paper: Figures = field(default=PAPER)
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Table II as text: metric, the paper's value, ours."""
+        ours, paper = self.figures, self.paper
+        thresholds = f"R >= {self.radius_threshold_px:g} px and Z <= {self.distance_threshold_mm / 10:g} cm"
+        return [
+            ("Number of trials", str(paper.trials), str(ours.trials)),
+            ("Distance range", _span(paper), _span(ours)),
+            ("Maximum ultrasonic error", _cm(paper.worst_error_mm), _cm(ours.worst_error_mm)),
+            ("Stop threshold", "R >= 180 px and Z <= 30 cm", thresholds),
+            ("False stops", str(paper.false_stops), str(ours.false_stops)),
+            ("Missed stops", str(paper.missed_stops), str(ours.missed_stops)),
+            ("Undecided at rest", "not reported", str(self.undecided)),
+            ("Stop decision accuracy", _percent(paper.accuracy), _percent(ours.accuracy)),
+        ]
+
+
+def trial_scenario(seed: int, n: int = 10) -> Scenario:
+    """`n` approaches from 80 cm that end and stand at equal steps over 25 to 52 cm (10: every 3 cm), shuffled.
+
+    Each ends a little off the axis, so that the centre moves too; the marker stays whole in the frame. Sensors, light
+    and surroundings are the default scenario's.
+    """
+    if not 1 <= n <= 1000:
+        raise ValueError(f"n = {n} trials: 1 to 1000 can be had")
+    chance = random.Random(f"trials {seed}")
+    step = (FARTHEST_CM - NEAREST_CM) / (n - 1) if n > 1 else 0.0
+    ends = [round(FARTHEST_CM - k * step, 3) for k in range(n)]
+    chance.shuffle(ends)
+    legs = [Leg(name="get ready", distance_cm=START_CM, hold_s=READY_S)]
+    for number, end in enumerate(ends, start=1):
+        aside, up = chance.uniform(-15, 15), chance.uniform(-4, 4)
+        legs.append(
+            Leg(
+                name=f"{TRIAL}{number}",
+                distance_cm=end,
+                lateral_mm=aside,
+                vertical_mm=up,
+                speed_cm_s=25.0,
+                hold_s=2.0,
+            )
+        )
+        legs.append(Leg(name="back off", distance_cm=START_CM, speed_cm_s=40.0, acceleration_cm_s2=60.0, hold_s=0.3))
+    scenario = Scenario(seed=seed, start=Pose(distance_cm=START_CM), legs=tuple(legs))
+    return scenario.model_copy(update={"duration_s": math.ceil(World(scenario).plan_s)})
+
+
+def evaluate(
+    records: Iterable[Record], *, radius_threshold_px: float = 180.0, distance_threshold_mm: float = 300.0
+) -> TrialReport:
+    """What the module's definitions make of `records`, which must be in order of time. Only trials begun count."""
+    judge = _Judge(radius_threshold_px, distance_threshold_mm)
+    trials: dict[str, _Trial] = {}
+    current: _Trial | None = None
+    for record in records:
+        if record.truth.leg_name.startswith(TRIAL):
+            current = trials.setdefault(record.truth.leg_name, _Trial(record.truth.leg_name))
+        false_stop_begins = judge.see(record)
+        if current is not None:
+            current.false_stops += false_stop_begins
+            if record.truth.leg_name == current.name and judge.at_rest(record):
+                current.rest.append(record)
+    results = [result for trial in trials.values() if (result := trial.result(judge)) is not None]
+    errors = [r.worst_error_mm for r in results if r.worst_error_mm is not None]
+    missed = sum(trial.missed(judge) for trial in trials.values())
+    figures = Figures(
+        trials=len(results),
+        nearest_mm=min((r.actual_mm for r in results), default=None),
+        farthest_mm=max((r.actual_mm for r in results), default=None),
+        worst_error_mm=max(errors, default=None),
+        false_stops=judge.false_stops,
+        missed_stops=missed,
+        accuracy=fmean(r.right for r in results) if results else None,
+    )
+    undecided = sum(trial.undecided() for trial in trials.values())
+    return TrialReport(tuple(results), figures, undecided, radius_threshold_px, distance_threshold_mm)
+
+
+class _Judge:
+    """Remembers since when the truth has said what it says now."""
+
+    def __init__(self, radius_threshold_px: float, distance_threshold_mm: float) -> None:
+        self._radius_px, self._distance_mm = radius_threshold_px, distance_threshold_mm
+        self._surely_no_since: int | None = None
+        self._rest_since: int | None = None
+        self._leg = -1
+        self._in_false_stop = False
+        self.false_stops = 0
+
+    def see(self, record: Record) -> bool:
+        """Take one record in; True where a false stop begins with it."""
+        same_leg = record.truth.leg == self._leg
+        self._leg = record.truth.leg
+        standing = record.truth.phase is Phase.HOLD
+        self._rest_since = _since(self._rest_since if same_leg else None, record, standing)
+        self._surely_no_since = _since(self._surely_no_since, record, self.verdict(record.truth) is False)
+        false = record.d is True and _lasted(self._surely_no_since, record)
+        begins = false and not self._in_false_stop
+        self._in_false_stop = false
+        self.false_stops += begins
+        return begins
+
+    def at_rest(self, record: Record) -> bool:
+        """Of the record seen last."""
+        return _lasted(self._rest_since, record)
+
+    def verdict(self, truth: Truth) -> bool | None:
+        """What D surely must be; None: within the tolerances of a threshold."""
+        far = truth.distance_mm > self._distance_mm + DISTANCE_TOLERANCE_MM
+        if far or truth.radius_px < self._radius_px - RADIUS_TOLERANCE_PX:
+            return False
+        near = truth.distance_mm <= self._distance_mm - DISTANCE_TOLERANCE_MM
+        return True if near and truth.radius_px >= self._radius_px + RADIUS_TOLERANCE_PX else None
+
+
+@dataclass(slots=True)
+class _Trial:
+    name: str
+    rest: list[Record] = field(default_factory=list)
+    false_stops: int = 0
+
+    def missed(self, judge: _Judge) -> bool:
+        return any(r.d is False and judge.verdict(r.truth) is True for r in self.rest)
+
+    def undecided(self) -> bool:
+        return any(r.d is None for r in self.rest)
+
+    def result(self, judge: _Judge) -> TrialResult | None:
+        """None where the truck never came to rest."""
+        if not self.rest:
+            return None
+        errors = [abs(r.distance_mm - r.truth.distance_mm) for r in self.rest if r.distance_mm is not None]
+        last = self.rest[-1]
+        return TrialResult(
+            name=self.name,
+            actual_mm=fmean(r.truth.distance_mm for r in self.rest),
+            ultrasonic_mm=_median([r.distance_mm for r in self.rest]),
+            worst_error_mm=max(errors, default=None),
+            true_radius_px=fmean(r.truth.radius_px for r in self.rest),
+            radius_px=_median([r.radius_px for r in self.rest]),
+            decision=last.d,
+            expected=judge.verdict(last.truth),
+            right=not (self.false_stops or self.missed(judge) or self.undecided()),
+        )
+
+
+def _since(since: int | None, record: Record, holds: bool) -> int | None:
+    if not holds:
+        return None
+    return record.t_ns if since is None else since
+
+
+def _lasted(since: int | None, record: Record) -> bool:
+    return since is not None and record.t_ns - since >= SETTLE_S * NS_PER_S
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return median(known) if known else None
+
+
+def _span(figures: Figures) -> str:
+    if figures.nearest_mm is None or figures.farthest_mm is None:
+        return "none"
+    return f"{figures.nearest_mm / 10:.1f}-{figures.farthest_mm / 10:.1f} cm"
+
+
+def _cm(value_mm: float | None) -> str:
+    return "none" if value_mm is None else f"{value_mm / 10:.2g} cm"
+
+
+def _percent(share: float | None) -> str:
+    return "none" if share is None else f"{100 * share:.0f} %"

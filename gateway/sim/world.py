@@ -1,0 +1,205 @@
+"""Where the truck is and what an ideal camera and ranger would measure: a pure function of scenario and time.
+
+Axes as the camera's: X right, Y down, Z along the optical axis, mm. The marker is a disc facing the camera, so its
+picture is a circle: u = cx + f X/Z, v = cy + f Y/Z, R = f r/Z. With the defaults (f = 600 px, r = 90 mm) R = 180 px at
+Z = 30 cm exactly, the paper's pair of thresholds.
+"""
+
+import math
+import random
+from bisect import bisect_right
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+from gateway.sim.scenario import FaultKind, Leg, Scenario, Vibration
+
+SINES = 4  # per axis of the vibration
+DELTA_S = 1e-4  # for the image speed; vibration is slow against it
+
+
+class Phase(StrEnum):
+    APPROACH = "approach"
+    RETREAT = "retreat"
+    HOLD = "hold"
+
+
+class Vector(NamedTuple):
+    """Position of the marker's centre against the ranger's line of sight, mm."""
+
+    x: float
+    y: float
+    z: float
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What is so at one moment of world time, free of every sensor's error."""
+
+    t_s: float
+    distance_mm: float  # Z of equation 12, from the ranger
+    camera_mm: float  # the same from the camera
+    u_px: float
+    v_px: float
+    radius_px: float
+    u_px_s: float  # speed of the centre in the image
+    v_px_s: float
+    marker_visible: bool  # whole in the frame and not covered
+    stop: bool  # D of equation 14, from the true radius and distance
+    phase: Phase
+    leg: int  # index of the current leg; -1 before world time 0 and where the scenario has none
+    leg_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Segment:
+    """One leg with its times. Speed rises and falls as a raised cosine: position, speed and acceleration are smooth."""
+
+    start_s: float
+    origin: Vector
+    target: Vector
+    peak_mm_s: float
+    ramp_s: float
+    drive_s: float
+    end_s: float
+
+    @classmethod
+    def plan(cls, leg: Leg, origin: Vector, start_s: float) -> "_Segment":
+        target = Vector(leg.lateral_mm, leg.vertical_mm, 10.0 * leg.distance_cm)
+        way = math.dist(origin, target)
+        acceleration = 10.0 * leg.acceleration_cm_s2
+        # Two ramps need peak^2 / acceleration of way; a shorter leg never reaches its cruising speed.
+        peak = min(10.0 * leg.speed_cm_s, math.sqrt(way * acceleration))
+        ramp = peak / acceleration
+        drive = way / peak + ramp if way > 0 else 0.0
+        return cls(start_s, origin, target, peak, ramp, drive, start_s + drive + leg.hold_s)
+
+    def at(self, t_s: float) -> tuple[Vector, float]:
+        """Position and speed (mm/s) at `t_s`."""
+        since = t_s - self.start_s
+        if since >= self.drive_s:
+            return self.target, 0.0
+        if since <= 0:
+            return self.origin, 0.0
+        left = self.drive_s - since
+        way = math.dist(self.origin, self.target)
+        if since < self.ramp_s:
+            done, speed = self._ramp(since)
+        elif left < self.ramp_s:
+            rest, speed = self._ramp(left)
+            done = way - rest
+        else:
+            done, speed = self.peak_mm_s * (since - self.ramp_s / 2), self.peak_mm_s
+        share = done / way
+        here = Vector(*(a + (b - a) * share for a, b in zip(self.origin, self.target, strict=True)))
+        return here, speed
+
+    def _ramp(self, s: float) -> tuple[float, float]:
+        """Way and speed `s` seconds into a ramp from rest."""
+        turn = math.pi * s / self.ramp_s
+        way = self.peak_mm_s / 2 * (s - self.ramp_s / math.pi * math.sin(turn))
+        return way, self.peak_mm_s / 2 * (1 - math.cos(turn))
+
+
+class World:
+    """The truck of one scenario, with the thresholds of equation 14 that decide `stop`."""
+
+    def __init__(
+        self, scenario: Scenario, *, radius_threshold_px: float = 180.0, distance_threshold_mm: float = 300.0
+    ) -> None:
+        self.scenario = scenario
+        self._radius_threshold_px = radius_threshold_px
+        self._distance_threshold_mm = distance_threshold_mm
+        start = scenario.start
+        here = Vector(start.lateral_mm, start.vertical_mm, 10.0 * start.distance_cm)
+        self._start = here
+        self._segments: list[_Segment] = []
+        for leg in scenario.legs:
+            self._segments.append(_Segment.plan(leg, here, self.plan_s))
+            here = self._segments[-1].target
+        self._starts = [segment.start_s for segment in self._segments]
+        self._sines = _sines(scenario.vibration, scenario.seed)
+
+    @property
+    def plan_s(self) -> float:
+        """World time at which the last leg's hold ends; from then on the truck stands, or begins again."""
+        return self._segments[-1].end_s if self._segments else 0.0
+
+    def truth(self, t_s: float) -> Truth:
+        """Everything at world time `t_s`; before 0 the truck stands at the start."""
+        here, phase, leg = self._here(t_s)
+        camera = self.scenario.camera
+        u, v, radius = self._project(here)
+        # Central difference, one-sided nowhere: the world is defined for every t.
+        u_before, v_before, _ = self._project(self._here(t_s - DELTA_S)[0])
+        u_after, v_after, _ = self._project(self._here(t_s + DELTA_S)[0])
+        covered = self.scenario.active(FaultKind.MARKER_HIDDEN, t_s)
+        inside = radius <= u <= camera.width_px - 1 - radius and radius <= v <= camera.height_px - 1 - radius
+        return Truth(
+            t_s=t_s,
+            distance_mm=here.z,
+            camera_mm=here.z + camera.offset_mm,
+            u_px=u,
+            v_px=v,
+            radius_px=radius,
+            u_px_s=(u_after - u_before) / (2 * DELTA_S),
+            v_px_s=(v_after - v_before) / (2 * DELTA_S),
+            marker_visible=inside and not covered,
+            stop=radius >= self._radius_threshold_px and here.z <= self._distance_threshold_mm,
+            phase=phase,
+            leg=leg,
+            leg_name=self.scenario.legs[leg].name if leg >= 0 else "",
+        )
+
+    def distance_mm(self, t_s: float) -> float:
+        """Distance from the ranger alone, vibration included: what the sound travels."""
+        return self._here(t_s)[0].z
+
+    def _project(self, here: Vector) -> tuple[float, float, float]:
+        camera = self.scenario.camera
+        cx, cy = camera.centre_px
+        scale = camera.focal_px / (here.z + camera.offset_mm)
+        return cx + scale * here.x, cy + scale * here.y, scale * self.scenario.marker.radius_mm
+
+    def _here(self, t_s: float) -> tuple[Vector, Phase, int]:
+        if not self._segments or t_s < 0:
+            return self._shaken(self._start, 0.0, t_s), Phase.HOLD, -1
+        plan_t = t_s % self.plan_s if self.scenario.repeat and self.plan_s > 0 else t_s
+        leg = max(0, bisect_right(self._starts, plan_t) - 1)
+        segment = self._segments[leg]
+        place, speed = segment.at(plan_t)
+        phase = Phase.RETREAT if segment.target.z > segment.origin.z else Phase.APPROACH
+        phase = phase if speed > 0 else Phase.HOLD
+        return self._shaken(place, speed / (10.0 * self.scenario.legs[leg].speed_cm_s), t_s), phase, leg
+
+    def _shaken(self, place: Vector, drive: float, t_s: float) -> Vector:
+        """Add the vibration; `drive` 0 to 1 is the speed as a share of the cruising speed."""
+        rest = self.scenario.vibration.rest_share
+        loud = rest + (1 - rest) * drive
+        return Vector(*(p + loud * _sum(sines, t_s) for p, sines in zip(place, self._sines, strict=True)))
+
+
+_Sine = tuple[float, float, float]  # amplitude mm, angular frequency 1/s, phase rad
+
+
+def _sines(vibration: Vibration, seed: int) -> tuple[tuple[_Sine, ...], ...]:
+    """Per axis, sines round the middle frequency whose amplitudes add up to the largest excursion."""
+    chance = random.Random(f"vibration {seed}")
+    axes = []
+    for share in (1.0, 1.0, vibration.axial_share):
+        weights = [chance.uniform(0.3, 1.0) for _ in range(SINES)]
+        axes.append(
+            tuple(
+                (
+                    vibration.amplitude_mm * share * weight / sum(weights),
+                    2 * math.pi * vibration.frequency_hz * chance.uniform(0.4, 1.6),
+                    chance.uniform(0, 2 * math.pi),
+                )
+                for weight in weights
+            )
+        )
+    return tuple(axes)
+
+
+def _sum(sines: tuple[_Sine, ...], t_s: float) -> float:
+    return sum(amplitude * math.sin(omega * t_s + phase) for amplitude, omega, phase in sines)

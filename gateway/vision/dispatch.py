@@ -1,0 +1,339 @@
+"""Who looks at which frame, who has failed, and what is told: every decision of the process pool. Pure.
+
+No IO, no clock, no concurrency. The shell (`service`) reports what happened (`frame`, `looked`, `gone`, ...), then
+calls `settle(now_ns)` and carries out the actions it returns, in order. It must report everything that has arrived
+before it settles: a result that lies waiting is not late.
+
+Rules
+- Live sources: the newest frame wins. A frame waiting for a worker is replaced by a newer one and counted as skipped.
+  No reading is older than one already emitted: a result that a newer one overtook counts as skipped, too.
+- Lossless sources (files as fast as possible): every frame waits its turn and readings come in order; an end is told
+  when all frames before it have been looked at.
+- A worker that dies, throws, hangs past `vision.deadline_s`, or takes longer than `camera.open_deadline_s` to start, is
+  replaced and its frame counted as lost. If no newer frame is being looked at, the state is PROCESS_FAULT at once.
+- A camera that ends, dies, gives no first frame within `camera.open_deadline_s` or no further one within
+  `camera.deadline_s` is LINK_DOWN at once, and nothing it captured before is told any more.
+- A process is replaced only when the old one is really gone: one writer for the memory, one owner for the device, and
+  never a heap of unkillable processes.
+"""
+
+import random
+from collections import deque
+from dataclasses import dataclass, field, replace
+from enum import Enum, auto
+
+from gateway.config import CameraConfig, Reconnect, VisionConfig
+from gateway.model import Detection, Quality, VisionReading, VisionStats
+from gateway.supervisor import delay_s
+from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Return, StartCamera, StartWorker
+from gateway.vision.jobs import FrameRef
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+WORKER_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
+
+
+class Phase(Enum):
+    """Of one process. ABSENT: to be started when due. LEAVING: failed, not yet reported gone."""
+
+    ABSENT = auto()
+    STARTING = auto()
+    IDLE = auto()  # a camera: giving frames
+    BUSY = auto()  # workers only
+    ENDING = auto()  # a lossless camera that has ended, while its last frames are looked at
+    LEAVING = auto()
+
+
+@dataclass(slots=True)
+class Seat:
+    """The place of one process; the processes in it come and go, each with its own token."""
+
+    phase: Phase = Phase.ABSENT
+    token: int = 0
+    since_ns: int = 0  # of the phase, or the last sign of life
+    due_ns: int = 0  # when ABSENT or LEAVING: not to be started before
+    frame: FrameRef | None = None  # BUSY workers
+    reaped: bool = False  # the process is gone, whatever the phase
+    failures: int = 0  # in a row
+
+    @property
+    def alive(self) -> bool:
+        return self.phase not in (Phase.ABSENT, Phase.LEAVING)
+
+
+@dataclass(slots=True)
+class Dispatcher:
+    """See above. `slots` must be at least workers + 2: one written, one waiting, one under each worker's eyes."""
+
+    label: str  # of the source, for messages
+    camera: CameraConfig
+    vision: VisionConfig
+    slots: int
+    rng: random.Random
+    stats: VisionStats = field(default_factory=VisionStats)
+    _eye: Seat = field(default_factory=Seat)  # the camera's seat
+    _lossless: bool = False
+    _first_frame_ns: int = 0
+    _end: str = ""  # why a camera is ENDING
+    _camera_skipped: int = 0  # as told by this camera process so far
+    _workers: list[Seat] = field(default_factory=list)
+    _waiting: deque[FrameRef] = field(default_factory=deque)
+    _held: dict[int, VisionReading] = field(default_factory=dict)  # lossless: readings before their turn
+    _free: set[int] = field(default_factory=set)  # slots that the camera has
+    _last_seq: int = 0  # newest frame seen
+    _told_seq: int = 0  # newest frame told of
+    _tokens: int = 0
+    _results_ns: deque[int] = field(default_factory=lambda: deque(maxlen=4096))  # within the last second
+    _out: list[Action] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._workers = [Seat() for _ in range(self.vision.workers)]
+        self._free = set(range(self.slots))
+
+    # What happened. A token that is not seated (any more) is a late message of a process given up: ignored.
+
+    def opened(self, token: int, lossless: bool) -> None:
+        """The camera process has opened its source."""
+        if self._is_camera(token):
+            self._lossless = lossless
+
+    def captured(self, token: int, frame: FrameRef, skipped: int, now_ns: int) -> None:
+        """A frame is whole; `skipped` frames found no free slot since this camera process began."""
+        if not self._is_camera(token):
+            return
+        self._count(skipped=skipped - self._camera_skipped)
+        self._camera_skipped = skipped
+        self._free.discard(frame.slot)
+        self._last_seq = frame.seq
+        if self._eye.phase is Phase.STARTING:
+            self._first_frame_ns = now_ns
+        self._eye.phase, self._eye.since_ns = Phase.IDLE, now_ns
+        if self._waiting and not self._lossless:
+            self._skip_waiting(now_ns)
+        self._waiting.append(frame)
+
+    def ready(self, token: int) -> None:
+        """A worker has its detector."""
+        if (seat := self._worker(token)) is not None and seat.phase is Phase.STARTING:
+            seat.phase = Phase.IDLE
+
+    def looked(self, token: int, seq: int, detection: Detection | None, now_ns: int) -> None:
+        """A worker has finished a frame. None: the frame changed under its eyes."""
+        seat = self._worker(token)
+        if seat is None or seat.frame is None or seat.frame.seq != seq:
+            return
+        frame = self._put_down(seat, now_ns)
+        seat.phase = Phase.IDLE
+        if detection is None:
+            self._count(lost=1)
+            return
+        seat.failures = 0
+        reading = VisionReading(
+            t_ns=frame.t_capture_ns,
+            quality=Quality.NO_TARGET if detection.circle is None else Quality.GOOD,
+            circle=detection.circle,
+            frame_id=seq,
+            x_n=detection.x_n,
+            y_n=detection.y_n,
+            stage_ns=detection.stage_ns,
+        )
+        self._tell(reading, now_ns)
+
+    def failed(self, token: int, why: str, now_ns: int, *, config: bool = False) -> None:
+        """A process said so itself. `config`: trying again is no use."""
+        known = self._is_camera(token) or self._worker(token) is not None
+        self._down(token, why, f"vision process: {why}", now_ns)
+        if known and config:
+            self._out.append(GiveUp(why))  # after the bad news has been told
+
+    def gone(self, token: int, how: str, now_ns: int) -> None:
+        """The process has ended and is reaped, whether it was asked to or not."""
+        self._down(token, f"{self.label}: camera process {how}", f"vision process {how}", now_ns)
+        for seat in (self._eye, *self._workers):
+            if seat.token == token:
+                seat.reaped = True
+                if seat.phase is Phase.LEAVING:
+                    seat.phase = Phase.ABSENT
+
+    # What to do.
+
+    def settle(self, now_ns: int) -> list[Action]:
+        """Deadlines, replacements, assignments; then everything to be carried out, in order."""
+        self._check_deadlines(now_ns)
+        self._fill_seats(now_ns)
+        for seat in self._workers:
+            if seat.phase is Phase.IDLE and self._waiting:
+                seat.phase, seat.since_ns, seat.frame = Phase.BUSY, now_ns, self._waiting.popleft()
+                self._out.append(Assign(seat.token, seat.frame))
+        if self._lossless:
+            self._tell_in_turn(now_ns)
+        if self._eye.phase is Phase.ENDING and not self._unfinished():
+            self._camera_down(self._end, now_ns)
+        out, self._out = self._out, []
+        return sorted(out, key=lambda action: not isinstance(action, Emit))  # readings first: someone waits for them
+
+    def next_deadline_ns(self) -> int | None:
+        """When `settle` must be called at the latest if nothing happens; None: only when something happens."""
+        deadlines = [self._deadline_ns(seat) for seat in (self._eye, *self._workers)]
+        return min((d for d in deadlines if d is not None), default=None)
+
+    def _deadline_ns(self, seat: Seat) -> int | None:
+        match seat.phase:
+            case Phase.ABSENT:
+                return seat.due_ns
+            case Phase.STARTING:
+                allowed_s = self.camera.open_deadline_s
+            case Phase.BUSY:
+                allowed_s = self.vision.deadline_s
+            case Phase.IDLE if seat is self._eye and self._free:  # with no free slot the camera waits for us
+                allowed_s = self.camera.deadline_s
+            case _:
+                return None
+        return seat.since_ns + round(allowed_s * NS_PER_S)
+
+    def _check_deadlines(self, now_ns: int) -> None:
+        for seat in (self._eye, *self._workers):
+            deadline_ns = self._deadline_ns(seat)
+            if seat.phase is Phase.ABSENT or deadline_ns is None or now_ns < deadline_ns:
+                continue
+            if seat is self._eye:
+                first = seat.phase is Phase.STARTING
+                allowed_s = self.camera.open_deadline_s if first else self.camera.deadline_s
+                self._camera_down(f"{self.label}: no {'first ' if first else ''}frame within {allowed_s:g} s", now_ns)
+            elif seat.phase is Phase.STARTING:
+                self._worker_down(seat, f"vision process not ready within {self.camera.open_deadline_s:g} s", now_ns)
+            else:
+                self._worker_down(seat, f"vision process gave no result within {self.vision.deadline_s:g} s", now_ns)
+
+    def _fill_seats(self, now_ns: int) -> None:
+        for seat in (self._eye, *self._workers):
+            if seat.phase is not Phase.ABSENT or now_ns < seat.due_ns:
+                continue
+            again = seat.token != 0
+            self._tokens += 1
+            seat.phase, seat.token, seat.since_ns, seat.reaped = Phase.STARTING, self._tokens, now_ns, False
+            if seat is not self._eye:
+                self._count(restarts=again)
+                self._out.append(StartWorker(seat.token))
+                continue
+            self._count(reopens=again)
+            self._camera_skipped = 0
+            self._out.append(StartCamera(seat.token, self._last_seq + 1, tuple(sorted(self._free))))
+
+    # Failures.
+
+    def _down(self, token: int, camera_why: str, worker_why: str, now_ns: int) -> None:
+        if self._is_camera(token):
+            if self._lossless and self._unfinished():
+                self._eye.phase, self._end = Phase.ENDING, camera_why
+            else:
+                self._camera_down(camera_why, now_ns)
+        elif (seat := self._worker(token)) is not None:
+            self._worker_down(seat, worker_why, now_ns)
+
+    def _camera_down(self, why: str, now_ns: int) -> None:
+        self._leave(self._eye, why)
+        if self._first_frame_ns and now_ns - self._first_frame_ns > self.camera.reconnect.max_s * NS_PER_S:
+            self._eye.failures = 0  # it had been well for a while
+        self._eye.failures += 1
+        self._eye.due_ns = now_ns + round(delay_s(self.camera.reconnect, self._eye.failures, self.rng) * NS_PER_S)
+        self._first_frame_ns = 0
+        self._lossless = False
+        while self._waiting:
+            self._skip_waiting(now_ns)
+        for seq in sorted(self._held):
+            self._emit(self._held.pop(seq), now_ns)
+        # The number of the newest frame: what is still under work comes too late to be told.
+        self._emit(VisionReading(now_ns, Quality.LINK_DOWN, frame_id=self._last_seq, detail=why), now_ns)
+
+    def _worker_down(self, seat: Seat, why: str, now_ns: int) -> None:
+        delay = delay_s(WORKER_BACKOFF, seat.failures, self.rng) if seat.failures else 0.0
+        seat.due_ns = now_ns + round(delay * NS_PER_S)
+        seat.failures += 1
+        frame = None if seat.frame is None else self._put_down(seat, now_ns)
+        self._leave(seat, why)
+        if frame is not None:
+            self._count(lost=1)
+            if self._lossless or not self._newer_in_work(frame.seq):
+                fault = VisionReading(frame.t_capture_ns, Quality.PROCESS_FAULT, frame_id=frame.seq, detail=why)
+                self._tell(fault, now_ns)
+        elif not any(other.phase in (Phase.IDLE, Phase.BUSY) for other in self._workers):
+            fault = VisionReading(now_ns, Quality.PROCESS_FAULT, frame_id=self._told_seq, detail=why)
+            self._emit(fault, now_ns)
+
+    def _newer_in_work(self, seq: int) -> bool:
+        """Under a worker's eyes, or about to be."""
+        idle = any(seat.phase is Phase.IDLE for seat in self._workers)
+        coming = [frame.seq for frame in self._waiting] if idle else []
+        return any(n > seq for n in (*coming, *(seat.frame.seq for seat in self._workers if seat.frame is not None)))
+
+    def _leave(self, seat: Seat, why: str) -> None:
+        seat.phase = Phase.ABSENT if seat.reaped else Phase.LEAVING
+        self._out.append(Kill(seat.token, why))
+
+    # Slots and readings.
+
+    def _put_down(self, seat: Seat, now_ns: int) -> FrameRef:
+        frame = seat.frame
+        if frame is None:
+            raise RuntimeError("no frame in this seat")
+        seat.frame = None
+        self._release(frame.slot, now_ns)
+        return frame
+
+    def _skip_waiting(self, now_ns: int) -> None:
+        self._count(skipped=1)
+        self._release(self._waiting.popleft().slot, now_ns)
+
+    def _release(self, slot: int, now_ns: int) -> None:
+        if not self._free and self._eye.phase is Phase.IDLE:
+            self._eye.since_ns = now_ns  # the camera had to wait; its time runs from here
+        self._free.add(slot)
+        if self._eye.alive:
+            self._out.append(Return(self._eye.token, slot))
+
+    def _unfinished(self) -> bool:
+        return bool(self._waiting) or any(seat.frame is not None for seat in self._workers)
+
+    def _tell(self, reading: VisionReading, now_ns: int) -> None:
+        """Emit what was found in a frame, unless it is too late for it; lossless: in its turn."""
+        if reading.frame_id <= self._told_seq:
+            self._count(skipped=reading.quality is not Quality.PROCESS_FAULT)
+        elif self._lossless:
+            self._held[reading.frame_id] = reading
+        else:
+            self._emit(reading, now_ns)
+
+    def _tell_in_turn(self, now_ns: int) -> None:
+        in_work = min((seat.frame.seq for seat in self._workers if seat.frame is not None), default=self._last_seq + 1)
+        for seq in sorted(self._held):
+            if seq < in_work:
+                self._emit(self._held.pop(seq), now_ns)
+
+    def _emit(self, reading: VisionReading, now_ns: int) -> None:
+        self._told_seq = max(self._told_seq, reading.frame_id)
+        results = self._results_ns
+        if reading.quality in (Quality.GOOD, Quality.NO_TARGET):
+            results.append(now_ns)
+            latency_ms = max(0, now_ns - reading.t_ns) / NS_PER_MS
+            self.stats = replace(self.stats, frames=self.stats.frames + 1, latency_ms=latency_ms)
+        while results and now_ns - results[0] >= NS_PER_S:
+            results.popleft()
+        self.stats = replace(self.stats, rate_hz=float(len(results)))
+        self._out.append(Emit(replace(reading, stats=self.stats)))
+
+    def _count(self, *, skipped: int = 0, lost: int = 0, restarts: int = 0, reopens: int = 0) -> None:
+        old = self.stats
+        self.stats = replace(
+            old,
+            skipped=old.skipped + skipped,
+            lost=old.lost + lost,
+            restarts=old.restarts + restarts,
+            reopens=old.reopens + reopens,
+        )
+
+    def _is_camera(self, token: int) -> bool:
+        return token == self._eye.token and self._eye.alive and self._eye.phase is not Phase.ENDING
+
+    def _worker(self, token: int) -> Seat | None:
+        return next((seat for seat in self._workers if seat.token == token and seat.alive), None)

@@ -1,0 +1,61 @@
+"""What the whole room means by a picture: its layout, the one way into it, and the names and order of picture files.
+
+Pure, and without OpenCV: the main process loads this module, too.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]  # (H, W, 3), BGR, unless said otherwise
+
+# fmt: off
+PICTURE_SUFFIXES = frozenset((
+    ".avif", ".bmp", ".dib", ".gif", ".hdr", ".jp2", ".jpe", ".jpeg", ".jpg", ".pam", ".pbm", ".pgm", ".pic", ".png",
+    ".pnm", ".ppm", ".ras", ".sr", ".tif", ".tiff", ".webp",
+))
+# fmt: on
+_STRIP = 1 << 16  # samples converted at once: what lies between stays in the cache, and takes no memory to speak of
+
+
+def bgr8(picture: NDArray[Any]) -> Image:
+    """Grey, BGR or BGR with alpha, 8 or 16 bits, as (H, W, 3) uint8.
+
+    Grey is repeated into three channels; alpha is dropped, the stored colours count; 16 bits become round(v / 257), so
+    that 65535 is 255. Returns the array itself where nothing is to be done. Raises ValueError for anything else.
+    """
+    if picture.size == 0 or picture.ndim not in (2, 3):
+        raise ValueError(f"an array of shape {picture.shape} is no picture")
+    channels = picture.shape[2] if picture.ndim == 3 else 1
+    if channels not in (1, 3, 4):
+        raise ValueError(f"{channels} channels: only grey, BGR and BGR with alpha are understood")
+    if picture.dtype == np.uint16:
+        picture = _upper_byte(picture)
+    elif picture.dtype != np.uint8:
+        raise ValueError(f"{picture.dtype} samples: there is no agreed white; store 8 or 16 bit per channel")
+    if channels == 3:
+        return picture
+    planes = np.atleast_3d(picture)
+    bgr = np.empty((*planes.shape[:2], 3), np.uint8)
+    for n in range(3):  # plane by plane: several times as fast as one assignment
+        bgr[:, :, n] = planes[:, :, n if channels == 4 else 0]
+    return bgr
+
+
+def _upper_byte(samples: NDArray[Any]) -> NDArray[np.uint8]:
+    """round(v / 257) of each; 257 is odd, so there are no ties."""
+    flat = samples.reshape(-1)
+    bytes_ = np.empty(flat.size, np.uint8)
+    for start in range(0, flat.size, _STRIP):
+        strip = flat[start : start + _STRIP].astype(np.uint32)
+        bytes_[start : start + _STRIP] = (strip + 128) // 257
+    return bytes_.reshape(samples.shape)
+
+
+def natural_key(path: Path) -> list[tuple[int, str]]:
+    """Sort key in which frame9 comes before frame10, whatever the case of the letters."""
+    parts = re.split(r"([0-9]+)", str(path).casefold())
+    return [(int(part), "") if i % 2 else (-1, part) for i, part in enumerate(parts)] + [(-1, str(path))]

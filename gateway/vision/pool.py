@@ -1,0 +1,173 @@
+"""The child processes of one bay: start, talk to, kill and reap them. Decides nothing.
+
+Every child is a fresh interpreter (spawned, never forked) that runs `gateway.vision.child`. It does not import the
+parent's main module, and no helper process is needed beside it. It dies with its parent: the kernel sees to that, even
+when the parent is killed without warning.
+"""
+
+import asyncio
+import logging
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from gateway.clock import Clock
+from gateway.errors import LinkError
+from gateway.vision.jobs import CameraJob, FromChild, Gone, ToChild, WorkerJob
+from gateway.vision.link import Link
+
+log = logging.getLogger(__name__)
+
+GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
+KILL_S = 0.3  # real time for the kernel to end a killed process
+# sys.path travels last: what the parent can import, the child can.
+BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.vision.child import main; main()"
+ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",  # numpy's idle threads cost start-up time and memory
+    # glibc gives large blocks back to the kernel with every frame, and takes page faults to get them again: at 720p
+    # that doubled the time of the paper's pipeline. A process that does the same work for ever keeps its memory.
+    "MALLOC_MMAP_MAX_": "0",
+    "MALLOC_TRIM_THRESHOLD_": str(16 * 1024**3),
+    "OPENCV_LOG_LEVEL": "ERROR",
+    "OPENCV_FFMPEG_LOGLEVEL": "-8",  # FFmpeg prints every hiccup of a stream; what matters comes as a message
+}
+
+
+@dataclass(slots=True)
+class Child:
+    """One running process."""
+
+    process: subprocess.Popen[bytes]
+    link: Link[ToChild, FromChild]
+    pidfd: int
+
+
+class Pool:
+    """Use as `async with`: at the end no process is left. Not for more than one event loop."""
+
+    def __init__(self, bay: str, clock: Clock) -> None:
+        self._bay = bay
+        self._clock = clock
+        self._children: dict[int, Child] = {}
+        self._news = asyncio.Event()
+
+    def start(self, token: int, job: CameraJob | WorkerJob, affinity: tuple[int, ...] | None) -> None:
+        """Start a process for the job; it inherits the ring's descriptor. Takes a few ms. Raises LinkError."""
+        role = "camera" if isinstance(job, CameraJob) else "worker"
+        link, theirs = Link[ToChild, FromChild].pair()
+        fd = theirs.fileno()
+        cpus = ",".join(map(str, affinity or ()))
+        with theirs, _without_ctrl_c():
+            try:
+                process = subprocess.Popen(
+                    [sys.executable, "-c", BOOT, role, self._bay, str(os.getpid()), str(fd), cpus, "\n".join(sys.path)],
+                    stdin=subprocess.DEVNULL,
+                    pass_fds=(fd, job.ring.fd),
+                    env={**ENVIRONMENT, **os.environ},
+                )
+            except OSError as error:
+                link.close()
+                raise LinkError(f"cannot start a {role} process: {error}") from error
+        child = Child(process, link, os.pidfd_open(process.pid))
+        self._children[token] = child
+        loop = asyncio.get_running_loop()
+        loop.add_reader(link.sock, self._news.set)
+        loop.add_reader(child.pidfd, self._news.set)
+        self.send(token, job)
+
+    def send(self, token: int, message: ToChild) -> None:
+        """Never waits. A child that does not take its messages is killed; one that is gone is left alone."""
+        child = self._children.get(token)
+        if child is not None and not child.link.offer(message):
+            child.process.kill()
+
+    def kill(self, token: int) -> None:
+        """At once; `messages` tells when the process is gone."""
+        if (child := self._children.get(token)) is not None:
+            child.process.kill()
+
+    def messages(self) -> Iterator[tuple[int, FromChild | Gone]]:
+        """All that has arrived; `Gone` comes once for each process, as its last. Never waits."""
+        self._news.clear()
+        for token, child in list(self._children.items()):
+            status = child.process.poll()  # before reading, so that the last words are not missed
+            for message in child.link.received():
+                yield token, message
+            if status is not None:
+                self._forget(token)
+                yield token, Gone(_how(status))
+            elif child.link.ended:
+                asyncio.get_running_loop().remove_reader(child.link.sock)
+                child.process.kill()  # it has closed its end: whatever it still does is of no use
+
+    async def wait(self, seconds: float | None) -> None:
+        """Until something arrives, at most so long (in seconds of the pool's clock)."""
+        if seconds is None:
+            await self._news.wait()
+            return
+        try:
+            async with self._clock.timeout(seconds):
+                await self._news.wait()
+        except TimeoutError:
+            pass
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """SIGTERM, a short grace, SIGKILL; every process is reaped."""
+        try:
+            for child in self._children.values():
+                child.process.terminate()
+            async with asyncio.timeout(GRACE_S):
+                while self._children:
+                    for _ in self.messages():
+                        pass
+                    if self._children:
+                        await self._news.wait()
+        except TimeoutError:
+            pass
+        finally:
+            for child in self._children.values():
+                child.process.kill()
+            for token, child in list(self._children.items()):
+                try:
+                    child.process.wait(KILL_S)
+                except subprocess.TimeoutExpired:
+                    log.error("%s: process %d cannot be killed", self._bay, child.process.pid)
+                self._forget(token)
+
+    def _forget(self, token: int) -> None:
+        child = self._children.pop(token)
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(child.link.sock)
+        loop.remove_reader(child.pidfd)
+        child.link.close()
+        os.close(child.pidfd)
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """A child inherits the blocked signal, for good: Ctrl-C reaches the whole terminal, the parent alone decides."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _how(status: int) -> str:
+    if status >= 0:
+        return f"ended with exit code {status}"
+    try:
+        return f"was killed by {signal.Signals(-status).name}"
+    except ValueError:
+        return f"was killed by signal {-status}"

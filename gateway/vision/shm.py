@@ -1,0 +1,102 @@
+"""The ring: frames in memory that the camera process writes and the vision processes look at in place.
+
+The memory is anonymous (memfd): it has no name, so nothing can be left behind, and the kernel frees it with the last
+process that holds it, however that process ended. It is sparse: sized for the largest frame allowed, but only pages
+that were written exist.
+
+Every slot begins with a header of int64 (generation, height, width) on a page of its own; the pixels, (height, width,
+3) uint8, follow. Number and capture time of a frame travel in the message that names its slot. The generation is odd
+while the slot is being written and even when it is whole (a seqlock); it never repeats. Slots are handed over by
+messages and given back by messages, so in normal running no slot is written while it is looked at; the generation
+proves it, or tells that a result must be thrown away.
+"""
+
+import fcntl
+import mmap
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.errors import LinkError
+from gateway.vision.pixels import Image
+
+PAGE = mmap.PAGESIZE
+GENERATION, HEIGHT, WIDTH = range(3)
+HEADER_FIELDS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class RingSpec:
+    """All that a process needs to attach, given that it inherited the descriptor."""
+
+    fd: int
+    slots: int
+    max_megapixels: float
+
+    @property
+    def slot_bytes(self) -> int:
+        """Header page and pixels, in whole pages."""
+        pixels = round(self.max_megapixels * 1e6)
+        return PAGE + -(-pixels * 3 // PAGE) * PAGE
+
+    @property
+    def size_bytes(self) -> int:
+        return self.slots * self.slot_bytes
+
+
+def create(slots: int, max_megapixels: float) -> RingSpec:
+    """New anonymous memory; the caller closes `fd`. Its size is sealed, so no process can shrink it under another."""
+    fd = os.memfd_create("gateway-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    spec = RingSpec(fd, slots, max_megapixels)
+    os.ftruncate(fd, spec.size_bytes)
+    fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
+    return spec
+
+
+class Ring:
+    """One process's view of the memory. A reader's is read-only: no detector can scribble over a frame."""
+
+    def __init__(self, spec: RingSpec, *, writable: bool) -> None:
+        self._spec = spec
+        access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
+        self._memory = mmap.mmap(spec.fd, spec.size_bytes, access=access)
+
+    def write(self, slot: int, image: Image) -> int:
+        """Copy one frame into a slot; returns its generation. Raises LinkError for a frame that is too large."""
+        height, width = image.shape[:2]
+        if height * width > round(self._spec.max_megapixels * 1e6):
+            raise LinkError(
+                f"frame of {width} x {height} = {height * width / 1e6:.1f} megapixels, "
+                f"more than camera.max_megapixels = {self._spec.max_megapixels:g}"
+            )
+        header = self._header(slot)
+        generation = (int(header[GENERATION]) | 1) + 2  # odd, and new even if the last writer died half way
+        header[GENERATION] = generation
+        header[HEIGHT : WIDTH + 1] = (height, width)
+        np.copyto(self._pixels(slot, height, width), image)
+        header[GENERATION] = generation + 1
+        return generation + 1
+
+    def view(self, slot: int, generation: int) -> Image | None:
+        """The frame in place, read-only; None if the slot does not hold this generation whole (any more)."""
+        header = self._header(slot)
+        height, width = int(header[HEIGHT]), int(header[WIDTH])
+        return self._pixels(slot, height, width) if self.holds(slot, generation) else None
+
+    def holds(self, slot: int, generation: int) -> bool:
+        """Whether the slot (still) holds this generation whole. True after the work: the work saw one frame only."""
+        return int(self._header(slot)[GENERATION]) == generation
+
+    def _header(self, slot: int) -> NDArray[np.int64]:
+        return np.frombuffer(self._memory, np.int64, HEADER_FIELDS, self._offset(slot))
+
+    def _pixels(self, slot: int, height: int, width: int) -> Image:
+        flat = np.frombuffer(self._memory, np.uint8, height * width * 3, self._offset(slot) + PAGE)
+        return flat.reshape(height, width, 3)
+
+    def _offset(self, slot: int) -> int:
+        if not 0 <= slot < self._spec.slots:
+            raise IndexError(f"slot {slot} of {self._spec.slots}")
+        return slot * self._spec.slot_bytes

@@ -1,0 +1,22 @@
+"""A vision process: look at the frames it is given, in place. What the detector throws ends the process."""
+
+import cv2
+
+from gateway.vision.jobs import Look, Looked, Ready, WorkerJob
+from gateway.vision.link import Link
+from gateway.vision.shm import Ring
+
+
+def run(link: Link[Ready | Looked, Look], job: WorkerJob) -> None:
+    """Until the main process is gone. Never returns."""
+    cv2.setNumThreads(1)  # workers are the parallelism; threads inside them only fight
+    ring = Ring(job.ring, writable=False)
+    detect = job.detector.build(job.clock.now_ns)
+    link.send(Ready())
+    while True:
+        frame = link.receive().frame
+        image = ring.view(frame.slot, frame.generation)
+        detection = None if image is None else detect(image)
+        if not ring.holds(frame.slot, frame.generation):
+            detection = None
+        link.send(Looked(frame.seq, detection))

@@ -1,0 +1,99 @@
+"""PLCs that we did not write: pymodbus's client for whole images, mbpoll for what a technician types."""
+
+import re
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+from gateway.modbus.registers import BLOCK_WORDS, decode
+
+Image = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Poll:
+    """One whole image, and when (time.monotonic) it was asked for and read."""
+
+    asked_s: float
+    read_s: float
+    image: Image
+
+
+class Plc:
+    """Polls one unit's whole block from a thread, as a PLC does; a context manager. A failed poll is kept as a time."""
+
+    def __init__(self, port: int, unit: int = 1, period_s: float = 0.02) -> None:
+        self._client = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
+        self._unit = unit
+        self._period_s = period_s
+        self._end = threading.Event()
+        self._changed = threading.Condition()
+        self.polls: list[Poll] = []
+        self.failures: list[float] = []
+
+    def __enter__(self) -> Self:
+        assert self._client.connect()  # type: ignore[no-untyped-call]  # pymodbus's own
+        self._thread = threading.Thread(target=self._poll, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end.set()
+        self._thread.join(10)
+        self._client.close()  # type: ignore[no-untyped-call]  # pymodbus's own
+
+    def wait_for(self, wanted: Callable[[Image], bool], timeout_s: float = 15.0) -> Poll:
+        """The first image from now on that `wanted` accepts."""
+        begun = time.monotonic()
+        with self._changed:
+            seen = len(self.polls)
+            while True:
+                for poll in self.polls[seen:]:
+                    if wanted(poll.image):
+                        return poll
+                seen = len(self.polls)
+                left = begun + timeout_s - time.monotonic()
+                if left <= 0 or not self._changed.wait(left):
+                    last = self.polls[-1].image if self.polls else None
+                    raise AssertionError(f"not seen in {timeout_s} s of {len(self.polls)} polls; last image: {last}")
+
+    @property
+    def last(self) -> Image:
+        return self.polls[-1].image
+
+    def _poll(self) -> None:
+        while not self._end.is_set():
+            asked_s = time.monotonic()
+            try:
+                answer = self._client.read_holding_registers(0, count=BLOCK_WORDS, device_id=self._unit)
+            except (ModbusException, OSError):
+                with self._changed:
+                    self.failures.append(asked_s)
+                    self._changed.notify_all()
+                self._end.wait(0.05)
+                continue
+            assert not answer.isError(), answer
+            poll = Poll(asked_s, time.monotonic(), decode(answer.registers))
+            with self._changed:
+                self.polls.append(poll)
+                self._changed.notify_all()
+            self._end.wait(self._period_s)
+
+
+def mbpoll(port: int, address: int, count: int, *, unit: int = 1, function: str = "4") -> list[int]:
+    """`count` registers from `address` as `mbpoll` prints them. `function`: its -t; 4 holding, 3 input registers."""
+    command = ["mbpoll", "-0", "-B", "-m", "tcp", "-t", function, "-a", str(unit), "-r", str(address), "-c", str(count)]
+    done = subprocess.run(
+        [*command, "-1", "-p", str(port), "127.0.0.1"], check=False, capture_output=True, text=True, timeout=10
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return [int(value) for value in re.findall(r"^\[\d+\]:\s+(\d+)", done.stdout, re.MULTILINE)]

@@ -1,0 +1,89 @@
+"""Whoever reads the gateway's output, or does not, or goes away, never touches the registers."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from gateway.model import Reason
+from tests.e2e.plc import Plc
+
+STANDING = "seed = 3\nstart = { distance_cm = 45 }\n"
+PIPE_BYTES = 4096  # the smallest there is: it fills in a moment
+
+
+def start(folder: Path, *args: str, stdout: int, stderr: int) -> "subprocess.Popen[bytes]":
+    path = folder / "scenario.toml"
+    path.write_text(STANDING)
+    command = [sys.executable, "-m", "gateway", "simulate", "--scenario", str(path), "--modbus-port", "0", *args]
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=stdout, stderr=stderr, bufsize=0, pipesize=PIPE_BYTES
+    )
+
+
+def first_line(process: "subprocess.Popen[bytes]") -> bytes:
+    assert process.stdout is not None
+    line = b""
+    while not line.endswith(b"\n"):
+        piece = process.stdout.read(1)
+        assert piece, line
+        line += piece
+    return line
+
+
+def test_output_that_nobody_reads_holds_up_nobody(tmp_path: Path) -> None:
+    process = start(tmp_path, "--json", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        port = json.loads(first_line(process))["modbus_port"]
+        with Plc(port) as plc:
+            plc.wait_for(lambda image: image["permit"] == 1)
+            time.sleep(2.0)  # at 20 lines a second the pipe has long been full
+            mark = len(plc.polls)
+            time.sleep(1.0)
+            beats = {poll.image["heartbeat"] for poll in plc.polls[mark:]}
+            assert len(beats) > 20
+            assert not plc.failures
+            begun = time.monotonic()
+            process.send_signal(signal.SIGTERM)
+            process.wait(10)
+            assert time.monotonic() - begun < 3.0
+            assert plc.last["reason"] == Reason.SHUTDOWN
+    finally:
+        process.kill()
+        process.wait(10)
+        for stream in (process.stdout, process.stderr):
+            assert stream is not None
+            stream.close()
+
+
+@pytest.mark.parametrize("args", [("--json",), ("--quiet",)])
+def test_a_reader_that_goes_away_ends_it_in_order_and_in_silence(tmp_path: Path, args: tuple[str, ...]) -> None:
+    with (tmp_path / "stderr").open("wb") as log:
+        process = start(tmp_path, *args, stdout=subprocess.PIPE, stderr=log.fileno())
+        try:
+            first_line(process)
+            assert process.stdout is not None
+            process.stdout.close()
+            assert process.wait(20) == 1
+        finally:
+            process.kill()
+            process.wait(10)
+    assert (tmp_path / "stderr").read_text() == ""
+
+
+def test_a_full_disk_ends_it_in_order(tmp_path: Path) -> None:
+    full = os.open("/dev/full", os.O_WRONLY)
+    with (tmp_path / "stderr").open("wb") as log:
+        process = start(tmp_path, "--json", stdout=full, stderr=log.fileno())
+        os.close(full)
+        try:
+            assert process.wait(20) == 1
+        finally:
+            process.kill()
+            process.wait(10)
+    assert (tmp_path / "stderr").read_text() == ""

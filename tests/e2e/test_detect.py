@@ -1,0 +1,238 @@
+"""`gateway detect` as a process of its own: what it prints, writes and returns."""
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+KEYS = ["file", "found", "u", "v", "r", "area", "circularity", "fill", "candidates", "width", "height", "ms"]
+STAGES = ["gaussian", "hsv", "threshold", "opening", "closing", "contours", "select", "circle", "normalise", "total"]
+PANELS = ["fig3", "fig3a-hsv", "fig3b-mask", "fig3c-clean", "fig3d-circle", "fig4", "fig4a-canny", "fig4b-contour"]
+
+
+def detect(*arguments: str, cwd: Path, stdin: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "gateway", "detect", *arguments]
+    return subprocess.run(command, cwd=cwd, input=stdin, capture_output=True, timeout=100, check=False)
+
+
+def rows(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, Any]]:
+    assert b"Traceback" not in done.stderr, done.stderr.decode()
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def disc(u: float = 150.25, v: float = 100.5, r: float = 60, size: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
+    y, x = np.mgrid[0 : size[0], 0 : size[1]]
+    cover = np.clip(r + 0.5 - np.hypot(x - u, y - v), 0, 1)[..., None]
+    colour = (1 - cover) * np.array((95, 95, 92)) + cover * np.array((30, 30, 200))
+    return np.asarray(np.rint(colour), np.uint8)
+
+
+def video(path: Path, count: int) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (320, 240))
+    for n in range(count):
+        writer.write(disc(u=100 + 20 * n))
+    writer.release()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A batch of good and bad inputs."""
+    cv2.imwrite(str(tmp_path / "a1.png"), disc())
+    cv2.imwrite(str(tmp_path / "a2.png"), np.full((50, 70, 3), 120, np.uint8))
+    (tmp_path / "a3.png").write_bytes(b"")
+    (tmp_path / "a4.jpg").write_bytes(b"\xff\xd8\xff\xe0 nonsense")
+    cv2.imwrite(str(tmp_path / "a10.png"), disc().astype(np.uint16) * 257)
+    video(tmp_path / "a11.avi", 2)
+    return tmp_path
+
+
+def test_one_json_object_a_line_and_the_batch_goes_on(folder: Path) -> None:
+    done = detect("--json", "--method", "paper", ".", "gone.png", cwd=folder)
+    found = rows(done)
+
+    assert done.returncode == 1
+    assert done.stderr.decode().strip() == "pictures: 5, marker found: 4, inputs failed: 3"
+    files = ["a1.png", "a2.png", "a3.png", "a4.jpg", "a10.png", "a11.avi", "a11.avi", "gone.png"]
+    assert [row["file"] for row in found] == files
+    assert [row["found"] for row in found] == [True, False, False, False, True, True, True, False]
+    assert [row.get("error") for row in found] == [
+        None,
+        None,
+        "the file is empty",
+        "damaged, cut short, or not a picture in a known format",
+        None,
+        None,
+        None,
+        "no such file",
+    ]
+    assert list(found[0]) == KEYS
+    assert found[0]["u"] == pytest.approx(150.25, abs=0.1)
+    assert found[0]["v"] == pytest.approx(100.5, abs=0.1)
+    assert found[0]["r"] == pytest.approx(61.27, abs=0.15)
+    assert (found[0]["width"], found[0]["height"], found[0]["candidates"]) == (320, 240, 1)
+    assert list(found[0]["ms"]) == STAGES
+    assert found[0]["ms"]["total"] == pytest.approx(sum(list(found[0]["ms"].values())[:-1]), abs=0.01)
+    assert all(value > 0 for value in found[0]["ms"].values())
+    for row in found:
+        if not row["found"]:
+            assert (row["u"], row["v"], row["r"]) == (None, None, None)
+    assert (found[1]["area"], found[1]["circularity"], found[1]["fill"]) == (None, None, None)
+    same = {key: value for key, value in found[4].items() if key not in {"file", "ms"}}
+    assert same == {key: value for key, value in found[0].items() if key not in {"file", "ms"}}, "16 bit as 8 bit"
+    assert [row["frame"] for row in found[5:7]] == [0, 1]
+    assert [row["u"] for row in found[5:7]] == pytest.approx([100, 120], abs=0.5)
+
+
+def test_the_table_for_people(folder: Path) -> None:
+    with open(os.fsencode(folder) + b"/b\xff\n\x1b[2J.png", "wb") as file:
+        file.write((folder / "a1.png").read_bytes())
+    done = detect(".", cwd=folder)
+    lines = done.stdout.decode().splitlines()
+
+    assert done.returncode == 1
+    assert lines[0].split() == ["file", "u", "px", "v", "px", "r", "px", "area", "px2", "circ.", "fill", "ms"]
+    assert lines[1].split()[0] == "a1.png"
+    assert [float(value) for value in lines[1].split()[1:4]] == pytest.approx([150.25, 100.5, 61.27], abs=0.15)
+    assert lines[2].split()[:3] == ["a2.png", "no", "marker"]
+    assert lines[3] == f"{'a3.png':{lines[3].index('error')}}error: the file is empty"
+    assert lines[6].startswith("a11.avi #0 ")
+    assert lines[8].startswith("b\\udcff\\n\\x1b[2J.png ")
+    assert len(lines) == 9
+    assert b"\x1b" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nothing-*.png"], "no picture or video in: nothing-*.png"),
+        (["empty"], "no picture or video in: empty"),
+        (["a1.png", "--bay", "north"], "--bay needs --config"),
+        (["a1.png", "--method", "magic"], "command line: method = \"magic\": Input should be 'paper'"),
+        (["a1.png", "--min-fill", "2"], "command line: min_fill = 2.0: Input should be less than or equal to 1"),
+        (["a1.png", "--config", "none.toml"], "none.toml: cannot read"),
+        (["a1.png", "--config", "bays.toml", "--bay", "west"], "bays.toml: no bay west; there is: east, north"),
+        (["a1.png", "--stages", "a1.png"], "a1.png: cannot be made: File exists"),
+    ],
+)
+def test_arguments_that_must_be_edited(folder: Path, arguments: list[str], says: str) -> None:
+    (folder / "empty").mkdir()
+    (folder / "bays.toml").write_text('[[bays]]\nname = "east"\n[[bays]]\nname = "north"\nunit_id = 2\n')
+    done = detect(*arguments, cwd=folder)
+    assert done.returncode == 2
+    assert done.stderr.decode().startswith(says)
+    assert done.stdout == b""
+
+
+def test_the_settings_of_a_bay_and_of_the_command_line(tmp_path: Path) -> None:
+    image = disc()
+    image[180:230, 10:300] = (30, 30, 200)  # larger than the disc, less round
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    (tmp_path / "plant.toml").write_text(
+        "[vision]\nmin_circularity = 0.7\n[vision.intrinsics]\nfx = 500\nfy = 500\ncx = 150.25\ncy = 0.5\n"
+        '[[bays]]\nname = "east"\n[[bays]]\nname = "north"\nunit_id = 2\n[bays.vision]\nmin_area_px2 = 20000\n'
+    )
+
+    def one(*arguments: str) -> dict[str, Any]:
+        (row,) = rows(detect("--json", "a.png", *arguments, cwd=tmp_path))
+        return row
+
+    assert one()["v"] > 180
+    assert "x_n" not in one()
+    assert one("--min-circularity", "0.7")["v"] == pytest.approx(100.5, abs=0.1)
+    assert one("--min-fill", "0.7")["v"] == pytest.approx(100.5, abs=0.1)
+    assert one("--min-area", "12000")["candidates"] == 1
+    east = one("--config", "plant.toml")
+    assert east["v"] == pytest.approx(100.5, abs=0.1)
+    assert (east["x_n"], east["y_n"]) == (pytest.approx(0, abs=2e-4), pytest.approx(0.2, abs=2e-4))
+    north = one("--config", "plant.toml", "--bay", "north")
+    assert (north["found"], north["candidates"], north["x_n"]) == (False, 0, None)
+    assert one("--config", "plant.toml", "--min-circularity", "0")["v"] > 180
+
+
+def test_stages_writes_every_figure_under_names_of_its_own(folder: Path) -> None:
+    (folder / "other").mkdir()
+    cv2.imwrite(str(folder / "other" / "A1.bmp"), disc(u=200))
+    done = detect("--json", "other", "a1.png", "a2.png", "a3.png", "a11.avi", "--stages", "out/deep", cwd=folder)
+    stems = ["A1", "a1-2", "a2", "a11-frame000000", "a11-frame000001"]
+
+    assert [row.get("stages") for row in rows(done)] == [f"out/deep/{stem}" for stem in stems[:3]] + [None] + [
+        f"out/deep/{stem}" for stem in stems[3:]
+    ]
+    written = sorted(path.name for path in (folder / "out/deep").iterdir())
+    assert written == sorted(f"{stem}-{panel}.png" for stem in stems for panel in PANELS)
+    mask = cv2.imread(str(folder / "out/deep/A1-fig3c-clean.png"), cv2.IMREAD_UNCHANGED)
+    assert mask is not None
+    assert mask.shape == (240, 320)
+    assert (mask[100, 200], mask[100, 100]) == (255, 0)
+
+
+def test_names_from_standard_input(folder: Path) -> None:
+    done = detect("--json", "a10.png", "-", cwd=folder, stdin=b"a1.png\n\n./a2.png\nno\xff.png")
+    assert [row["file"] for row in rows(done)] == ["a10.png", "a1.png", "a2.png", "no\udcff.png"]
+    assert done.returncode == 1
+
+
+def test_a_reader_that_leaves_early(folder: Path) -> None:
+    names = "a1.png\n" * 2000
+    command = [sys.executable, "-m", "gateway", "detect", "--json", "-"]
+    with subprocess.Popen(
+        command, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdin.write(names.encode())
+        process.stdin.close()
+        json.loads(process.stdout.readline())
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=60) == 1
+
+
+def test_a_hundred_megapixels(tmp_path: Path) -> None:
+    image = np.full((8000, 12500, 3), (95, 95, 92), np.uint8)
+    cv2.circle(image, (9000, 3000), 2000, (30, 30, 200), -1)
+    cv2.imwrite(str(tmp_path / "large.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    (row,) = rows(detect("--json", "large.jpg", cwd=tmp_path))
+    assert (row["width"], row["height"]) == (12500, 8000)
+    assert (row["u"], row["v"]) == pytest.approx((9000, 3000), abs=0.5)
+    assert row["r"] == pytest.approx(2001.5, abs=1)
+
+
+def test_a_small_file_that_claims_a_gigapixel_takes_no_memory(tmp_path: Path) -> None:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    for name, side in (("more", 30_000), ("limit", 16_400)):  # 900 and 269 megapixels
+        header = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
+        data = b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(bytes(10**6))) + chunk(b"IEND", b"")
+        (tmp_path / f"{name}.png").write_bytes(data)
+    measured = (
+        "import pathlib, runpy, sys; sys.argv[:1] = ['gateway']\n"
+        "try: runpy.run_module('gateway', run_name='__main__')\n"
+        # Not getrusage: its peak holds the peak of the process that started this one.
+        "finally: print(pathlib.Path('/proc/self/status').read_text().split('VmHWM:')[1].split()[0], file=sys.stderr)"
+    )
+    command = [sys.executable, "-c", measured, "detect", "--json", "."]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=100, check=False)
+    assert [row["error"][:42] for row in rows(done)] == ["too large: more than 268435456 pixels, or "] * 2
+    assert int(done.stderr.split()[-1]) < 400_000  # kB
+
+
+def test_the_decoders_say_nothing_of_their_own(folder: Path) -> None:
+    cv2.imwrite(str(folder / "b.tif"), disc().astype(np.float32))
+    (folder / "c.mp4").write_bytes(b"nonsense" * 100)
+    (folder / "d.webp").write_bytes((folder / "a1.png").read_bytes()[:300])
+    done = detect(".", cwd=folder)
+    assert done.returncode == 1
+    said = [line for line in done.stderr.decode().splitlines() if not line.startswith("libpng")]
+    assert said == ["pictures: 5, marker found: 4, inputs failed: 5"]

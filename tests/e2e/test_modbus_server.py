@@ -1,0 +1,514 @@
+"""The Modbus server over real sockets, asked by clients that we did not write: mbpoll and pymodbus's."""
+
+import asyncio
+import logging
+import re
+import shlex
+import socket
+import struct
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymodbus.client import AsyncModbusTcpClient, ModbusTcpClient
+from pymodbus.pdu.mei_message import ReadDeviceInformationRequest
+from pymodbus.server import ModbusBaseServer
+
+from gateway import __version__
+from gateway.config import ModbusConfig
+from gateway.errors import ConfigError, LinkError
+from gateway.modbus.registers import BLOCK_WORDS, decode, encode
+from gateway.modbus.server import CLOSE_TIMEOUT_S, ModbusServer
+from gateway.modbus.words import WordOrder
+from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+
+MS = 1_000_000
+PAGE = Path(__file__).parents[2] / "docs" / "registers.md"
+ANY_PORT = ModbusConfig(port=0)
+
+# The state that docs/registers.md shows.
+ON_ITS_MARK = StateVector(
+    bay="bay1",
+    t_ns=30_000 * MS,
+    seq=2123,
+    heartbeat=1401,
+    vision=VisionReading(29_980 * MS, Quality.GOOD, Circle(640.28, 355.21, 181.26), frame_id=843),
+    range=RangeReading(29_955 * MS, Quality.GOOD, 298.6, seq=499),
+    d=True,
+    stop=True,
+    reason=Reason.TARGET_REACHED,
+)
+IMAGE = encode(ON_ITS_MARK, 1_763_640_000_123 * MS, "big")
+COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))  # every register tells its own address
+
+
+def run(coroutine: Coroutine[Any, Any, None]) -> None:
+    """Run to the end; a task left behind is a leak."""
+
+    async def watched() -> None:
+        await coroutine
+        for _ in range(3):
+            await asyncio.sleep(0)
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        assert not left
+
+    asyncio.run(watched())
+
+
+@contextmanager
+def connected(server: ModbusServer) -> Iterator[socket.socket]:
+    with closing(socket.create_connection(("127.0.0.1", server.port), timeout=5)) as raw:
+        yield raw
+
+
+async def in_thread(work: Callable[[], Any]) -> Any:
+    return await asyncio.get_running_loop().run_in_executor(None, work)
+
+
+async def ask(server: ModbusServer, unit: int, pdu: bytes) -> bytes:
+    """One raw request; the answer without its header, which is checked."""
+
+    def exchange() -> bytes:
+        with connected(server) as raw:
+            raw.sendall(struct.pack(">HHHB", 0xBEEF, 0, len(pdu) + 1, unit) + pdu)
+            answer = raw.recv(300)
+        transaction, protocol, length, answered_by = struct.unpack(">HHHB", answer[:7])
+        assert (transaction, protocol, length, answered_by) == (0xBEEF, 0, len(answer) - 6, unit)
+        return answer[7:]
+
+    return bytes(await in_thread(exchange))
+
+
+async def mbpoll(line: str) -> tuple[int, list[str]]:
+    """Exit code and the lines that show values."""
+    process = await asyncio.create_subprocess_exec(
+        *shlex.split(line), stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+    )
+    out, _ = await process.communicate()
+    text = out.decode()
+    shown = [row.rstrip() for row in text.splitlines() if re.match(r"\[\d+\]:", row)]
+    return process.returncode or 0, shown or [text.splitlines()[0]]
+
+
+def value_of(line: str) -> str:
+    """`[11]: <tab>65506 (-30)` -> `65506`."""
+    return line.split(":", 1)[1].split(maxsplit=1)[0]
+
+
+async def with_client(
+    server: ModbusServer, use: Callable[[AsyncModbusTcpClient], Awaitable[None]], host: str = "127.0.0.1"
+) -> None:
+    client = AsyncModbusTcpClient(host, port=server.port)
+    assert await client.connect()
+    try:
+        await use(client)
+    finally:
+        client.close()
+
+
+def test_every_address_with_pymodbus() -> None:
+    async def use(client: AsyncModbusTcpClient) -> None:
+        whole = await client.read_holding_registers(0, count=100)
+        assert tuple(whole.registers) == COUNTING
+        for read in (client.read_holding_registers, client.read_input_registers):
+            for address in range(BLOCK_WORDS):
+                one = await read(address, count=1)
+                assert one.registers == [1000 + address]
+            some = await read(37, count=41)
+            assert some.registers == list(range(1037, 1078))
+
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+            await with_client(server, use)
+            assert server.stats.requests == 203
+            assert server.stats.exceptions == 0
+            assert server.stats.connections == 1
+
+    run(main())
+
+
+def test_every_address_with_mbpoll() -> None:
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+            for table in ("3", "4"):
+                code, shown = await mbpoll(
+                    f"mbpoll -m tcp -0 -1 -a 1 -t {table} -r 0 -c 100 -p {server.port} 127.0.0.1"
+                )
+                assert code == 0
+                assert [int(value_of(line)) for line in shown] == list(COUNTING)
+
+    run(main())
+
+
+@pytest.mark.parametrize(("order", "flag"), [("big", "-B"), ("little", "")])
+def test_float_word_order_with_mbpoll(order: WordOrder, flag: str) -> None:
+    async def main() -> None:
+        image = encode(ON_ITS_MARK, 0, order)
+        async with ModbusServer(ANY_PORT, {1: lambda: image}) as server:
+            poll = f"mbpoll -m tcp -0 -1 -a 1 -p {server.port} 127.0.0.1"
+            _, right = await mbpoll(f"{poll} {flag} -t 4:float -r 42 -c 6")
+            assert [value_of(line) for line in right] == ["123456", "640.28", "355.21", "181.26", "298.6", "nan"]
+            _, right = await mbpoll(f"{poll} {flag} -t 4:int -r 40 -c 1")
+            assert [value_of(line) for line in right] == ["305419896"]
+            other = "" if flag else "-B"
+            _, wrong = await mbpoll(f"{poll} {other} -t 4:float -r 42 -c 1")
+            assert [value_of(line) for line in wrong] == ["1.08658e-19"]  # what the page says a swap looks like
+            _, wrong = await mbpoll(f"{poll} {other} -t 4:int -r 40 -c 1")
+            assert [value_of(line) for line in wrong] == ["1450709556"]
+
+    run(main())
+
+
+def test_the_lines_in_the_page_are_real() -> None:
+    """Every mbpoll line of docs/registers.md is run; its output must be the page's."""
+    shown: list[tuple[str, list[str]]] = []
+    for block in re.findall(r"```console\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S):
+        for line in block.splitlines():
+            if line.startswith("$ "):
+                shown.append((line[2:], []))
+            else:
+                shown[-1][1].append(line.rstrip())
+    assert len(shown) == 4
+
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: IMAGE}) as server:
+            for command, expected in shown:
+                assert " -p 5020 " in command
+                assert await mbpoll(command.replace("5020", str(server.port))) == (0, expected)
+
+    run(main())
+
+
+def test_four_bays_and_one_that_fails() -> None:
+    def broken() -> Sequence[int]:
+        raise KeyError("bay3")
+
+    def of(unit: int) -> Callable[[], Sequence[int]]:
+        return lambda: [unit * 100 + word for word in range(BLOCK_WORDS)]
+
+    images = {1: of(1), 2: of(2), 3: broken, 4: of(4), 247: of(247)}
+
+    async def use(client: AsyncModbusTcpClient) -> None:
+        for _ in range(3):
+            for unit in (1, 2, 4, 247):
+                read = await client.read_holding_registers(10, count=2, device_id=unit)
+                assert read.registers == [unit * 100 + 10, unit * 100 + 11]
+            failed = await client.read_holding_registers(10, count=2, device_id=3)
+            assert (failed.isError(), failed.exception_code) == (True, 4)
+
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, images) as server:
+            await with_client(server, use)
+            assert server.stats.image_faults == 3
+            code, shown = await mbpoll(f"mbpoll -m tcp -0 -1 -a 1,2,4,247 -r 7 -p {server.port} 127.0.0.1")
+            assert code == 0
+            assert [int(value_of(line)) for line in shown] == [107, 207, 407, 24707]
+
+    run(main())
+
+
+@pytest.mark.parametrize("words", [[0x1_0000], [-1], ["x"], [1.5], None])
+def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: words}) as server:
+            with caplog.at_level(logging.ERROR):
+                for _ in range(3):
+                    assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x83\x04"
+            assert server.stats.image_faults == 3
+            assert [record.message for record in caplog.records] == ["modbus: no image to answer with"]
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("unit", "pdu", "answer"),
+    [
+        (1, "03 0063 0001", "03 02 044B"),  # the last register
+        (1, "03 0064 0001", "83 02"),  # the first beyond
+        (1, "03 0063 0002", "83 02"),
+        (1, "03 0000 0065", "83 02"),
+        (1, "04 FFFF 0001", "84 02"),
+        (1, "03 FFFF 007D", "83 02"),
+        (1, "03 0000 0000", "83 03"),  # no registers
+        (1, "03 0000 007E", "83 03"),  # more than fit into an answer
+        (1, "04 0000 0000", "84 03"),
+        (1, "04 00", "84 03"),
+        (9, "03 0000 0000", "83 0B"),
+        (9, "03 0000 0001", "83 0B"),  # no such bay
+        (0, "04 0000 0001", "84 0B"),
+        (9, "06 0004 0000", "86 0B"),
+        (9, "2B 0E 01 00", "AB 0B"),
+        (1, "01 0000 0001", "81 01"),
+        (1, "02 0000 0001", "82 01"),
+        (1, "05 0000 FF00", "85 01"),  # writes, all of them
+        (1, "06 0004 0000", "86 01"),
+        (1, "0F 0000 0001 01 00", "8F 01"),
+        (1, "10 0004 0001 02 0000", "90 01"),
+        (1, "16 0004 0000 0000", "96 01"),
+        (1, "17 0000 0001 0004 0001 02 0000", "97 01"),
+        (1, "07", "87 01"),  # what pymodbus would make up an answer to
+        (1, "08 0000 1234", "88 01"),
+        (1, "0B", "8B 01"),
+        (1, "11", "91 01"),
+        (1, "14 07 06 0001 0000 0001", "94 01"),
+        (1, "18 0000", "98 01"),
+        (1, "41 00", "C1 01"),  # what it does not know
+    ],
+)
+def test_answers_and_refusals_byte_for_byte(unit: int, pdu: str, answer: str) -> None:
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+            assert await ask(server, unit, bytes.fromhex(pdu)) == bytes.fromhex(answer)
+            assert server.stats.exceptions == int(answer[0] != "0")
+
+    run(main())
+
+
+def test_identity() -> None:
+    async def use(client: AsyncModbusTcpClient) -> None:
+        told = await client.execute(False, ReadDeviceInformationRequest(read_code=2, dev_id=1))
+        assert told.information == {
+            0: b"plc-loading-gateway",
+            1: b"plc-loading-gateway",
+            2: __version__.encode(),
+            4: b"PLC integration gateway for bulk loading",
+        }
+
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+            await with_client(server, use)
+
+    run(main())
+
+
+def states(count: int) -> list[tuple[int, ...]]:
+    """Images whose every value follows from their sequence number."""
+    made = []
+    for seq in range(count):
+        state = replace(
+            ON_ITS_MARK,
+            seq=seq,
+            heartbeat=seq,
+            vision=replace(ON_ITS_MARK.vision, circle=Circle(seq * 1.1, seq * 1.2, seq * 1.3), frame_id=seq),
+            range=replace(ON_ITS_MARK.range, distance_mm=float(seq)),
+        )
+        made.append(encode(state, seq * MS, "big"))
+    return made
+
+
+def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
+    """Another image at every turn of the event loop, which is where a gateway's images change."""
+    images = states(2000)
+    shown = [images[0]]
+    swaps = 0
+
+    async def swap() -> None:
+        nonlocal swaps
+        while True:
+            swaps += 1
+            shown[0] = images[swaps % len(images)]
+            await asyncio.sleep(0)
+
+    def poll(port: int) -> tuple[int, int, int, int]:
+        torn, accepted, refused = 0, 0, 0
+        seen: set[int] = set()
+        client = ModbusTcpClient("127.0.0.1", port=port)
+        assert client.connect()  # type: ignore[no-untyped-call]  # pymodbus
+        with closing(client):
+            for _ in range(1500):
+                words = tuple(client.read_holding_registers(0, count=100).registers)
+                seen.add(words[0])
+                torn += words[0] != words[99] or words != images[words[0] // 2]
+                # The same in two reads: where the two numbers agree, the parts belong together.
+                tail = client.read_input_registers(50, count=50).registers
+                head = client.read_input_registers(0, count=50).registers
+                if head[0] == tail[49]:
+                    accepted += 1
+                    torn += (*head, *tail) != images[head[0] // 2]
+                else:
+                    refused += 1
+        return torn, len(seen), accepted, refused
+
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: shown[0]}) as server, asyncio.TaskGroup() as group:
+            writer = group.create_task(swap())
+            polls = [group.create_task(in_thread(lambda: poll(server.port))) for _ in range(2)]
+            for found in asyncio.as_completed(polls):
+                torn, seen, accepted, refused = await found
+                assert torn == 0
+                assert seen > 300, f"{seen} images seen, {swaps} shown"
+                assert refused > 300, f"{accepted} pairs accepted, {refused} refused"
+            writer.cancel()
+
+    run(main())
+
+
+def test_an_image_is_taken_once_per_request() -> None:
+    """A callable that gives another image at every call: one answer holds one of them."""
+    images = iter(states(1000))
+    taken = 0
+
+    def following() -> Sequence[int]:
+        nonlocal taken
+        taken += 1
+        return next(images)
+
+    async def use(client: AsyncModbusTcpClient) -> None:
+        for expected in range(200):
+            read = await client.read_holding_registers(0, count=100)
+            assert decode(read.registers)["heartbeat"] == expected
+
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: following}) as server:
+            await with_client(server, use)
+        assert taken == 200
+
+    run(main())
+
+
+def test_ends_fast_whatever_its_clients_do() -> None:
+    """An idle client, one in the middle of a frame, and one that asks without end and never reads."""
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        server = ModbusServer(ANY_PORT, {1: lambda: COUNTING})
+        async with server:
+            port = server.port
+            idle, half = (socket.create_connection(("127.0.0.1", port)) for _ in range(2))
+            half.sendall(b"\x00\x01\x00\x00\x00")
+            greedy = socket.socket()
+            greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)  # before connecting, or the window is wide
+            greedy.connect(("127.0.0.1", port))
+            request = b"\x00\x01\x00\x00\x00\x06\x01\x03\x00\x00\x00\x64"
+            greedy.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            while server.stats.open < 3:  # noqa: ASYNC110 - a counter, not an event
+                await asyncio.sleep(0.01)
+            assert server._listener is not None
+            ends = server._listener._transports
+            for end in ends:
+                end.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1024)
+            # Until the kernel takes no more and answers pile up in the process.
+            while not any(end.get_write_buffer_size() for end in ends):
+                greedy.sendall(request)
+                await asyncio.sleep(0)
+            assert server.stats.open == 3
+            started = loop.time()
+        took = loop.time() - started
+        assert took < CLOSE_TIMEOUT_S
+        assert server.stats.open == 0
+        for client in (idle, half):
+            client.settimeout(1)
+            assert client.recv(10) == b""
+        for client in (idle, half, greedy):
+            client.close()
+        with pytest.raises(RuntimeError, match="not running"):
+            _ = server.port
+        # The port is free for the next one at once, and the same object may be entered again.
+        async with ModbusServer(ModbusConfig(port=port), {1: lambda: COUNTING}), server:
+            assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x03\xe8"
+        assert ModbusBaseServer.active_server is None
+
+    run(main())
+
+
+@pytest.mark.parametrize("iterations", range(8))
+def test_a_connection_that_comes_with_the_end_is_cut_too(iterations: int) -> None:
+    """Accepting takes a few turns of the event loop; the end may come at any of them."""
+
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+            late = socket.create_connection(("127.0.0.1", server.port), timeout=1)
+            for _ in range(iterations):
+                await asyncio.sleep(0)
+        for _ in range(8):
+            await asyncio.sleep(0)
+        with closing(late), suppress(ConnectionResetError):
+            assert late.recv(10) == b""
+        assert server.stats.open == 0
+
+    run(main())
+
+
+def test_two_servers_in_one_process() -> None:
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {1: lambda: [111] * 5}) as first:
+            async with ModbusServer(ANY_PORT, {1: lambda: [222] * 5}) as second:
+                assert first.port != second.port
+                assert await ask(first, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\x6f"
+                assert await ask(second, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\xde"
+            assert await ask(first, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\x6f"
+            assert (first.stats.requests, second.stats.requests) == (2, 1)
+
+    run(main())
+
+
+def test_a_port_in_use_may_become_free() -> None:
+    async def main() -> None:
+        async with ModbusServer(ANY_PORT, {}) as server:
+            with pytest.raises(LinkError, match=f"127.0.0.1 port {server.port}: another program listens there"):
+                await ModbusServer(ModbusConfig(port=server.port), {}).__aenter__()
+
+    run(main())
+
+
+def test_a_host_that_is_none_is_for_the_operator() -> None:
+    async def main() -> None:
+        with pytest.raises(ConfigError, match=r"modbus\.host is neither an address nor a known name"):
+            await ModbusServer(ModbusConfig(host="no.such.host.invalid", port=0), {}).__aenter__()
+
+    run(main())
+
+
+def test_a_name_with_several_addresses_gets_one_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `localhost` is where both 127.0.0.1 and ::1 carry that name."""
+    resolve = socket.getaddrinfo
+
+    def getaddrinfo(host: str, *args: Any, **kwargs: Any) -> list[Any]:
+        hosts = ("127.0.0.1", "127.0.0.2") if host == "two.example" else (host,)
+        return [found for name in hosts for found in resolve(name, *args, **kwargs)]
+
+    async def use(client: AsyncModbusTcpClient) -> None:
+        assert (await client.read_holding_registers(7, count=1)).registers == [1007]
+
+    async def main() -> None:
+        monkeypatch.setattr(socket, "getaddrinfo", getaddrinfo)
+        async with ModbusServer(ModbusConfig(host="two.example", port=0), {1: lambda: COUNTING}) as server:
+            await with_client(server, use, host="127.0.0.1")
+            await with_client(server, use, host="127.0.0.2")
+
+    run(main())
+
+
+def test_ipv6() -> None:
+    """On a machine without IPv6 the operator is told that the address is not there."""
+
+    async def use(client: AsyncModbusTcpClient) -> None:
+        assert (await client.read_holding_registers(7, count=1)).registers == [1007]
+
+    async def main() -> None:
+        try:
+            with socket.socket(socket.AF_INET6) as probe:
+                probe.bind(("::1", 0))
+        except OSError:
+            with pytest.raises((LinkError, ConfigError), match="cannot listen on ::1"):
+                await ModbusServer(ModbusConfig(host="::1", port=0), {}).__aenter__()
+            return
+        async with ModbusServer(ModbusConfig(host="::1", port=0), {1: lambda: COUNTING}) as server:
+            await with_client(server, use, host="::1")
+
+    run(main())
+
+
+def test_the_callers_error_passes_through() -> None:
+    async def main() -> None:
+        server = ModbusServer(ANY_PORT, {1: lambda: COUNTING})
+        with pytest.raises(ZeroDivisionError):
+            async with server:
+                raise ZeroDivisionError
+        async with server:
+            assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x03\xe8"
+
+    run(main())

@@ -1,0 +1,511 @@
+"""From real bytes on a real port to readings: pty, socket:// and rfc2217://, with every cable fault a pty can have.
+
+A pty has no baud rate, so a wrong one cannot be tried here; what it does to the bytes (garbage) can.
+"""
+
+import asyncio
+import contextlib
+import os
+import random
+import socket
+import threading
+import time
+import tty
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from typing import Any
+
+import pytest
+import serial
+import serial.rfc2217
+
+from gateway.clock import Clock, SystemClock
+from gateway.config import RangerConfig, Reconnect
+from gateway.errors import LinkError
+from gateway.model import Quality, RangeReading
+from gateway.ranger.pace import Place
+from gateway.ranger.protocol import Hello, Measurement, encode_hello, encode_measurement
+from gateway.ranger.service import RangerService
+from gateway.sim.hcsr04 import SensorErrors
+from gateway.sim.ranger import SimulatedRanger
+from gateway.sim.ranger_board import RangerFault
+from gateway.supervisor import Supervisor, Task
+
+HELLO = encode_hello(Hello("test", 1, 60, 1))
+QUICK = Reconnect(min_s=0.05, max_s=0.1)
+
+
+@pytest.fixture(autouse=True)
+def no_thread_survives() -> Iterator[None]:
+    yield
+    assert [t.name for t in threading.enumerate() if "ranger" in t.name.lower() or "2217" in t.name] == []
+
+
+class Host:
+    """The service under a supervisor, and everything it said, with the time it was said."""
+
+    def __init__(self, port: str, clock: Clock, **config: Any) -> None:
+        self.clock = clock
+        self.said: list[tuple[int, RangeReading]] = []
+        self._changed = asyncio.Event()
+        self.service = RangerService(RangerConfig(**config), clock, self._heard, port=port)
+        self.supervisor = Supervisor([Task("ranger", self.service.run, QUICK)], clock)
+
+    def _heard(self, reading: RangeReading) -> None:
+        self.said.append((self.clock.now_ns(), reading))
+        self._changed.set()
+
+    async def until(self, wanted: Callable[[RangeReading], bool], seconds: float = 10.0) -> RangeReading:
+        """The first reading from now on that is wanted; `seconds` are the machine's."""
+        seen = len(self.said)
+        async with asyncio.timeout(seconds):
+            while True:
+                for _, reading in self.said[seen:]:
+                    if wanted(reading):
+                        return reading
+                seen = len(self.said)
+                self._changed.clear()
+                await self._changed.wait()
+
+    async def until_good(self, seconds: float = 10.0) -> RangeReading:
+        return await self.until(lambda r: r.quality is Quality.GOOD, seconds)
+
+
+@contextlib.asynccontextmanager
+async def together(*work: Callable[[], Coroutine[Any, Any, None]]) -> AsyncIterator[None]:
+    """Run these beside the test, and cancel them at its end."""
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(each()) for each in work]
+        try:
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+
+
+@contextlib.contextmanager
+def bare_pty() -> Iterator[tuple[int, str]]:
+    """Master and the path of the other side."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    path = os.ttyname(slave)
+    os.close(slave)
+    os.set_blocking(master, False)
+    try:
+        yield master, path
+    finally:
+        os.close(master)
+
+
+def line(seq: int, mm: float) -> bytes:
+    return encode_measurement(Measurement(seq & 0xFFFF, round(mm * 4000 / 343.42)))
+
+
+# -- pty --------------------------------------------------------------------------------------------------------------
+
+
+def test_distances_arrive_dated_and_in_time() -> None:
+    async def main() -> None:
+        clock = SystemClock()
+        origin_ns = clock.now_ns()
+
+        def truth(t_ns: int) -> float:
+            return 520.0 - 60.0 * (t_ns - origin_ns) / 1e9
+
+        exact = SensorErrors(0.0, 0.0, 0.0)
+        async with SimulatedRanger(truth, clock, errors=exact) as ranger:
+            host = Host(ranger.port, clock)
+            async with together(ranger.run, host.supervisor.run):
+                await asyncio.sleep(3)
+            good = [(at, r) for at, r in host.said if r.distance_mm is not None]
+            assert 35 <= len(good) <= 50
+            errors = sorted(abs((r.distance_mm or 0) - truth(r.t_ns)) for _, r in good)
+            assert errors[len(errors) // 2] < 0.5
+            assert errors[-1] < 0.15 * 60.0 + 0.5  # on a busy machine a date may be 150 ms too fresh, not more
+            ages_ms = sorted((at - r.t_ns) / 1e6 for at, r in good[3:])
+            assert 85 <= ages_ms[len(ages_ms) // 2] <= 130  # a line, and one cycle of the median
+            assert good[-1][1].stats.rate_hz == pytest.approx(16.7, abs=4)
+            assert good[-1][1].stats.damaged == 0
+            assert host.service.session.hello == Hello("hcsr04-sim", 1, 60, 1)
+
+    asyncio.run(main())
+
+
+def test_cancelling_ends_the_thread_and_frees_the_port() -> None:
+    async def main() -> None:
+        clock = SystemClock()
+        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
+            host = Host(ranger.port, clock)
+            async with together(ranger.run):
+                async with together(host.supervisor.run):
+                    await host.until_good()
+                    said = len(host.said)
+                    begun = time.monotonic()
+                assert time.monotonic() - begun < 0.5
+                assert [t.name for t in threading.enumerate() if t.name.startswith("ranger")] == []
+                await asyncio.sleep(0.1)
+                assert not ranger.opened
+                assert len(host.said) <= said + 2
+
+    asyncio.run(main())
+
+
+def test_unplug_and_replug() -> None:
+    async def main() -> None:
+        clock = SystemClock(speed=2.0)
+        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
+            host = Host(ranger.port, clock)
+            async with together(ranger.run, host.supervisor.run):
+                before = await host.until_good()
+                for n in (1, 2, 3):
+                    ranger.forced[RangerFault.UNPLUGGED] = 0.0
+                    down = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
+                    assert down.detail.startswith(f"ranger port {ranger.port}")
+                    assert not ranger.plugged
+                    missing = await host.until(lambda r: "no such device" in r.detail)
+                    assert missing.quality is Quality.LINK_DOWN
+                    del ranger.forced[RangerFault.UNPLUGGED]
+                    after = await host.until_good()
+                    assert after.distance_mm == pytest.approx(500.0, abs=12.1)
+                    assert after.stats.reopens == n
+                assert after.stats.lines > before.stats.lines
+                assert after.stats.gaps == 0  # another connection is not a gap
+            assert host.supervisor.records["ranger"].crashes == 0
+
+    asyncio.run(main())
+
+
+def test_opening_resets_the_board_and_its_boot_is_waited_for() -> None:
+    async def main() -> None:
+        clock = SystemClock()
+        async with SimulatedRanger(lambda t: 500.0, clock, boot_s=1.6, resets_on_open=True) as ranger:
+            host = Host(ranger.port, clock)
+            async with together(ranger.run, host.supervisor.run):
+                await host.until_good()
+            assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.GOOD}
+            assert host.service.session.hello == Hello("hcsr04-sim", 1, 60, 2)
+
+    asyncio.run(main())
+
+
+def test_noise_on_the_line_makes_no_distance_and_is_over_when_it_is_over() -> None:
+    async def main() -> None:
+        clock = SystemClock(speed=5.0)
+        async with SimulatedRanger(lambda t: 500.0, clock, seed=5) as ranger:
+            host = Host(ranger.port, clock)
+            async with together(ranger.run, host.supervisor.run):
+                await host.until_good()
+                ranger.forced[RangerFault.LINE_NOISE] = 0.05
+                await clock.sleep(15)
+                del ranger.forced[RangerFault.LINE_NOISE]
+                quiet_ns = clock.now_ns()
+                first = await host.until(lambda r: r.quality is Quality.GOOD and r.t_ns > quiet_ns)
+                assert first.t_ns - quiet_ns < 400_000_000
+            distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
+            assert all(abs(mm - 500.0) <= 12.1 for mm in distances)
+            assert host.said[-1][1].stats.damaged > 100
+            assert not [r for _, r in host.said if r.quality is Quality.LINK_DOWN]
+
+    asyncio.run(main())
+
+
+def test_silence_is_reported_and_the_ranger_is_asked() -> None:
+    async def main() -> None:
+        clock = SystemClock(speed=3.0)
+        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
+            host = Host(ranger.port, clock)
+            async with together(ranger.run, host.supervisor.run):
+                await host.until_good()
+                ranger.forced[RangerFault.SILENT] = 0.0
+                stale = await host.until(lambda r: r.quality is Quality.STALE)
+                assert stale.detail == "nothing heard for 1 s"
+                assert host.service.session.question_due(clock.now_ns()) is False  # just asked
+                del ranger.forced[RangerFault.SILENT]
+                await host.until_good()
+
+    asyncio.run(main())
+
+
+def test_a_question_is_answered_over_the_port() -> None:
+    """The hello at boot went unheard; without the question the next one would come after five seconds."""
+
+    async def main() -> None:
+        clock = SystemClock()
+        async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
+            await asyncio.sleep(0.5)
+            assert ranger.dropped_bytes > 100  # nobody listens, nothing piles up
+            host = Host(ranger.port, clock)
+            async with together(host.supervisor.run):
+                begun = time.monotonic()
+                await host.until_good()
+                assert time.monotonic() - begun < 1.0
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("cut", ["bytes", "ragged", "lines", "pairs"])
+def test_however_the_bytes_are_cut(cut: str) -> None:
+    async def main() -> None:
+        chance = random.Random(1)
+        with bare_pty() as (master, path):
+            host = Host(path, SystemClock())
+
+            async def board() -> None:
+                await host.until(lambda r: r.quality is Quality.WAITING)
+                os.write(master, HELLO)
+                for n in range(12):
+                    rest = line(n, 500.0) if cut != "pairs" else line(2 * n, 500.0) + line(2 * n + 1, 500.0)
+                    pause = asyncio.create_task(asyncio.sleep(0.06 if cut != "pairs" else 0.12))
+                    while rest:
+                        size = {"bytes": 1, "ragged": chance.randrange(1, 12)}.get(cut, len(rest))
+                        os.write(master, rest[:size])
+                        rest = rest[size:]
+                        await asyncio.sleep(0.0005)
+                    await pause
+
+            async with together(host.supervisor.run):
+                await board()
+                await asyncio.sleep(0.2)
+            good = [r for _, r in host.said if r.quality is Quality.GOOD]
+            assert len(good) >= 6  # one begins, one is held back, a busy machine may be late
+            assert good[-1].stats.lines == (24 if cut == "pairs" else 12)
+            assert {round(r.distance_mm or 0) for r in good} == {500}
+            assert good[-1].stats.damaged == 0
+
+    asyncio.run(main())
+
+
+def test_garbage_for_ever_is_no_ranger() -> None:
+    async def main() -> None:
+        chance = random.Random(2)
+        with bare_pty() as (master, path):
+            clock = SystemClock(speed=4.0)
+            host = Host(path, clock)
+
+            async def babble() -> None:
+                while True:
+                    with contextlib.suppress(BlockingIOError):
+                        os.write(master, chance.randbytes(64))
+                    await asyncio.sleep(0.01)
+
+            async with together(host.supervisor.run, babble):
+                stale = await host.until(lambda r: r.quality is Quality.STALE)
+                assert "wrong baud rate, or not a ranger" in stale.detail
+            assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.STALE}
+
+    asyncio.run(main())
+
+
+def test_a_second_program_cannot_steal_the_port() -> None:
+    async def main() -> None:
+        clock = SystemClock()
+        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
+            first, second = Host(ranger.port, clock), Host(ranger.port, clock)
+            async with together(ranger.run, first.supervisor.run):
+                await first.until_good()
+                with pytest.raises(LinkError, match="another program uses it"):
+                    await second.service.run()
+                await first.until_good()
+
+    asyncio.run(main())
+
+
+def test_a_host_that_never_reads_costs_bytes_and_nothing_else() -> None:
+    async def main() -> None:
+        clock = SystemClock(speed=50.0)
+        async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
+            lazy = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY)
+            try:
+                for _ in range(200):
+                    await asyncio.sleep(0.05)
+                    if ranger.dropped_bytes > 1000:
+                        break
+                assert ranger.dropped_bytes > 1000
+                assert ranger.opened
+            finally:
+                os.close(lazy)
+            host = Host(ranger.port, SystemClock())
+            async with together(host.supervisor.run):
+                await host.until(lambda r: r.quality is Quality.WAITING)  # still opens, still alive
+
+    asyncio.run(main())
+
+
+def test_a_terminal_program_sees_the_bytes_as_they_are_sent() -> None:
+    """Opened without any setting of the line: no echo, CR LF untouched."""
+
+    async def main() -> None:
+        clock = SystemClock()
+        async with SimulatedRanger(lambda t: 250.0, clock, errors=SensorErrors(0.0, 0.0, 0.0)) as ranger:
+            terminal = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            try:
+                async with together(ranger.run):
+                    await asyncio.sleep(0.4)
+                    seen = os.read(terminal, 4096)
+            finally:
+                os.close(terminal)
+        assert seen.startswith(encode_hello(Hello("hcsr04-sim", 1, 60, 1)) + line(0, 250.0) + line(1, 250.0))
+
+    asyncio.run(main())
+
+
+# -- network ----------------------------------------------------------------------------------------------------------
+
+
+class Server:
+    """A serial server on a free loopback port: stores what came before anybody listened, as ser2net may."""
+
+    def __init__(self, stored: bytes = b"", flood: bool = False) -> None:
+        self._stored, self._flood = stored, flood
+        self.connections = 0
+        self.asked = b""
+
+    async def __aenter__(self) -> "Server":
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self.url = f"socket://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+        self._writers: list[asyncio.StreamWriter] = []
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._server.close()
+        await self.hang_up()
+
+    async def hang_up(self) -> None:
+        for writer in self._writers:
+            writer.close()
+            with contextlib.suppress(OSError):
+                await writer.wait_closed()
+        self._writers = []
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.connections += 1
+        self._writers.append(writer)
+        try:
+            writer.write(self._stored)
+            while self._flood:
+                writer.write(random.randbytes(65_536))
+                await writer.drain()
+            await asyncio.sleep(0.02)
+            for n in range(5000, 6000):
+                writer.write(HELLO if n % 20 == 0 else b"")
+                writer.write(line(n, 500.0))
+                await writer.drain()
+                await asyncio.sleep(0.06)
+        except (OSError, asyncio.CancelledError):
+            writer.close()
+
+
+def test_a_stale_backlog_from_a_serial_server_is_not_taken_for_now() -> None:
+    async def main() -> None:
+        stored = HELLO + b"".join(line(n, 200.0) for n in range(2000))  # two minutes ago the truck was near
+        async with Server(stored[11:]) as server:
+            host = Host(server.url, SystemClock())
+            async with together(host.supervisor.run):
+                await host.until_good()
+                await asyncio.sleep(0.5)
+            distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
+            assert len(distances) >= 7
+            assert {round(mm) for mm in distances} == {500}
+            assert host.service.session.unused[Place.DUPLICATE] == 0
+
+    asyncio.run(main())
+
+
+def test_a_serial_server_that_hangs_up_is_called_again() -> None:
+    async def main() -> None:
+        async with Server() as server:
+            host = Host(server.url, SystemClock())
+            async with together(host.supervisor.run):
+                await host.until_good()
+                await server.hang_up()
+                down = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
+                assert "was lost" in down.detail
+                await host.until_good()
+                assert server.connections == 2
+                begun = time.monotonic()
+            assert time.monotonic() - begun < 0.6
+
+    asyncio.run(main())
+
+
+def test_a_flooding_serial_server_does_not_hold_up_the_gateway() -> None:
+    async def main() -> None:
+        async with Server(flood=True) as server:
+            host = Host(server.url, SystemClock())
+            worst = 0.0
+            async with together(host.supervisor.run):
+                await host.until(lambda r: r.quality is Quality.WAITING)
+                for _ in range(100):
+                    begun = time.monotonic()
+                    await asyncio.sleep(0.01)
+                    worst = max(worst, time.monotonic() - begun - 0.01)
+            assert worst < 0.15
+            assert host.service.session.stats.lines == 0
+
+    asyncio.run(main())
+
+
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # pyserial 3.5
+def test_rfc2217_onto_a_pty() -> None:
+    """A remote port whose server never answers SET_CONTROL."""
+
+    async def main() -> None:
+        clock = SystemClock()
+        async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
+            with rfc2217_server(ranger.port) as url:
+                host = Host(url, clock)
+                async with together(host.supervisor.run):
+                    reading = await host.until_good(15)
+                    assert reading.distance_mm == pytest.approx(500.0, abs=12.1)
+                    begun = time.monotonic()
+                assert time.monotonic() - begun < 0.6
+
+    asyncio.run(main())
+
+
+@contextlib.contextmanager
+def rfc2217_server(path: str) -> Iterator[str]:
+    """One connection, served by two threads with pyserial's own server side."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    stop = threading.Event()
+
+    class Connection:
+        def __init__(self, peer: socket.socket) -> None:
+            self._peer = peer
+
+        def write(self, data: bytes) -> None:
+            with contextlib.suppress(OSError):
+                self._peer.sendall(data)
+
+    class Deaf(serial.rfc2217.PortManager):
+        def check_modem_lines(self, force_notification: bool = False) -> None:
+            """A pty has none."""
+
+        def _telnet_process_subnegotiation(self, suboption: bytes) -> None:
+            if suboption[1:2] != serial.rfc2217.SET_CONTROL:
+                super()._telnet_process_subnegotiation(suboption)  # type: ignore[misc]  # not in the stubs
+
+    def serve() -> None:
+        with contextlib.suppress(OSError):
+            peer, _ = listener.accept()
+            peer.settimeout(0.02)
+            with peer, serial.Serial(path, timeout=0) as port:
+                manager = Deaf(port, Connection(peer))  # type: ignore[arg-type]  # the stubs ask for ports
+                while not stop.is_set():
+                    if data := port.read(256):
+                        peer.sendall(b"".join(manager.escape(data)))
+                    try:
+                        got = peer.recv(256)
+                    except TimeoutError:
+                        continue
+                    if not got:
+                        return
+                    port.write(b"".join(manager.filter(got)))
+
+    thread = threading.Thread(target=serve, name="serial server")
+    thread.start()
+    try:
+        yield f"rfc2217://127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        stop.set()
+        listener.close()
+        thread.join(5)

@@ -1,0 +1,186 @@
+"""`gateway run` on a configuration file: a video file for a camera, a pty with real bytes for a ranger."""
+
+import asyncio
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import pytest
+
+from gateway.clock import SystemClock
+from gateway.model import Quality, Reason
+from gateway.sim import scenario as scenarios
+from gateway.sim.ranger import SimulatedRanger
+from gateway.sim.ranger_board import RangerFault
+from gateway.sim.render import Painter
+from gateway.sim.world import World
+from tests.e2e.plc import Plc
+from tests.e2e.processes import Gateway
+
+FPS = 25
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seconds of a truck that stands at 27 cm: R = 200 px."""
+    scenario = scenarios.parse({"start": {"distance_cm": 27}})
+    world, painter = World(scenario), Painter(scenario)
+    path = tmp_path_factory.mktemp("video") / "standing.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (640, 480))
+    assert writer.isOpened()
+    for index in range(2 * FPS):
+        writer.write(painter.frame(world.truth(index / FPS), index))
+    writer.release()
+    return path
+
+
+class Ranger:
+    """A simulated HC-SR04 in a thread of the test; its distance and faults are set by hand."""
+
+    def __init__(self) -> None:
+        self.distance_mm = 500.0
+        self.port = ""
+        self.forced: dict[RangerFault, float] = {}
+        self._ready = threading.Event()
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+        assert self._ready.wait(10)
+
+    def stop(self) -> None:
+        self._end.set()
+        self._thread.join(10)
+
+    async def _run(self) -> None:
+        async with SimulatedRanger(lambda _: self.distance_mm, SystemClock()) as board:
+            self.port = board.port
+            self.forced = board.forced
+            self._ready.set()
+            async with asyncio.TaskGroup() as group:
+                work = group.create_task(board.run())
+                await asyncio.to_thread(self._end.wait)
+                work.cancel()
+
+
+@pytest.fixture
+def ranger() -> Iterator[Ranger]:
+    board = Ranger()
+    board.start()
+    yield board
+    board.stop()
+
+
+def config_file(folder: Path, video: Path, port: str) -> Path:
+    path = folder / "bay.toml"
+    path.write_text(f"""
+site = "test"
+instance = "{folder.name}"
+[modbus]
+port = 0
+[camera]
+url = "{video}"
+loop = true
+[ranger]
+port = "{port}"
+[vision]
+min_area_px2 = 200.0
+""")
+    return path
+
+
+def test_a_video_and_a_serial_port_become_registers(tmp_path: Path, video: Path, ranger: Ranger) -> None:
+    """The AND of equation 14, then a pulled and replugged cable; the heartbeat never stops."""
+    with Gateway("run", str(config_file(tmp_path, video, ranger.port))) as gateway:
+        port = port_of(gateway)
+        with Plc(port) as plc:
+            far = plc.wait_for(lambda image: image["permit"] == 1).image
+            assert far["radius"] == pytest.approx(200, abs=3.0)
+            assert far["u"] == pytest.approx(319.5, abs=1.5)
+            assert far["v"] == pytest.approx(239.5, abs=1.5)
+            assert far["distance"] == pytest.approx(500, abs=17)
+            assert (far["d"], far["stop"]) == (0, 0)  # R alone is not enough
+
+            ranger.distance_mm = 280.0
+            near = plc.wait_for(lambda image: image["stop"] == 1).image
+            assert (near["d"], near["reason"]) == (1, Reason.TARGET_REACHED)
+            assert near["distance"] == pytest.approx(280, abs=17)
+
+            ranger.distance_mm = 500.0
+            plc.wait_for(lambda image: image["permit"] == 1)
+            ranger.forced[RangerFault.UNPLUGGED] = 0.0
+            pulled = plc.wait_for(lambda image: image["range_quality"] == Quality.LINK_DOWN).image
+            assert (pulled["stop"], pulled["permit"], pulled["distance"]) == (1, 0, None)
+            assert pulled["reason"] == Reason.RANGER_DOWN
+            assert pulled["radius"] is not None  # the camera is well
+            del ranger.forced[RangerFault.UNPLUGGED]
+            healed = plc.wait_for(lambda image: image["permit"] == 1).image
+            assert healed["ranger_reopens"] >= 1
+
+            ranger.forced[RangerFault.NO_ECHO] = 0.0
+            deaf = plc.wait_for(lambda image: image["stop"] == 1).image
+            assert (deaf["range_quality"], deaf["reason"]) == (Quality.NO_ECHO, Reason.NO_ECHO)
+            assert deaf["distance"] is None
+        assert gateway.end()[0] == 0
+
+
+def port_of(gateway: Gateway) -> int:
+    for _ in range(200):
+        for line in gateway.other:
+            if "Modbus TCP on" in line:
+                return int(line.split("127.0.0.1:")[1].split(",")[0])
+        threading.Event().wait(0.05)
+    raise AssertionError(gateway.stderr)
+
+
+def check(path: Path) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "gateway", "check", str(path)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+
+
+@pytest.mark.parametrize("name", ["gateway.toml", "four-bays.toml", "simulate.toml"])
+def test_every_shipped_configuration_is_good(name: str) -> None:
+    done = check(Path(__file__).parents[2] / "config" / name)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "good" in done.stdout
+
+
+def test_a_wrong_configuration_names_file_line_key_value_and_range(tmp_path: Path) -> None:
+    path = tmp_path / "bay.toml"
+    path.write_text('site = "a"\n[vision]\nmin_circularity = 1.5\nmorf_kernel_px = 3\n[camera]\nurl = "gopher://x"\n')
+    done = check(path)
+    assert done.returncode == 2
+    lines = done.stderr.splitlines()
+    assert any(line.startswith(f"{path}:3: vision.min_circularity = 1.5: ") and "<= 1" in line for line in lines)
+    assert any(line.startswith(f"{path}:4: vision.morf_kernel_px = 3: unknown key") for line in lines)
+
+
+def test_every_bad_address_is_told_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "bay.toml"
+    path.write_text("""[camera]
+url = "gopher://x"
+[[bays]]
+name = "a"
+[[bays]]
+name = "b"
+unit_id = 2
+ranger.port = "sockett://host:1"
+[mqtt]
+url = "mqtt://host:0"
+""")
+    done = check(path)
+    assert done.returncode == 2
+    assert [line.split(": ")[:2] for line in done.stderr.splitlines()] == [
+        [f"{path}:2", "camera.url"],
+        [f"{path}:8", "bays.1.ranger.port"],
+        [f"{path}:10", "mqtt.url"],
+    ]
+    assert "scheme gopher:// is unknown" in done.stderr
+    assert "sockett:// is not supported" in done.stderr
+    with Gateway("run", str(path)) as gateway:
+        assert gateway.finish() == 2
+        assert gateway.stderr.splitlines() == done.stderr.splitlines()

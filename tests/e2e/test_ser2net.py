@@ -1,0 +1,184 @@
+"""ser2net, a serial server that we did not write, between the emulated board and the gateway: raw and RFC 2217."""
+
+import asyncio
+import contextlib
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import pytest
+
+from gateway.clock import SystemClock
+from gateway.model import Quality
+from gateway.ranger.pace import LATE_NS, Place
+from gateway.ranger.protocol import Hello
+from gateway.sim.emulator import EmulatedRanger
+from gateway.sim.hcsr04 import SensorErrors
+from gateway.sim.ranger_board import RangerFault
+from tests.e2e.brokers import SEARCH, free_port
+from tests.e2e.test_ranger_port import Host, together
+from tests.firmware.bench_runs import built
+
+EXACT = SensorErrors(0.0, 0.0, 0.0)
+SPEED_MM_S = 200.0
+ACCEPTER = {"socket": "tcp", "rfc2217": "telnet(rfc2217),tcp"}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def firmware_and_bench() -> None:
+    built()
+
+
+class Ser2net:
+    """A context manager: ser2net serving `device` on a free loopback port."""
+
+    def __init__(self, folder: Path, device: str, kind: str) -> None:
+        self._folder, self._device, self._kind = folder, device, kind
+
+    @property
+    def url(self) -> str:
+        return f"{self._kind}://127.0.0.1:{self.port}"
+
+    def __enter__(self) -> Self:
+        program = shutil.which("ser2net", path=SEARCH)
+        assert program is not None, "ser2net is missing: apt-get install ser2net"
+        self.port = free_port()
+        config = self._folder / "ser2net.yaml"
+        config.write_text(
+            "connection: &ranger\n"
+            f"  accepter: {ACCEPTER[self._kind]},127.0.0.1,{self.port}\n"
+            f"  connector: serialdev,{self._device},9600n81,local\n"
+        )
+        self._log = (self._folder / "ser2net.log").open("wb")
+        self.process = subprocess.Popen([program, "-n", "-d", "-c", str(config)], stdout=self._log, stderr=self._log)
+        deadline = time.monotonic() + 10
+        while not self._listens():
+            log = (self._folder / "ser2net.log").read_text()
+            assert self.process.poll() is None, log
+            assert time.monotonic() < deadline, log
+            time.sleep(0.05)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.process.send_signal(signal.SIGCONT)
+        self.process.terminate()
+        try:
+            self.process.wait(5)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait(5)
+        self._log.close()
+
+    def _listens(self) -> bool:
+        """Looked up, not tried: a connection would open the device."""
+        wanted = f"0100007F:{self.port:04X} 00000000:0000 0A"
+        return wanted in Path("/proc/net/tcp").read_text()
+
+    @contextlib.contextmanager
+    def stalled(self) -> Iterator[None]:
+        """It stands still, as a network does; what comes meanwhile waits in buffers."""
+        self.process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self.process.send_signal(signal.SIGCONT)
+
+
+class Approach:
+    """A target that comes nearer all the time, so that an old distance is a wrong one."""
+
+    def __init__(self, clock: SystemClock) -> None:
+        self._origin_ns = clock.now_ns()
+
+    def __call__(self, t_ns: int) -> float:
+        return 3500.0 - SPEED_MM_S * (t_ns - self._origin_ns) / 1e9
+
+    def worst_mm(self, host: Host) -> float:
+        """The largest error of all readings at their own dates; and none is older than it says."""
+        return max(abs(r.distance_mm - self(r.t_ns)) for _, r in host.said if r.distance_mm is not None)
+
+
+FRESH_MM = SPEED_MM_S * (LATE_NS / 1e9) + 2.0
+"""What the contract allows: no date is more than 150 ms too fresh."""
+
+
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # pyserial 3.5
+@pytest.mark.parametrize("kind", ACCEPTER)
+def test_distances_come_through_and_a_stall_never_makes_an_old_one_look_fresh(kind: str, tmp_path: Path) -> None:
+    async def main() -> None:
+        clock = SystemClock()
+        truth = Approach(clock)
+        async with EmulatedRanger(truth, clock, errors=EXACT) as board:
+            with Ser2net(tmp_path, board.port, kind) as server:
+                host = Host(server.url, clock)
+                async with together(board.run, host.supervisor.run):
+                    await host.until_good()
+                    assert host.service.session.hello == Hello("hcsr04", 1, 60, 1)  # it asked, through the server
+                    await asyncio.sleep(1.0)
+                    before = host.service.session.stats
+                    assert before.damaged <= 1  # opening an RFC 2217 port empties buffers, perhaps amid a line
+                    with server.stalled():
+                        await asyncio.sleep(1.5)
+                    await host.until_good()
+                    await asyncio.sleep(1.0)
+                    after = host.service.session.stats
+                    assert after.rejected - before.rejected >= 10  # the held-up lines
+                    assert after.damaged == before.damaged
+                assert truth.worst_mm(host) < FRESH_MM
+                assert len([r for _, r in host.said if r.distance_mm is not None]) >= 25
+
+    asyncio.run(main())
+
+
+def test_a_stale_backlog_at_the_start_is_not_used(tmp_path: Path) -> None:
+    """The server stalls as soon as it has passed the gateway's question on: what it then hands out at once is old."""
+
+    async def main() -> None:
+        clock = SystemClock()
+        truth = Approach(clock)
+        log = tmp_path / "played"
+        async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
+            with Ser2net(tmp_path, board.port, "socket") as server:
+                host = Host(server.url, clock)
+                async with together(board.run, host.supervisor.run):
+                    await asyncio.to_thread(wait_for_a_question, log)
+                    with server.stalled():
+                        await asyncio.sleep(1.5)
+                    await host.until_good()
+                    await asyncio.sleep(1.0)
+                assert host.service.session.unused[Place.BACKLOG] >= 10
+                assert truth.worst_mm(host) < FRESH_MM
+
+    asyncio.run(main())
+
+
+def wait_for_a_question(log: Path) -> None:
+    """Until the board has heard the host."""
+    deadline = time.monotonic() + 10
+    while '"heard"' not in log.read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+
+
+def test_a_board_that_is_unplugged_behind_the_server_is_noticed_and_found_again(tmp_path: Path) -> None:
+    async def main() -> None:
+        clock = SystemClock()
+        async with EmulatedRanger(lambda t_ns: 520.0, clock, errors=EXACT) as board:
+            with Ser2net(tmp_path, board.port, "socket") as server:
+                host = Host(server.url, clock)
+                async with together(board.run, host.supervisor.run):
+                    await host.until_good()
+                    board.forced[RangerFault.UNPLUGGED] = 0.0
+                    await host.until(lambda r: r.quality in (Quality.LINK_DOWN, Quality.STALE))
+                    board.forced.clear()
+                    good = await host.until_good()
+                    assert good.distance_mm == pytest.approx(520, abs=0.2)
+
+    asyncio.run(main())

@@ -1,0 +1,611 @@
+"""Frames through real processes to readings; processes that die, hang and throw; and nothing left behind."""
+
+import asyncio
+import os
+import signal
+import socketserver
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import psutil
+import pytest
+
+from gateway.clock import SystemClock
+from gateway.config import CameraConfig, Reconnect, VisionConfig
+from gateway.errors import ConfigError
+from gateway.model import Quality, VisionReading
+from gateway.vision.jobs import DetectorSpec
+from gateway.vision.pipeline import STAGES
+from gateway.vision.service import VisionService
+from gateway.vision.sources import SourceSpec
+from gateway.vision.specs import source_spec
+from tests.e2e.vision_stand_ins import DIE, EXIT, HANG, THROW, ShadesSpec
+
+FAST = Reconnect(min_s=0.05, max_s=0.1)
+STAND_INS = "tests.e2e.vision_stand_ins"
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 30.0  # a busy machine may be slow; every wait ends as soon as it can
+
+
+class Bay:
+    """A running service with everything it has emitted."""
+
+    def __init__(
+        self,
+        spec: SourceSpec | str,
+        *,
+        workers: int = 1,
+        look_s: float = 1.0,
+        detector: str | None = f"{STAND_INS}:shade_reader",
+        cpus: tuple[int, ...] | None = None,
+        **camera: Any,
+    ) -> None:
+        camera_config = CameraConfig(
+            url=spec if isinstance(spec, str) else "0", reconnect=FAST, affinity=cpus, **camera
+        )
+        vision = VisionConfig(workers=workers, deadline_s=look_s, affinity=cpus)
+        self.clock = SystemClock()
+        self.readings: list[VisionReading] = []
+        self._news = asyncio.Event()
+        self._service = VisionService(
+            "bay1",
+            source_spec(camera_config) if isinstance(spec, str) else spec,
+            camera_config,
+            vision,
+            self.clock,
+            self._emit,
+            detector=DetectorSpec(vision, detector) if detector else None,
+        )
+
+    def _emit(self, reading: VisionReading) -> None:
+        self.readings.append(reading)
+        self._news.set()
+
+    async def __aenter__(self) -> "Bay":
+        self.task = asyncio.get_running_loop().create_task(self._service.run())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        begun = time.monotonic()
+        self.task.cancel()
+        with suppress(asyncio.CancelledError):
+            await self.task
+        assert time.monotonic() - begun < 2.0
+        assert family() == []
+
+    async def until(self, wanted: Callable[[VisionReading], bool], after: int = 0) -> int:
+        """Index of the first reading from `after` on that is wanted; waits for it."""
+        position = after
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                while position < len(self.readings):
+                    if wanted(self.readings[position]):
+                        return position
+                    position += 1
+                if self.task.done():
+                    self.task.result()
+                self._news.clear()
+                await self._news.wait()
+
+    async def quality(self, quality: Quality, after: int = 0) -> int:
+        return await self.until(lambda reading: reading.quality is quality, after)
+
+
+def family(role: str = "") -> list[psutil.Process]:
+    """Our child processes, by the name they give themselves."""
+    children = psutil.Process().children(recursive=True)
+    return [child for child in children if not role or child.name().startswith(f"gw-{role}")]
+
+
+def named_memory() -> list[str]:
+    """Named shared memory, except the state vectors of gateways that other tests may be running."""
+    return sorted(name for name in os.listdir("/dev/shm") if not name.startswith("loading-gateway."))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where Python is told not to keep bytecode, each of some fifty processes would compile numpy's sources anew."""
+    with pytest.MonkeyPatch.context() as patch:
+        if sys.dont_write_bytecode:
+            patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+            patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left_behind(_nothing_left_in_the_end: None) -> Iterator[None]:
+    before = possessions()
+    yield
+    assert possessions() == before
+
+
+@pytest.fixture(scope="module")
+def _nothing_left_in_the_end() -> Iterator[None]:
+    before = possessions()
+    assert family() == []
+    yield
+    assert family() == []
+    assert possessions() == before
+
+
+def possessions() -> tuple[int, int, list[str], int]:
+    """What may not grow: processes, descriptors, named memory, threads."""
+    return len(family()), len(os.listdir("/proc/self/fd")), named_memory(), threading.active_count()
+
+
+def shades(folder: Path, *values: int) -> str:
+    folder.mkdir(exist_ok=True)
+    for number, value in enumerate(values):
+        cv2.imwrite(str(folder / f"{number}.png"), np.full((16, 24, 3), value, np.uint8))
+    return str(folder)
+
+
+def disc(u: int, v: int, r: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    image = np.full((240, 320, 3), (120, 120, 120), np.uint8)
+    cv2.circle(image, (u, v), r, (30, 30, 200), -1)
+    return image
+
+
+def play(story: Callable[[], Any]) -> None:
+    asyncio.run(story())
+
+
+# The straight road.
+
+
+def test_a_folder_of_pictures_becomes_circles_with_the_real_pipeline(tmp_path: Path) -> None:
+    for n in range(3):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), disc(100 + 20 * n, 120, 40))
+
+    async def story() -> None:
+        async with Bay(str(tmp_path), detector=None, loop=True, fps=50) as bay:
+            at = await bay.until(lambda reading: reading.stats.frames == 20)
+        good = bay.readings[: at + 1]
+        assert {reading.quality for reading in good} == {Quality.GOOD}
+        for before, reading in pairwise(good):
+            assert reading.frame_id > before.frame_id
+            assert reading.t_ns > before.t_ns
+        for reading in good:
+            assert reading.circle is not None
+            assert reading.circle.u_px == pytest.approx(100 + 20 * ((reading.frame_id - 1) % 3), abs=0.5)
+            assert (reading.circle.v_px, reading.circle.radius_px) == pytest.approx((120, 40), abs=1.5)
+            assert 0 < reading.stats.latency_ms < 1000
+            assert [stage for stage, _ in reading.stage_ns] == [stage for stage, _, _ in STAGES]
+            spent_ns = [ns for _, ns in reading.stage_ns]
+            assert min(spent_ns) >= 0
+            assert 0 < sum(spent_ns) < reading.stats.latency_ms * 1e6  # the same clock
+        last = good[-1]
+        assert last.frame_id == last.stats.frames + last.stats.skipped
+        assert (last.stats.lost, last.stats.restarts, last.stats.reopens) == (0, 0, 0)
+        assert 0 <= bay.clock.now_ns() - last.t_ns < 5e9
+
+    play(story)
+
+
+def test_every_frame_of_a_fast_film_is_told_in_order_by_two_workers_and_then_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (320, 240))
+    for n in range(60):
+        writer.write(disc(40 + 4 * n, 120, 30))
+    writer.release()
+
+    async def story() -> None:
+        async with Bay(str(path), detector=None, workers=2, pace="fast") as bay:
+            end = await bay.quality(Quality.LINK_DOWN)
+            again = await bay.quality(Quality.GOOD, after=end)
+        film = bay.readings[:end]
+        assert [reading.frame_id for reading in film] == list(range(1, 61))
+        for n, reading in enumerate(film):
+            assert reading.circle is not None
+            assert reading.circle.u_px == pytest.approx(40 + 4 * n, abs=2)
+        assert bay.readings[end].detail == f"{path}: ended"
+        assert (bay.readings[end].stats.frames, bay.readings[end].stats.skipped) == (60, 0)
+        assert bay.readings[again].frame_id == 61  # it begins again, but its numbers go on
+        assert bay.readings[again].stats.reopens == 1
+
+    play(story)
+
+
+def test_cancelled_at_any_moment_of_the_start_leaves_nothing(tmp_path: Path) -> None:
+    async def story() -> None:
+        for delay_s in (0, 0.005, 0.03, 0.1, 0.3):
+            async with Bay(shades(tmp_path, 1), workers=2, loop=True):
+                await asyncio.sleep(delay_s)
+
+    play(story)
+
+
+# What the operator must mend.
+
+
+def test_a_cpu_that_does_not_exist_is_a_configuration_error(tmp_path: Path) -> None:
+    async def story() -> None:
+        with pytest.raises(ConfigError, match=r"camera\.affinity = \[4000\]: this machine has the CPUs 0 to \d+"):
+            async with Bay(shades(tmp_path, 1), cpus=(4000,)) as bay:
+                await bay.task
+
+    play(story)
+
+
+def test_a_source_that_could_never_work_ends_the_service_after_telling(tmp_path: Path) -> None:
+    async def story() -> None:
+        bay = Bay(ShadesSpec(tmp_path / "diary", 1, ("hopeless",)))
+        with pytest.raises(ConfigError, match="bay1: shades: this could never work"):
+            async with bay:
+                await bay.task
+        assert [reading.quality for reading in bay.readings] == [Quality.LINK_DOWN]
+
+    play(story)
+
+
+# One bay for several tests: what they break is mended, so each finds it whole.
+
+
+@dataclass
+class Standing:
+    """A bay that outlives a test, and the loop it lives in."""
+
+    runner: asyncio.Runner
+    bay: Bay
+    cpu: int
+    started: list[psutil.Process]
+
+    def play(self, story: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        self.runner.run(story())
+
+
+@pytest.fixture(scope="class")
+def standing(tmp_path_factory: pytest.TempPathFactory, _nothing_left_in_the_end: None) -> Iterator[Standing]:
+    """Ctrl-C comes while its processes start."""
+    pictures = shades(tmp_path_factory.mktemp("standing") / "pictures", 1)
+    cpu = max(os.sched_getaffinity(0))
+    with asyncio.Runner() as runner:
+        bay = Bay(pictures, loop=True, fps=50, cpus=(cpu,), deadline_s=5)
+
+        async def start() -> list[psutil.Process]:
+            await bay.__aenter__()
+            await asyncio.sleep(0.02)
+            started = family()
+            for process in started:
+                process.send_signal(signal.SIGINT)
+            await bay.quality(Quality.GOOD)
+            return started
+
+        yield Standing(runner, bay, cpu, runner.run(start()))
+        runner.run(bay.__aexit__())
+
+
+class TestAStandingBay:
+    def test_ctrl_c_hurts_no_process_neither_at_the_start_nor_later(self, standing: Standing) -> None:
+        async def story() -> None:
+            assert len(standing.started) == 2
+            for process in standing.started:
+                for _ in range(3):
+                    process.send_signal(signal.SIGINT)  # Ctrl-C reaches everyone in the terminal
+            bay = standing.bay
+            at = await bay.until(lambda reading: reading.quality is Quality.GOOD, after=len(bay.readings) + 3)
+            assert {process.pid for process in family()} == {process.pid for process in standing.started}
+            assert (bay.readings[at].stats.restarts, bay.readings[at].stats.reopens) == (0, 0)
+
+        standing.play(story)
+
+    def test_affinity_and_names_of_the_processes(self, standing: Standing) -> None:
+        assert (len(family("camera-bay1")), len(family("worker-bay1")), len(family())) == (1, 1, 2)  # and no helper
+        for process in family():
+            assert process.cpu_affinity() == [standing.cpu]
+
+    def test_a_killed_worker_is_replaced(self, standing: Standing) -> None:
+        async def story() -> None:
+            bay = standing.bay
+            (old,) = family("worker")
+            killed = len(bay.readings)
+            before = bay.readings[-1].stats
+            old.kill()
+            fault = await bay.quality(Quality.PROCESS_FAULT, after=killed)
+            again = await bay.quality(Quality.GOOD, after=fault)
+            (new,) = family("worker")
+            assert new.pid != old.pid
+            assert bay.readings[fault].detail == "vision process was killed by SIGKILL"
+            assert bay.readings[again].stats.restarts == before.restarts + 1
+            assert bay.readings[again].stats.reopens == before.reopens
+
+        standing.play(story)
+
+    def test_a_killed_camera_process_is_link_down_at_once_and_opened_again(self, standing: Standing) -> None:
+        async def story() -> None:
+            bay = standing.bay
+            killed = len(bay.readings)
+            before = bay.readings[-1].stats
+            family("camera")[0].kill()
+            killed_ns = bay.clock.now_ns()
+            down = await bay.quality(Quality.LINK_DOWN, after=killed)
+            again = await bay.quality(Quality.GOOD, after=down)
+            assert bay.readings[down].detail.endswith("/pictures: camera process was killed by SIGKILL")
+            assert bay.readings[down].t_ns - killed_ns < 2.5e9  # not by its deadline
+            assert bay.readings[again].frame_id > bay.readings[down].frame_id
+            assert bay.readings[again].stats.reopens == before.reopens + 1
+
+        standing.play(story)
+
+
+# Vision processes that fail.
+
+
+POISON = {
+    THROW: "vision process: ValueError: poison",
+    HANG: "vision process gave no result within 0.3 s",
+    DIE: "vision process was killed by SIGKILL",
+    EXIT: "vision process ended with exit code 7",
+}
+
+
+def test_each_frame_that_breaks_the_detector_costs_one_worker_and_one_frame(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pictures = [1, 2, THROW, 4, HANG, 6, DIE, 8, EXIT, 10]
+
+    async def story() -> None:
+        async with Bay(shades(tmp_path, *pictures), look_s=0.3, pace="fast") as bay:
+            end = await bay.quality(Quality.LINK_DOWN)
+        story = [(reading.frame_id, reading.circle and reading.circle.u_px) for reading in bay.readings[:end]]
+        assert story == [(n + 1, None if shade in POISON else shade) for n, shade in enumerate(pictures)]
+        faults = [reading for reading in bay.readings[:end] if reading.circle is None]
+        assert {reading.quality for reading in faults} == {Quality.PROCESS_FAULT}
+        assert [reading.detail for reading in faults] == list(POISON.values())
+        stats = bay.readings[end].stats
+        assert (stats.frames, stats.lost, stats.restarts, stats.skipped) == (6, 4, 4, 0)
+
+    play(story)
+    assert "ValueError: poison" in capfd.readouterr().err  # the traceback is there for whoever mends it
+
+
+def test_with_two_workers_a_frozen_one_costs_one_frame_and_no_fault(tmp_path: Path) -> None:
+    async def story() -> None:
+        slow = f"{STAND_INS}:slow_reader"
+        async with Bay(shades(tmp_path, 1), workers=2, look_s=0.5, detector=slow, loop=True, fps=20) as bay:
+            await bay.until(lambda reading: len({r.circle for r in bay.readings}) == 2)  # both are at work
+            family("worker")[0].suspend()
+            at = await bay.until(lambda reading: reading.stats.restarts == 1)
+            await bay.until(lambda reading: len({r.circle for r in bay.readings}) == 3, after=at)
+        assert {reading.quality for reading in bay.readings} == {Quality.GOOD}
+        assert bay.readings[-1].stats.lost == 1
+        frames = [reading.frame_id for reading in bay.readings]
+        assert frames == sorted(set(frames))
+
+    play(story)
+
+
+def test_a_detector_that_cannot_be_built_is_told_and_tried_again(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async def story() -> None:
+        async with Bay(shades(tmp_path, 1), loop=True, detector=f"{STAND_INS}:broken_detector") as bay:
+            await bay.until(lambda reading: reading.stats.restarts == 1)
+        assert {reading.quality for reading in bay.readings} == {Quality.PROCESS_FAULT}
+        assert {reading.detail for reading in bay.readings} == {"vision process: RuntimeError: no such model"}
+
+    play(story)
+    assert "RuntimeError: no such model" in capfd.readouterr().err
+
+
+# Cameras that fail.
+
+
+def test_a_source_that_fails_is_noticed_told_and_opened_again_however_it_fails(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    ways = {
+        "end": "shades: ended",
+        "crash": "ZeroDivisionError: a bug in the driver",
+        "large": "frame of 200 x 200 = 0.0 megapixels, more than camera.max_megapixels = 0.03",
+        "stall": "shades: no frame within 0.4 s",
+    }
+
+    async def story() -> None:
+        spec = ShadesSpec(tmp_path / "diary", 5, tuple(ways))
+        async with Bay(spec, deadline_s=0.4, max_megapixels=0.03) as bay:
+            downs, at = [], 0
+            for _ in ways:
+                downs.append(await bay.quality(Quality.LINK_DOWN, after=at))
+                at = downs[-1] + 1
+            again = await bay.quality(Quality.GOOD, after=at)
+        told = [bay.readings[down] for down in downs]
+        assert [reading.detail for reading in told] == list(ways.values())
+        assert [reading.frame_id for reading in told] == [5, 10, 15, 20]  # numbers go on
+        assert bay.readings[again].frame_id > 20
+        assert bay.readings[again].stats.reopens == 4
+        stalled = downs[-1]
+        silence_ns = bay.readings[stalled].t_ns - bay.readings[stalled - 1].t_ns
+        assert 0.4e9 <= silence_ns < 5e9
+
+    play(story)
+    assert "ZeroDivisionError: a bug in the driver" in capfd.readouterr().err
+
+
+class MjpegServer(socketserver.ThreadingTCPServer):
+    """An HTTP camera on loopback. While `frozen` it says nothing to its connections, while `repeating` one picture."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), MjpegHandler)
+        self.frozen = threading.Event()
+        self.repeating = threading.Event()
+        self.over = threading.Event()
+        self.connections = 0
+
+
+class MjpegHandler(socketserver.StreamRequestHandler):
+    server: MjpegServer
+
+    def handle(self) -> None:
+        self.server.connections += 1
+        while self.rfile.readline().strip():
+            pass
+        self.wfile.write(b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=frame\r\n\r\n")
+        parts = [self.part(quality) for quality in (95, 90)]  # a live picture is never twice the same
+        sent = 0
+        with suppress(OSError):
+            while not self.server.over.wait(0.04):
+                if not self.server.frozen.is_set():
+                    sent += not self.server.repeating.is_set()
+                    self.wfile.write(parts[sent % 2])
+
+    @staticmethod
+    def part(quality: int) -> bytes:
+        jpeg = cv2.imencode(".jpg", disc(160, 120, 50), [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        return b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n" % (len(jpeg), jpeg)
+
+
+@pytest.fixture
+def mjpeg() -> Iterator[MjpegServer]:
+    with MjpegServer() as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+        thread.start()
+        yield server
+        server.over.set()
+        server.shutdown()
+        thread.join()
+    for other in threading.enumerate():
+        if other is not threading.main_thread():
+            other.join(5)
+
+
+def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) -> None:
+    port = mjpeg.server_address[1]
+    camera = f"http://127.0.0.1:{port}/mjpg"
+
+    async def story() -> None:
+        url = f"http://joe:secret@127.0.0.1:{port}/mjpg?password=secret"
+        async with Bay(url, detector=None, deadline_s=0.5, frozen_s=0.4) as bay:
+            good = await bay.quality(Quality.GOOD)
+            circle = bay.readings[good].circle
+            assert circle is not None
+            assert (circle.u_px, circle.v_px, circle.radius_px) == pytest.approx((160, 120, 50), abs=2)
+            assert not any("secret" in " ".join(process.cmdline()) for process in family())
+            await bay.until(lambda reading: reading.stats.frames == 10)
+
+            mjpeg.frozen.set()
+            frozen_ns = bay.clock.now_ns()
+            down = await bay.quality(Quality.LINK_DOWN)
+            assert bay.readings[down].t_ns - frozen_ns < 5e9
+            assert bay.readings[down].detail == f"{camera}: no frame within 0.5 s"
+
+            mjpeg.frozen.clear()
+            again = await bay.quality(Quality.GOOD, after=down)
+            assert mjpeg.connections >= 2
+            assert bay.readings[again].frame_id > bay.readings[down].frame_id
+
+            mjpeg.repeating.set()  # frames go on coming, all the same one: once noticed, it is not believed again
+            still = await bay.quality(Quality.LINK_DOWN, after=again)
+            assert bay.readings[still].detail == f"{camera}: frozen: the picture has not changed for 0.4 s"
+            await bay.quality(Quality.LINK_DOWN, after=still + 1)
+            assert {reading.quality for reading in bay.readings[still:]} == {Quality.LINK_DOWN}
+            mjpeg.repeating.clear()
+            again = await bay.quality(Quality.GOOD, after=still)
+
+            mjpeg.shutdown()
+            mjpeg.server_close()
+            mjpeg.over.set()
+            lost = await bay.quality(Quality.LINK_DOWN, after=again)
+            refused = await bay.quality(Quality.LINK_DOWN, after=lost + 1)
+            refused_again = await bay.quality(Quality.LINK_DOWN, after=refused + 1)
+            assert bay.readings[lost].detail == f"{camera}: lost: it gave no further frame"
+            for reading in (bay.readings[refused], bay.readings[refused_again]):
+                assert reading.detail == f"{camera}: cannot be opened: no answer, refused, or not a video stream"
+
+    play(story)
+
+
+# The parent dies.
+
+PARENT = """
+import asyncio, pathlib, sys
+from gateway.clock import SystemClock
+from gateway.config import CameraConfig, VisionConfig
+from gateway.vision.jobs import DetectorSpec
+from gateway.vision.service import VisionService
+from gateway.vision.specs import source_spec
+from tests.e2e.vision_stand_ins import ShadesSpec
+
+folder = pathlib.Path(sys.argv[1])
+camera = CameraConfig(url=str(folder), loop=True, deadline_s=60, open_deadline_s=60)
+vision = VisionConfig(deadline_s=60)
+hung = DetectorSpec(vision, "tests.e2e.vision_stand_ins:hung_reader")
+emit = lambda reading: print(reading.quality.name, flush=True)
+
+async def both():
+    bays = (
+        VisionService("at-work", source_spec(camera), camera, vision, SystemClock(), emit),
+        VisionService(
+            "stuck", ShadesSpec(folder / "diary", 5, ("stall",)), camera, vision, SystemClock(), emit, detector=hung
+        ),
+    )
+    await asyncio.gather(*(bay.run() for bay in bays))
+
+asyncio.run(both())
+"""
+
+
+@pytest.mark.parametrize("when", ["starting", "running"])
+def test_a_parent_killed_without_warning_leaves_no_process_and_no_memory(tmp_path: Path, when: str) -> None:
+    """Neither children that are at work, nor such as hear nothing, not even the end of their connection."""
+    shm_before = named_memory()
+    cv2.imwrite(str(tmp_path / "0.png"), disc(100, 100, 40))
+    command = [sys.executable, "-c", PARENT, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as parent:
+        assert parent.stdout is not None
+        watched = psutil.Process(parent.pid)
+        if when == "starting":  # the children are still importing
+            wait_for(lambda: len(watched.children(recursive=True)) == 4)
+        else:
+            missing = {"GOOD", "hung", "stalled"}
+            while missing:
+                missing.discard(parent.stdout.readline().strip())
+        children = watched.children(recursive=True)
+        assert len(children) == 4
+        assert named_memory() == shm_before
+        rings = frame_memory(parent.pid)
+        assert len(rings) == 2
+
+        parent.kill()
+
+        wait_for(lambda: all(map(dead, children)))
+        assert named_memory() == shm_before
+    assert not any(rings & frame_memory(process.pid) for process in psutil.process_iter())
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.002)
+
+
+def dead(process: psutil.Process) -> bool:
+    """A zombie is dead, too: it has given everything back, and only waits for init to take note of it."""
+    try:
+        return process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+def frame_memory(pid: int) -> set[int]:
+    """Which rings a process holds, by inode: they have no name."""
+    found: set[int] = set()
+    with suppress(OSError):
+        for fd in Path(f"/proc/{pid}/fd").iterdir():
+            if "memfd:gateway-frames" in os.readlink(fd):
+                found.add(fd.stat().st_ino)
+    return found

@@ -1,0 +1,119 @@
+"""Detectors and sources that fail on purpose. Child processes import this module, so it imports little."""
+
+import os
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gateway.clock import Clock, SystemClock
+from gateway.errors import ConfigError, LinkError
+from gateway.model import Circle, Detection
+from gateway.vision.pixels import Image
+from gateway.vision.sources import Frame
+
+if TYPE_CHECKING:  # the camera process need not load OpenCV
+    from gateway.vision.pipeline import Detector
+
+THROW, HANG, DIE, EXIT = 200, 210, 220, 230  # pictures of this shade are poison
+
+
+def shade_reader(params: object, now_ns: object) -> "Detector":
+    """`u` is the shade of the picture's first pixel; some shades are poison, see above."""
+
+    def detect(image: Image) -> Detection:
+        if image.flags.writeable or image.flags.owndata:
+            raise AssertionError("the frame was copied, or can be scribbled over")
+        match shade := int(image[0, 0, 0]):
+            case _ if shade == THROW:
+                raise ValueError("poison")
+            case _ if shade == HANG:
+                signal.pause()
+            case _ if shade == DIE:
+                os.kill(os.getpid(), signal.SIGKILL)
+            case _ if shade == EXIT:
+                os._exit(7)
+        return Detection(Circle(float(shade), float(image.shape[0]), 1.0))
+
+    return detect
+
+
+def slow_reader(params: object, now_ns: object) -> "Detector":
+    """Slower than frames come, so that two workers take turns; `R` tells which of them it was."""
+
+    def detect(image: Image) -> Detection:
+        SystemClock().block(0.08)
+        return Detection(Circle(0.0, 0.0, float(os.getpid())))
+
+    return detect
+
+
+def hung_reader(params: object, now_ns: object) -> "Detector":
+    """Never comes back from its first frame, and hears nothing."""
+
+    def detect(image: Image) -> Detection:
+        print("hung", flush=True)
+        signal.pause()
+        raise AssertionError("not reached")
+
+    return detect
+
+
+def broken_detector(params: object, now_ns: object) -> "Detector":
+    """A detector that cannot be built."""
+    raise RuntimeError("no such model")
+
+
+@dataclass
+class Shades:
+    """A live source of plain pictures, 50 a second; `then` is what happens after so many. "": it never ends."""
+
+    clock: Clock
+    frames: int
+    then: str
+    given: int = 0
+    lossless: bool = False
+
+    def read(self) -> Frame:
+        self.clock.block(0.02)
+        side = 16
+        if self.given == self.frames:
+            match self.then:
+                case "end":
+                    raise LinkError("shades: ended")
+                case "crash":
+                    raise ZeroDivisionError("a bug in the driver")
+                case "large":
+                    side = 200
+                case "stall":
+                    print("stalled", flush=True)
+                    signal.pause()
+        self.given += 1
+        return Frame(np.full((side, side, 3), self.given % 200, np.uint8), self.clock.now_ns())
+
+    def close(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class ShadesSpec:
+    """`frames` frames, then the first of `then`; the next of `then` when opened again; from the last on it never ends.
+
+    `diary` is a file that counts the openings.
+    """
+
+    diary: Path
+    frames: int
+    then: tuple[str, ...]
+    label: str = "shades"
+
+    def open(self, clock: Clock) -> Shades:
+        with self.diary.open("ab") as file:
+            file.write(b".")
+            nth = file.tell()
+        then = self.then[nth - 1] if nth <= len(self.then) else ""
+        if then == "hopeless":
+            raise ConfigError("shades: this could never work")
+        return Shades(clock, self.frames, then)

@@ -1,0 +1,127 @@
+/* The ranger's core with a board of memory instead of hardware, driven by one line of text a call, so that the shared
+ * library (ctypes) and the executable (stdin, stdout; address sanitizer) take the very same commands:
+ *
+ *     begin NAME PERIOD_MS MCUSR NOW | poll NOW HIGH | edge TICKS HIGH | receive BYTE | temperature DC | space BYTES
+ *
+ * The answer: what poll returned, pulses of TRIG, light, flags, lost_lines, late_cycles, and the sent bytes in hex. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ranger.h"
+
+#define SENT_MAX 256
+
+struct harness {
+    struct ranger ranger;
+    struct ranger_board board;
+    char name[17];
+    uint8_t space;
+    unsigned pulses;
+    size_t sent_length;
+    uint8_t sent[SENT_MAX];
+};
+
+static void trigger(void *context)
+{
+    struct harness *harness = context;
+    harness->pulses++;
+}
+
+static uint8_t tx_space(void *context)
+{
+    const struct harness *harness = context;
+    return harness->space;
+}
+
+static void tx_byte(void *context, uint8_t byte)
+{
+    struct harness *harness = context;
+    if (harness->space == 0 || harness->sent_length == SENT_MAX) {
+        abort(); /* the core promised not to */
+    }
+    harness->space--;
+    harness->sent[harness->sent_length++] = byte;
+}
+
+struct harness *harness_new(void)
+{
+    struct harness *harness = calloc(1, sizeof *harness);
+    if (harness == NULL) {
+        abort();
+    }
+    harness->board = (struct ranger_board){trigger, tx_space, tx_byte, harness};
+    harness->space = UINT8_MAX;
+    return harness;
+}
+
+void harness_free(struct harness *harness)
+{
+    free(harness);
+}
+
+/* 0: not a command. `answer` takes 1024 bytes. */
+int harness_command(struct harness *harness, const char *line, char *answer)
+{
+    struct ranger *ranger = &harness->ranger;
+    bool began = false;
+    uint32_t a, b, c;
+    int32_t dc;
+    char name[17];
+    if (sscanf(line, "begin %16s %" SCNu32 " %" SCNu32 " %" SCNu32, name, &a, &b, &c) == 4) {
+        memcpy(harness->name, name, sizeof name);
+        memset(ranger, 0xA5, sizeof *ranger); /* the core may not count on zeros */
+        ranger_begin(ranger, &harness->board, harness->name, (uint16_t)a, (uint8_t)b, c);
+    } else if (sscanf(line, "poll %" SCNu32 " %" SCNu32, &a, &b) == 2) {
+        began = ranger_poll(ranger, a, b != 0);
+    } else if (sscanf(line, "edge %" SCNu32 " %" SCNu32, &a, &b) == 2) {
+        ranger_edge(ranger, a, b != 0);
+    } else if (sscanf(line, "receive %" SCNu32, &a) == 1) {
+        ranger_receive(ranger, (uint8_t)a);
+    } else if (sscanf(line, "temperature %" SCNd32, &dc) == 1) {
+        ranger_temperature(ranger, (int16_t)dc);
+    } else if (sscanf(line, "space %" SCNu32, &a) == 1) {
+        harness->space = (uint8_t)a;
+    } else {
+        return 0;
+    }
+    char *end = answer + sprintf(answer, "%d %u %d %u %u %u ", began, harness->pulses, ranger->light, ranger->flags,
+                                 ranger->lost_lines, ranger->late_cycles);
+    for (size_t at = 0; at < harness->sent_length; at++) {
+        end += sprintf(end, "%02x", harness->sent[at]);
+    }
+    harness->pulses = 0;
+    harness->sent_length = 0;
+    return 1;
+}
+
+/* For codec tests. */
+int harness_measurement(uint16_t seq, uint32_t ticks, uint8_t flags, int16_t temperature_dc, char *line)
+{
+    const struct ranger_measurement measurement = {seq, ticks, flags, temperature_dc};
+    return ranger_write_measurement(line, &measurement);
+}
+
+int harness_hello(const char *name, uint16_t period_ms, uint8_t mcusr, char *line)
+{
+    const struct ranger_hello hello = {name, period_ms, mcusr};
+    return ranger_write_hello(line, &hello);
+}
+
+#ifdef HARNESS_MAIN
+int main(void)
+{
+    struct harness *harness = harness_new();
+    char line[128], answer[1024];
+    while (fgets(line, sizeof line, stdin) != NULL) {
+        if (!harness_command(harness, line, answer)) {
+            fprintf(stderr, "not a command: %s", line);
+            return 2;
+        }
+        puts(answer);
+    }
+    harness_free(harness);
+    return 0;
+}
+#endif

@@ -1,0 +1,130 @@
+"""The firmware's codec against the gateway's: same bytes for the same message, and each understands the other."""
+
+import binascii
+import ctypes
+import random
+
+from gateway.ranger.protocol import (
+    ALL_FLAGS,
+    MAX_PERIOD_MS,
+    MAX_SEQ,
+    MAX_TICKS,
+    MIN_PERIOD_MS,
+    QUESTION,
+    Decoder,
+    Event,
+    Flags,
+    Hello,
+    Measurement,
+    encode_hello,
+    encode_measurement,
+    tenths_at_20c,
+)
+from tests.firmware.core import Core, library
+
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
+NO_TEMPERATURE = -(2**15)
+MESSAGES = 60_000
+
+
+def random_message(draw: random.Random) -> Hello | Measurement:
+    """Spread over the digits, so that short numbers are as common as long ones."""
+    if draw.random() < 0.2:
+        name = "".join(draw.choices(LETTERS, k=draw.randint(1, 16)))
+        return Hello(name, 1, draw.randint(MIN_PERIOD_MS, MAX_PERIOD_MS), draw.randint(0, 255) >> draw.randrange(8))
+    return Measurement(
+        draw.randint(0, MAX_SEQ) >> draw.randrange(16),
+        draw.randint(0, MAX_TICKS) >> draw.randrange(20),
+        Flags(draw.randint(0, ALL_FLAGS.value)),
+        draw.choice((None, draw.randint(-400, 850), draw.randint(-20, 20))),
+    )
+
+
+class Board:
+    """The firmware's encoder, with a line's worth of memory behind it that must stay as it was."""
+
+    def __init__(self) -> None:
+        self._library = library()
+        self._line = ctypes.create_string_buffer(40 + 8)
+
+    def encode(self, message: Hello | Measurement) -> bytes:
+        ctypes.memset(self._line, 0xA5, 48)
+        if isinstance(message, Hello):
+            size = self._library.harness_hello(message.name.encode(), message.period_ms, message.mcusr, self._line)
+        else:
+            temperature_dc = NO_TEMPERATURE if message.temperature_dc is None else message.temperature_dc
+            size = self._library.harness_measurement(
+                message.seq, message.ticks, message.flags.value, temperature_dc, self._line
+            )
+        assert size <= 40
+        assert self._line.raw[size:] == b"\xa5" * (48 - size)
+        return self._line.raw[:size]
+
+
+def test_the_gateway_decodes_what_the_board_says_on_random_messages() -> None:
+    draw, board = random.Random(1), Board()
+    messages = [random_message(draw) for _ in range(MESSAGES)]
+    events: list[Event] = Decoder().feed(b"".join(map(board.encode, messages)))
+    assert events == messages
+
+
+def test_the_board_says_a_message_with_the_very_bytes_of_the_gateways_encoder() -> None:
+    draw, board = random.Random(2), Board()
+    for _ in range(MESSAGES):
+        message = random_message(draw)
+        theirs = encode_hello(message) if isinstance(message, Hello) else encode_measurement(message)
+        assert board.encode(message) == theirs
+
+
+def test_the_longest_lines_fit() -> None:
+    board = Board()
+    longest = Measurement(MAX_SEQ, MAX_TICKS, ALL_FLAGS, -400)
+    hello = Hello("ABCDEFGHIJKLMNOP", 1, 500, 255)
+    assert len(board.encode(longest)) == len(encode_measurement(longest)) == 39
+    assert len(board.encode(hello)) == len(encode_hello(hello)) == 38
+
+
+def test_the_board_hears_the_gateways_question_among_any_bytes() -> None:
+    """The only thing the gateway says. 60 000 random bytes, about one in six cycles with a question."""
+    draw = random.Random(3)
+    core = Core()
+    asked = answered = 0
+    for _ in range(2000):
+        data = draw.randbytes(30) if draw.random() < 0.5 else draw.randbytes(30) + QUESTION + draw.randbytes(3)
+        core.begin()
+        core.receive(data)
+        said = core.poll(core.due - core.period + 1).said
+        asked += QUESTION in data
+        answered += Hello("hcsr04", 1, 60, 1) in said
+        assert (QUESTION in data) == (len(said) == 1)
+    assert asked == answered > 1000
+    core.close()
+
+
+def test_the_printed_distance_is_the_gateways_for_every_tick() -> None:
+    tenths = library().ranger_tenths_at_20c
+    assert [tenths(ticks) for ticks in range(50_001)] == [tenths_at_20c(ticks) for ticks in range(50_001)]
+
+
+def test_and_beyond_what_a_sensor_can_cause() -> None:
+    tenths = library().ranger_tenths_at_20c
+    spread = [*range(50_000, MAX_TICKS, 37), *(n * 20_000 + d for n in range(1, 50) for d in (-1, 0, 1)), MAX_TICKS]
+    assert [tenths(ticks) for ticks in spread] == [tenths_at_20c(ticks) for ticks in spread]
+
+
+def test_the_checksum_is_crc_16_xmodem() -> None:
+    crc = library().ranger_crc
+    for seed in (0, 1, 0x8000, 0xFFFF, 0x1021):
+        for byte in range(256):
+            assert crc(seed, byte) == binascii.crc_hqx(bytes([byte]), seed)
+
+
+def test_the_thermometers_volts_become_degrees() -> None:
+    """TMP36: 0.5 V at 0 °C and 10 mV a degree; 64 samples of 1024 steps of the reference."""
+    tmp36 = library().ranger_tmp36
+    for reference_mv in (1000, 1100, 1200):
+        for tenths in range(-400, min(850, reference_mv - 501)):
+            sum_of_64 = round((tenths + 500) * 65_536 / reference_mv)
+            assert tmp36(sum_of_64, reference_mv) == tenths
+    assert tmp36(0, 1100) == -500  # nothing connected, input low: no temperature
+    assert tmp36(64 * 1023, 1100) == 599

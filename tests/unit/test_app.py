@@ -1,0 +1,91 @@
+"""The composition root, with stand-ins for what has processes, threads and brokers."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from gateway import app
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
+from gateway.errors import ConfigError
+from gateway.hub import Hub
+from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.supervisor import Task
+from gateway.vision.specs import FileSpec
+
+
+class Sensors:
+    """Both services of a bay: they say once that all is well."""
+
+    def __init__(self, *args: Any, **_: Any) -> None:
+        self._clock = next(a for a in args if isinstance(a, SystemClock))
+        self._emit: Callable[[VisionReading | RangeReading], None] = args[-1]
+        self._camera = len(args) > 3
+
+    async def run(self) -> None:
+        t_ns = self._clock.now_ns()
+        good = VisionReading(t_ns, Quality.GOOD, Circle(1.0, 2.0, 100.0))
+        self._emit(good if self._camera else RangeReading(t_ns, Quality.GOOD, 900.0))
+        await asyncio.Event().wait()
+
+
+class Publisher:
+    """Remembers the state that its last words told."""
+
+    told: StateVector | None = None
+
+    def __init__(self, config: MqttConfig, site: str, instance: str, hub: Hub, clock: SystemClock) -> None:
+        self._hub = hub
+
+    async def collect(self) -> None:
+        await asyncio.Event().wait()
+
+    async def deliver(self) -> None:
+        await asyncio.Event().wait()
+
+    async def farewell(self, timeout_s: float) -> bool:
+        Publisher.told = self._hub.state("bay1")
+        return True
+
+
+@pytest.mark.parametrize("past_help", [True, False])
+def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.MonkeyPatch, past_help: bool) -> None:
+    """Else the broker would keep `permit` of the last good state for as long as nobody starts the gateway again."""
+    for name, stand_in in (("VisionService", Sensors), ("RangerService", Sensors), ("MqttPublisher", Publisher)):
+        monkeypatch.setattr(app, name, stand_in)
+    monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
+    monkeypatch.setattr(Publisher, "told", None)
+    config = GatewayConfig(
+        instance=f"test-app-{past_help}", modbus=ModbusConfig(port=0), mqtt=MqttConfig(url="mqtt://127.0.0.1:1")
+    )
+    permitted: list[bool] = []
+
+    async def main() -> None:
+        stop = asyncio.Event()
+
+        def companions(hub: Hub) -> list[Task]:
+            async def ends_all() -> None:
+                state = hub.state("bay1")
+                while not state.permit:
+                    state = await hub.newer("bay1", state.seq)
+                permitted.append(True)
+                if past_help:
+                    raise ConfigError("only the operator can mend this")
+                stop.set()
+
+            return [Task("ends_all", ends_all)]
+
+        ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        await app.run(config, ports, SystemClock(), stop=stop, companions=companions)
+
+    if past_help:
+        with pytest.raises(ConfigError, match="only the operator"):
+            asyncio.run(main())
+    else:
+        asyncio.run(main())
+    assert permitted == [True]
+    told = Publisher.told
+    assert told is not None
+    assert (told.stop, told.permit, told.reason) == (True, False, Reason.SHUTDOWN)

@@ -1,0 +1,252 @@
+"""The shell round fusion: each observation is published, and a dead control task is never mistaken for calm."""
+
+import asyncio
+import logging
+from dataclasses import dataclass
+
+import pytest
+
+from gateway.bay import BayControl
+from gateway.config import BayConfig, FusionConfig
+from gateway.hub import EventQueue, Hub
+from gateway.model import (
+    Circle,
+    EventKind,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+)
+from tests import virtual_time
+from tests.virtual_time import LoopClock
+
+MS = 1_000_000
+T0 = 10_000 * MS
+
+
+@dataclass
+class HandClock(LoopClock):
+    """Stands still until it is set."""
+
+    t_ns: int = T0
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+
+def seen(t_ns: int, radius_px: float = 100.0) -> VisionReading:
+    return VisionReading(t_ns, Quality.GOOD, Circle(320, 240, radius_px))
+
+
+def heard(t_ns: int, distance_mm: float = 900.0) -> RangeReading:
+    return RangeReading(t_ns, Quality.GOOD, distance_mm)
+
+
+class Bench:
+    """A control task with everything it talks to."""
+
+    def __init__(self, clock: LoopClock | None = None, fusion: FusionConfig | None = None) -> None:
+        self.clock = clock or HandClock()
+        self.hub = Hub(["north", "other"])
+        self.events: EventQueue = self.hub.subscribe()
+        self.mirrored: list[StateVector] = []
+        config = BayConfig(name="north", fusion=fusion or FusionConfig())
+        self.bay = BayControl(config, self.hub, self.clock, (self.mirrored.append, lambda _: None))
+
+    @property
+    def state(self) -> StateVector:
+        return self.hub.state("north")
+
+    def at(self, ms: int) -> int:
+        assert isinstance(self.clock, HandClock)
+        self.clock.t_ns = T0 + ms * MS
+        return self.clock.t_ns
+
+    def go(self, ms: int = 0, radius_px: float = 100.0, distance_mm: float = 900.0) -> None:
+        """Both sensors good at that time."""
+        self.bay.on_vision(seen(self.at(ms), radius_px))
+        self.bay.on_range(heard(self.at(ms), distance_mm))
+
+    def told(self) -> list[EventKind]:
+        return [event.kind for event in self.events.drain()]
+
+
+def test_it_starts_at_stop_and_says_so() -> None:
+    bench = Bench()
+
+    (event,) = bench.events.drain()
+    assert (event.kind, event.bay, event.t_ns, event.state) == (EventKind.START, "north", T0, bench.state)
+    assert (bench.state.stop, bench.state.permit, bench.state.reason) == (True, False, Reason.STARTING)
+    assert bench.mirrored == [bench.state]
+    assert bench.bay.name == "north"
+    assert bench.bay.state() is bench.state
+
+
+def test_every_observation_is_published_mirrored_and_told() -> None:
+    bench = Bench()
+    bench.go(5)
+    bench.go(30, radius_px=200.0, distance_mm=200.0)
+
+    assert [s.seq for s in bench.mirrored] == [0, 1, 2, 3, 4]
+    assert [s.stop for s in bench.mirrored] == [True, True, False, False, True]
+    assert bench.mirrored[-1] is bench.state is bench.bay.state()
+    assert (bench.state.t_ns, bench.state.d, bench.state.reason) == (T0 + 30 * MS, True, Reason.TARGET_REACHED)
+    assert bench.told() == [
+        EventKind.START,
+        EventKind.TARGET_FOUND,
+        EventKind.STOP_CLEARED,
+        EventKind.STOP_RAISED,
+    ]
+    assert bench.hub.state("other").seq == 0
+
+
+def test_the_configuration_of_its_own_bay_decides() -> None:
+    bench = Bench(fusion=FusionConfig(radius_threshold_px=50.0, distance_threshold_mm=1000.0))
+    bench.go()
+
+    assert bench.state.d is True
+
+
+def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
+    async def main() -> list[tuple[int, bool]]:
+        bench = Bench(LoopClock(), fusion=FusionConfig(vision_deadline_s=0.3, range_deadline_s=0.3))
+        task = asyncio.create_task(bench.bay.run())
+        found: list[tuple[int, bool]] = []
+        await asyncio.sleep(0.01)
+        bench.bay.on_vision(seen(bench.clock.now_ns()))
+        bench.bay.on_range(heard(bench.clock.now_ns()))
+        for _ in range(4):  # at 0.11, 0.21, 0.31, 0.41 s
+            await asyncio.sleep(0.1)
+            found.append((bench.state.heartbeat, bench.state.permit))
+        assert (bench.state.vision.quality, bench.state.range.quality) == (Quality.STALE, Quality.STALE)
+        task.cancel()
+        await asyncio.wait([task])
+        return found
+
+    # Read at 0.01 s, stale after 0.31 s, seen by the tick at 0.32 s; one tick every 20 ms from 0.
+    assert virtual_time.run(main()) == [(6, True), (11, True), (16, True), (21, False)]
+
+
+# A dead control task.
+
+
+@pytest.mark.parametrize(("period_s", "dead_after_ms"), [(0.02, 250), (0.005, 250), (0.1, 250), (0.3, 600)])
+def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float, dead_after_ms: int) -> None:
+    bench = Bench(fusion=FusionConfig(period_s=period_s, vision_deadline_s=10, range_deadline_s=10))
+    bench.go()
+    last = bench.state
+    assert last.permit
+    bench.told()
+
+    bench.at(dead_after_ms)
+    assert bench.bay.state() is last
+    now_ns = bench.at(dead_after_ms) + 1
+    assert isinstance(bench.clock, HandClock)
+    bench.clock.t_ns = now_ns
+    dead = bench.bay.state()
+
+    assert (dead.stop, dead.permit, dead.d, dead.reason) == (True, False, None, Reason.GATEWAY_FAULT)
+    assert (dead.vision.circle, dead.range.distance_mm) == (None, None)
+    assert (dead.t_ns, dead.heartbeat) == (now_ns, last.heartbeat)
+    # Looking changes nothing: the number comes again with the next state, under another reason.
+    assert dead.seq == bench.bay.state().seq == last.seq + 1
+    assert bench.state is last
+    assert bench.told() == []
+
+
+def test_a_dead_control_task_stops_even_where_fail_safe_is_off() -> None:
+    bench = Bench(fusion=FusionConfig(fail_safe=False))
+    bench.go()
+    bench.at(251)
+
+    assert bench.bay.state().stop
+
+
+def test_no_value_is_shown_longer_than_its_deadline_and_the_time_to_notice_a_dead_task() -> None:
+    bench = Bench()  # 0.3 s + 0.25 s
+    bench.go()
+    bench.at(549)
+    bench.bay.on_range(heard(bench.clock.now_ns()))
+    assert bench.bay.state().vision.circle is None  # fusion ran, so the deadline alone counts
+    bench.at(549 + 251)
+    assert bench.bay.state().range.distance_mm is None
+
+
+def test_it_recovers_from_a_pause_by_itself() -> None:
+    bench = Bench()
+    bench.go()
+    bench.at(1000)
+    assert bench.bay.state().reason is Reason.GATEWAY_FAULT
+
+    bench.go(1001)
+    assert bench.bay.state() is bench.state
+    assert (bench.state.permit, bench.state.reason) == (True, Reason.NONE)
+
+
+# The end.
+
+
+def test_the_last_word_is_stop() -> None:
+    bench = Bench()
+    bench.go()
+    assert not bench.state.stop
+    bench.told()
+    bench.at(40)
+    bench.bay.shut_down()
+
+    last = bench.state
+    assert (last.stop, last.permit, last.d, last.reason) == (True, False, None, Reason.SHUTDOWN)
+    assert (last.vision.circle, last.range.distance_mm, last.seq) == (None, None, 3)
+    assert last.t_ns == T0 + 40 * MS
+    assert bench.mirrored[-1] is last
+    events = bench.events.drain()
+    assert [e.kind for e in events] == [EventKind.STOP_RAISED, EventKind.SHUTDOWN]
+    assert all((e.state, e.t_ns, e.bay) == (last, last.t_ns, "north") for e in events)
+
+
+def test_where_stop_is_on_already_it_is_not_raised_again() -> None:
+    bench = Bench()
+    bench.told()
+    bench.bay.shut_down()
+
+    assert bench.told() == [EventKind.SHUTDOWN]
+
+
+def test_nothing_changes_the_last_word() -> None:
+    async def main() -> None:
+        bench = Bench(LoopClock())
+        bench.bay.shut_down()
+        last = bench.state
+        bench.told()
+        task = asyncio.create_task(bench.bay.run())
+        await asyncio.sleep(5.0)
+        bench.bay.on_vision(seen(bench.clock.now_ns()))
+        bench.bay.on_range(heard(bench.clock.now_ns()))
+        bench.bay.shut_down()
+        task.cancel()
+        await asyncio.wait([task])
+
+        assert bench.state is last
+        assert bench.bay.state() is last  # not GATEWAY_FAULT: a PLC may still ask why
+        assert bench.told() == []
+
+    virtual_time.run(main())
+
+
+def test_events_are_logged_in_words(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "gateway.bay")
+    bench = Bench()
+    bench.go(radius_px=200.0, distance_mm=200.0)
+    bench.go(20)
+    bench.bay.on_range(RangeReading(bench.at(30), Quality.LINK_DOWN, detail="port /dev/ttyACM0 is gone"))
+    bench.bay.shut_down()
+
+    assert caplog.messages == [
+        "north: start, reason starting",
+        "north: target found, reason starting",
+        "north: stop cleared, reason none",
+        "north: sensor fault (range link_down): port /dev/ttyACM0 is gone",
+        "north: stop raised, reason ranger_down",
+        "north: shutdown, reason shutdown",
+    ]

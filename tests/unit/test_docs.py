@@ -1,0 +1,55 @@
+"""The generated parts of docs/ say what the code says, and the pages point at things that exist."""
+
+import re
+import runpy
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+generate = SimpleNamespace(**runpy.run_path(str(DOCS / "generate.py")))
+PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md")])
+
+
+@pytest.mark.parametrize(("path", "text"), [pytest.param(*pair, id=pair[0].name) for pair in generate.texts()])
+def test_nothing_has_drifted(path: Path, text: str) -> None:
+    assert path.read_text(encoding="utf-8") == text, "run ./dev docs"
+
+
+def test_a_block_is_written_anew_and_nothing_else() -> None:
+    blocks = {"a": lambda: "new\n"}
+    old = "head\n<!-- generated: a -->\nold\n<!-- end -->\ntail\n"
+    new = generate.page(old, blocks)
+    assert new == "head\n<!-- generated: a -->\n\nnew\n\n<!-- end -->\ntail\n"
+    assert generate.page(new, blocks) == new
+
+
+@pytest.mark.parametrize(
+    "text", ["no block", "<!-- generated: a -->\n<!-- end -->\n<!-- generated: b -->\n<!-- end -->"]
+)
+def test_a_missing_or_unknown_block_is_an_error(text: str) -> None:
+    with pytest.raises(KeyError):
+        generate.page(text, {"a": lambda: "x"})
+
+
+def test_check_fails_on_drift_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drifted = tmp_path / "page.md"
+    drifted.write_text("old")
+    monkeypatch.setitem(generate.main.__globals__, "texts", lambda: iter([(drifted, "new")]))
+    monkeypatch.setitem(generate.main.__globals__, "DOCS", tmp_path / "docs")
+    monkeypatch.setattr(sys, "argv", ["generate.py", "--check"])
+    assert generate.main() == 1
+    assert "page.md: differs" in capsys.readouterr().out
+    assert drifted.read_text() == "old"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_link_leads_somewhere(path: Path) -> None:
+    targets = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8"))
+    broken = [t for t in targets if "://" not in t and not (path.parent / t).exists()]
+    assert broken == []

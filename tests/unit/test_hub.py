@@ -1,0 +1,223 @@
+"""States conflate, events do not, and nothing grows."""
+
+import asyncio
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.hub import EventQueue, Hub
+from gateway.model import Event, EventKind, Quality, StateVector
+from tests import virtual_time
+
+
+def state(seq: int, bay: str = "a") -> StateVector:
+    return StateVector(bay=bay, seq=seq)
+
+
+def event(n: int, bay: str = "a") -> Event:
+    return Event(EventKind.STOP_RAISED, bay, n, state(n, bay))
+
+
+def stamps(queue: EventQueue) -> list[int]:
+    return [e.t_ns for e in queue.drain()]
+
+
+# Events.
+
+
+@given(st.integers(1, 5), st.lists(st.booleans(), max_size=40))
+def test_a_queue_is_bounded_and_counts_what_it_drops(limit: int, puts: list[bool]) -> None:
+    """True: an event comes; False: everything is taken away. Against a plain list."""
+    queue, model, dropped = EventQueue(limit), list[int](), 0
+    for n, put in enumerate(puts):
+        if put:
+            queue.put(event(n))
+            model.append(n)
+            if len(model) > limit:
+                model.pop(0)  # the oldest goes
+                dropped += 1
+        else:
+            assert stamps(queue) == model
+            model.clear()
+        assert (len(queue), queue.dropped) == (len(model), dropped)
+    assert stamps(queue) == model
+
+
+def test_a_queue_of_no_room_drops_and_counts_everything() -> None:
+    queue = EventQueue(0)
+    for n in range(3):
+        queue.put(event(n))
+
+    assert (len(queue), queue.dropped, queue.drain()) == (0, 3, [])
+
+
+def test_get_takes_the_oldest_and_waits_for_the_next() -> None:
+    async def main() -> list[int]:
+        queue = EventQueue(10)
+        queue.put(event(1))
+        queue.put(event(2))
+        found = [(await queue.get()).t_ns, (await queue.get()).t_ns]
+        asyncio.get_running_loop().call_later(5.0, queue.put, event(3))
+        found.append((await queue.get()).t_ns)
+        assert asyncio.get_running_loop().time() == pytest.approx(1005.0)
+        queue.put(event(4))
+        assert stamps(queue) == [4]
+        with pytest.raises(TimeoutError):  # drained: what was announced is gone again
+            async with asyncio.timeout(1.0):
+                await queue.get()
+        return found
+
+    assert virtual_time.run(main()) == [1, 2, 3]
+
+
+def test_two_that_wait_get_one_event_each() -> None:
+    async def main() -> list[int]:
+        queue = EventQueue(10)
+        async with asyncio.TaskGroup() as group:
+            waiting = [group.create_task(queue.get()) for _ in range(2)]
+            await asyncio.sleep(1.0)
+            queue.put(event(1))
+            await asyncio.sleep(1.0)
+            assert sum(task.done() for task in waiting) == 1
+            queue.put(event(2))
+        return sorted(task.result().t_ns for task in waiting)
+
+    assert virtual_time.run(main()) == [1, 2]
+
+
+def test_a_cancelled_wait_loses_no_event() -> None:
+    async def main() -> int:
+        queue = EventQueue(10)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(1.0):
+                await queue.get()
+        queue.put(event(7))
+        return (await queue.get()).t_ns
+
+    assert virtual_time.run(main()) == 7
+
+
+def test_every_subscriber_gets_every_event_and_its_own_bound() -> None:
+    hub = Hub(["a", "b"])
+    roomy, tight = hub.subscribe(), hub.subscribe(limit=2)
+    hub.publish(state(1), [event(1), event(2)])
+    late = hub.subscribe()
+    hub.publish(state(1, "b"), [event(3, "b")])
+    hub.publish(state(2))
+
+    assert (stamps(roomy), roomy.dropped) == ([1, 2, 3], 0)
+    assert (stamps(tight), tight.dropped) == ([2, 3], 1)
+    assert stamps(late) == [3]
+
+
+def test_a_default_queue_holds_a_thousand() -> None:
+    hub = Hub(["a"])
+    queue = hub.subscribe()
+    hub.publish(state(1), [event(n) for n in range(1001)])
+
+    assert (len(queue), queue.dropped) == (1000, 1)
+
+
+def test_an_unsubscribed_queue_gets_nothing_more() -> None:
+    hub = Hub(["a"])
+    one, other = hub.subscribe(), hub.subscribe()
+    hub.unsubscribe(one)
+    hub.publish(state(1), [event(1)])
+
+    assert (len(one), len(other)) == (0, 1)
+    with pytest.raises(ValueError, match="not in list"):
+        hub.unsubscribe(one)
+
+
+# States.
+
+
+def test_before_the_first_publish_every_bay_is_at_stop() -> None:
+    hub = Hub(["a", "b"])
+
+    assert hub.bays == ("a", "b")
+    for bay in hub.bays:
+        first = hub.state(bay)
+        assert (first.bay, first.seq, first.stop, first.permit, first.d) == (bay, 0, True, False, None)
+        assert (first.vision.quality, first.range.quality) == (Quality.WAITING, Quality.WAITING)
+
+
+def test_the_latest_state_wins_and_bays_do_not_mix() -> None:
+    hub = Hub(["a", "b"])
+    newest = state(2)
+    hub.publish(state(1))
+    hub.publish(newest)
+
+    assert hub.state("a") is newest
+    assert hub.state("b").seq == 0
+
+
+def test_an_unknown_bay_is_an_error() -> None:
+    hub = Hub(["a"])
+    with pytest.raises(KeyError):
+        hub.publish(state(1, "z"))
+    with pytest.raises(KeyError):
+        hub.state("z")
+    assert hub.bays == ("a",)
+
+
+def test_newer_gives_a_newer_state_at_once() -> None:
+    async def main() -> int:
+        hub = Hub(["a"])
+        hub.publish(state(5))
+        return (await hub.newer("a", 4)).seq
+
+    assert virtual_time.run(main()) == 5
+
+
+def test_newer_waits_and_skips_what_came_in_between() -> None:
+    async def main() -> list[tuple[float, int]]:
+        hub = Hub(["a", "b"])
+        loop = asyncio.get_running_loop()
+
+        def burst() -> None:
+            for seq in (1, 2, 3):
+                hub.publish(state(seq))
+
+        loop.call_later(1.0, hub.publish, state(9, "b"))  # not our bay
+        loop.call_later(2.0, hub.publish, state(0))  # not newer
+        loop.call_later(3.0, burst)
+        loop.call_later(4.0, hub.publish, state(4))
+        found: list[tuple[float, int]] = []
+        seq = 0
+        while seq < 4:
+            seq = (await hub.newer("a", seq)).seq
+            found.append((loop.time() - 1000, seq))
+        return found
+
+    found = virtual_time.run(main())
+    assert [seq for _, seq in found] == [3, 4]
+    assert [at_s for at_s, _ in found] == pytest.approx([3.0, 4.0])
+
+
+def test_all_that_wait_are_woken() -> None:
+    async def main() -> list[int]:
+        hub = Hub(["a"])
+        async with asyncio.TaskGroup() as group:
+            waiting = [group.create_task(hub.newer("a", seq)) for seq in (0, 1, 0)]
+            await asyncio.sleep(1.0)
+            hub.publish(state(1))
+            await asyncio.sleep(1.0)
+            assert [task.done() for task in waiting] == [True, False, True]
+            hub.publish(state(2))
+        return [task.result().seq for task in waiting]
+
+    assert virtual_time.run(main()) == [1, 2, 1]
+
+
+def test_publishing_runs_nobody_and_waits_for_nobody() -> None:
+    async def main() -> bool:
+        hub = Hub(["a"])
+        async with asyncio.TaskGroup() as group:
+            waiting = group.create_task(hub.newer("a", 0))
+            await asyncio.sleep(0)
+            hub.publish(state(1))
+            return not waiting.done()
+
+    assert virtual_time.run(main())

@@ -1,0 +1,384 @@
+"""The register image, word for word."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway import events, fusion
+from gateway.errors import ProtocolError
+from gateway.modbus.registers import (
+    BLOCK_WORDS,
+    REGISTERS,
+    RESERVED,
+    CurrentImage,
+    StatusBit,
+    Value,
+    dead_image,
+    decode,
+    encode,
+)
+from gateway.modbus.words import WordOrder
+from gateway.model import (
+    Circle,
+    EventKind,
+    FusionMemory,
+    Quality,
+    RangeReading,
+    RangeStats,
+    Reason,
+    StateVector,
+    VisionReading,
+    VisionStats,
+)
+
+S = 1_000_000_000
+MS = 1_000_000
+UNIX_NS = 1_763_640_000_123_456_789  # 0x19AA122BE7B ms
+
+STATE = StateVector(
+    bay="north",
+    t_ns=100 * S,
+    seq=0x1_2345,
+    heartbeat=0x2_ABCD,
+    vision=VisionReading(
+        100 * S - 21 * MS,
+        Quality.GOOD,
+        Circle(u_px=640.27, v_px=-3.06, radius_px=181.26),
+        frame_id=0x1_0002_0003,
+        x_n=0.25,
+        y_n=-0.5,
+        stats=VisionStats(
+            frames=9, skipped=0x1_0001, lost=2, restarts=3, reopens=4, rate_hz=29.96, latency_ms=3.14
+        ),
+    ),
+    range=RangeReading(
+        100 * S - 40_999_999,
+        Quality.GOOD,
+        299.6,
+        seq=0x1_0007,
+        stats=RangeStats(lines=9, damaged=5, gaps=6, rejected=7, reopens=8, rate_hz=16.7),
+    ),
+    d=True,
+    stop=True,
+    permit=False,
+    reason=Reason.TARGET_REACHED,
+    z_vision_mm=301.5,
+)  # fmt: skip
+
+# address: word, high word first
+EXPECTED: dict[int, int] = {
+    0: 0x468A,  # 2 * 0x12345 modulo 65536
+    1: 1,
+    2: 0xABCD,
+    3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
+    4: 1,
+    5: 0,
+    6: 1,
+    7: 0,
+    8: 0,
+    9: 1,
+    10: 6403,
+    11: 0x1_0000 - 31,
+    12: 1813,
+    13: 300,
+    14: 302,  # half to even
+    15: 21,
+    16: 40,
+    17: 300,
+    18: 167,
+    19: 31,
+    20: 0x0002,  # frame id modulo 2^32
+    21: 0x0003,
+    22: 0x0000,
+    23: 0x019A,
+    24: 0xA122,
+    25: 0xBE7B,
+    26: 1,
+    27: 2,
+    28: 3,
+    29: 4,
+    30: 5,
+    31: 6,
+    32: 7,
+    33: 8,
+    34: 7,
+    40: 0x1234,
+    41: 0x5678,
+    42: 0x47F1,
+    43: 0x2000,
+    44: 0x4420,
+    45: 0x1148,
+    46: 0xC043,
+    47: 0xD70A,
+    48: 0x4335,
+    49: 0x428F,
+    50: 0x4395,
+    51: 0xCCCD,
+    52: 0x4396,
+    53: 0xC000,
+    54: 0x3E80,
+    55: 0x0000,
+    56: 0xBF00,
+    57: 0x0000,
+    99: 0x468A,
+}
+
+
+def values(state: StateVector) -> dict[str, Value]:
+    return decode(encode(state, UNIX_NS, "big"))
+
+
+def bits(state: StateVector) -> set[StatusBit]:
+    status = int(values(state)["status"] or 0)
+    return {bit for bit in StatusBit if status >> bit & 1}
+
+
+def test_every_word_of_the_image() -> None:
+    assert encode(STATE, UNIX_NS, "big") == tuple(EXPECTED.get(address, 0) for address in range(100))
+
+
+def test_little_word_order_swaps_words_and_nothing_else() -> None:
+    little = encode(STATE, UNIX_NS, "little")
+    swapped = dict(EXPECTED)
+    for first in (20, 40, 42, 44, 46, 48, 50, 52, 54, 56):
+        swapped[first], swapped[first + 1] = EXPECTED[first + 1], EXPECTED[first]
+    for place in range(4):
+        swapped[22 + place] = EXPECTED[25 - place]
+    assert little == tuple(swapped.get(address, 0) for address in range(100))
+
+
+def test_the_table_covers_the_block_once_and_is_in_order() -> None:
+    spans = sorted([(r.address, r.words) for r in REGISTERS] + [(p.address, p.words) for p in RESERVED])
+    at = 0
+    for address, words in spans:
+        assert address == at
+        at += words
+    assert at == BLOCK_WORDS <= 125
+    assert [r.address for r in REGISTERS] == sorted(r.address for r in REGISTERS)
+    assert len({r.name for r in REGISTERS}) == len(REGISTERS)
+
+
+def test_addresses_are_never_renumbered() -> None:
+    """The published map, version 1. A failure here means a PLC somewhere reads the wrong thing."""
+    version_1 = (
+        "0 seq_begin uint16, 1 map_version uint16, 2 heartbeat uint16, 3 status uint16, 4 stop uint16, "
+        "5 permit uint16, 6 reason uint16, 7 vision_quality uint16, 8 range_quality uint16, 9 d uint16, 10 u int16, "
+        "11 v int16, 12 radius uint16, 13 distance uint16, 14 z_vision uint16, 15 vision_age uint16, "
+        "16 range_age uint16, 17 vision_rate uint16, 18 range_rate uint16, 19 vision_latency uint16, "
+        "20 frame_id uint32, 22 timestamp uint64, 26 frames_skipped uint16, 27 frames_lost uint16, "
+        "28 worker_restarts uint16, 29 camera_reopens uint16, 30 ranger_damaged uint16, 31 ranger_gaps uint16, "
+        "32 ranger_rejected uint16, 33 ranger_reopens uint16, 34 range_seq uint16, 40 known_u32 uint32, "
+        "42 known_f32 float32, 44 u_f32 float32, 46 v_f32 float32, 48 radius_f32 float32, 50 distance_f32 float32, "
+        "52 z_vision_f32 float32, 54 x_n_f32 float32, 56 y_n_f32 float32, 99 seq_end uint16"
+    )
+    assert version_1 in ", ".join(f"{r.address} {r.name} {r.kind.name}" for r in REGISTERS)
+
+
+@pytest.mark.parametrize("quality", [q for q in Quality if q is not Quality.GOOD])
+def test_no_value_without_good_quality_even_if_one_is_handed_in(quality: Quality) -> None:
+    image = encode(replace(STATE, vision=replace(STATE.vision, quality=quality)), UNIX_NS, "big")
+    assert (image[10], image[11], image[12], image[14]) == (0x8000, 0x8000, 0xFFFF, 0xFFFF)
+    for address in (44, 46, 48, 52, 54, 56):
+        assert image[address : address + 2] == (0x7FC0, 0x0000)
+    assert image[7] == quality
+    assert (image[13], image[50]) == (300, 0x4395)  # the other sensor keeps its own
+
+    image = encode(replace(STATE, range=replace(STATE.range, quality=quality)), UNIX_NS, "big")
+    assert (image[13], image[50], image[51]) == (0xFFFF, 0x7FC0, 0x0000)
+    assert image[8] == quality
+    assert image[12] == 1813
+
+
+def test_a_known_zero_is_a_value_and_a_missing_one_is_not() -> None:
+    at_origin = replace(STATE, vision=replace(STATE.vision, circle=Circle(0.0, 0.0, 0.0)), z_vision_mm=None, d=None)
+    read = values(at_origin)
+    assert (read["u"], read["v"], read["radius"], read["u_f32"]) == (0, 0, 0, 0)
+    assert (read["z_vision"], read["z_vision_f32"], read["d"]) == (None, None, None)
+    assert encode(at_origin, UNIX_NS, "big")[9] == 0xFFFF
+
+
+def test_good_without_a_value_is_no_value() -> None:
+    broken = replace(STATE, vision=replace(STATE.vision, circle=None), range=replace(STATE.range, distance_mm=None))
+    read = values(broken)
+    assert [read[name] for name in ("u", "v", "radius", "distance", "z_vision")] == [None] * 5
+
+
+def test_a_cut_value_is_told_and_its_mirror_is_true() -> None:
+    wide = replace(STATE, vision=replace(STATE.vision, circle=Circle(4000.5, 10.0, 180.0)))
+    read = values(wide)
+    assert read["u"] == 3276.7
+    assert read["u_f32"] == 4000.5
+    assert StatusBit.CLAMPED in bits(wide)
+    assert StatusBit.CLAMPED not in bits(STATE)
+    old = replace(STATE, vision=replace(STATE.vision, t_ns=STATE.t_ns - 70 * S))
+    assert values(old)["vision_age"] == 65534
+    assert StatusBit.CLAMPED not in bits(old)
+
+
+def test_ages() -> None:
+    ahead = replace(STATE, vision=replace(STATE.vision, t_ns=STATE.t_ns + 5))
+    assert values(ahead)["vision_age"] == 0
+    waiting = fusion.initial("north", 5 * S)
+    assert encode(waiting, UNIX_NS, "big")[15:17] == (0xFFFF, 0xFFFF)
+
+
+def test_status_bits() -> None:
+    waiting = fusion.initial("north", 5 * S)
+    assert bits(waiting) == {StatusBit.STOP, StatusBit.D_UNKNOWABLE, StatusBit.STARTING}
+    permitted = replace(STATE, d=False, stop=False, permit=True, reason=Reason.NONE)
+    assert bits(permitted) == {StatusBit.PERMIT, StatusBit.VISION_GOOD, StatusBit.RANGE_GOOD, StatusBit.HEALTHY}
+    torn_apart = replace(STATE, memory=FusionMemory(disagree=True), reason=Reason.SENSORS_DISAGREE)
+    assert bits(torn_apart) == {
+        StatusBit.STOP, StatusBit.D, StatusBit.VISION_GOOD, StatusBit.RANGE_GOOD, StatusBit.FAULT, StatusBit.DISAGREE,
+    }  # fmt: skip
+    leaving = fusion.forced_stop(permitted, Reason.SHUTDOWN, STATE.t_ns)
+    assert bits(leaving) == {
+        StatusBit.STOP, StatusBit.D_UNKNOWABLE, StatusBit.SHUTDOWN, StatusBit.FAULT, StatusBit.VISION_FAULT,
+        StatusBit.RANGE_FAULT,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("quality", list(Quality))
+def test_fault_bits_and_fault_events_agree(quality: Quality) -> None:
+    """What MQTT reports as a sensor fault is a fault in the registers, and nothing else is."""
+    for sensor, bit in (("vision", StatusBit.VISION_FAULT), ("range", StatusBit.RANGE_FAULT)):
+        reading = replace(getattr(STATE, sensor), quality=quality)
+        state = replace(STATE, **{sensor: reading})
+        told = any(event.kind is EventKind.SENSOR_FAULT for event in events.diff(STATE, state))
+        assert told == (bit in bits(state)) == (StatusBit.FAULT in bits(state))
+
+
+def test_the_dead_image() -> None:
+    alive = encode(STATE, UNIX_NS, "big")
+    image = dead_image(STATE, STATE.t_ns + S, UNIX_NS, "big")
+    read = decode(image)
+    assert (read["stop"], read["permit"], read["reason"]) == (1, 0, 40)
+    assert image[2] == alive[2]  # the heartbeat as it stood
+    assert (image[10], image[11], image[12], image[13], image[14]) == (0x8000, 0x8000, 0xFFFF, 0xFFFF, 0xFFFF)
+    assert (image[7], image[8], image[9]) == (Quality.STALE, Quality.STALE, 0xFFFF)
+    assert StatusBit.GATEWAY_FAULT in {bit for bit in StatusBit if image[3] >> bit & 1}
+    assert image[0] == image[99] == alive[0] + 1  # a number no living state can have
+    following = encode(replace(STATE, seq=STATE.seq + 1), UNIX_NS, "big")
+    assert following[0] == alive[0] + 2
+
+
+@given(seq=st.integers(0, 2**40))
+def test_sequence_numbers_of_living_and_dead_never_meet(seq: int) -> None:
+    state = StateVector("b", seq=seq)
+    assert encode(state, 0, "big")[0] % 2 == 0
+    assert dead_image(state, 0, 0, "big")[0] == (encode(state, 0, "big")[0] + 1) % 0x1_0000
+
+
+def test_the_current_image_is_encoded_once_per_state() -> None:
+    current = CurrentImage("big")
+    now_ns = STATE.t_ns + 7 * MS
+    first = current.of(STATE, now_ns, UNIX_NS + 7 * MS)
+    assert first == encode(STATE, UNIX_NS, "big")  # the timestamp is the state's, not the poll's
+    assert current.of(STATE, now_ns + S, UNIX_NS + S) is first
+    dead = current.of(fusion.forced_stop(STATE, Reason.GATEWAY_FAULT, now_ns + S), now_ns + S, UNIX_NS + S)
+    assert dead[4:7] == (1, 0, 40)
+    # A dead bay's state carries a new time at every call; one sequence number must still mean one image.
+    later_ns = now_ns + 9 * S
+    assert current.of(fusion.forced_stop(STATE, Reason.GATEWAY_FAULT, later_ns), later_ns, UNIX_NS + 9 * S) is dead
+    revived = current.of(replace(STATE, seq=STATE.seq + 1), now_ns, UNIX_NS)
+    assert revived[0] == dead[0] + 1
+    assert revived[6] == 1
+
+
+@pytest.mark.parametrize("order", ["big", "little"])
+def test_decode_gives_back_what_was_encoded(order: WordOrder) -> None:
+    read = decode(encode(STATE, UNIX_NS, order))
+    assert read["frame_id"] == 0x0002_0003
+    assert read["timestamp"] == 1_763_640_000_123
+    assert read["known_u32"] == 305_419_896
+    assert read["known_f32"] == 123_456.0
+    assert (read["u"], read["v"], read["radius"], read["distance"]) == (640.3, -3.1, 181.3, 300)
+    assert (read["x_n_f32"], read["y_n_f32"]) == (0.25, -0.5)
+    assert read["distance_f32"] == pytest.approx(299.6, abs=1e-4)
+    assert read["vision_rate"] == 30.0
+
+
+def test_decode_refuses_what_it_cannot_trust() -> None:
+    image = encode(STATE, UNIX_NS, "big")
+    for wrong, said in (
+        (image[:99], "99"),
+        ((*image[:40], 0, 0, *image[42:]), "0x12345678"),
+        ((*image[:99], image[99] ^ 2), "torn"),
+        ((*image[:1], 0, *image[2:]), "map version 0"),
+    ):
+        with pytest.raises(ProtocolError, match=said):
+            decode(wrong)
+
+
+NUMBERS = st.one_of(st.floats(), st.floats(-10_000, 10_000), st.integers(-(2**70), 2**70).map(float))
+COUNTS = st.integers(0, 2**70)
+
+
+@given(
+    u=NUMBERS,
+    v=NUMBERS,
+    radius=NUMBERS,
+    distance=NUMBERS,
+    z_vision=st.none() | NUMBERS,
+    rate=NUMBERS,
+    count=COUNTS,
+    times=st.tuples(*[st.integers(-(2**70), 2**70)] * 4),
+    qualities=st.tuples(st.sampled_from(Quality), st.sampled_from(Quality)),
+    order=st.sampled_from(("big", "little")),
+)
+def test_any_numbers_encode_without_raising_or_wrapping(
+    u: float,
+    v: float,
+    radius: float,
+    distance: float,
+    z_vision: float | None,
+    rate: float,
+    count: int,
+    times: tuple[int, int, int, int],
+    qualities: tuple[Quality, Quality],
+    order: WordOrder,
+) -> None:
+    state = StateVector(
+        "b",
+        t_ns=times[0],
+        seq=count,
+        heartbeat=count,
+        vision=VisionReading(
+            times[1],
+            qualities[0],
+            Circle(u, v, radius),
+            count,
+            x_n=u,
+            y_n=v,
+            stats=VisionStats(count, count, count, count, count, rate, rate),
+        ),
+        range=RangeReading(
+            times[2], qualities[1], distance, count, stats=RangeStats(count, count, count, count, count, rate)
+        ),
+        z_vision_mm=z_vision,
+    )
+    image = encode(state, times[3], order)
+
+    assert len(image) == BLOCK_WORDS
+    assert all(type(word) is int and 0 <= word <= 0xFFFF for word in image)
+    read = decode(image)
+    for name, value, scale, low, high, quality in (
+        ("u", u, 0.1, -3276.7, 3276.7, qualities[0]),
+        ("v", v, 0.1, -3276.7, 3276.7, qualities[0]),
+        ("radius", radius, 0.1, 0, 6553.4, qualities[0]),
+        ("z_vision", z_vision, 1, 0, 65534, qualities[0]),
+        ("distance", distance, 1, 0, 65534, qualities[1]),
+    ):
+        shown = read[name]
+        if quality is not Quality.GOOD or value is None or not abs(value) < float("inf"):
+            assert shown is None
+        else:
+            assert shown is not None
+            assert abs(shown - min(max(value, low), high)) <= scale * 0.5000001
+    if qualities[0] is not Quality.WAITING:
+        assert read["vision_age"] == min(max(0, times[0] - times[1]) // MS, 65534)
+    assert read["frames_lost"] == count % 65536
+    assert read["frame_id"] == count % 2**32
+    assert read["timestamp"] == min(max(0, times[3] // MS), 2**64 - 1)

@@ -1,0 +1,98 @@
+"""The outbox against a plain list that does the same slowly."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.mqtt.outbox import Entry, MemoryOutbox
+
+
+def entry(number: int, *, precious: bool = False) -> Entry:
+    return Entry(f"b-{number}", "loading/s/bay1/event", str(number).encode(), precious)
+
+
+def ids(outbox: MemoryOutbox) -> list[str]:
+    """Delivers everything."""
+    found = []
+    while (oldest := outbox.oldest()) is not None:
+        found.append(oldest.id)
+        outbox.acknowledge(oldest.id)
+    return found
+
+
+def test_an_entry_stays_until_it_is_acknowledged() -> None:
+    outbox = MemoryOutbox(10)
+    outbox.put(entry(1))
+    assert outbox.oldest() == outbox.oldest() == entry(1)
+    assert len(outbox) == 1
+    outbox.acknowledge("b-1")
+    assert outbox.oldest() is None
+    assert len(outbox) == 0
+
+
+def test_order_is_kept_across_kinds() -> None:
+    outbox = MemoryOutbox(10)
+    for number in range(1, 8):
+        outbox.put(entry(number, precious=number in (2, 3, 6)))
+    assert ids(outbox) == [f"b-{n}" for n in range(1, 8)]
+
+
+def test_when_full_the_oldest_common_entry_goes_before_any_precious_one() -> None:
+    outbox = MemoryOutbox(3)
+    for number, precious in ((1, True), (2, False), (3, True), (4, False), (5, True)):
+        outbox.put(entry(number, precious=precious))
+    assert outbox.dropped == 2
+    assert ids(outbox) == ["b-1", "b-3", "b-5"]
+
+
+def test_full_of_precious_entries_a_common_one_is_not_taken() -> None:
+    outbox = MemoryOutbox(2)
+    for number, precious in ((1, True), (2, True), (3, False)):
+        outbox.put(entry(number, precious=precious))
+    assert outbox.dropped == 1
+    assert ids(outbox) == ["b-1", "b-2"]
+
+
+def test_full_of_precious_entries_the_oldest_goes_for_a_newer_one() -> None:
+    outbox = MemoryOutbox(2)
+    for number in (1, 2, 3):
+        outbox.put(entry(number, precious=True))
+    assert outbox.dropped == 1
+    assert ids(outbox) == ["b-2", "b-3"]
+
+
+def test_the_acknowledgement_of_an_entry_dropped_on_its_way_takes_no_other() -> None:
+    outbox = MemoryOutbox(2)
+    for number in (1, 2, 3):
+        outbox.put(entry(number))
+    outbox.acknowledge("b-1")
+    assert ids(outbox) == ["b-2", "b-3"]
+
+
+def test_room_for_nothing_is_no_outbox() -> None:
+    with pytest.raises(ValueError, match="at least 1"):
+        MemoryOutbox(0)
+
+
+@given(
+    limit=st.integers(1, 6), moves=st.lists(st.sampled_from(["common", "precious", "acknowledge", "late"]), max_size=60)
+)
+def test_it_behaves_like_a_slow_list(limit: int, moves: list[str]) -> None:
+    outbox = MemoryOutbox(limit)
+    model: list[Entry] = []
+    dropped = 0
+    for number, move in enumerate(moves):
+        if move == "acknowledge" and model:
+            outbox.acknowledge(model.pop(0).id)
+        elif move == "late":
+            outbox.acknowledge("b-none")
+        elif move in ("common", "precious"):
+            new = entry(number, precious=move == "precious")
+            outbox.put(new)
+            model.append(new)
+            if len(model) > limit:
+                model.remove(next((e for e in model if not e.precious), model[0]))
+                dropped += 1
+        assert outbox.oldest() == (model[0] if model else None)
+        assert (len(outbox), outbox.dropped) == (len(model), dropped)
+    assert ids(outbox) == [e.id for e in model]

@@ -1,0 +1,564 @@
+"""The publisher against a broker made of memory, in virtual time: hours of outage cost nothing."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NoReturn
+
+import pytest
+
+from gateway import fusion
+from gateway.config import MqttConfig
+from gateway.errors import ConfigError, LinkError
+from gateway.hub import Hub
+from gateway.model import Event, EventKind, Quality, Reason, StateVector
+from gateway.mqtt.link import Message
+from gateway.mqtt.publisher import MqttPublisher
+from tests import virtual_time
+from tests.mqtt_messages import checked
+from tests.virtual_time import LoopClock
+
+
+@dataclass
+class Heard:
+    at_s: float
+    topic: str
+    retain: bool
+    json: dict[str, Any]
+
+
+class Broker:
+    """What comes is kept in `heard` at once and acknowledged `ack_s` later; never, while `hung`."""
+
+    def __init__(self) -> None:
+        self.ack_s = 0.0
+        self.hung = False
+        self.refuses = False
+        self.heard: list[Heard] = []
+        self.unacknowledged = 0
+        self.connections = 0
+        self.ends: list[str] = []  # how each connection was left
+        self.lost = asyncio.Event()
+        self.bug: Exception | None = None
+
+    @contextlib.asynccontextmanager
+    async def connect(self) -> AsyncIterator["Link"]:
+        if self.refuses:
+            raise LinkError("refused")
+        assert self.connections == len(self.ends), "two connections with one client id"
+        self.connections += 1
+        self.lost = asyncio.Event()
+        try:
+            yield Link(self)
+        except BaseException:
+            self.ends.append("cut")
+            raise
+        self.ends.append("goodbye")
+
+    def lose(self) -> None:
+        """Break the connection there is."""
+        self.lost.set()
+
+    def on(self, suffix: str) -> list[Heard]:
+        return [heard for heard in self.heard if heard.topic.endswith(suffix)]
+
+    def ids(self) -> list[str]:
+        return [heard.json["id"] for heard in self.on("/event")]
+
+    def kinds(self) -> list[str]:
+        return [heard.json["kind"] for heard in self.on("/event")]
+
+
+class Link:
+    def __init__(self, broker: Broker) -> None:
+        self._broker = broker
+
+    async def publish(self, message: Message) -> None:
+        broker = self._broker
+        if broker.bug is not None:
+            raise broker.bug
+        broker.heard.append(Heard(now_s(), message.topic, message.retain, checked(message.topic, message.payload)))
+        broker.unacknowledged += 1
+        try:
+            async with asyncio.timeout(7.5):
+                await (asyncio.Event().wait() if broker.hung else asyncio.sleep(broker.ack_s))
+        except TimeoutError:
+            raise LinkError("no acknowledgement") from None
+        finally:
+            broker.unacknowledged -= 1
+        if broker.lost.is_set():
+            raise LinkError("connection lost")
+
+    async def lost(self) -> NoReturn:
+        await self._broker.lost.wait()
+        raise LinkError("connection lost")
+
+
+def now_s() -> float:
+    return asyncio.get_running_loop().time()
+
+
+class Plant:
+    """A hub whose bays are computed every 20 ms, a publisher, and the supervisor's part in small."""
+
+    def __init__(self, *bays: str, **settings: Any) -> None:
+        self.clock = LoopClock()
+        self.broker = Broker()
+        self.hub = Hub(bays or ("bay1",))
+        for bay in self.hub.bays:
+            self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
+        config = MqttConfig(**({"url": "mqtt://broker", "root": "r"} | settings))
+        self.publisher = MqttPublisher(config, "site", "gw", self.hub, self.clock, "1.0", connector=self.broker.connect)
+        self.link_errors: list[str] = []
+        self.failed = asyncio.Event()
+        self.computing = set(self.hub.bays)
+
+    def change(self, bay: str = "bay1", **values: Any) -> StateVector:
+        old = self.hub.state(bay)
+        new = replace(old, seq=old.seq + 1, t_ns=self.clock.now_ns(), **values)
+        self.hub.publish(new)
+        return new
+
+    def happen(self, kind: EventKind, bay: str = "bay1") -> None:
+        state = self.hub.state(bay)
+        self.hub.publish(state, [Event(kind, bay, self.clock.now_ns(), state)])
+
+    async def compute(self) -> None:
+        while True:
+            await asyncio.sleep(0.02)
+            for bay in self.computing:
+                self.change(bay)
+
+    async def keep_delivering(self) -> None:
+        while True:
+            try:
+                return await self.publisher.deliver()
+            except LinkError as error:
+                self.link_errors.append(str(error))
+                self.failed.set()
+                await asyncio.sleep(1)
+
+    @contextlib.asynccontextmanager
+    async def running(self, *parts: Callable[[], Awaitable[None]]) -> AsyncIterator[None]:
+        async with asyncio.TaskGroup() as group:
+            chosen = parts or (self.compute, self.publisher.collect, self.keep_delivering)
+            tasks = [group.create_task(as_coroutine(part())) for part in chosen]
+            yield
+            for task in tasks:
+                task.cancel()
+
+
+async def as_coroutine(awaitable: Awaitable[None]) -> None:
+    await awaitable
+
+
+def in_virtual_time(test: Callable[[], Coroutine[Any, Any, None]]) -> Callable[[], None]:
+    def run() -> None:
+        virtual_time.run(test())
+
+    run.__name__ = test.__name__
+    run.__doc__ = test.__doc__
+    return run
+
+
+@in_virtual_time
+async def test_online_is_said_only_when_every_bay_s_state_is_new() -> None:
+    plant = Plant("bay1", "bay2", "bay3")
+    plant.broker.ack_s = 0.1
+    async with plant.running():
+        await asyncio.sleep(0.45)
+        first = [heard.topic for heard in plant.broker.heard[:4]]
+    assert sorted(first[:3]) == ["r/site/bay1/state", "r/site/bay2/state", "r/site/bay3/state"]
+    assert first[3] == "r/site/gw/status"
+    assert plant.broker.heard[3].at_s == pytest.approx(plant.broker.heard[0].at_s + 0.1)
+    assert plant.broker.heard[3].json["status"] == "online"
+    assert plant.broker.heard[3].json["delivery"]["published"] == 3
+    assert all(heard.retain for heard in plant.broker.heard)
+
+
+@in_virtual_time
+async def test_an_unexciting_state_goes_out_once_a_period() -> None:
+    plant = Plant(state_period_s=0.5)
+    async with plant.running():
+        await asyncio.sleep(10.1)
+    times = [heard.at_s for heard in plant.broker.on("/state")]
+    assert len(times) == 21
+    assert {round(b - a, 6) for a, b in pairwise(times)} == {0.5}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"stop": False},
+        {"permit": True},
+        {"reason": Reason.NO_ECHO},
+        {"vision": Quality.NO_TARGET},
+        {"range": Quality.STUCK},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_a_change_that_matters_goes_out_at_once(change: dict[str, Any]) -> None:
+    async def scenario() -> None:
+        plant = Plant(state_period_s=60)
+        state = plant.hub.state("bay1")
+        values = {k: replace(getattr(state, k), quality=v) if isinstance(v, Quality) else v for k, v in change.items()}
+        async with plant.running():
+            await asyncio.sleep(7.01)
+            before_s = now_s()
+            plant.change(**values)
+            await asyncio.sleep(1)
+        found = plant.broker.on("/state")
+        assert len(found) == 2
+        assert found[1].at_s == before_s
+        for key, value in change.items():
+            said = found[1].json[key]
+            name = said["quality"]["name"] if key in ("vision", "range") else said
+            assert (name["name"] if key == "reason" else name) == getattr(value, "name", value)
+
+    virtual_time.run(scenario())
+
+
+@in_virtual_time
+async def test_to_a_slow_broker_the_newest_state_goes_one_at_a_time() -> None:
+    plant = Plant(state_period_s=0.5)
+    async with plant.running():
+        await asyncio.sleep(1.01)
+        plant.broker.ack_s = 3.0
+        for _ in range(100):
+            await asyncio.sleep(0.1)
+            plant.change(stop=not plant.hub.state("bay1").stop)
+            assert plant.broker.unacknowledged <= 2  # a state and a sign of life
+        plant.broker.ack_s = 0.0
+        await asyncio.sleep(4)
+        last = plant.broker.on("/state")[-1].json["seq"]
+        assert 0 <= plant.hub.state("bay1").seq - last <= 25
+    seqs = [heard.json["seq"] for heard in plant.broker.on("/state")]
+    assert seqs == sorted(set(seqs))
+    assert plant.link_errors == []
+
+
+@in_virtual_time
+async def test_a_bay_that_nobody_computes_any_more_does_not_look_alive() -> None:
+    plant = Plant("bay1", "bay2", state_period_s=0.5)
+    async with plant.running():
+        await asyncio.sleep(1)
+        plant.change(stop=False, permit=True, reason=Reason.NONE)
+        died_s = now_s()
+        plant.computing.remove("bay1")
+        await asyncio.sleep(10)
+        said = [heard for heard in plant.broker.on("bay1/state") if heard.at_s > died_s]
+        dead = [heard for heard in said if heard.json["reason"]["name"] == "GATEWAY_FAULT"]
+        assert 3.0 < dead[0].at_s - died_s <= 3.51
+        assert all(heard.json["stop"] and not heard.json["permit"] for heard in said if heard.at_s >= dead[0].at_s)
+        assert all(not heard.json["stop"] for heard in said if heard.at_s < dead[0].at_s)
+        assert plant.broker.on("bay2/state")[-1].json["reason"]["name"] == "STARTING"
+        plant.computing.add("bay1")
+        back_s = now_s()
+        await asyncio.sleep(0.03)
+        assert plant.broker.on("bay1/state")[-1].json["permit"] is True
+        assert plant.broker.on("bay1/state")[-1].at_s == pytest.approx(back_s + 0.02, abs=0.001)
+
+
+@in_virtual_time
+async def test_a_sign_of_life_every_half_keepalive() -> None:
+    plant = Plant(keepalive_s=10, state_period_s=60)
+    async with plant.running():
+        await asyncio.sleep(21)
+    assert [round(heard.at_s - plant.broker.heard[0].at_s) for heard in plant.broker.on("/status")] == [
+        0,
+        5,
+        10,
+        15,
+        20,
+    ]
+
+
+@in_virtual_time
+async def test_events_go_out_in_order_one_at_a_time_and_are_not_retained() -> None:
+    plant = Plant("bay1", "bay2")
+    plant.broker.ack_s = 0.2
+    async with plant.running():
+        await asyncio.sleep(1)
+        kinds = [EventKind.TARGET_FOUND, EventKind.STOP_RAISED, EventKind.STOP_CLEARED, EventKind.TARGET_LOST]
+        for number, kind in enumerate(kinds):
+            plant.happen(kind, f"bay{1 + number % 2}")
+        await asyncio.sleep(2)
+    found = plant.broker.on("/event")
+    assert [heard.json["kind"] for heard in found] == [kind.value for kind in kinds]
+    assert [heard.topic for heard in found] == ["r/site/bay1/event", "r/site/bay2/event"] * 2
+    assert [heard.json["id"].split("-")[1] for heard in found] == ["1", "2", "3", "4"]
+    assert [round(b.at_s - a.at_s, 6) for a, b in pairwise(found)] == [0.2, 0.2, 0.2]
+    assert not any(heard.retain for heard in found)
+
+
+@in_virtual_time
+async def test_an_event_carries_the_time_it_happened_not_the_time_it_was_delivered() -> None:
+    plant = Plant()
+    plant.broker.refuses = True
+    async with plant.running(plant.publisher.collect, plant.keep_delivering):
+        await asyncio.sleep(5)
+        happened_ms = plant.clock.wall_ns() // 1_000_000
+        plant.happen(EventKind.STOP_RAISED)
+        await asyncio.sleep(3600)
+        plant.broker.refuses = False
+        await asyncio.sleep(2)
+    assert plant.broker.on("/event")[0].json["timestamp_ms"] == happened_ms
+
+
+@in_virtual_time
+async def test_what_was_not_acknowledged_goes_out_again_and_is_the_same() -> None:
+    plant = Plant()
+    async with plant.running():
+        await asyncio.sleep(1)
+        plant.broker.hung = True
+        plant.happen(EventKind.STOP_RAISED)
+        plant.happen(EventKind.STOP_CLEARED)
+        await asyncio.sleep(5)
+        plant.broker.hung = False
+        await asyncio.sleep(5)
+    found = plant.broker.on("/event")
+    assert [heard.json["kind"] for heard in found] == ["stop_raised", "stop_raised", "stop_cleared"]
+    assert found[0].json == found[1].json
+    assert plant.broker.ends[0] == "cut"
+    assert plant.publisher.stats.failed >= 1
+    assert plant.publisher.stats.reconnects == 1
+    assert plant.publisher.stats.queued == 0
+
+
+@in_virtual_time
+async def test_a_hung_broker_is_noticed_within_one_and_a_half_keepalives() -> None:
+    """With states so rare that only the sign of life can notice."""
+    plant = Plant(keepalive_s=10, state_period_s=60)
+    async with plant.running():
+        await asyncio.sleep(20.5)  # just after a sign of life
+        plant.broker.hung = True
+        async with asyncio.timeout(12.6):
+            await plant.failed.wait()
+    assert plant.link_errors == ["no acknowledgement"]
+
+
+@in_virtual_time
+async def test_a_lost_connection_is_one_link_error_at_once() -> None:
+    plant = Plant("bay1", "bay2", "bay3")
+    async with plant.running():
+        await asyncio.sleep(1)
+        plant.broker.lose()
+        await asyncio.sleep(0)
+        await asyncio.sleep(0.01)
+        assert plant.link_errors == ["connection lost"]
+        await asyncio.sleep(2)
+        assert plant.broker.connections == 2
+        assert plant.broker.ends == ["cut"]
+
+
+@in_virtual_time
+async def test_a_bug_is_not_taken_for_a_lost_link() -> None:
+    plant = Plant()
+    plant.broker.bug = ZeroDivisionError("a bug")
+    with pytest.raises(ExceptionGroup) as caught:
+        await plant.publisher.deliver()
+    assert caught.value.subgroup(ZeroDivisionError) is not None
+    assert plant.broker.ends == ["cut"]
+
+
+@in_virtual_time
+async def test_events_are_taken_over_while_there_is_no_broker_and_stops_are_dropped_last() -> None:
+    plant = Plant(outbox_events=10)
+    plant.broker.refuses = True
+    async with plant.running():
+        await asyncio.sleep(1)
+        for _ in range(4):
+            plant.happen(EventKind.STOP_RAISED)
+            plant.happen(EventKind.STOP_CLEARED)
+        await asyncio.sleep(1)
+        for _ in range(5):
+            plant.happen(EventKind.TARGET_FOUND)
+        await asyncio.sleep(1)
+        assert plant.publisher.stats.queued == 10
+        assert plant.publisher.stats.dropped == 3
+        plant.broker.refuses = False
+        await asyncio.sleep(3)
+    assert plant.broker.kinds() == ["stop_raised", "stop_cleared"] * 4 + ["target_found"] * 2
+    assert [int(name.split("-")[1]) for name in plant.broker.ids()] == [*range(1, 9), 12, 13]
+    assert plant.broker.on("/status")[0].json["delivery"]["dropped"] == 3
+
+
+@in_virtual_time
+async def test_without_anybody_collecting_the_hub_queue_drops_and_that_is_counted_too() -> None:
+    plant = Plant(outbox_events=10)
+    for _ in range(13):
+        plant.happen(EventKind.STOP_RAISED)
+    assert plant.publisher.stats.dropped == 3
+    assert plant.publisher.stats.queued == 10
+
+
+@in_virtual_time
+async def test_events_from_before_the_first_task_runs_are_not_missed() -> None:
+    plant = Plant()
+    plant.happen(EventKind.START)
+    async with plant.running():
+        await asyncio.sleep(0.1)
+    assert plant.broker.kinds() == ["start"]
+
+
+def final_words(plant: Plant) -> list[tuple[str, str]]:
+    """Topic and what was said of everything since the farewell began: the shutdown state is the first of it."""
+    start = next(i for i, h in enumerate(plant.broker.heard) if h.json.get("reason", {}).get("name") == "SHUTDOWN")
+    return [
+        (h.topic, h.json.get("kind") or h.json.get("cause") or f"stop {h.json['stop']}")
+        for h in plant.broker.heard[start:]
+    ]
+
+
+@in_virtual_time
+async def test_farewell_beside_a_live_connection() -> None:
+    plant = Plant("bay1", "bay2")
+    async with plant.running():
+        await asyncio.sleep(1)
+        plant.change("bay1", stop=False, permit=True, reason=Reason.NONE)
+        plant.happen(EventKind.SHUTDOWN, "bay2")
+        assert await plant.publisher.farewell(1.0) is True
+        assert plant.broker.ends == ["goodbye"]
+        await asyncio.sleep(100)  # nothing more is said, and nobody connects again
+    assert final_words(plant) == [
+        ("r/site/bay1/state", "stop True"),
+        ("r/site/bay2/state", "stop True"),
+        ("r/site/bay2/event", "shutdown"),
+        ("r/site/gw/status", "shutdown"),
+    ]
+    assert plant.broker.connections == 1
+    assert plant.link_errors == []
+
+
+@in_virtual_time
+async def test_an_event_on_its_way_when_the_farewell_begins_goes_out_once() -> None:
+    plant = Plant()
+    plant.broker.ack_s = 0.1
+    async with plant.running():
+        await asyncio.sleep(1)
+        for _ in range(3):
+            plant.happen(EventKind.STOP_RAISED)
+        await asyncio.sleep(0.05)
+        plant.happen(EventKind.SHUTDOWN)
+        assert await plant.publisher.farewell(1.0) is True
+    assert plant.broker.kinds() == ["stop_raised"] * 3 + ["shutdown"]
+
+
+@in_virtual_time
+async def test_farewell_without_a_connection_makes_one() -> None:
+    plant = Plant()
+    plant.happen(EventKind.STOP_RAISED)
+    plant.happen(EventKind.SHUTDOWN)
+    assert await plant.publisher.farewell(1.0) is True
+    assert final_words(plant) == [
+        ("r/site/bay1/state", "stop True"),
+        ("r/site/bay1/event", "stop_raised"),
+        ("r/site/bay1/event", "shutdown"),
+        ("r/site/gw/status", "shutdown"),
+    ]
+    assert plant.broker.ends == ["goodbye"]
+    await plant.publisher.deliver()  # returns: there is nothing left to do
+    assert await plant.publisher.farewell(1.0) is True
+    assert plant.broker.connections == 1
+
+
+@in_virtual_time
+async def test_farewell_between_two_tries_to_connect() -> None:
+    plant = Plant()
+    plant.broker.refuses = True
+    async with plant.running():
+        await asyncio.sleep(2.5)
+        plant.broker.refuses = False
+        assert await plant.publisher.farewell(1.0) is True
+        await asyncio.sleep(10)
+    assert plant.broker.connections == 1
+    assert plant.broker.ends == ["goodbye"]
+
+
+@in_virtual_time
+async def test_farewell_to_a_hung_broker_takes_no_longer_than_asked_and_leaves_it_to_the_will() -> None:
+    plant = Plant()
+    async with plant.running():
+        await asyncio.sleep(1)
+        plant.happen(EventKind.SHUTDOWN)
+        plant.broker.hung = True
+        begun_s = now_s()
+        assert await plant.publisher.farewell(0.75) is False
+        assert now_s() - begun_s == pytest.approx(0.75)
+    assert plant.broker.ends == ["cut"]
+
+
+@in_virtual_time
+async def test_farewell_to_nobody_ends_at_once() -> None:
+    plant = Plant()
+    plant.broker.refuses = True
+    begun_s = now_s()
+    assert await plant.publisher.farewell(1.0) is False
+    assert now_s() == begun_s
+
+
+@in_virtual_time
+async def test_farewell_to_a_slow_broker_says_the_states_first() -> None:
+    plant = Plant("bay1", "bay2")
+    for _ in range(50):
+        plant.happen(EventKind.TARGET_FOUND)
+    plant.broker.ack_s = 0.2
+    assert await plant.publisher.farewell(1.0) is False
+    assert [heard.topic for heard in plant.broker.heard[:2]] == ["r/site/bay1/state", "r/site/bay2/state"]
+    assert plant.broker.kinds() == ["target_found"] * 3
+    assert plant.broker.ends == ["cut"]
+
+
+@in_virtual_time
+async def test_a_connection_that_breaks_during_the_farewell_ends_it_at_once() -> None:
+    plant = Plant()
+    plant.broker.hung = True
+    begun_s = now_s()
+    asyncio.get_running_loop().call_later(0.1, plant.broker.lose)
+    assert await plant.publisher.farewell(1.0) is False
+    assert now_s() - begun_s == pytest.approx(0.1)
+
+
+@in_virtual_time
+async def test_a_connection_that_breaks_during_the_farewell_is_tried_once_more() -> None:
+    plant = Plant()
+    plant.broker.ack_s = 0.1
+    async with plant.running():
+        await asyncio.sleep(1)
+        plant.happen(EventKind.SHUTDOWN)
+        farewell = asyncio.get_running_loop().create_task(plant.publisher.farewell(1.0))
+        await asyncio.sleep(0.05)
+        plant.broker.lose()
+        assert await farewell is True
+    assert plant.broker.ends == ["cut", "goodbye"]
+    assert plant.broker.on("/status")[-1].json["cause"] == "shutdown"
+    assert plant.broker.kinds()[-1] == "shutdown"
+
+
+@in_virtual_time
+async def test_a_cancelled_delivery_cuts_its_connection() -> None:
+    plant = Plant()
+    async with plant.running():
+        await asyncio.sleep(1)
+    assert plant.broker.ends == ["cut"]
+    assert plant.broker.on("/status")[-1].json["status"] == "online"
+
+
+@pytest.mark.parametrize("settings", [{"url": "mqtt://broker:0"}, {"root": "a//b"}])
+def test_what_can_never_work_is_a_config_error_at_once(settings: dict[str, str]) -> None:
+    config = MqttConfig(**({"url": "mqtt://broker"} | settings))
+    with pytest.raises(ConfigError, match=r"^mqtt\."):
+        MqttPublisher(config, "site", "gw", Hub(["bay1"]), LoopClock())
+
+
+def test_two_starts_have_different_boot_numbers() -> None:
+    async def boot() -> str:
+        plant = Plant()
+        await plant.publisher.farewell(1.0)
+        return str(plant.broker.on("/status")[-1].json["boot"])
+
+    first, second = virtual_time.run(boot()), virtual_time.run(boot())
+    assert first != second
+    assert len(first) == len(second) == 16

@@ -1,0 +1,577 @@
+"""Other processes read the vector whole, know when its writer is dead, and can do it no harm."""
+
+import contextlib
+import errno
+import fcntl
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from gateway import shared_state
+from gateway.clock import SystemClock
+from gateway.errors import ConfigError, LinkError
+from gateway.fusion import initial
+from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.shared_state import SharedStateReader, SharedStateWriter, attachable, path_of
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder of our own: other gateways of this machine are none of a test's business. Leaks no descriptor."""
+    monkeypatch.setattr(shared_state, "folder", lambda: tmp_path)
+    before = len(os.listdir("/proc/self/fd"))
+    yield tmp_path
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+PRELUDE = """
+import json, sys
+from pathlib import Path
+from gateway import shared_state
+shared_state.folder = lambda: Path(sys.argv[1])
+from gateway.errors import LinkError
+from gateway.model import StateVector
+from gateway.shared_state import SharedStateReader, SharedStateWriter, attachable
+"""
+
+
+@contextlib.contextmanager
+def other_process(folder: Path, code: str) -> Iterator["subprocess.Popen[str]"]:
+    """Another process that has printed `ready`; killed at the end, whatever happens."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PRELUDE + code, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.kill()
+
+
+WRITER = """
+with SharedStateWriter("line1", "bay1") as writer:
+    writer.write(StateVector("bay1", t_ns=7))
+    print("ready", flush=True)
+    sys.stdin.readline()
+"""
+
+
+def numbered(seq: int) -> StateVector:
+    """Every field follows from `seq`, so that a mixture of two states would show."""
+    return StateVector(
+        bay="bay1",
+        seq=seq,
+        t_ns=seq * 3,
+        vision=VisionReading(seq * 5, Quality.GOOD, Circle(seq + 0.25, seq + 0.5, seq + 0.75), frame_id=seq * 7),
+        range=RangeReading(-seq, Quality.GOOD, seq * 2.5),
+        z_vision_mm=seq * 1.5,
+        reason=Reason.NONE,
+        d=False,
+        stop=False,
+        permit=True,
+    )
+
+
+# What is read is what was written.
+
+
+def test_a_good_state_is_read_as_it_was_written() -> None:
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(numbered(8))
+
+        found = asdict(reader.read())
+        assert 0 <= SystemClock().now_ns() - found.pop("written_ns") < shared_state.DEAD_AFTER_NS
+        assert found == {
+            "bay": "bay1",
+            "pid": os.getpid(),
+            "seq": 8,
+            "t_ns": 24,
+            "t_vision_ns": 40,
+            "t_range_ns": -8,
+            "frame_id": 56,
+            "u_px": 8.25,
+            "v_px": 8.5,
+            "radius_px": 8.75,
+            "distance_mm": 20.0,
+            "z_vision_mm": 12.0,
+            "vision_quality": Quality.GOOD,
+            "range_quality": Quality.GOOD,
+            "reason": Reason.NONE,
+            "d": False,
+            "stop": False,
+            "permit": True,
+        }
+
+
+@dataclass(frozen=True)
+class Later(SystemClock):
+    """The reader's clock, so much ahead."""
+
+    by_ns: int = 0
+
+    def now_ns(self) -> int:
+        return SystemClock().now_ns() + self.by_ns
+
+
+def test_a_gateway_that_stands_still_is_not_believed() -> None:
+    """Stopped, hung, or its control task dead: its lock is held, and its last state looked good."""
+    with SharedStateWriter("line1", "bay1") as writer:
+        writer.write(numbered(8))
+        with SharedStateReader("line1", "bay1", Later(by_ns=shared_state.DEAD_AFTER_NS // 2)) as reader:
+            assert reader.read().permit
+        with SharedStateReader("line1", "bay1", Later(by_ns=shared_state.DEAD_AFTER_NS)) as reader:
+            found = reader.read()
+
+    numbers = (found.u_px, found.v_px, found.radius_px, found.distance_mm, found.z_vision_mm)
+    assert all(map(math.isnan, numbers))
+    assert (found.vision_quality, found.range_quality) == (Quality.STALE, Quality.STALE)
+    assert (found.d, found.stop, found.permit, found.reason) == (None, True, False, Reason.GATEWAY_FAULT)
+    assert (found.seq, found.t_ns, found.frame_id) == (8, 24, 56)
+
+
+def test_where_there_is_no_value_there_is_nan() -> None:
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(initial("bay1", 7))
+        found = reader.read()
+
+    numbers = (found.u_px, found.v_px, found.radius_px, found.distance_mm, found.z_vision_mm)
+    assert all(map(math.isnan, numbers))
+    assert (found.vision_quality, found.range_quality) == (Quality.WAITING, Quality.WAITING)
+    assert (found.d, found.stop, found.permit, found.reason) == (None, True, False, Reason.STARTING)
+
+
+@pytest.mark.parametrize("d", [None, False, True])
+@pytest.mark.parametrize("reason", Reason)
+def test_every_decision_and_reason_fits(d: bool | None, reason: Reason) -> None:
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(replace(numbered(1), d=d, reason=reason, stop=bool(d), permit=not d))
+        found = reader.read()
+
+    assert (found.d, found.reason, found.stop, found.permit) == (d, reason, bool(d), not d)
+
+
+@pytest.mark.parametrize("quality", Quality)
+def test_every_quality_fits(quality: Quality) -> None:
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(replace(numbered(1), vision=VisionReading(1, quality), range=RangeReading(2, quality)))
+        found = reader.read()
+
+    assert (found.vision_quality, found.range_quality) == (quality, quality)
+
+
+def test_the_newest_state_is_read() -> None:
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        for seq in range(1, 6):
+            writer.write(numbered(seq))
+            assert reader.read().seq == seq
+
+
+def test_bays_and_instances_are_apart() -> None:
+    with contextlib.ExitStack() as stack:
+        places = [("line1", "a"), ("line1", "b"), ("line2", "a")]
+        for n, (instance, bay) in enumerate(places, start=1):
+            stack.enter_context(SharedStateWriter(instance, bay)).write(numbered(n))
+
+        assert attachable() == places
+        for n, (instance, bay) in enumerate(places, start=1):
+            with SharedStateReader(instance, bay) as reader:
+                assert (reader.read().seq, reader.read().bay) == (n, bay)
+    assert attachable() == []
+
+
+def test_a_half_written_slot_is_never_shown(own_folder: Path) -> None:
+    """The writer died, or is paused, while it filled the slot that is not pointed to."""
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        for seq in (1, 2):
+            writer.write(numbered(seq))
+            other = shared_state._HEAD.size + (seq + 1 & 1) * shared_state._SLOT_SIZE
+            with path_of("line1", "bay1").open("r+b") as file:
+                file.seek(other)
+                file.write(b"\xaa" * 30)
+            assert reader.read().seq == seq
+
+
+# Other processes.
+
+READER = """
+import time
+torn = backwards = failed = reads = last = 0
+with SharedStateReader("line1", "bay1") as reader:
+    reader.read()
+    print("ready", flush=True)
+    until = time.monotonic() + 1.0
+    while time.monotonic() < until:
+        try:
+            x = reader.read()
+        except LinkError:
+            failed += 1
+            continue
+        n = x.seq
+        whole = (x.t_ns, x.t_vision_ns, x.t_range_ns, x.frame_id, x.u_px, x.v_px, x.radius_px, x.distance_mm)
+        torn += whole != (3 * n, 5 * n, -n, 7 * n, n + 0.25, n + 0.5, n + 0.75, 2.5 * n)
+        torn += x.z_vision_mm != 1.5 * n
+        backwards += n < last
+        last = n
+        reads += 1
+print(json.dumps([reads, torn, backwards, failed, last]), flush=True)
+"""
+
+
+def test_no_torn_vector_while_the_writer_writes_as_fast_as_it_can(own_folder: Path) -> None:
+    with SharedStateWriter("line1", "bay1") as writer:
+        writer.write(numbered(1))
+        with other_process(own_folder, READER) as process:
+            seq, until = 1, time.monotonic() + 1.0
+            while time.monotonic() < until:
+                seq += 1
+                writer.write(numbered(seq))
+            assert process.stdout is not None
+            reads, torn, backwards, failed, last = json.loads(process.stdout.readline())
+
+    assert (torn, backwards, failed) == (0, 0, 0)
+    assert seq > 1000
+    assert reads > 1000
+    assert 1 < last <= seq
+
+
+def test_a_killed_writer_is_dead_to_its_readers_and_the_next_writer_sweeps(own_folder: Path) -> None:
+    path = path_of("line1", "bay1")
+    with other_process(own_folder, WRITER) as process, SharedStateReader("line1", "bay1") as reader:
+        assert (reader.read().t_ns, reader.read().pid) == (7, process.pid)
+        assert attachable() == [("line1", "bay1")]
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+        with pytest.raises(LinkError, match="the gateway that wrote this state is dead"):
+            reader.read()
+        assert path.exists()
+        assert attachable() == []
+
+        with SharedStateWriter("line2", "bay9"):
+            assert not path.exists()  # whoever starts next sweeps, whatever its name
+        with SharedStateWriter("line1", "bay1") as writer:
+            writer.write(numbered(3))
+            with pytest.raises(LinkError):  # still attached to the corpse
+                reader.read()
+            with SharedStateReader("line1", "bay1") as again:
+                assert (again.read().seq, again.read().pid) == (3, os.getpid())
+
+
+def test_a_killed_writer_is_dead_even_if_its_children_live_on(own_folder: Path) -> None:
+    code = """
+import subprocess
+with SharedStateWriter("line1", "bay1") as writer:
+    writer.write(StateVector("bay1", t_ns=7))
+    child = subprocess.Popen(["sleep", "60"], close_fds=False)
+    print("ready", flush=True)
+    print(child.pid, flush=True)
+    sys.stdin.readline()
+"""
+    with other_process(own_folder, code) as process, SharedStateReader("line1", "bay1") as reader:
+        assert process.stdout is not None
+        child = int(process.stdout.readline())
+        try:
+            reader.read()
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            with pytest.raises(LinkError, match="dead"):
+                reader.read()
+        finally:
+            os.kill(child, signal.SIGKILL)
+
+
+def test_a_stopped_writer_is_alive(own_folder: Path) -> None:
+    """It is the ages that tell; a debugger's stop is not a death."""
+    with other_process(own_folder, WRITER) as process, SharedStateReader("line1", "bay1") as reader:
+        process.send_signal(signal.SIGSTOP)
+        assert reader.read().t_ns == 7
+
+
+def test_a_second_gateway_of_one_instance_is_refused_and_told_who_is_there(own_folder: Path) -> None:
+    with other_process(own_folder, WRITER) as process:
+        for bay in ("bay1", "north"):  # even where its bays have other names
+            with pytest.raises(ConfigError) as caught, SharedStateWriter("line1", bay):
+                pass
+            assert str(caught.value) == (
+                f'a gateway with instance = "line1" is already running (process {process.pid});'
+                " give this one another `instance`"
+            )
+        with SharedStateReader("line1", "bay1") as reader:
+            assert reader.read().t_ns == 7  # unharmed
+        with SharedStateWriter("line2", "bay1"):
+            pass
+        assert attachable() == [("line1", "bay1")]
+
+
+def test_a_namesake_that_has_not_said_who_it_is_yet_is_not_refused(own_folder: Path) -> None:
+    """A file that was created this very moment names no process yet."""
+    with path_of("line1", "north").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with SharedStateWriter("line1", "bay1"):
+            pass
+
+
+def test_a_namesake_s_corpse_that_another_gateway_is_sweeping_is_no_namesake(own_folder: Path) -> None:
+    with SharedStateWriter("line1", "north"):
+        corpse = path_of("line1", "north").read_bytes()
+    corpse = corpse.replace(os.getpid().to_bytes(4, sys.byteorder), b"\1\0\0\0", 1)
+    path_of("line1", "north").write_bytes(corpse)
+    sweeper = os.open(path_of("line1", "north"), os.O_RDONLY)
+    fcntl.flock(sweeper, fcntl.LOCK_EX)
+    timer = threading.Timer(0.05, os.close, [sweeper])
+    timer.start()
+    with SharedStateWriter("line1", "bay1"):
+        pass
+    timer.join()
+
+
+def test_one_bay_twice_in_one_process_is_refused() -> None:
+    with SharedStateWriter("line1", "bay1"), pytest.raises(ConfigError, match=f"process {os.getpid()}"):
+        SharedStateWriter("line1", "bay1").__enter__()
+
+
+NOSY = """
+print("ready", flush=True)
+while True:
+    attachable()
+    try:
+        with SharedStateReader("line1", "bay1") as reader:
+            reader.read()
+    except LinkError:
+        pass
+"""
+
+
+def test_nosy_readers_never_keep_a_writer_out(own_folder: Path) -> None:
+    with other_process(own_folder, NOSY), other_process(own_folder, NOSY):
+        for _ in range(40):
+            with SharedStateWriter("line1", "bay1") as writer:
+                writer.write(numbered(1))
+
+
+@pytest.mark.parametrize("lock", [fcntl.LOCK_SH, fcntl.LOCK_EX])
+def test_a_moment_s_lock_of_another_does_not_keep_a_writer_out(own_folder: Path, lock: int) -> None:
+    """A reader that asks (shared), or a starting gateway that sweeps (exclusive), holds a corpse's lock briefly."""
+    path_of("line1", "bay1").touch()
+    holder = os.open(path_of("line1", "bay1"), os.O_RDONLY)
+    fcntl.flock(holder, lock)
+    timer = threading.Timer(0.05, os.close, [holder])
+    timer.start()
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(numbered(4))
+        assert reader.read().seq == 4
+    timer.join()
+
+
+# Races of starting gateways, made to happen.
+
+
+def at_first_lock(monkeypatch: pytest.MonkeyPatch, path: Path, what: Callable[[], object]) -> None:
+    """Let `what` happen between opening `path` and locking it."""
+    flock, pending = fcntl.flock, [what]
+
+    def slow_flock(fd: int, operation: int) -> None:
+        if pending and path.exists() and os.path.samestat(os.fstat(fd), path.stat()):
+            pending.pop()()
+        flock(fd, operation)
+
+    monkeypatch.setattr(fcntl, "flock", slow_flock)
+
+
+def test_a_slow_sweep_does_not_remove_a_newer_writer_s_file(own_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = path_of("line1", "bay1")
+    path.touch()
+
+    def sweep_and_start() -> None:
+        path.unlink()
+        (own_folder / "new").touch()  # another inode for sure: the old one is still open
+        (own_folder / "new").rename(path)
+
+    at_first_lock(monkeypatch, path, sweep_and_start)
+    with SharedStateWriter("line2", "bay2"):
+        assert path.exists()
+
+
+def test_a_writer_does_not_live_in_a_file_that_was_swept_from_under_it(
+    own_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = path_of("line1", "bay1")
+    at_first_lock(monkeypatch, path, path.unlink)
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(numbered(5))
+        assert reader.read().seq == 5
+
+
+def test_a_corpse_that_vanishes_during_the_sweep_is_no_trouble(
+    own_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corpse = path_of("line0", "bay1")
+    corpse.touch()
+    monkeypatch.setattr(Path, "glob", lambda *_: iter([own_folder / "loading-gateway.gone.x", corpse]))
+    with SharedStateWriter("line1", "bay1"):
+        assert not corpse.exists()
+
+
+def test_a_corpse_that_is_taken_over_does_not_speak_again(own_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A gateway killed between our sweep and our claim: its last state must not look like ours."""
+    path = path_of("line1", "bay1")
+    with SharedStateWriter("line1", "bay1") as writer:
+        for seq in (1, 2, 3):
+            writer.write(numbered(seq))
+        corpse = path.read_bytes()
+    path.write_bytes(corpse)
+    monkeypatch.setattr(shared_state, "_sweep", lambda: None)
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        with pytest.raises(LinkError, match="no whole state"):
+            reader.read()
+        writer.write(numbered(9))
+        assert reader.read().seq == 9
+
+
+def test_leaving_does_not_remove_a_file_that_is_another_s(own_folder: Path) -> None:
+    path = path_of("line1", "bay1")
+    with SharedStateWriter("line1", "bay1"):
+        path.unlink()  # somebody tidied up by hand,
+        path.write_bytes(b"another")  # and another gateway has started since
+    assert path.read_bytes() == b"another"
+
+
+def test_leaving_removes_the_file_and_bears_that_it_is_gone(own_folder: Path) -> None:
+    with SharedStateWriter("line1", "bay1"):
+        assert [p.name for p in own_folder.iterdir()] == ["loading-gateway.line1.bay1"]
+    assert list(own_folder.iterdir()) == []
+    with SharedStateWriter("line1", "bay1"):
+        path_of("line1", "bay1").unlink()
+
+
+# What the machine may refuse.
+
+
+def test_another_user_s_corpse_is_left_alone(own_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    corpse = path_of("line0", "bay1")
+    corpse.touch()
+
+    def forbidden(self: Path, missing_ok: bool = False) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted", str(self))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", forbidden)
+        writer = SharedStateWriter("line1", "bay1").__enter__()
+    writer.__exit__(None, None, None)
+    assert corpse.exists()
+
+
+def test_a_name_that_is_another_user_s_is_a_config_error(own_folder: Path) -> None:
+    path_of("line1", "bay1").mkdir()  # cannot be opened for writing by anybody, root included
+
+    with pytest.raises(ConfigError, match=r"loading-gateway\.line1\.bay1: cannot be opened for the shared state"):
+        SharedStateWriter("line1", "bay1").__enter__()
+
+
+def test_a_full_memory_disk_is_a_config_error_and_not_a_sigbus_later(
+    own_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "posix_fallocate", full)
+        with pytest.raises(ConfigError, match=r"no room for the shared state: .*No space left"):
+            SharedStateWriter("line1", "bay1").__enter__()
+    with SharedStateWriter("line1", "bay1"):  # nothing of the failed try is in the way
+        pass
+
+
+# What a reader may meet.
+
+
+def test_nobody_shares_that_state() -> None:
+    with pytest.raises(LinkError, match=r"no gateway shares a state for 'line1\.bay1'"):
+        SharedStateReader("line1", "bay1").__enter__()
+
+
+def test_nothing_has_been_written_yet() -> None:
+    with (
+        SharedStateWriter("line1", "bay1"),
+        SharedStateReader("line1", "bay1") as reader,
+        pytest.raises(LinkError, match="no whole state could be read"),
+    ):
+        reader.read()
+
+
+SLOT_SIZE = shared_state._SLOT_SIZE.to_bytes(4, "little")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"x" * 20, b"LOADBAY0" + SLOT_SIZE + bytes(400), b"LOADBAY1" + b"\1\0\0\0" + bytes(400)]
+)
+def test_a_file_that_is_no_vector_of_ours(content: bytes) -> None:
+    path_of("line1", "bay1").write_bytes(content)
+
+    with pytest.raises(LinkError, match="not a state vector of this version"):
+        SharedStateReader("line1", "bay1").__enter__()
+
+
+def test_damage_in_both_slots_is_no_value() -> None:
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(numbered(1))
+        with path_of("line1", "bay1").open("r+b") as file:
+            file.seek(shared_state._HEAD.size)
+            file.write(b"\xff" * 2 * shared_state._SLOT_SIZE)
+        with pytest.raises(LinkError, match="no whole state could be read"):
+            reader.read()
+
+
+def test_a_reason_that_only_a_later_version_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(replace(numbered(1), reason=60))  # type: ignore[arg-type]  # not a Reason of this version
+        with pytest.raises(LinkError, match="not a state vector of this version: 60 is not a valid Reason"):
+            reader.read()
+
+
+def test_a_writer_that_has_left_is_dead() -> None:
+    with contextlib.ExitStack() as stack:
+        with SharedStateWriter("line1", "bay1") as writer:
+            writer.write(numbered(1))
+            reader = stack.enter_context(SharedStateReader("line1", "bay1"))
+        with pytest.raises(LinkError, match="dead"):
+            reader.read()
+
+
+# Where.
+
+
+def test_only_live_vectors_are_offered(own_folder: Path) -> None:
+    for name in ("loading-gateway.dead.bay1", "loading-gateway.odd", "other.line1.bay1"):
+        (own_folder / name).touch()
+
+    assert attachable() == []
+    with SharedStateWriter("line1", "bay1"):
+        assert attachable() == [("line1", "bay1")]
+
+
+def test_the_folder_is_memory_where_there_is_some(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.undo()
+    assert shared_state.folder() == Path("/dev/shm")
+    monkeypatch.setattr(Path, "is_dir", lambda _: False)
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
+    assert shared_state.folder() == tmp_path
+    assert path_of("line1", "bay1") == tmp_path / "loading-gateway.line1.bay1"

@@ -1,0 +1,741 @@
+"""Who looks at which frame, who has failed, what is told: with plain numbers instead of processes and clocks."""
+
+import random
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from gateway.config import CameraConfig, Reconnect, VisionConfig
+from gateway.model import Circle, Detection, Quality, VisionReading
+from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Return, StartCamera, StartWorker
+from gateway.vision.dispatch import Dispatcher, Phase
+from gateway.vision.jobs import FrameRef
+
+MS = 1_000_000
+SEEN = Detection(Circle(10.0, 20.0, 30.0), x_n=0.1, y_n=0.2, stage_ns=(("hsv", 7), ("circle", 3)))
+EMPTY = Detection(None, stage_ns=(("hsv", 5),))
+
+
+class Bench:
+    """A dispatcher whose processes are played by the test. `do` keeps what is to be done; time is `self.ms`."""
+
+    def __init__(self, workers: int = 1, *, lossless: bool = False, first_ms: int = 1000) -> None:
+        self.ms = first_ms
+        self.dispatcher = Dispatcher(
+            "cam",
+            CameraConfig(deadline_s=1.0, open_deadline_s=10.0, reconnect=Reconnect(min_s=0.25, max_s=5.0)),
+            VisionConfig(workers=workers, deadline_s=0.5),
+            slots=workers + 2,
+            rng=random.Random(1),
+        )
+        self.lossless = lossless
+        self.camera = 0
+        self.free: set[int] = set()
+        self.seq = 0
+        self.generation = 0
+        self.workers: list[int] = []  # tokens running
+        self.work: dict[int, FrameRef] = {}
+        self.told: list[VisionReading] = []
+        self.killed: dict[int, str] = {}
+        self.given_up: list[str] = []
+        self.settle()
+
+    @property
+    def ns(self) -> int:
+        return self.ms * MS
+
+    def settle(self, after_ms: int = 0) -> list[Action]:
+        self.ms += after_ms
+        actions = self.dispatcher.settle(self.ns)
+        for action in actions:
+            self.carry_out(action)
+        return actions
+
+    def carry_out(self, action: Action) -> None:
+        match action:
+            case StartCamera(token, first_seq, slots):
+                self.camera, self.free, self.seq = token, set(slots), first_seq
+            case StartWorker(token):
+                self.workers.append(token)
+            case Assign(token, frame):
+                assert token not in self.work, "given a second frame while it has one"
+                self.work[token] = frame
+            case Return(token, slot):
+                if token == self.camera:
+                    assert slot not in self.free, "given back twice"
+                    self.free.add(slot)
+            case Kill(token, why):
+                self.killed[token] = why
+                self.work.pop(token, None)
+            case Emit(reading):
+                self.told.append(reading)
+            case GiveUp(why):
+                self.given_up.append(why)
+
+    def open(self) -> None:
+        self.dispatcher.opened(self.camera, self.lossless)
+
+    def ready(self, *tokens: int) -> None:
+        for token in tokens or tuple(self.workers):
+            self.dispatcher.ready(token)
+        self.settle()
+
+    def capture(self, *, skipped: int = 0) -> FrameRef:
+        """A frame comes, captured 2 ms ago; nothing is settled yet."""
+        slot = min(self.free)
+        self.free.remove(slot)
+        self.generation += 2
+        frame = FrameRef(slot, self.generation, self.seq, self.ns - 2 * MS)
+        self.seq += 1
+        self.dispatcher.captured(self.camera, frame, skipped, self.ns)
+        return frame
+
+    def frame(self) -> FrameRef:
+        frame = self.capture()
+        self.settle()
+        return frame
+
+    def look(self, token: int, detection: Detection | None = SEEN) -> None:
+        frame = self.work.pop(token)
+        self.dispatcher.looked(token, frame.seq, detection, self.ns)
+        self.settle()
+
+    def die(self, token: int, how: str = "was killed by SIGKILL") -> None:
+        self.work.pop(token, None)
+        self.killed.setdefault(token, how)
+        if token in self.workers:
+            self.workers.remove(token)
+        self.dispatcher.gone(token, how, self.ns)
+        self.settle()
+
+    def seqs(self) -> list[int]:
+        return [reading.frame_id for reading in self.told]
+
+    def qualities(self) -> list[Quality]:
+        return [reading.quality for reading in self.told]
+
+
+def running(workers: int = 1, *, lossless: bool = False) -> Bench:
+    bench = Bench(workers, lossless=lossless)
+    bench.open()
+    bench.ready()
+    return bench
+
+
+def kinds(actions: Sequence[Action]) -> list[str]:
+    return [type(action).__name__ for action in actions]
+
+
+# The straight road.
+
+
+def test_starts_one_camera_and_all_workers_with_every_slot_free() -> None:
+    bench = Bench(workers=3, first_ms=0)
+
+    assert (0, {0, 1, 2, 3, 4}) == (len(bench.told), bench.free)
+    assert (len(bench.workers), bench.seq) == (3, 1)
+    assert len({bench.camera, *bench.workers}) == 4
+
+
+def test_a_frame_becomes_a_reading_with_its_capture_time_and_age() -> None:
+    bench = running()
+    frame = bench.frame()
+    (worker,) = bench.workers
+    assert frame == bench.work[worker]
+    bench.ms += 5
+
+    bench.look(worker)
+
+    (reading,) = bench.told
+    assert (frame.t_capture_ns, Quality.GOOD, 1) == (reading.t_ns, reading.quality, reading.frame_id)
+    assert (Circle(10.0, 20.0, 30.0), 0.1, 0.2) == (reading.circle, reading.x_n, reading.y_n)
+    assert reading.stage_ns == (("hsv", 7), ("circle", 3))
+    assert (
+        reading.stats.frames,
+        reading.stats.skipped,
+        reading.stats.lost,
+        reading.stats.latency_ms,
+        reading.stats.rate_hz,
+    ) == (1, 0, 0, 7.0, 1.0)
+    assert {0, 1, 2} == bench.free
+
+
+def test_a_frame_without_a_marker_is_no_target_not_a_fault() -> None:
+    bench = running()
+    bench.frame()
+    bench.look(bench.workers[0], EMPTY)
+
+    assert bench.qualities() == [Quality.NO_TARGET]
+    assert bench.told[0].circle is None
+    assert bench.told[0].stage_ns == (("hsv", 5),)
+
+
+def test_nothing_is_assigned_before_the_detector_is_ready() -> None:
+    bench = Bench()
+    bench.open()
+    bench.frame()
+    assert bench.work == {}
+
+    bench.ready()
+
+    assert [frame.seq for frame in bench.work.values()] == [1]
+
+
+def test_the_rate_is_the_number_of_results_of_the_last_second() -> None:
+    bench = running()
+    for _ in range(40):
+        bench.ms += 50
+        bench.frame()
+        bench.look(bench.workers[0])
+
+    assert bench.told[-1].stats.rate_hz == 20.0
+
+
+# Newest wins.
+
+
+def test_the_newest_frame_wins_and_every_other_is_counted() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    for _ in range(5):  # 1 is looked at; 2, 3, 4 are replaced; 5 waits
+        bench.frame()
+
+    assert bench.work[worker].seq == 1
+    bench.look(worker)
+
+    assert bench.work[worker].seq == 5
+    assert (bench.told[-1].stats.frames, bench.told[-1].stats.skipped) == (1, 3)
+    assert len(bench.free) == 2  # all but the one under work
+
+
+def test_of_a_burst_that_arrived_together_only_the_newest_is_looked_at() -> None:
+    bench = running()
+    bench.capture()
+    bench.capture()
+    bench.settle()
+
+    assert [frame.seq for frame in bench.work.values()] == [2]
+    assert bench.dispatcher.stats.skipped == 1
+
+
+def test_what_the_camera_itself_skipped_is_counted_once() -> None:
+    bench = running()
+    for total in (0, 4, 4, 6):
+        bench.capture(skipped=total)
+        bench.settle()
+        bench.look(bench.workers[0])
+
+    assert bench.told[-1].stats.skipped == 6
+
+
+def test_no_older_result_follows_a_newer_one() -> None:
+    bench = running(workers=2)
+    first, second = bench.workers
+    bench.frame()
+    bench.frame()
+    assert (bench.work[first].seq, bench.work[second].seq) == (1, 2)
+
+    bench.look(second)
+    bench.look(first)
+
+    assert bench.seqs() == [2]
+    assert (bench.dispatcher.stats.frames, bench.dispatcher.stats.skipped) == (1, 1)
+
+
+# Lossless.
+
+
+def test_lossless_every_frame_is_told_in_order() -> None:
+    bench = running(workers=2, lossless=True)
+    first, second = bench.workers
+    for _ in range(4):
+        bench.frame()
+    assert set() == bench.free  # the camera waits now
+
+    bench.look(second)  # frame 2: 1 is still under work
+    assert bench.seqs() == []
+    bench.look(first)
+    assert bench.seqs() == [1, 2]
+    assert sorted(frame.seq for frame in bench.work.values()) == [3, 4]
+    bench.look(first)
+    bench.look(second)
+
+    assert bench.seqs() == [1, 2, 3, 4]
+    assert bench.dispatcher.stats.skipped == 0
+
+
+def test_lossless_the_end_is_told_after_the_last_frame() -> None:
+    bench = running(lossless=True)
+    (worker,) = bench.workers
+    for _ in range(3):
+        bench.frame()
+    camera = bench.camera
+
+    bench.dispatcher.failed(camera, "film: ended", bench.ns)
+    bench.die(camera, "ended with exit code 1")
+    for _ in range(3):
+        bench.look(worker)
+
+    assert bench.qualities() == [Quality.GOOD] * 3 + [Quality.LINK_DOWN]
+    assert bench.told[-1].detail == "film: ended"
+    bench.settle(after_ms=501)
+    assert bench.camera != camera  # although it was gone long before it was given up
+
+
+def test_lossless_a_camera_that_waits_for_us_has_not_stalled() -> None:
+    bench = running(lossless=True)
+    (worker,) = bench.workers
+    for _ in range(3):
+        bench.frame()
+    bench.settle(after_ms=400)
+    bench.look(worker)
+    bench.frame()
+    assert set() == bench.free
+    bench.settle(after_ms=450)
+    bench.look(worker)  # from here the camera's time runs
+
+    bench.settle(after_ms=480)
+    bench.look(worker)
+    bench.settle(after_ms=480)
+    bench.look(worker)
+    assert Quality.LINK_DOWN not in bench.qualities()
+    bench.settle(after_ms=40)
+
+    assert Quality.LINK_DOWN is bench.qualities()[-1]
+
+
+def test_lossless_a_lost_frame_is_told_in_its_turn() -> None:
+    bench = running(workers=2, lossless=True)
+    first, second = bench.workers
+    bench.frame()
+    bench.frame()
+
+    bench.die(second)
+    assert bench.seqs() == []
+    bench.look(first)
+
+    assert [(r.frame_id, r.quality) for r in bench.told] == [(1, Quality.GOOD), (2, Quality.PROCESS_FAULT)]
+
+
+# Workers that fail.
+
+
+def test_a_worker_that_dies_loses_its_frame_and_the_state_goes_bad_at_once() -> None:
+    bench = running()
+    frame = bench.frame()
+    (old,) = bench.workers
+
+    bench.die(old)
+
+    (reading,) = bench.told
+    assert (Quality.PROCESS_FAULT, frame.t_capture_ns) == (reading.quality, reading.t_ns)
+    assert reading.detail == "vision process was killed by SIGKILL"
+    assert reading.stage_ns == ()
+    assert (bench.dispatcher.stats.lost, bench.dispatcher.stats.restarts) == (1, 1)
+    assert [old] != bench.workers
+    assert {0, 1, 2} == bench.free
+
+
+def test_a_worker_is_hung_exactly_at_its_deadline_and_replaced_when_it_is_gone() -> None:
+    bench = running()
+    bench.frame()
+    (old,) = bench.workers
+    assert bench.ns + 500 * MS == bench.dispatcher.next_deadline_ns()
+
+    bench.settle(after_ms=499)
+    assert bench.killed == {}
+    bench.settle(after_ms=1)
+
+    assert {old: "vision process gave no result within 0.5 s"} == bench.killed
+    assert bench.qualities() == [Quality.PROCESS_FAULT]
+    bench.settle(after_ms=300)
+    assert [old] == bench.workers  # not replaced while it may still be there
+    bench.die(old, "was killed by SIGKILL")
+    assert len(bench.workers) == 1
+    assert [old] != bench.workers
+    assert bench.dispatcher.stats.lost == 1
+
+
+def test_a_result_that_lay_waiting_is_not_late() -> None:
+    bench = running()
+    bench.frame()
+    bench.ms += 5000  # the main process was held up; the result came in time
+
+    bench.look(bench.workers[0])
+
+    assert Quality.GOOD is bench.qualities()[0]
+    assert bench.workers[0] not in bench.killed
+
+
+def test_a_result_after_the_deadline_is_ignored() -> None:
+    bench = running()
+    frame = bench.frame()
+    (old,) = bench.workers
+    bench.settle(after_ms=500)
+
+    bench.dispatcher.looked(old, frame.seq, SEEN, bench.ns)
+    bench.settle()
+
+    assert bench.qualities() == [Quality.PROCESS_FAULT]
+
+
+def test_the_first_failure_is_replaced_at_once_later_ones_with_backoff_until_a_result() -> None:
+    bench = running()
+    delays_ms = []
+    for _ in range(4):
+        bench.ready()
+        bench.frame()
+        (old,) = bench.workers
+        bench.die(old)
+        waited = 0
+        while not bench.workers:
+            bench.settle(after_ms=1)
+            waited += 1
+        delays_ms.append(waited)
+    assert delays_ms[0] == 0
+    for waited, ceiling in zip(delays_ms[1:], (201, 401, 801), strict=True):
+        assert 100 <= waited <= ceiling
+
+    bench.ready()
+    bench.frame()
+    bench.look(bench.workers[0])
+    bench.frame()
+    bench.die(bench.workers[0])
+    assert len(bench.workers) == 1  # at once again
+
+
+def test_a_failure_is_not_told_while_a_newer_frame_is_under_work() -> None:
+    bench = running(workers=2)
+    first, second = bench.workers
+    bench.frame()
+    bench.frame()
+
+    bench.die(first)
+    assert bench.told == []
+    bench.look(second)
+
+    assert [(r.frame_id, r.quality) for r in bench.told] == [(2, Quality.GOOD)]
+    assert (bench.told[0].stats.lost, bench.told[0].stats.restarts) == (1, 1)
+
+
+def test_a_failure_is_not_told_while_a_newer_frame_is_about_to_be_looked_at() -> None:
+    bench = running(workers=2)
+    first, second = bench.workers
+    bench.frame()
+    bench.frame()
+    bench.frame()  # waits
+    done = bench.work.pop(first)
+    bench.work.pop(second)
+
+    bench.dispatcher.looked(first, done.seq, SEEN, bench.ns)  # both are found in one look at the news
+    bench.dispatcher.gone(second, "was killed by SIGKILL", bench.ns)
+    bench.settle()
+
+    assert bench.qualities() == [Quality.GOOD]
+    assert bench.work[first].seq == 3
+
+
+def test_if_the_newer_frame_is_lost_too_it_is_told_once() -> None:
+    bench = running(workers=2)
+    first, second = bench.workers
+    bench.frame()
+    bench.frame()
+
+    bench.die(first)
+    bench.die(second)
+
+    assert [(r.frame_id, r.quality) for r in bench.told] == [(2, Quality.PROCESS_FAULT)]
+    assert bench.dispatcher.stats.lost == 2
+
+
+def test_an_older_result_does_not_hide_the_loss_of_a_newer_frame() -> None:
+    bench = running(workers=2)
+    first, second = bench.workers
+    bench.frame()
+    bench.frame()
+
+    bench.die(second)
+    bench.look(first)
+
+    assert [(r.frame_id, r.quality) for r in bench.told] == [(2, Quality.PROCESS_FAULT)]
+
+
+def test_a_worker_that_cannot_start_is_told_but_only_if_no_other_can_look() -> None:
+    bench = Bench(workers=2)
+    first, second = bench.workers
+    bench.ready(first)
+    bench.dispatcher.failed(second, "ImportError: no", bench.ns)
+    bench.settle()
+    assert bench.told == []
+
+    bench.die(first)
+
+    assert bench.qualities() == [Quality.PROCESS_FAULT]
+
+
+def test_a_worker_that_never_becomes_ready_is_replaced() -> None:
+    bench = Bench()
+    bench.open()
+    for _ in range(10):
+        bench.frame()
+        bench.settle(after_ms=999)
+    bench.frame()
+    assert bench.killed == {}
+    bench.settle(after_ms=10)
+
+    assert list(bench.killed.values()) == ["vision process not ready within 10 s"]
+    assert bench.qualities() == [Quality.PROCESS_FAULT]
+
+
+def test_frames_that_waited_through_a_failed_start_are_still_looked_at() -> None:
+    bench = Bench(lossless=True)
+    bench.open()
+    bench.frame()
+    bench.frame()
+    bench.die(bench.workers[0])
+    bench.ready()
+    bench.look(bench.workers[0])
+    bench.look(bench.workers[0])
+
+    assert bench.qualities() == [Quality.PROCESS_FAULT, Quality.GOOD, Quality.GOOD]
+    assert bench.seqs() == [0, 1, 2]
+
+
+def test_a_frame_that_changed_under_the_work_is_lost_and_has_no_reading() -> None:
+    bench = running()
+    bench.frame()
+    bench.look(bench.workers[0], None)
+
+    assert bench.told == []
+    assert (bench.dispatcher.stats.lost, bench.dispatcher.stats.restarts) == (1, 0)
+    bench.frame()
+    bench.look(bench.workers[0])
+    assert bench.seqs() == [2]
+
+
+# Cameras that fail.
+
+
+@pytest.mark.parametrize("frames", [0, 1])
+def test_a_silent_camera_is_bad_at_its_deadline(frames: int) -> None:
+    bench = running()
+    for _ in range(frames):
+        bench.frame()
+        bench.look(bench.workers[0])
+    allowed_ms, words = (1000, "cam: no frame within 1 s") if frames else (10_000, "cam: no first frame within 10 s")
+
+    bench.settle(after_ms=allowed_ms - 1)
+    assert Quality.LINK_DOWN not in bench.qualities()
+    bench.settle(after_ms=1)
+
+    reading = bench.told[-1]
+    assert (Quality.LINK_DOWN, words, bench.ns) == (reading.quality, reading.detail, reading.t_ns)
+    assert {bench.camera: words} == bench.killed
+
+
+def test_a_camera_is_opened_again_with_backoff_and_only_when_the_old_one_is_gone() -> None:
+    bench = running()
+    old = bench.camera
+    bench.settle(after_ms=10_000)
+    bench.settle(after_ms=4000)
+    assert old == bench.camera  # cannot be killed: there is no second one
+
+    bench.die(old)
+
+    assert old != bench.camera
+    assert bench.dispatcher.stats.reopens == 1
+
+
+def test_backoff_grows_and_is_forgotten_after_a_good_while() -> None:
+    bench = running()
+
+    def lose() -> int:
+        old = bench.camera
+        bench.dispatcher.failed(old, "lost", bench.ns)
+        bench.die(old)
+        waited = 0
+        while bench.camera == old:
+            bench.settle(after_ms=1)
+            waited += 1
+        return waited
+
+    delays = [lose() for _ in range(7)]
+    for waited, ceiling in zip(delays, (500, 1000, 2000, 4000, 5000, 5000, 5000), strict=True):
+        assert 250 <= waited <= ceiling + 1
+    assert len(set(delays)) > 4  # jitter
+    for _ in range(11):  # well for more than five seconds
+        bench.frame()
+        bench.look(bench.workers[0])
+        bench.settle(after_ms=500)
+    assert 250 <= lose() <= 501
+
+
+def test_nothing_captured_before_the_loss_is_told_after_it() -> None:
+    bench = running(workers=2)
+    first, second = bench.workers
+    for _ in range(3):
+        bench.frame()
+
+    bench.dispatcher.failed(bench.camera, "cam: lost", bench.ns)
+    bench.settle()
+    bench.look(first)
+    bench.look(second)
+
+    assert bench.qualities() == [Quality.LINK_DOWN]
+    assert bench.told[0].detail == "cam: lost"
+    assert bench.dispatcher.stats.skipped == 3
+
+
+def test_frame_numbers_and_slots_go_on_after_a_reopening() -> None:
+    bench = running(workers=2)
+    for _ in range(3):
+        bench.frame()
+    old, (first, second) = bench.camera, bench.workers
+    bench.die(old)
+    while bench.camera == old:
+        bench.settle(after_ms=1)
+    assert {2, 3} == bench.free  # 0 and 1 are still under the workers' eyes
+    assert bench.seq == 4
+
+    bench.look(first)
+    assert {0, 2, 3} == bench.free
+    bench.open()
+    bench.frame()
+    bench.look(first)
+
+    assert bench.seqs() == [3, 4]
+    assert bench.qualities() == [Quality.LINK_DOWN, Quality.GOOD]
+    bench.look(second)
+    assert bench.seqs() == [3, 4]
+
+
+def test_late_words_of_a_camera_given_up_are_ignored() -> None:
+    bench = running()
+    old = bench.camera
+    bench.settle(after_ms=10_000)
+    bench.die(old)
+    bench.settle(after_ms=501)
+    told = len(bench.told)
+
+    bench.dispatcher.captured(old, FrameRef(0, 2, 1, bench.ns), 0, bench.ns)
+    bench.dispatcher.failed(old, "too late", bench.ns)
+    bench.dispatcher.gone(old, "too late", bench.ns)
+    bench.settle()
+
+    assert (told, {}) == (len(bench.told), bench.work)
+
+
+def test_a_configuration_error_gives_up_after_telling() -> None:
+    bench = running()
+    bench.dispatcher.failed(bench.camera, "camera.url: nonsense", bench.ns, config=True)
+    actions = bench.settle()
+
+    assert bench.given_up == ["camera.url: nonsense"]
+    assert kinds(actions) == ["Emit", "Kill", "GiveUp"]
+    bench.dispatcher.failed(bench.camera, "again", bench.ns, config=True)
+    bench.settle()
+    assert len(bench.given_up) == 1
+
+
+def test_nothing_to_do_means_nothing_to_do_until_the_next_deadline() -> None:
+    bench = running()
+    bench.frame()
+    bench.look(bench.workers[0])
+
+    assert bench.ns + 1000 * MS == bench.dispatcher.next_deadline_ns()
+    assert bench.settle(after_ms=999) == []
+
+
+# Everything at once.
+
+
+class Chaos(RuleBasedStateMachine):
+    """Any order of frames, results, deaths, hangs and silence, with one to three workers, live or lossless."""
+
+    @initialize(workers=st.integers(1, 3), lossless=st.booleans())
+    def begin(self, workers: int, lossless: bool) -> None:
+        self.bench = running(workers, lossless=lossless)
+        self.captured = 0
+
+    @rule(n=st.integers(1, 4))
+    def frames(self, n: int) -> None:
+        for _ in range(n):
+            if self.bench.free and self.bench.camera not in self.bench.killed:
+                self.bench.capture()
+                self.captured += 1
+        self.bench.settle()
+
+    @rule(pick=st.integers(0, 99), detection=st.sampled_from((SEEN, EMPTY, None)))
+    def look(self, pick: int, detection: Detection | None) -> None:
+        busy = sorted(self.bench.work)
+        if busy:
+            self.bench.look(busy[pick % len(busy)], detection)
+
+    @rule(pick=st.integers(0, 99))
+    def worker_dies(self, pick: int) -> None:
+        if self.bench.workers:
+            self.bench.die(self.bench.workers[pick % len(self.bench.workers)])
+
+    @rule()
+    def worker_ready(self) -> None:
+        self.bench.ready()
+
+    @rule()
+    def camera_dies(self) -> None:
+        self.bench.die(self.bench.camera)
+
+    @rule()
+    def camera_ends(self) -> None:
+        self.bench.dispatcher.failed(self.bench.camera, "ended", self.bench.ns)
+        self.bench.killed.setdefault(self.bench.camera, "ended")
+        self.bench.settle()
+
+    @rule()
+    def camera_opens(self) -> None:
+        self.bench.open()
+
+    @rule(ms=st.sampled_from((1, 20, 300, 1100, 11_000)))
+    def time_passes(self, ms: int) -> None:
+        self.bench.settle(after_ms=ms)
+
+    @rule()
+    def the_killed_are_reaped(self) -> None:
+        for token in list(self.bench.killed):
+            self.bench.die(token)
+
+    @invariant()
+    def every_slot_is_in_one_place(self) -> None:
+        d = self.bench.dispatcher
+        at_work = [seat.frame.slot for seat in d._workers if seat.frame is not None]
+        waiting = [frame.slot for frame in d._waiting]
+        assert sorted([*d._free, *at_work, *waiting]) == list(range(d.slots))
+
+    @invariant()
+    def live_frames_never_queue_up(self) -> None:
+        d = self.bench.dispatcher
+        assert len(d._waiting) <= (d.slots if d._lossless else 1)
+
+    @invariant()
+    def readings_never_go_back(self) -> None:
+        seqs = [r.frame_id for r in self.bench.told if r.quality in (Quality.GOOD, Quality.NO_TARGET)]
+        assert seqs == sorted(set(seqs))
+
+    @invariant()
+    def every_frame_is_accounted_for(self) -> None:
+        d = self.bench.dispatcher
+        held = sum(r.quality is not Quality.PROCESS_FAULT for r in d._held.values())
+        at_work = sum(seat.frame is not None for seat in d._workers)
+        assert self.captured == d.stats.frames + d.stats.skipped + d.stats.lost + held + at_work + len(d._waiting)
+
+    @invariant()
+    def a_worker_has_a_frame_if_and_only_if_it_is_busy_and_none_idles_while_one_waits(self) -> None:
+        d = self.bench.dispatcher
+        assert all((seat.phase is Phase.BUSY) is (seat.frame is not None) for seat in d._workers)
+        assert not (d._waiting and any(seat.phase is Phase.IDLE for seat in d._workers))
+
+
+TestChaos = Chaos.TestCase
+TestChaos.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)

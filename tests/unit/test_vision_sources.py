@@ -1,0 +1,444 @@
+"""Which source a URL or path means, and how its frames come: at what pace, with what stamp, until what end."""
+
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gateway.config import CameraConfig
+from gateway.errors import ConfigError, LinkError
+from gateway.vision.capture import FFMPEG_OPTIONS, CaptureSource
+from gateway.vision.files import Pace
+from gateway.vision.sources import Source
+from gateway.vision.specs import CameraSpec, FileSpec, StreamSpec, source_spec
+from tests.virtual_time import LoopClock
+
+S = 1_000_000_000
+
+
+class StepClock(LoopClock):
+    """A clock that only moves when somebody blocks on it."""
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.naps: list[float] = []
+
+    def now_ns(self) -> int:
+        return self.now
+
+    def block(self, seconds: float) -> None:
+        self.naps.append(seconds)
+        self.now += round(seconds * S)
+
+
+@pytest.fixture
+def clock() -> StepClock:
+    return StepClock()
+
+
+# Which source.
+
+
+@pytest.mark.parametrize(
+    ("url", "spec"),
+    [
+        ("0", CameraSpec(0)),
+        (" 12 ", CameraSpec(12)),
+        ("/dev/video2", CameraSpec("/dev/video2")),
+        ("/dev/v4l/by-id/usb-cam", CameraSpec("/dev/v4l/by-id/usb-cam")),
+        ("film.mp4", FileSpec("film.mp4")),
+        ("/data/frames", FileSpec("/data/frames")),
+        ("2024-05-01", FileSpec("2024-05-01")),
+        ("1234567890", FileSpec("1234567890")),
+        ("rtsp://cam/1", StreamSpec("rtsp://cam/1", 9.0, 2.0)),
+        ("RTSP://cam:8554/1", StreamSpec("RTSP://cam:8554/1", 9.0, 2.0)),
+        ("https://[::1]:8080/mjpg", StreamSpec("https://[::1]:8080/mjpg", 9.0, 2.0)),
+    ],
+)
+def test_the_url_decides(url: str, spec: object) -> None:
+    assert source_spec(CameraConfig(url=url)) == spec
+
+
+def test_the_configuration_reaches_the_source() -> None:
+    asked = CameraConfig(url="3", width_px=640, height_px=480, fps=30)
+    assert source_spec(asked) == CameraSpec(3, 640, 480, 30.0)
+    files = CameraConfig(url="~/x", fps=5, pace="fast", loop=True)
+    assert source_spec(files) == FileSpec(str(Path.home() / "x"), 5.0, fast=True, loop=True)
+    stream = CameraConfig(url="http://h/", open_deadline_s=3, deadline_s=0.4)
+    assert source_spec(stream) == StreamSpec("http://h/", 0.9 * 3, 2 * 0.4)
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("ftp://secret:word@host/x", r"scheme ftp:// is unknown; known: rtsp, rtsps, http, https, or a path"),
+        ("rtps://cam/1", "scheme rtps:// is unknown"),
+        ("://", "scheme :// is unknown"),
+        ("rtsp:///1", "rtsp:// needs a host"),
+        ("http://", "http:// needs a host"),
+        ("~nobody-of-that-name/film.avi", "there is no such user"),
+        ("~\0", "a NUL is part of no address"),
+        ("rtsp://joe:secret@cam/\0", "a NUL is part of no address"),
+        ("http://secret:word@host:99999/", "not a usable http:// address"),
+        ("http://[::1/", "not a usable http:// address"),
+    ],
+)
+def test_what_could_never_work_is_a_configuration_error_without_the_password(url: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words) as error:
+        source_spec(CameraConfig(url=url))
+    assert "secret" not in str(error.value)
+
+
+def test_a_pace_slower_than_the_deadline_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"fps = 0\.5 is one frame in 2 s, but camera\.deadline_s = 1"):
+        source_spec(CameraConfig(url="frames", fps=0.5, deadline_s=1))
+    source_spec(CameraConfig(url="frames", fps=0.5, deadline_s=1, pace="fast"))
+    source_spec(CameraConfig(url="frames", fps=0.5, deadline_s=3))
+
+
+@settings(deadline=None)
+@given(st.one_of(st.text(max_size=30), st.text("~/0ahtp:s@[]?#.\\\0", max_size=12)))
+def test_any_url_is_a_source_or_a_configuration_error(url: str) -> None:
+    try:
+        spec = source_spec(CameraConfig.model_construct(**{**CameraConfig().model_dump(), "url": url}))
+    except ConfigError:
+        return
+    assert pickle.loads(pickle.dumps(spec)) == spec
+
+
+def test_no_password_is_shown() -> None:
+    spec = source_spec(CameraConfig(url="rtsp://joe:secret@cam:554/live?user=joe&password=secret#secret"))
+
+    assert spec.label == "rtsp://cam:554/live"
+    assert "secret" not in repr(spec)
+
+
+# Files.
+
+
+def shade(value: int, height: int = 8, width: int = 12) -> NDArray[np.uint8]:
+    return np.full((height, width, 3), value, np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for number in (10, 9, 1, 2):
+        cv2.imwrite(str(tmp_path / f"frame{number}.png"), shade(number))
+    (tmp_path / "labels.jsonl").write_text("{}")
+    return tmp_path
+
+
+def shades(source: Source, count: int) -> list[int]:
+    return [int(source.read().image[0, 0, 0]) for _ in range(count)]
+
+
+def test_a_folder_comes_in_natural_order_at_its_pace_and_ends(folder: Path, clock: StepClock) -> None:
+    source = source_spec(CameraConfig(url=str(folder))).open(clock)
+    assert not source.lossless
+
+    frames = [source.read() for _ in range(4)]
+
+    assert [int(frame.image[0, 0, 0]) for frame in frames] == [1, 2, 9, 10]
+    assert [frame.t_capture_ns for frame in frames] == [0, S // 10, 2 * S // 10, 3 * S // 10]
+    with pytest.raises(LinkError, match=r"ended$"):
+        source.read()
+    assert clock.now == 4 * S // 10  # the last picture had its full time
+    source.close()
+    source.close()
+
+
+def test_fast_means_every_frame_at_once(folder: Path, clock: StepClock) -> None:
+    source = source_spec(CameraConfig(url=str(folder), pace="fast", fps=1)).open(clock)
+
+    assert source.lossless
+    assert shades(source, 4) == [1, 2, 9, 10]
+    assert (clock.now, clock.naps) == (0, [])
+    with pytest.raises(LinkError, match="ended"):
+        source.read()
+
+
+def test_loop_begins_again_without_losing_the_beat(folder: Path, clock: StepClock) -> None:
+    source = source_spec(CameraConfig(url=str(folder), loop=True, fps=4)).open(clock)
+
+    assert shades(source, 9) == [1, 2, 9, 10, 1, 2, 9, 10, 1]
+    assert clock.now == 8 * S // 4
+
+
+def test_a_broken_picture_is_skipped_and_named(
+    folder: Path, clock: StepClock, caplog: pytest.LogCaptureFixture
+) -> None:
+    (folder / "frame2.png").write_bytes(b"not a picture")
+    source = source_spec(CameraConfig(url=str(folder), pace="fast")).open(clock)
+
+    assert shades(source, 3) == [1, 9, 10]
+    assert "frame2.png: damaged, cut short, or not a picture in a known format; skipped" in caplog.text
+
+
+def test_half_a_picture_and_one_without_an_agreed_white_are_skipped(
+    folder: Path, clock: StepClock, caplog: pytest.LogCaptureFixture
+) -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    (folder / "frame2.jpg").write_bytes(cv2.imencode(".jpg", noise)[1].tobytes()[:2000])
+    cv2.imwrite(str(folder / "frame3.tif"), shade(3).astype(np.float32))
+    source = source_spec(CameraConfig(url=str(folder), pace="fast")).open(clock)
+
+    assert shades(source, 4) == [1, 2, 9, 10]
+    assert "frame2.jpg: damaged, cut short" in caplog.text
+    assert "frame3.tif: float32 samples: there is no agreed white" in caplog.text
+
+
+def test_names_that_are_not_utf_8_are_no_harm(folder: Path, clock: StepClock, caplog: pytest.LogCaptureFixture) -> None:
+    """OpenCV's own file functions end the process on such a name."""
+    odd = os.fsencode(folder) + b"/frame3\xff"
+    (folder / "frame2.png").rename(os.fsdecode(odd + b".png"))
+    Path(os.fsdecode(odd + b".jpg")).write_bytes(b"junk")
+    Path(os.fsdecode(odd + b".avi")).write_bytes(b"something")
+
+    source = source_spec(CameraConfig(url=str(folder), pace="fast")).open(clock)
+    assert shades(source, 4) == [1, 2, 9, 10]
+    assert "damaged" in caplog.text
+
+    spec = FileSpec(os.fsdecode(odd + b".avi"))
+    assert spec.label == f"{folder}/frame3\\udcff.avi"
+    with pytest.raises(LinkError, match=r"the name of a video must be valid UTF-8$") as error:
+        spec.open(clock)
+    str(error.value).encode()  # a message goes on to the plant
+    assert shades(FileSpec(os.fsdecode(odd + b".png")).open(clock), 1) == [2]
+
+
+@pytest.mark.parametrize("loop", [False, True])
+def test_a_folder_of_broken_pictures_is_lost_not_searched_for_ever(
+    tmp_path: Path, clock: StepClock, loop: bool
+) -> None:
+    for name in ("a.png", "b.jpg"):
+        (tmp_path / name).write_bytes(b"junk")
+    source = source_spec(CameraConfig(url=str(tmp_path), loop=loop)).open(clock)
+
+    with pytest.raises(LinkError, match="no picture here can be read"):
+        source.read()
+
+
+def test_grey_16_bit_and_alpha_pictures_are_read_as_bgr(tmp_path: Path, clock: StepClock) -> None:
+    cv2.imwrite(str(tmp_path / "1.png"), np.full((4, 4), 9, np.uint8))
+    cv2.imwrite(str(tmp_path / "2.png"), np.full((4, 4, 3), (0x01FF, 0x0600, 0x0700), np.uint16))
+    cv2.imwrite(str(tmp_path / "3.png"), np.full((4, 4, 4), (1, 2, 3, 0), np.uint8))
+    cv2.imwrite(str(tmp_path / "4.tiff"), np.full((1, 1), 0xFFFF, np.uint16))
+    source = source_spec(CameraConfig(url=str(tmp_path), pace="fast")).open(clock)
+
+    frames = [source.read().image for _ in range(4)]
+
+    assert [tuple(map(int, image[0, 0])) for image in frames] == [(9, 9, 9), (2, 6, 7), (1, 2, 3), (255, 255, 255)]
+    assert {(image.dtype, image.ndim) for image in frames} == {(np.dtype(np.uint8), 3)}
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path: None, "no such file or folder"),
+        (lambda path: path.mkdir(), "no pictures in this folder"),
+        (lambda path: path.write_bytes(b"junk" * 100), "neither a video nor a picture"),
+        (lambda path: path.write_bytes(b""), "neither a video nor a picture"),
+    ],
+)
+def test_what_cannot_be_opened_may_come_back(
+    tmp_path: Path, clock: StepClock, make: Callable[[Path], object], words: str
+) -> None:
+    path = tmp_path / "source"
+    make(path)
+    spec = source_spec(CameraConfig(url=str(path)))
+
+    with pytest.raises(LinkError, match=words):
+        spec.open(clock)
+
+
+def test_a_path_that_the_system_refuses_is_a_link_error(clock: StepClock) -> None:
+    with pytest.raises(LinkError, match="x: cannot be read: File name too long"):
+        source_spec(CameraConfig.model_construct(**{**CameraConfig().model_dump(), "url": "x" * 5000})).open(clock)
+
+
+def test_a_missing_camera_is_a_link_error(clock: StepClock) -> None:
+    with pytest.raises(LinkError, match=r"camera /dev/video97: cannot be opened: missing, busy"):
+        source_spec(CameraConfig(url="/dev/video97")).open(clock)
+
+
+def test_a_single_picture_is_a_source(folder: Path, clock: StepClock) -> None:
+    source = source_spec(CameraConfig(url=str(folder / "frame9.png"), loop=True)).open(clock)
+    assert shades(source, 3) == [9, 9, 9]
+
+
+def test_an_animated_gif_is_a_film_alone_and_a_picture_in_a_folder(tmp_path: Path, clock: StepClock) -> None:
+    animation = cv2.Animation()
+    animation.frames = [shade(value) for value in (10, 90, 200)]
+    animation.durations = [50] * 3
+    assert cv2.imwriteanimation(str(tmp_path / "a.gif"), animation)
+
+    alone = source_spec(CameraConfig(url=str(tmp_path / "a.gif"))).open(clock)
+    assert shades(alone, 3) == pytest.approx([10, 90, 200], abs=35)  # its palette is coarse
+    assert clock.now == 2 * S // 20
+    in_folder = source_spec(CameraConfig(url=str(tmp_path), pace="fast")).open(clock)
+    assert shades(in_folder, 1) == pytest.approx([10], abs=35)
+    with pytest.raises(LinkError, match="ended"):
+        in_folder.read()
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Path:
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 20.0, (64, 48))
+    assert writer.isOpened()
+    for number in range(5):
+        writer.write(shade(40 * number + 20, 48, 64))
+    writer.release()
+    return path
+
+
+def test_a_film_runs_at_its_own_rate_and_ends(film: Path, clock: StepClock) -> None:
+    source = source_spec(CameraConfig(url=str(film), fps=3)).open(clock)
+    assert not source.lossless
+    frames = [source.read() for _ in range(5)]
+
+    assert [frame.t_capture_ns for frame in frames] == [n * S // 20 for n in range(5)]
+    assert [round(float(frame.image.mean()), -1) for frame in frames] == [20, 60, 100, 140, 180]
+    assert frames[0].image.shape == (48, 64, 3)
+    with pytest.raises(LinkError, match=r"film\.avi: ended"):
+        source.read()
+    assert clock.now == 5 * S // 20
+    source.close()
+    source.close()
+
+
+def test_a_film_in_a_loop_keeps_the_beat(film: Path, clock: StepClock) -> None:
+    source = source_spec(CameraConfig(url=str(film), loop=True)).open(clock)
+    frames = [source.read() for _ in range(12)]
+
+    assert [frame.t_capture_ns for frame in frames] == [n * S // 20 for n in range(12)]
+    assert [round(float(frame.image.mean()), -1) for frame in frames][4:7] == [180, 20, 60]
+
+
+def test_a_fast_film_is_lossless(film: Path, clock: StepClock) -> None:
+    source = source_spec(CameraConfig(url=str(film), pace="fast")).open(clock)
+    assert source.lossless
+    for _ in range(5):
+        source.read()
+    assert clock.naps == []
+
+
+def test_a_source_that_falls_behind_goes_on_from_now_instead_of_rushing(clock: StepClock) -> None:
+    pace = Pace(0.1, clock)
+    pace.wait()
+    clock.now += round(0.35 * S)
+    pace.wait()  # late: at once
+    late = clock.now
+    pace.wait()
+    pace.wait()
+
+    assert late == round(0.35 * S)
+    assert clock.now - late == pytest.approx(0.1 * S, abs=2)
+
+
+# Live sources.
+
+
+class Driver:
+    """Stands in for cv2.VideoCapture: `retrieve` takes 30 ms of the clock."""
+
+    def __init__(self, clock: StepClock, images: list[NDArray[Any] | None]) -> None:
+        self.clock = clock
+        self.images = images
+        self.released = 0
+
+    def grab(self) -> bool:
+        return bool(self.images)
+
+    def retrieve(self) -> tuple[bool, NDArray[Any] | None]:
+        self.clock.now += 30_000_000
+        image = self.images.pop(0)
+        return image is not None, image
+
+    def release(self) -> None:
+        self.released += 1
+
+
+def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted(clock: StepClock) -> None:
+    clock.now = 5 * S
+    driver = Driver(clock, [np.full((2, 2), 0x4200, np.uint16), np.zeros((2, 2, 2), np.uint8), None])
+    source = CaptureSource(driver, "cam", clock, 0.0)  # type: ignore[arg-type]  # has the four methods that are used
+
+    frame = source.read()
+
+    assert (frame.t_capture_ns, tuple(frame.image[0, 0])) == (5 * S, (0x42, 0x42, 0x42))
+    assert not source.lossless
+    with pytest.raises(LinkError, match="cam: 2 channels: only grey"):
+        source.read()
+    with pytest.raises(LinkError, match="cam: lost: a frame could not be decoded"):
+        source.read()
+    with pytest.raises(LinkError, match="cam: lost: it gave no further frame"):
+        source.read()
+    source.close()
+    assert driver.released == 1
+
+
+def test_a_camera_is_asked_for_what_is_configured_and_for_nothing_else(
+    clock: StepClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+
+    class Obliging:
+        def __init__(self, *args: Any) -> None:
+            asked.append(args)
+
+        def isOpened(self) -> bool:
+            return True
+
+        def set(self, key: int, value: float) -> bool:
+            asked.append((key, value))
+            return False
+
+    monkeypatch.setattr(cv2, "VideoCapture", Obliging)
+    CameraSpec("/dev/video2").open(clock)
+    CameraSpec(3, 640, 480, 30.0).open(clock)
+
+    assert asked == [
+        ("/dev/video2", cv2.CAP_V4L2),
+        (3, cv2.CAP_V4L2),
+        (cv2.CAP_PROP_FRAME_WIDTH, 640),
+        (cv2.CAP_PROP_FRAME_HEIGHT, 480),
+        (cv2.CAP_PROP_FPS, 30.0),
+    ]
+
+
+def test_streams_are_opened_for_low_delay_with_time_limits(clock: StepClock, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    class Refusing:
+        def __init__(self, *args: Any) -> None:
+            asked.extend(args)
+
+        def isOpened(self) -> bool:
+            return False
+
+    monkeypatch.setattr(cv2, "VideoCapture", Refusing)
+    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "")  # so that it is put back afterwards
+    monkeypatch.delenv("OPENCV_FFMPEG_CAPTURE_OPTIONS")
+
+    with pytest.raises(LinkError, match=r"^rtsp://cam/1: cannot be opened"):
+        StreamSpec("rtsp://a:b@cam/1", open_timeout_s=10.0, read_timeout_s=1.0).open(clock)
+
+    assert os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] == FFMPEG_OPTIONS
+    assert FFMPEG_OPTIONS == "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
+    url, backend, parameters = asked
+    assert (url, backend) == ("rtsp://a:b@cam/1", cv2.CAP_FFMPEG)
+    pairs = dict(zip(parameters[::2], parameters[1::2], strict=True))
+    assert pairs == {
+        cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 10_000,
+        cv2.CAP_PROP_READ_TIMEOUT_MSEC: 1000,
+        cv2.CAP_PROP_N_THREADS: 1,
+    }
