@@ -2,7 +2,7 @@
 
 from gateway.model import Event, EventKind, Quality, StateVector
 
-_NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.WAITING})
+_NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED, Quality.WAITING})
 _NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
 
 

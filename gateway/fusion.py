@@ -31,6 +31,7 @@ VISION_REASON: dict[Quality, Reason] = {
     Quality.STALE: Reason.VISION_STALE,
     Quality.LINK_DOWN: Reason.CAMERA_DOWN,
     Quality.NO_TARGET: Reason.NO_TARGET,
+    Quality.COASTED: Reason.TARGET_COASTED,
 }
 RANGE_REASON: dict[Quality, Reason] = {
     Quality.WAITING: Reason.STARTING,
@@ -44,7 +45,7 @@ RANGE_REASON: dict[Quality, Reason] = {
     Quality.WRONG_VERSION: Reason.RANGER_VERSION,
 }
 # Where several things are wrong, the one somebody has to repair is told first.
-_REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2}
+_REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED: 2}
 
 
 def step(state: StateVector, observation: Observation, now_ns: int, config: FusionConfig) -> StateVector:
@@ -122,7 +123,18 @@ def _not_good(quality: Quality) -> Quality:
 
 
 def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
-    return replace(reading, quality=quality, circle=None, x_n=None, y_n=None)
+    """`predicted` stays with COASTED alone: it is for people to look at, and nothing is decided on it."""
+    return replace(
+        reading,
+        quality=quality,
+        circle=None,
+        x_n=None,
+        y_n=None,
+        ellipse=None,
+        confidence=None,
+        visible=None,
+        predicted=reading.predicted if quality is Quality.COASTED else None,
+    )
 
 
 def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
@@ -163,7 +175,7 @@ def _newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
 
 
 def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> VisionReading:
-    ages = reading.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.WAITING)
+    ages = reading.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED, Quality.WAITING)
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.vision_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
         return replace(_without_circle(reading, Quality.STALE), detail=f"no result for {deadline_s:g} s")

@@ -22,6 +22,7 @@ class Quality(IntEnum):
     STUCK = 9
     UNSTABLE = 10
     WRONG_VERSION = 11
+    COASTED = 12
 
 
 QUALITY_MEANING: dict[Quality, str] = {
@@ -37,6 +38,7 @@ QUALITY_MEANING: dict[Quality, str] = {
     Quality.STUCK: "the ranger's ECHO pin does not move",
     Quality.UNSTABLE: "readings jump more than the glitch gate allows",
     Quality.WRONG_VERSION: "the ranger speaks another protocol version",
+    Quality.COASTED: "the marker is not in this frame; only where it should be is known, from its motion",
 }
 
 
@@ -50,6 +52,7 @@ class Reason(IntEnum):
     CAMERA_DOWN = 12
     NO_TARGET = 13
     VISION_FAULT = 14
+    TARGET_COASTED = 15
     RANGE_STALE = 20
     RANGER_DOWN = 21
     NO_ECHO = 22
@@ -71,6 +74,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",
     Reason.NO_TARGET: "no marker in the picture",
     Reason.VISION_FAULT: "the vision process died, hung or failed",
+    Reason.TARGET_COASTED: "the marker is hidden for the moment; its place is a prediction, not a measurement",
     Reason.RANGE_STALE: "the newest distance is older than its deadline",
     Reason.RANGER_DOWN: "the ranger's port cannot be opened or was lost",
     Reason.NO_ECHO: "the ranger hears no echo",
@@ -85,13 +89,52 @@ REASON_MEANING: dict[Reason, str] = {
 }
 
 
+class Tracking(IntEnum):
+    """How the position of this frame was come by. The numbers are on the wire: never renumber, only add."""
+
+    OFF = 0
+    MEASURED = 1
+    COASTED = 2
+    LOST = 3
+
+
+TRACKING_MEANING: dict[Tracking, str] = {
+    Tracking.OFF: "every frame is searched whole, by itself",
+    Tracking.MEASURED: "the marker was found in this frame and fits its track, or begins one",
+    Tracking.COASTED: "the marker was not found in this frame; its place is predicted from its motion",
+    Tracking.LOST: "the marker was not found for so long that its track was given up",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """Minimum enclosing circle of the marker (equation 10): centre (u_c, v_c) and radius R, px."""
+    """Minimum enclosing circle of the marker (equation 10): centre (u_c, v_c) and radius R, px.
+
+    Of a tilted disc, seen as an ellipse, R is the semi-major axis: what a circle round it has.
+    """
 
     u_px: float
     v_px: float
     radius_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """The rim of a disc as the camera sees it. `angle_rad`: from +u towards +v to the major axis, in [0, pi)."""
+
+    u_px: float
+    v_px: float
+    semi_major_px: float
+    semi_minor_px: float
+    angle_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """A candidate that was looked at and not taken, and why: a short code that the method's table explains."""
+
+    circle: Circle
+    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +149,12 @@ class Detection:
     x_n: float | None = None  # equation 11, only where intrinsics are known
     y_n: float | None = None
     stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage, in pipeline order
+    ellipse: Ellipse | None = None  # the rim, where the method fits one; `circle` is the one round it
+    confidence: float | None = None  # 0 to 1; None: the method can't tell
+    visible: float | None = None  # share of the rim that was seen; None: the method can't tell
+    rejected: tuple[Rejection, ...] = ()  # the best few of the candidates not taken
+    tracking: Tracking = Tracking.OFF
+    predicted: Circle | None = None  # where the marker should be; only while it coasts
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +195,11 @@ class VisionReading:
     detail: str = ""  # for people: what went wrong, never parsed
     stats: VisionStats = field(default_factory=VisionStats)
     stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage of this frame, in pipeline order; empty: no result
+    ellipse: Ellipse | None = None  # of the circle, where the method fits one
+    confidence: float | None = None  # 0 to 1; None: no circle, or the method can't tell
+    visible: float | None = None  # share of the rim that was seen; None: no circle, or the method can't tell
+    tracking: Tracking = Tracking.OFF
+    predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
 
 
 @dataclass(frozen=True, slots=True)

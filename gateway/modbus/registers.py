@@ -79,7 +79,7 @@ STATUS_MEANING: dict[StatusBit, str] = {
     StatusBit.CLAMPED: "an integer value stands at its register's limit; its float32 mirror has the true one",
 }
 
-NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.WAITING, Quality.NO_TARGET})
+NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.WAITING, Quality.NO_TARGET, Quality.COASTED})
 NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
 
 

@@ -130,12 +130,17 @@ class Dispatcher:
         seat.failures = 0
         reading = VisionReading(
             t_ns=frame.t_capture_ns,
-            quality=Quality.NO_TARGET if detection.circle is None else Quality.GOOD,
+            quality=_quality(detection),
             circle=detection.circle,
             frame_id=seq,
             x_n=detection.x_n,
             y_n=detection.y_n,
             stage_ns=detection.stage_ns,
+            ellipse=detection.ellipse,
+            confidence=detection.confidence,
+            visible=detection.visible,
+            tracking=detection.tracking,
+            predicted=detection.predicted,
         )
         self._tell(reading, now_ns)
 
@@ -313,7 +318,7 @@ class Dispatcher:
     def _emit(self, reading: VisionReading, now_ns: int) -> None:
         self._told_seq = max(self._told_seq, reading.frame_id)
         results = self._results_ns
-        if reading.quality in (Quality.GOOD, Quality.NO_TARGET):
+        if reading.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED):
             results.append(now_ns)
             latency_ms = max(0, now_ns - reading.t_ns) / NS_PER_MS
             self.stats = replace(self.stats, frames=self.stats.frames + 1, latency_ms=latency_ms)
@@ -337,3 +342,9 @@ class Dispatcher:
 
     def _worker(self, token: int) -> Seat | None:
         return next((seat for seat in self._workers if seat.token == token and seat.alive), None)
+
+
+def _quality(detection: Detection) -> Quality:
+    if detection.circle is not None:
+        return Quality.GOOD
+    return Quality.NO_TARGET if detection.predicted is None else Quality.COASTED

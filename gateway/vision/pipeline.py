@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,8 +14,17 @@ from gateway.vision.intrinsics import normalise
 from gateway.vision.pixels import Image
 from gateway.vision.stages import Contour, Mask
 
-Detector = Callable[[Image], Detection]
 NowNs = Callable[[], int]
+
+
+class Detector(Protocol):
+    """A method, ready to be called picture by picture, in order: it may keep state between them."""
+
+    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
+        """`t_ns`: when the picture was taken, monotonic; a method that follows the marker's motion needs it."""
+        ...
+
+
 Seen = Callable[[str, Any], None]  # called with the name and the result of a stage that has just ended
 
 STAGES = (
@@ -51,7 +60,7 @@ def detector(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
     """What `params.method` names, ready to be called picture by picture, in order: a method may keep state between."""
     match params.method:
         case "paper":
-            return lambda image: detect(image, params, now_ns)
+            return lambda image, t_ns=0: detect(image, params, now_ns)
 
 
 def detect(image: Image, params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detection:

@@ -16,7 +16,7 @@ def run(link: Link[Ready | Looked, Look], job: WorkerJob) -> None:
     while True:
         frame = link.receive().frame
         image = ring.view(frame.slot, frame.generation)
-        detection = None if image is None else detect(image)
+        detection = None if image is None else detect(image, frame.t_capture_ns)
         if not ring.holds(frame.slot, frame.generation):
             detection = None
         link.send(Looked(frame.seq, detection))

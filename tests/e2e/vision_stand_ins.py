@@ -23,7 +23,7 @@ THROW, HANG, DIE, EXIT = 200, 210, 220, 230  # pictures of this shade are poison
 def shade_reader(params: object, now_ns: object) -> "Detector":
     """`u` is the shade of the picture's first pixel; some shades are poison, see above."""
 
-    def detect(image: Image) -> Detection:
+    def detect(image: Image, t_ns: int = 0) -> Detection:
         if image.flags.writeable or image.flags.owndata:
             raise AssertionError("the frame was copied, or can be scribbled over")
         match shade := int(image[0, 0, 0]):
@@ -43,7 +43,7 @@ def shade_reader(params: object, now_ns: object) -> "Detector":
 def slow_reader(params: object, now_ns: object) -> "Detector":
     """Slower than frames come, so that two workers take turns; `R` tells which of them it was."""
 
-    def detect(image: Image) -> Detection:
+    def detect(image: Image, t_ns: int = 0) -> Detection:
         SystemClock().block(0.08)
         return Detection(Circle(0.0, 0.0, float(os.getpid())))
 
@@ -53,7 +53,7 @@ def slow_reader(params: object, now_ns: object) -> "Detector":
 def hung_reader(params: object, now_ns: object) -> "Detector":
     """Never comes back from its first frame, and hears nothing."""
 
-    def detect(image: Image) -> Detection:
+    def detect(image: Image, t_ns: int = 0) -> Detection:
         print("hung", flush=True)
         signal.pause()
         raise AssertionError("not reached")
