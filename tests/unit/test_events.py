@@ -57,7 +57,7 @@ def test_stop_and_target_edges() -> None:
     assert told(seen, seen) == told(stopped, stopped) == []
 
 
-FINE_VISION = {Quality.GOOD, Quality.WAITING, Quality.NO_TARGET}
+FINE_VISION = {Quality.GOOD, Quality.WAITING, Quality.NO_TARGET, Quality.COASTED}
 FINE_RANGE = {Quality.GOOD, Quality.WAITING}
 
 

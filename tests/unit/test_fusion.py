@@ -191,7 +191,7 @@ def test_what_ages_and_what_stands(quality: Quality) -> None:
     state = after(VisionReading(T0, quality), RangeReading(T0, quality))
     later = step(state, TICK, T0 + 500 * MS, PAPER)
 
-    vision_ages = quality is Quality.NO_TARGET
+    vision_ages = quality in (Quality.NO_TARGET, Quality.COASTED)
     range_stands = quality in (Quality.LINK_DOWN, Quality.WRONG_VERSION)
     assert later.vision.quality is (Quality.STALE if vision_ages else quality)
     assert later.range.quality is (quality if range_stands else Quality.STALE)
@@ -362,6 +362,7 @@ def test_every_camera_fault_stops_with_its_reason(quality: Quality) -> None:
         Quality.STALE: Reason.VISION_STALE,
         Quality.LINK_DOWN: Reason.CAMERA_DOWN,
         Quality.NO_TARGET: Reason.NO_TARGET,
+        Quality.COASTED: Reason.TARGET_COASTED,
     }.get(quality, Reason.VISION_FAULT)
 
 
@@ -774,7 +775,7 @@ class Held:
         return Quality.STALE if over else self.quality
 
 
-VISION_AGES = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.WAITING})
+VISION_AGES = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED, Quality.WAITING})
 RANGE_AGES = frozenset(Quality) - {Quality.LINK_DOWN, Quality.WRONG_VERSION, Quality.STALE}
 
 
