@@ -158,9 +158,10 @@ def _rows(path: Path, params: "VisionConfig", figures: _Figures | None) -> Itera
     import cv2
 
     from gateway.clock import SystemClock
-    from gateway.vision import inputs, pipeline
+    from gateway.vision import inputs, methods
 
-    find = pipeline.detector(params, SystemClock().now_ns)
+    # The pictures of a batch are no sequence: each is looked at by itself.
+    find = methods.detector(params.model_copy(update={"tracking": False}), SystemClock().now_ns)
     wrong = ""
     try:
         for picture in inputs.read(path):

@@ -23,7 +23,7 @@ class DetectorSpec:
     """Which detector a vision process builds: `module:function`, called once with the parameters and the clock."""
 
     vision: "VisionConfig"
-    factory: str = "gateway.vision.pipeline:detector"
+    factory: str = "gateway.vision.methods:detector"
 
     def build(self, now_ns: "NowNs") -> "Detector":
         """`now_ns` times the stages."""

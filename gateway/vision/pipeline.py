@@ -56,13 +56,6 @@ class Trace:
     detection: Detection
 
 
-def detector(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
-    """What `params.method` names, ready to be called picture by picture, in order: a method may keep state between."""
-    match params.method:
-        case "paper":
-            return lambda image, t_ns=0: detect(image, params, now_ns)
-
-
 def detect(image: Image, params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detection:
     """The paper's method on one (H, W, 3) uint8 BGR picture. `now_ns` gives the times of `stage_ns`; without it, 0.
 

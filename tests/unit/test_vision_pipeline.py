@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.config import Intrinsics, VisionConfig
 from gateway.model import Circle, Detection
-from gateway.vision import example, intrinsics, jobs, pipeline, stages
+from gateway.vision import example, intrinsics, pipeline, stages
 
 ROOT = Path(__file__).parents[2]
 PAPER = VisionConfig()
@@ -193,15 +193,6 @@ def test_every_number_of_the_settings_reaches_its_stage() -> None:
     assert pipeline.detect(pair, VisionConfig(morph_iterations=7)).candidates == 1
     sigma = pipeline.trace(image, VisionConfig(gaussian_sigma_px=3)).blurred
     assert np.array_equal(stages.gaussian(image, 5, 3), sigma)
-
-
-def test_dispatch_by_method() -> None:
-    image = disc(100, 90, 40)
-    assert pipeline.detector(PAPER)(image) == pipeline.detect(image, PAPER)
-    ticks = itertools.count(0, 10)
-    assert pipeline.detector(PAPER, lambda: next(ticks))(image).stage_ns[0] == ("gaussian", 10)
-    built = jobs.DetectorSpec(PAPER).build(lambda: next(ticks))
-    assert [ns for _, ns in built(image).stage_ns] == [10] * len(pipeline.STAGES)
 
 
 # -- time and trace ----------------------------------------------------------------------------------------------------

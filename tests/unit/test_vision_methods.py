@@ -1,0 +1,54 @@
+"""Which detector a configuration names, and that each is built where the vision processes build theirs."""
+
+import itertools
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.config import VisionConfig
+from gateway.model import Tracking
+from gateway.vision import jobs, methods, pipeline
+
+NS_PER_MS = 1_000_000
+PLAIN = VisionConfig(method="paper", tracking=False)
+FOLLOWED = VisionConfig(method="paper", tracking=True)
+
+
+def disc(u: float, v: float, r: float) -> NDArray[np.uint8]:
+    picture = np.full((240, 320, 3), (95, 95, 92), np.uint8)
+    cv2.circle(picture, (round(u), round(v)), round(r), (30, 30, 200), -1, cv2.LINE_AA)
+    return picture
+
+
+def test_the_papers_method_by_name() -> None:
+    image = disc(100, 90, 40)
+    assert methods.detector(PLAIN)(image) == pipeline.detect(image, PLAIN)
+    ticks = itertools.count(0, 10)
+    assert methods.detector(PLAIN, lambda: next(ticks))(image).stage_ns[0] == ("gaussian", 10)
+    built = jobs.DetectorSpec(PLAIN).build(lambda: next(ticks))
+    assert [ns for _, ns in built(image).stage_ns] == [10] * len(pipeline.STAGES)
+
+
+def test_a_followed_marker_has_the_papers_circle_and_a_label() -> None:
+    find = methods.detector(FOLLOWED)
+    for n in range(20):
+        image = disc(60 + 5 * n, 120, 30 + n) if n != 10 else np.zeros((240, 320, 3), np.uint8)
+        found = find(image, 33 * NS_PER_MS * n)
+        alone = pipeline.detect(image, PLAIN)
+        assert found.circle == alone.circle
+        if n == 10:
+            assert found.tracking is Tracking.COASTED
+            assert found.predicted is not None
+            assert np.hypot(found.predicted.u_px - 110, found.predicted.v_px - 120) < 4
+        else:
+            assert (found.tracking, found.predicted) == (Tracking.MEASURED, None)
+
+
+def test_two_detectors_share_nothing() -> None:
+    one, other = methods.detector(FOLLOWED), methods.detector(FOLLOWED)
+    for n in range(5):
+        one(disc(100, 90, 40), n * NS_PER_MS)
+    empty = np.zeros((240, 320, 3), np.uint8)
+    assert one(empty, 5 * NS_PER_MS).tracking is Tracking.COASTED
+    assert other(empty, 5 * NS_PER_MS).tracking is Tracking.LOST
