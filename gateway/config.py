@@ -88,10 +88,14 @@ class VisionConfig(Section):
 
     method: Literal["robust", "paper"] = Field("paper", description="how the marker is found in a picture")
     tracking: bool = Field(
-        True, description="follow the marker from frame to frame: the same answers, sooner; and say how each was come by"
+        True,
+        description="follow the marker from frame to frame: the same answers, sooner; and say how each was come by",
     )
     coast_s: float = Field(
-        0.3, ge=0, le=10, description="a followed marker that is not seen is predicted for so long, then lost; stop is on"
+        0.3,
+        ge=0,
+        le=10,
+        description="a followed marker that is not seen is predicted for so long, then lost; stop is on",
     )
     gaussian_kernel_px: int = Field(5, ge=1, le=31, description="side of the Gaussian kernel, odd; 1: off")
     gaussian_sigma_px: float = Field(0.0, ge=0, le=20, description="0: derived from the kernel, as OpenCV does")

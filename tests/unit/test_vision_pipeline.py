@@ -1,7 +1,6 @@
 """The composed paper method on pictures with known truth, and the documentation's tables."""
 
 import ast
-import itertools
 from pathlib import Path
 
 import cv2
