@@ -3,6 +3,7 @@
 Pixel centres lie at integers: the centre of the top left pixel is (0, 0).
 """
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 
@@ -102,7 +103,7 @@ TRACKING_MEANING: dict[Tracking, str] = {
     Tracking.OFF: "every frame is searched whole, by itself",
     Tracking.MEASURED: "the marker was found in this frame and fits its track, or begins one",
     Tracking.COASTED: "the marker was not found in this frame; its place is predicted from its motion",
-    Tracking.LOST: "the marker was not found for so long that its track was given up",
+    Tracking.LOST: "no marker is followed: none was found yet, or not for so long that its track was given up",
 }
 
 
@@ -127,6 +128,13 @@ class Ellipse:
     semi_major_px: float
     semi_minor_px: float
     angle_rad: float
+
+    @property
+    def tilt_deg(self) -> float:
+        """Between the disc's normal and the line of sight, 0 to 90, as far as the perspective is weak."""
+        if not (self.semi_major_px > 0 and math.isfinite(self.semi_minor_px)):
+            return math.nan
+        return math.degrees(math.acos(min(1.0, max(0.0, self.semi_minor_px / self.semi_major_px))))
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,9 +28,18 @@ from gateway.modbus.words import (
     pack,
     unpack,
 )
-from gateway.model import QUALITY_MEANING, REASON_MEANING, Circle, Quality, Reason, StateVector
+from gateway.model import (
+    QUALITY_MEANING,
+    REASON_MEANING,
+    TRACKING_MEANING,
+    Circle,
+    Ellipse,
+    Quality,
+    Reason,
+    StateVector,
+)
 
-MAP_VERSION = 1
+MAP_VERSION = 2
 BLOCK_WORDS = 100
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 KNOWN_FLOAT32 = 123456.0  # 0x47F12000
@@ -143,6 +152,44 @@ def _y_n(state: StateVector, _: int) -> Value:
     return None if _circle(state) is None else state.vision.y_n
 
 
+def _tracking(state: StateVector, _: int) -> Value:
+    """No value where no fresh frame stands behind it: what was true of an old one is not told."""
+    fresh = state.vision.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED)
+    return int(state.vision.tracking) if fresh else None
+
+
+def _percent(share: float | None) -> Value:
+    return None if share is None else 100.0 * share
+
+
+def _predicted(state: StateVector) -> Circle | None:
+    return state.vision.predicted if state.vision.quality is Quality.COASTED else None
+
+
+def _predicted_u(state: StateVector, _: int) -> Value:
+    return None if (circle := _predicted(state)) is None else circle.u_px
+
+
+def _predicted_v(state: StateVector, _: int) -> Value:
+    return None if (circle := _predicted(state)) is None else circle.v_px
+
+
+def _predicted_radius(state: StateVector, _: int) -> Value:
+    return None if (circle := _predicted(state)) is None else circle.radius_px
+
+
+def _ellipse(state: StateVector) -> Ellipse | None:
+    return None if _circle(state) is None else state.vision.ellipse
+
+
+def _semi_minor(state: StateVector, _: int) -> Value:
+    return None if (ellipse := _ellipse(state)) is None else ellipse.semi_minor_px
+
+
+def _tilt_deg(state: StateVector, _: int) -> Value:
+    return None if (ellipse := _ellipse(state)) is None else ellipse.tilt_deg
+
+
 def _sequence(state: StateVector, _: int) -> Value:
     return (2 * state.seq - (state.reason is Reason.GATEWAY_FAULT)) & 0xFFFF
 
@@ -182,6 +229,8 @@ def _named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
 _QUALITY = _named(QUALITY_MEANING)
 _REASON = _named(REASON_MEANING)
 _STATUS = _named(STATUS_MEANING)
+_TRACKING = _named(TRACKING_MEANING)
+_NEVER_DECIDE = "predicted while coasted; never decide on it"
 _WRAPS = "count since the start of the gateway, modulo 65536"
 
 REGISTERS: tuple[Register, ...] = (
@@ -251,6 +300,20 @@ REGISTERS: tuple[Register, ...] = (
     Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
     Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured", _x_n),
     Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured", _y_n),
+    Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was come by; no value: no fresh frame",
+             _tracking, _TRACKING),
+    Register(71, "confidence", MEASURED_UINT16, 0.1, "%", "of the detection, where the method gives one",
+             lambda s, _: None if _circle(s) is None else _percent(s.vision.confidence)),
+    Register(72, "visible", MEASURED_UINT16, 0.1, "%", "share of the marker's rim that was seen, where the method says",
+             lambda s, _: None if _circle(s) is None else _percent(s.vision.visible)),
+    Register(73, "predicted_u", MEASURED_INT16, 0.1, "px", f"centre, to the right: {_NEVER_DECIDE}",
+             _predicted_u),
+    Register(74, "predicted_v", MEASURED_INT16, 0.1, "px", f"centre, downwards: {_NEVER_DECIDE}", _predicted_v),
+    Register(75, "predicted_radius", MEASURED_UINT16, 0.1, "px", f"radius: {_NEVER_DECIDE}", _predicted_radius),
+    Register(76, "semi_minor", MEASURED_UINT16, 0.1, "px", "of the rim's ellipse; its semi-major axis is the radius",
+             _semi_minor),
+    Register(77, "tilt", MEASURED_UINT16, 0.1, "deg", "of the disc against the line of sight, from the ellipse's axes",
+             _tilt_deg),
     Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
 )  # fmt: skip
 
@@ -258,7 +321,7 @@ RESERVED: tuple[Reserved, ...] = (
     Reserved(35, 5, "more counters"),
     Reserved(58, 2, "another float32 mirror"),
     Reserved(60, 10, "NE 107 status and guidance for the driver"),
-    Reserved(70, 10, "tracking and confidence of the detection"),
+    Reserved(78, 2, "more about the detection"),
     Reserved(80, 16, "handshake with the PLC"),
     Reserved(96, 3, "to be decided"),
 )

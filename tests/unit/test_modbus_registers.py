@@ -22,6 +22,7 @@ from gateway.modbus.registers import (
 from gateway.modbus.words import WordOrder
 from gateway.model import (
     Circle,
+    Ellipse,
     EventKind,
     FusionMemory,
     Quality,
@@ -29,6 +30,7 @@ from gateway.model import (
     RangeStats,
     Reason,
     StateVector,
+    Tracking,
     VisionReading,
     VisionStats,
 )
@@ -47,6 +49,10 @@ STATE = StateVector(
         Quality.GOOD,
         Circle(u_px=640.27, v_px=-3.06, radius_px=181.26),
         frame_id=0x1_0002_0003,
+        ellipse=Ellipse(640.27, -3.06, 181.26, 169.94, 0.5),
+        confidence=0.9876,
+        visible=0.75,
+        tracking=Tracking.MEASURED,
         x_n=0.25,
         y_n=-0.5,
         stats=VisionStats(
@@ -70,7 +76,7 @@ STATE = StateVector(
 # address: word, high word first
 EXPECTED: dict[int, int] = {
     0: 0x468A,  # 2 * 0x12345 modulo 65536
-    1: 1,
+    1: 2,
     2: 0xABCD,
     3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
     4: 1,
@@ -122,6 +128,14 @@ EXPECTED: dict[int, int] = {
     55: 0x0000,
     56: 0xBF00,
     57: 0x0000,
+    70: 1,
+    71: 988,  # 98.76 %
+    72: 750,
+    73: 0x8000,  # measured, so nothing is predicted
+    74: 0x8000,
+    75: 0xFFFF,
+    76: 1699,
+    77: 204,  # acos(169.94 / 181.26) = 20.354 degrees
     99: 0x468A,
 }
 
@@ -161,7 +175,7 @@ def test_the_table_covers_the_block_once_and_is_in_order() -> None:
 
 
 def test_addresses_are_never_renumbered() -> None:
-    """The published map, version 1. A failure here means a PLC somewhere reads the wrong thing."""
+    """The published map. A failure here means a PLC somewhere reads the wrong thing."""
     version_1 = (
         "0 seq_begin uint16, 1 map_version uint16, 2 heartbeat uint16, 3 status uint16, 4 stop uint16, "
         "5 permit uint16, 6 reason uint16, 7 vision_quality uint16, 8 range_quality uint16, 9 d uint16, 10 u int16, "
@@ -173,7 +187,45 @@ def test_addresses_are_never_renumbered() -> None:
         "42 known_f32 float32, 44 u_f32 float32, 46 v_f32 float32, 48 radius_f32 float32, 50 distance_f32 float32, "
         "52 z_vision_f32 float32, 54 x_n_f32 float32, 56 y_n_f32 float32, 99 seq_end uint16"
     )
-    assert version_1 in ", ".join(f"{r.address} {r.name} {r.kind.name}" for r in REGISTERS)
+    rows = [f"{r.address} {r.name} {r.kind.name}" for r in REGISTERS]
+    assert set(version_1.split(", ")) <= set(rows)
+    tracking_of_version_2 = (
+        "70 tracking uint16, 71 confidence uint16, 72 visible uint16, 73 predicted_u int16, 74 predicted_v int16, "
+        "75 predicted_radius uint16, 76 semi_minor uint16, 77 tilt uint16"
+    )
+    assert tracking_of_version_2 in ", ".join(rows)
+
+
+def test_a_prediction_stands_beside_the_measured_registers_and_only_while_the_marker_coasts() -> None:
+    coasted = VisionReading(
+        STATE.t_ns, Quality.COASTED, tracking=Tracking.COASTED, predicted=Circle(12.34, -5.0, 99.96)
+    )
+    read = values(replace(STATE, vision=coasted, d=None))
+    assert (read["tracking"], read["vision_quality"], read["d"]) == (2, 12, None)
+    assert [read[name] for name in ("u", "v", "radius", "u_f32", "confidence", "visible", "tilt")] == [None] * 7
+    assert (read["predicted_u"], read["predicted_v"], read["predicted_radius"]) == (12.3, -5.0, 100.0)
+    for quality in set(Quality) - {Quality.COASTED}:
+        read = values(replace(STATE, vision=replace(coasted, quality=quality)))
+        assert [read[name] for name in ("predicted_u", "predicted_v", "predicted_radius")] == [None] * 3
+    assert StatusBit.VISION_FAULT not in bits(replace(STATE, vision=coasted))
+
+
+def test_how_a_frame_was_come_by_is_told_of_fresh_frames_only() -> None:
+    fresh = {Quality.GOOD: 1, Quality.NO_TARGET: 3, Quality.COASTED: 2}
+    for quality in Quality:
+        label = Tracking(fresh.get(quality, Tracking.MEASURED))
+        read = values(replace(STATE, vision=replace(STATE.vision, quality=quality, tracking=label)))
+        assert read["tracking"] == fresh.get(quality)
+        if quality is not Quality.GOOD:
+            assert [read[name] for name in ("confidence", "visible", "semi_minor", "tilt")] == [None] * 4
+
+
+@pytest.mark.parametrize(
+    ("major", "minor", "degrees"), [(100, 100, 0), (100, 50, 60), (100, 101, 0), (100, 0, 90), (0, 0, None)]
+)
+def test_tilt(major: float, minor: float, degrees: float | None) -> None:
+    seen = replace(STATE.vision, ellipse=Ellipse(0, 0, major, minor, 0))
+    assert values(replace(STATE, vision=seen))["tilt"] == degrees
 
 
 @pytest.mark.parametrize("quality", [q for q in Quality if q is not Quality.GOOD])
