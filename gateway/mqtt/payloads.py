@@ -22,6 +22,7 @@ from gateway.model import (
     RangeReading,
     Reason,
     StateVector,
+    Tracking,
     VisionReading,
 )
 from gateway.mqtt.topics import Topics
@@ -52,6 +53,7 @@ SENSORS = ("vision", "range", "cross_check")
 Cause = Literal["running", "shutdown", "connection lost"]
 Count = Annotated[int, Field(json_schema_extra={"minimum": 0})]
 FROZEN = ConfigDict(frozen=True)
+_FRESH_FRAME = (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED)  # a frame stands behind the reading
 
 
 class QualityPayload(BaseModel):
@@ -129,6 +131,15 @@ class CountersPayload(BaseModel):
     ranger_reopens: Count
 
 
+class PredictedPayload(BaseModel):
+    """Where the marker should be while it coasts. To be shown to people; nothing may be decided on it."""
+
+    model_config = FROZEN
+    u: float = Field(description="px from the left")
+    v: float = Field(description="px from the top")
+    radius_px: float
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic says online and it keeps coming."""
 
@@ -138,6 +149,17 @@ class StatePayload(Measured):
     frame_id: Count = Field(description="of the newest observation of the camera")
     x_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
     y_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
+    tracking: str | None = Field(
+        description="how the position was come by; null: no fresh frame",
+        json_schema_extra={"enum": [*(tracking.name for tracking in Tracking), None]},
+    )
+    confidence: float | None = Field(description="0 to 1; null unless vision is GOOD and the method gives one")
+    visible: float | None = Field(description="share of the rim seen, 0 to 1; null unless vision is GOOD and known")
+    semi_minor_px: float | None = Field(
+        description="of the rim's ellipse; null unless vision is GOOD and it was fitted"
+    )
+    tilt_deg: float | None = Field(description="of the disc against the line of sight; null like semi_minor_px")
+    predicted: PredictedPayload | None = Field(description="null unless vision is COASTED; never to be decided on")
     rates: RatesPayload
     counters: CountersPayload
 
@@ -229,6 +251,12 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         frame_id=state.vision.frame_id,
         x_n=_number(seen.x_n, 6) if seen else None,
         y_n=_number(seen.y_n, 6) if seen else None,
+        tracking=state.vision.tracking.name if state.vision.quality in _FRESH_FRAME else None,
+        confidence=_number(seen.confidence, 4) if seen else None,
+        visible=_number(seen.visible, 4) if seen else None,
+        semi_minor_px=_number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,
+        tilt_deg=_number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
+        predicted=_predicted(state.vision),
         rates=RatesPayload(
             vision_hz=_number(vision.rate_hz, 2),
             range_hz=_number(rng.rate_hz, 2),
@@ -311,6 +339,16 @@ def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -
         vision=_sensor(state.vision, t_ns),
         range=_sensor(state.range, t_ns),
     )
+
+
+def _predicted(reading: VisionReading) -> PredictedPayload | None:
+    circle = reading.predicted if reading.quality is Quality.COASTED else None
+    if circle is None:
+        return None
+    u, v, radius = (_number(number, 3) for number in (circle.u_px, circle.v_px, circle.radius_px))
+    if u is None or v is None or radius is None:
+        return None
+    return PredictedPayload(u=u, v=v, radius_px=radius)
 
 
 def _sensor(reading: VisionReading | RangeReading, t_ns: int) -> SensorPayload:

@@ -15,6 +15,7 @@ from gateway.model import (
     QUALITY_MEANING,
     REASON_MEANING,
     Circle,
+    Ellipse,
     Event,
     EventKind,
     Quality,
@@ -22,6 +23,7 @@ from gateway.model import (
     RangeStats,
     Reason,
     StateVector,
+    Tracking,
     VisionReading,
     VisionStats,
 )
@@ -48,6 +50,10 @@ GOOD = StateVector(
         frame_id=9,
         x_n=0.0123456789,
         y_n=-0.5,
+        ellipse=Ellipse(320.12345, 240.5, 181.25, 169.94321, 0.5),
+        confidence=0.98765432,
+        visible=0.75,
+        tracking=Tracking.MEASURED,
         stats=VisionStats(frames=9, skipped=1, lost=2, restarts=3, reopens=4, rate_hz=29.994, latency_ms=11.426),
     ),
     range=RangeReading(
@@ -96,6 +102,12 @@ def test_a_good_state() -> None:
         "frame_id": 9,
         "x_n": 0.012346,
         "y_n": -0.5,
+        "tracking": "MEASURED",
+        "confidence": 0.9877,
+        "visible": 0.75,
+        "semi_minor_px": 169.943,
+        "tilt_deg": 20.34,
+        "predicted": None,
         "rates": {"vision_hz": 29.99, "range_hz": 19.5, "vision_latency_ms": 11.43},
         "counters": {
             "frames": 9,
@@ -117,6 +129,9 @@ def test_a_value_without_good_quality_is_not_published(quality: Quality) -> None
     """Even where the record wrongly still carries one."""
     blind = sent(state_payload(replace(GOOD, vision=replace(GOOD.vision, quality=quality)), GATEWAY, 0, 1))
     assert [blind[key] for key in ("u", "v", "radius_px", "z_vision_mm", "x_n", "y_n")] == [None] * 6
+    assert [blind[key] for key in ("confidence", "visible", "semi_minor_px", "tilt_deg", "predicted")] == [None] * 5
+    fresh = quality in (Quality.NO_TARGET, Quality.COASTED)
+    assert blind["tracking"] == ("MEASURED" if fresh else None)
     assert blind["distance_mm"] == 300.0
     assert blind["vision"]["quality"] == {"name": quality.name, "code": int(quality)}
 
@@ -124,6 +139,19 @@ def test_a_value_without_good_quality_is_not_published(quality: Quality) -> None
     assert deaf["distance_mm"] is None
     assert deaf["u"] == 320.123
     assert deaf["range"]["quality"] == {"name": quality.name, "code": int(quality)}
+
+
+def test_a_prediction_is_told_apart_from_every_measured_field() -> None:
+    place = Circle(12.34567, -5.0, 99.96)
+    coasted = VisionReading(NOW_NS, Quality.COASTED, tracking=Tracking.COASTED, predicted=place)
+    found = sent(state_payload(replace(GOOD, vision=coasted, d=None), GATEWAY, 0, 1))
+    assert found["predicted"] == {"u": 12.346, "v": -5.0, "radius_px": 99.96}
+    assert (found["tracking"], found["u"], found["v"], found["radius_px"]) == ("COASTED", None, None, None)
+    for quality in set(Quality) - {Quality.COASTED}:
+        other = replace(GOOD, vision=replace(coasted, quality=quality))
+        assert sent(state_payload(other, GATEWAY, 0, 1))["predicted"] is None
+    broken = replace(GOOD, vision=replace(coasted, predicted=Circle(float("nan"), 0.0, 1.0)))
+    assert sent(state_payload(broken, GATEWAY, 0, 1))["predicted"] is None
 
 
 def test_where_nothing_was_received_there_is_no_age() -> None:
