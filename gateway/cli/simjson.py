@@ -80,6 +80,7 @@ class Printer:
 
     def _state(self, state: StateVector, bay: Bay) -> dict[str, Any]:
         circle, truth = state.vision.circle, bay.truth(state.t_ns)
+        predicted = state.vision.predicted
         unix_ns = self._clock.wall_ns() - self._clock.now_ns() + state.t_ns
         return {
             "type": "state",
@@ -93,6 +94,15 @@ class Printer:
             "z_mm": None if state.range.distance_mm is None else round(state.range.distance_mm, 2),
             "vision": state.vision.quality.name.lower(),
             "range": state.range.quality.name.lower(),
+            "tracking": state.vision.tracking.name.lower(),
+            "confidence": state.vision.confidence and round(state.vision.confidence, 4),
+            "visible": state.vision.visible and round(state.vision.visible, 4),
+            "predicted": predicted
+            and {
+                "u": round(predicted.u_px, 3),
+                "v": round(predicted.v_px, 3),
+                "r": round(predicted.radius_px, 3),
+            },
             "d": state.d,
             "stop": state.stop,
             "permit": state.permit,

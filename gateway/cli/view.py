@@ -15,7 +15,7 @@ from gateway.cli.outlet import Outlet
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.hub import EventQueue, Hub
-from gateway.model import QUALITY_MEANING, REASON_MEANING, Event, EventKind, Quality, Reason, StateVector
+from gateway.model import QUALITY_MEANING, REASON_MEANING, Event, EventKind, Quality, Reason, StateVector, Tracking
 
 REFRESH_S = 0.1
 BAR_CELLS = 28
@@ -55,6 +55,21 @@ def stage_times(state: StateVector) -> str:
     """What each stage of vision took of the newest frame; empty where there is none."""
     times = [f"{name} {ns / NS_PER_MS:.1f}" for name, ns in state.vision.stage_ns]
     return "stages: " + " · ".join([times[0] + " ms", *times[1:]]) if times else ""
+
+
+def sight(state: StateVector) -> str:
+    """How the marker was seen in the newest frame, as far as the method tells; empty where there is nothing to tell."""
+    vision = state.vision
+    if vision.quality is Quality.COASTED and vision.predicted is not None:
+        at = vision.predicted
+        return f"should be at ({at.u_px:.0f}, {at.v_px:.0f}) px with R {at.radius_px:.0f}: predicted, not measured"
+    if vision.quality is not Quality.GOOD:
+        return ""
+    parts = [vision.tracking.name.lower()] if vision.tracking is not Tracking.OFF else []
+    parts += [f"confidence {100 * vision.confidence:.0f} %"] if vision.confidence is not None else []
+    parts += [f"{100 * vision.visible:.0f} % of the rim seen"] if vision.visible is not None else []
+    parts += [f"tilt {vision.ellipse.tilt_deg:.0f}°"] if vision.ellipse is not None else []
+    return "marker: " + " · ".join(parts) if parts else ""
 
 
 def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 120) -> Panel:
@@ -99,6 +114,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
         f"reopened {v.reopens} · lines damaged {r.damaged}, missing {r.gaps}, gated {r.rejected}",
         style="dim",
     )
+    seen = [Text(line, style="dim")] if (line := sight(state)) else []
     stages = [Text(line, style="dim")] if (line := stage_times(state)) else []
     details = [
         Text(f"{name}: {reading.detail or QUALITY_MEANING[reading.quality]}", style="yellow")
@@ -106,7 +122,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
         if reading.quality not in (Quality.GOOD, Quality.WAITING)
     ]
     return Panel(
-        Group(verdict, why, table, losses, *stages, *details),
+        Group(verdict, why, table, *seen, losses, *stages, *details),
         title=f"{state.bay} · unit {config.unit_id} · heartbeat {state.heartbeat}",
         title_align="left",
     )

@@ -10,7 +10,18 @@ from rich.console import Console, RenderableType
 from gateway import config, fusion
 from gateway.cli import view
 from gateway.hub import Hub
-from gateway.model import Circle, Event, EventKind, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.model import (
+    Circle,
+    Ellipse,
+    Event,
+    EventKind,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    Tracking,
+    VisionReading,
+)
 from tests.virtual_time import LoopClock, run
 
 MS = 1_000_000
@@ -105,3 +116,27 @@ def test_a_recovery_does_not_borrow_the_reason_of_a_stop() -> None:
     assert (
         view.event_line(when, stopped) == "03:04:05.678  bay1  stop raised  the newest frame is older than its deadline"
     )
+
+
+def test_how_the_marker_was_seen() -> None:
+    seen = VisionReading(
+        0,
+        Quality.GOOD,
+        Circle(320, 240, 120),
+        ellipse=Ellipse(320, 240, 120, 103.92, 0),
+        confidence=0.987,
+        visible=0.75,
+        tracking=Tracking.MEASURED,
+    )
+    state = fusion.step(good(), seen, 0, config.FusionConfig())
+    assert view.sight(state) == "marker: measured · confidence 99 % · 75 % of the rim seen · tilt 30°"
+    assert any("confidence 99 %" in line for line in drawn(view.bay_panel(config.BayConfig(), state, 0)))
+    assert view.sight(good()) == ""  # a method that tells nothing more
+    assert view.sight(lost("bay1")) == ""
+
+    hidden = VisionReading(0, Quality.COASTED, tracking=Tracking.COASTED, predicted=Circle(322.4, 240, 121.5))
+    state = fusion.step(state, hidden, 0, config.FusionConfig())
+    lines = drawn(view.bay_panel(config.BayConfig(), state, 0))
+    assert any("should be at (322, 240) px with R 122: predicted, not measured" in line for line in lines)
+    assert any("STOP" in line for line in lines)
+    assert any("centre –" in line for line in lines)  # no prediction where a measurement stands
