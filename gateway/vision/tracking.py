@@ -41,13 +41,13 @@ class Axis:
     ww: float
 
     def ahead(self, dt_s: float, q: float) -> "Axis":
-        """`dt_s` may be negative: then the motion is run backwards, and the uncertainty grows all the same."""
+        """`dt_s` may be negative: the motion is run backwards, and the uncertainty grows as if it were positive."""
         far = abs(dt_s)
         return Axis(
             x=self.x + self.w * dt_s,
             w=self.w,
-            xx=max(0.0, self.xx + 2 * dt_s * self.xw + dt_s**2 * self.ww) + q * far**3 / 3,
-            xw=self.xw + dt_s * self.ww + math.copysign(q * dt_s**2 / 2, dt_s),
+            xx=max(0.0, self.xx + 2 * far * self.xw + far**2 * self.ww) + q * far**3 / 3,
+            xw=self.xw + far * self.ww + q * far**2 / 2,
             ww=self.ww + q * far,
         )
 
