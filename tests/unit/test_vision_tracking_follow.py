@@ -1,0 +1,254 @@
+"""Measured, coasted, lost: what is told of a sequence of frames, and that a prediction never decides anything."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway import fusion
+from gateway.config import FusionConfig
+from gateway.model import Circle, Detection, Quality, RangeReading, Reason, StateVector, Tick, Tracking, VisionReading
+from gateway.vision.dispatch import _quality as quality_of
+from gateway.vision.follow import Follower
+from gateway.vision.pixels import Image
+from gateway.vision.tracking import Prediction
+
+MS = 1_000_000
+S = 1_000_000_000
+PERIOD_NS = 33 * MS
+FRAME = np.zeros((480, 640, 3), np.uint8)
+
+
+@dataclass
+class Script:
+    """A search that finds what it is told to, and remembers where it was told to look."""
+
+    circle: Circle | None = None
+    visible: float | None = None
+    expected: list[Prediction | None] = field(default_factory=list)
+
+    def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
+        self.expected.append(expected)
+        return Detection(self.circle, visible=self.visible, candidates=3, stage_ns=(("search", 5),))
+
+
+def at(n: float) -> Circle:
+    return Circle(100.0 + 4 * n, 200.0 - n, 60.0 + 0.5 * n)
+
+
+class Drive:
+    """Frames at a steady pace through a Follower."""
+
+    def __init__(self, coast_s: float = 0.3) -> None:
+        self.search = Script()
+        self.find = Follower(self.search, coast_s)
+
+    def frame(self, n: int, circle: Circle | None, t_ns: int | None = None) -> Detection:
+        self.search.circle = circle
+        return self.find(FRAME, n * PERIOD_NS if t_ns is None else t_ns)
+
+    def seen(self, first: int, last: int) -> None:
+        for n in range(first, last):
+            assert self.frame(n, at(n)).tracking is Tracking.MEASURED
+
+
+def test_what_is_measured_is_told_as_the_search_measured_it() -> None:
+    drive = Drive()
+    for n in range(50):
+        shaken = replace(at(n), u_px=at(n).u_px + 3 * math.sin(1.7 * n))
+        found = drive.frame(n, shaken)
+        assert found == Detection(
+            shaken, candidates=3, stage_ns=(("search", 5),), tracking=Tracking.MEASURED, predicted=None
+        )
+    assert drive.search.expected[0] is None
+    assert all(expected is not None for expected in drive.search.expected[2:])
+
+
+def test_a_hidden_marker_coasts_where_it_goes_and_is_lost_in_time() -> None:
+    drive = Drive(coast_s=0.3)
+    drive.seen(0, 30)
+    labels = []
+    for n in range(30, 60):
+        found = drive.frame(n, None)
+        labels.append(found.tracking)
+        assert found.circle is None
+        assert (found.predicted is not None) == (found.tracking is Tracking.COASTED)
+        if found.predicted is not None:
+            assert found.predicted.u_px == pytest.approx(at(n).u_px, abs=1.0)
+            assert found.predicted.v_px == pytest.approx(at(n).v_px, abs=1.0)
+            assert found.predicted.radius_px == pytest.approx(at(n).radius_px, abs=1.0)
+    # Seen last in frame 29: frame 38 is 0.297 s later, frame 39 0.33 s.
+    assert labels == [Tracking.COASTED] * 9 + [Tracking.LOST] * 21
+    back = drive.frame(60, at(60))
+    assert (back.tracking, back.circle) == (Tracking.MEASURED, at(60))
+
+
+def test_nothing_is_lost_before_anything_was_found() -> None:
+    found = Drive().frame(0, None)
+    assert (found.circle, found.tracking, found.predicted) == (None, Tracking.LOST, None)
+
+
+@pytest.mark.parametrize("seen", [1, 2])
+def test_a_flash_of_red_does_not_coast(seen: int) -> None:
+    drive = Drive()
+    drive.seen(0, seen)
+    assert drive.frame(seen, None).tracking is Tracking.LOST
+
+
+def test_a_marker_that_drives_out_of_the_picture_is_lost_not_coasted() -> None:
+    drive = Drive(coast_s=2.0)
+    for n in range(20):
+        drive.frame(n, Circle(560.0 + 4 * n, 200.0, 60.0))
+    labels = [drive.frame(n, None).tracking for n in range(20, 24)]
+    assert labels == [Tracking.LOST] * 4  # 640 and more: beyond the right edge
+
+
+def test_a_prediction_that_says_nothing_any_more_is_not_told() -> None:
+    drive = Drive(coast_s=10.0)
+    drive.seen(0, 30)
+    labels = [drive.frame(n, None).tracking for n in range(30, 120)]
+    coasted = labels.count(Tracking.COASTED)
+    assert 10 < coasted < 40  # the uncertainty has outgrown the marker long before the 10 s
+    assert labels == [Tracking.COASTED] * coasted + [Tracking.LOST] * (90 - coasted)
+
+
+def test_coasting_can_be_switched_off() -> None:
+    drive = Drive(coast_s=0.0)
+    drive.seen(0, 10)
+    assert drive.frame(10, None).tracking is Tracking.LOST
+    assert drive.frame(11, at(11)).tracking is Tracking.MEASURED
+
+
+def test_a_jump_is_told_at_once_and_begins_a_track_of_its_own() -> None:
+    drive = Drive()
+    drive.seen(0, 20)
+    away = Circle(500.0, 400.0, 30.0)
+    assert drive.frame(20, away) == Detection(
+        away, candidates=3, stage_ns=(("search", 5),), tracking=Tracking.MEASURED, predicted=None
+    )
+    assert drive.frame(21, None).tracking is Tracking.LOST  # nobody knows the way of the new one yet
+    for n in range(22, 26):
+        drive.frame(n, away)
+    hidden = drive.frame(26, None)
+    assert hidden.tracking is Tracking.COASTED
+    assert hidden.predicted is not None
+    assert hidden.predicted.u_px == pytest.approx(500, abs=2)
+
+
+def test_frame_gaps_and_a_slow_camera() -> None:
+    drive = Drive()
+    drive.seen(0, 20)
+    assert drive.frame(25, at(25)).tracking is Tracking.MEASURED  # five frames skipped
+    expected = drive.search.expected[-1]
+    assert expected is not None
+    assert expected.circle.u_px == pytest.approx(at(25).u_px, abs=1.0)
+    assert drive.frame(25 + 300, at(5)).tracking is Tracking.MEASURED  # ten seconds later
+    assert drive.search.expected[-1] is None  # it could be anywhere
+    assert drive.frame(25 + 301, at(6)).tracking is Tracking.MEASURED
+
+
+def test_frames_that_come_twice_or_late_break_nothing() -> None:
+    drive = Drive()
+    drive.seen(0, 20)
+    for t_ns in (19 * PERIOD_NS, 19 * PERIOD_NS, 18 * PERIOD_NS, 12 * PERIOD_NS):
+        assert drive.frame(0, at(t_ns / PERIOD_NS), t_ns).tracking is Tracking.MEASURED
+    missed = drive.frame(0, None, 18 * PERIOD_NS)
+    assert (missed.tracking, missed.predicted) == (Tracking.LOST, None)  # no prediction of the past
+    hidden = drive.frame(21, None)
+    assert hidden.tracking is Tracking.COASTED  # the track has lived through it all
+    assert hidden.predicted is not None
+    assert hidden.predicted.u_px == pytest.approx(at(21).u_px, abs=1.0)
+
+
+def test_a_clock_that_stands_still_never_coasts() -> None:
+    drive = Drive()
+    for n in range(10):
+        assert drive.frame(0, at(n), 0).tracking is Tracking.MEASURED
+    assert [drive.frame(0, None, 0).tracking for _ in range(50)] == [Tracking.LOST] * 50
+
+
+def test_a_clock_set_back_begins_anew() -> None:
+    drive = Drive()
+    for n in range(100, 120):
+        drive.frame(n, at(n - 100))
+    for n in range(5):
+        assert drive.frame(n, at(20 + n)).tracking is Tracking.MEASURED
+    assert drive.frame(5, None).tracking is Tracking.COASTED
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0, 0.0, 1e9])
+def test_a_circle_that_cannot_be_is_no_measurement(bad: float) -> None:
+    drive = Drive()
+    drive.seen(0, 10)
+    found = drive.frame(10, Circle(100.0, 100.0, bad))
+    assert found.circle is None
+    assert found.tracking is Tracking.COASTED
+
+
+# -- through fusion: a coasted marker never raises or holds permit -----------------------------------------------------
+
+CONFIG = FusionConfig(raise_debounce_s=0.1, clear_debounce_s=0.2, radius_hysteresis_px=5)
+CIRCLES = st.builds(Circle, st.floats(0, 640), st.floats(0, 480), st.one_of(st.floats(1, 400), st.just(179.9)))
+STEPS = st.tuples(
+    st.sampled_from(("seen", "steady", "missed", "missed", "range", "tick")),
+    CIRCLES,
+    st.integers(0, 400),
+    st.floats(5, 600),
+)
+
+
+def reading(found: Detection, t_ns: int) -> VisionReading:
+    """As the dispatcher makes it."""
+    return VisionReading(
+        t_ns, quality_of(found), circle=found.circle, tracking=found.tracking, predicted=found.predicted
+    )
+
+
+def test_permit_falls_with_the_first_hidden_frame_and_returns_with_the_marker() -> None:
+    drive, settings = Drive(), FusionConfig()
+    state: StateVector = fusion.initial("bay", 0)
+    told = []
+    for n in range(60):
+        found = drive.frame(n, None if 30 <= n < 50 else at(n))
+        state = fusion.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
+        state = fusion.step(state, reading(found, n * PERIOD_NS), n * PERIOD_NS, settings)
+        told.append((state.permit, state.stop, state.d, state.reason))
+    assert told[:30] == [(True, False, False, Reason.NONE)] * 30
+    assert told[30:39] == [(False, True, None, Reason.TARGET_COASTED)] * 9
+    assert told[39:50] == [(False, True, None, Reason.NO_TARGET)] * 11
+    assert told[50:] == [(True, False, False, Reason.NONE)] * 10
+
+
+@given(st.lists(STEPS, max_size=40), st.floats(0, 3))
+def test_a_coasted_marker_never_raises_or_holds_permit(
+    story: list[tuple[str, Circle, int, float]], coast_s: float
+) -> None:
+    search, now_ns = Script(), 0
+    find = Follower(search, coast_s)
+    state: StateVector = fusion.initial("bay", 0)
+    last = Circle(300.0, 200.0, 100.0)
+    for what, circle, later_ms, distance_mm in story:
+        now_ns += later_ms * MS // 4
+        match what:
+            case "range":
+                state = fusion.step(state, RangeReading(now_ns, Quality.GOOD, distance_mm), now_ns, CONFIG)
+            case "tick":
+                state = fusion.step(state, Tick(), now_ns, CONFIG)
+            case _:
+                last = circle if what == "seen" else last
+                search.circle = None if what == "missed" else last
+                found = find(FRAME, now_ns)
+                state = fusion.step(state, reading(found, now_ns), now_ns, CONFIG)
+                if search.circle is None:
+                    assert state.vision.quality in (Quality.COASTED, Quality.NO_TARGET)
+        if state.vision.quality is not Quality.GOOD:
+            assert state.permit is False
+            assert state.stop is True
+            assert state.d is None
+            assert state.vision.circle is None
+        assert (state.vision.predicted is not None) == (state.vision.quality is Quality.COASTED)
+        if state.permit:
+            assert state.vision.circle == last
