@@ -16,6 +16,8 @@ from gateway.clock import Clock
 from gateway.config import SHARED_SECTIONS, GatewayConfig
 from gateway.errors import ConfigError, GatewayError
 from gateway.hub import Hub
+from gateway.modbus import identity
+from gateway.modbus.answers import Unit
 from gateway.modbus.registers import CurrentImage
 from gateway.modbus.server import ModbusServer
 from gateway.mqtt import address
@@ -135,9 +137,12 @@ async def run(
             image = CurrentImage(config.modbus.word_order)
             return lambda: image.of(control.state(), clock.now_ns(), clock.wall_ns())
 
-        images = {bay.unit_id: image_of(controls[bay.name]) for bay in config.bays}
+        units = {
+            bay.unit_id: Unit(image_of(controls[bay.name]), identity=identity.objects(f"{config.site}/{bay.name}"))
+            for bay in config.bays
+        }
         try:
-            async with ModbusServer(config.modbus, images) as server, asyncio.TaskGroup() as group:
+            async with ModbusServer(config.modbus, units) as server, asyncio.TaskGroup() as group:
                 supervised = group.create_task(supervisor.run(), name="supervisor")
                 on_started(Running(config.modbus.host, server.port, hub, supervisor))
                 try:

@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
 from gateway.errors import ConfigError
 from gateway.strict.faults import PlacedError, explain
+from gateway.strict.network import network
 from gateway.strict.section import Section
 from gateway.strict.tomlfile import merge, read_toml
 
@@ -21,6 +22,7 @@ Hsv = tuple[
     Annotated[int, Field(ge=0, le=255, strict=True)],
     Annotated[int, Field(ge=0, le=255, strict=True)],
 ]
+Network = Annotated[str, AfterValidator(network)]
 Cpus = Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
 SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion")
 
@@ -197,6 +199,26 @@ class ModbusConfig(Section):
     host: str = Field("127.0.0.1", min_length=1, description="address to listen on; the PLC's network in a plant")
     port: int = Field(502, ge=0, le=65535, description="0 picks a free one")
     word_order: Literal["big", "little"] = Field("big", description="of 32 and 64 bit values: high word first or last")
+    max_connections: int = Field(64, ge=1, le=4096, description="at the same time; the quietest makes room")
+    plc_addresses: tuple[Network, ...] = Field(
+        (), max_length=64, description="addresses or networks of PLCs: room is kept for them, and being quiet is fine"
+    )
+    plc_connections: int = Field(8, ge=1, le=1024, description="of max_connections, kept for plc_addresses if any")
+    allow: tuple[Network, ...] = Field(
+        (), max_length=256, description="addresses or networks that may connect; plc_addresses always may; empty: all"
+    )
+    idle_timeout_s: float = Field(
+        120.0, ge=1, le=86_400, description="a connection asked nothing for so long is closed; not one of plc_addresses"
+    )
+    frame_timeout_s: float = Field(2.0, ge=0.1, le=60, description="a request begun must be whole within this")
+    send_timeout_s: float = Field(5.0, ge=0.1, le=60, description="answers not taken for so long: closed")
+    keepalive_s: int = Field(10, ge=1, le=3600, description="a peer that vanished is noticed after about twice this")
+
+    @model_validator(mode="after")
+    def _room(self) -> Self:
+        if self.plc_addresses and self.plc_connections > self.max_connections:
+            raise PlacedError(f"must not be more than max_connections = {self.max_connections}", "plc_connections")
+        return self
 
 
 class MqttConfig(Section):

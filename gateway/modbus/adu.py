@@ -11,12 +11,11 @@ What is wrong with a frame is told, never raised:
 """
 
 import struct
-from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum
 
 HEADER = struct.Struct(">HHHB")
 HEADER_BYTES = HEADER.size  # 7
+_PROTOCOL_AND_LENGTH = struct.Struct(">HH")
 MAX_PDU_BYTES = 253
 MAX_FRAME_BYTES = HEADER_BYTES + MAX_PDU_BYTES  # 260
 MIN_LENGTH, MAX_LENGTH = 2, 1 + MAX_PDU_BYTES  # of the length field: at least a unit id and a function code
@@ -29,44 +28,46 @@ class Fault(Enum):
     BAD_LENGTH = "a length outside of 2 to 254"
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    transaction: int
-    unit: int
-    pdu: bytes
-
-
 class Framer:
-    """The byte stream of one connection. Holds at most one frame that is not whole, and what was fed behind it."""
+    """The byte stream of one connection: `feed` what comes, take `next` until it gives None."""
 
     def __init__(self) -> None:
-        self._held = b""
+        self._bytes = b""
+        self._at = 0
 
     @property
     def held(self) -> int:
-        """Bytes of a frame that has begun and is not whole."""
-        return len(self._held)
+        """Bytes fed and not yet taken."""
+        return len(self._bytes) - self._at
 
-    def feed(self, data: bytes) -> Iterator[Frame | Fault]:
-        """Every frame that is now whole, and every fault, in order; the rest is kept. Nothing follows BAD_LENGTH.
+    def feed(self, data: bytes) -> None:
+        self._bytes = self._bytes[self._at :] + data
+        self._at = 0
 
-        To be run through to its end, or the bytes that were not looked at are fed again with the next ones.
+    def next(self) -> bytes | Fault | None:
+        """The next whole frame, header and all, or what is wrong with it; None: it is not whole yet.
+
+        After BAD_LENGTH all that was fed is gone, and the connection must end.
         """
-        self._held += data
-        while len(self._held) >= 6:  # up to the length: what is wrong so far shows without waiting for more
-            transaction, protocol, length = struct.unpack_from(">HHH", self._held)
-            if not MIN_LENGTH <= length <= MAX_LENGTH:
-                self._held = b""
-                yield Fault.BAD_LENGTH
-                return
-            end = 6 + length
-            if len(self._held) < end:
-                return
-            frame, self._held = self._held[:end], self._held[end:]
-            if protocol != 0:
-                yield Fault.BAD_PROTOCOL
-            else:
-                yield Frame(transaction, frame[6], frame[7:])
+        if self.held < 6:  # up to the length: what is wrong so far shows without waiting for more
+            return None
+        protocol, length = _PROTOCOL_AND_LENGTH.unpack_from(self._bytes, self._at + 2)
+        if not MIN_LENGTH <= length <= MAX_LENGTH:
+            self._bytes, self._at = b"", 0
+            return Fault.BAD_LENGTH
+        end = self._at + 6 + length
+        if len(self._bytes) < end:
+            return None
+        frame, self._at = self._bytes[self._at : end], end
+        return Fault.BAD_PROTOCOL if protocol != 0 else frame
+
+    @property
+    def whole(self) -> bool:
+        """Does `next` have something to give?"""
+        if self.held < 6:
+            return False
+        _, length = _PROTOCOL_AND_LENGTH.unpack_from(self._bytes, self._at + 2)
+        return not MIN_LENGTH <= length <= MAX_LENGTH or self.held >= 6 + length
 
 
 def frame_bytes(transaction: int, unit: int, pdu: bytes) -> bytes:

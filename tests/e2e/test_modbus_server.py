@@ -20,6 +20,8 @@ from pymodbus.server import ModbusBaseServer
 from gateway import __version__
 from gateway.config import ModbusConfig
 from gateway.errors import ConfigError, LinkError
+from gateway.modbus import identity
+from gateway.modbus.answers import Unit
 from gateway.modbus.registers import BLOCK_WORDS, decode, encode
 from gateway.modbus.server import CLOSE_TIMEOUT_S, ModbusServer
 from gateway.modbus.words import WordOrder
@@ -121,7 +123,7 @@ def test_every_address_with_pymodbus() -> None:
             assert some.registers == list(range(1037, 1078))
 
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
             await with_client(server, use)
             assert server.stats.requests == 203
             assert server.stats.exceptions == 0
@@ -132,7 +134,7 @@ def test_every_address_with_pymodbus() -> None:
 
 def test_every_address_with_mbpoll() -> None:
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
             for table in ("3", "4"):
                 code, shown = await mbpoll(
                     f"mbpoll -m tcp -0 -1 -a 1 -t {table} -r 0 -c 100 -p {server.port} 127.0.0.1"
@@ -147,7 +149,7 @@ def test_every_address_with_mbpoll() -> None:
 def test_float_word_order_with_mbpoll(order: WordOrder, flag: str) -> None:
     async def main() -> None:
         image = encode(ON_ITS_MARK, 0, order)
-        async with ModbusServer(ANY_PORT, {1: lambda: image}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: image)}) as server:
             poll = f"mbpoll -m tcp -0 -1 -a 1 -p {server.port} 127.0.0.1"
             _, right = await mbpoll(f"{poll} {flag} -t 4:float -r 42 -c 6")
             assert [value_of(line) for line in right] == ["123456", "640.28", "355.21", "181.26", "298.6", "nan"]
@@ -174,7 +176,7 @@ def test_the_lines_in_the_page_are_real() -> None:
     assert len(shown) == 4
 
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: IMAGE}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: IMAGE)}) as server:
             for command, expected in shown:
                 assert " -p 5020 " in command
                 assert await mbpoll(command.replace("5020", str(server.port))) == (0, expected)
@@ -189,7 +191,7 @@ def test_four_bays_and_one_that_fails() -> None:
     def of(unit: int) -> Callable[[], Sequence[int]]:
         return lambda: [unit * 100 + word for word in range(BLOCK_WORDS)]
 
-    images = {1: of(1), 2: of(2), 3: broken, 4: of(4), 247: of(247)}
+    units = {1: Unit(of(1)), 2: Unit(of(2)), 3: Unit(broken), 4: Unit(of(4)), 247: Unit(of(247))}
 
     async def use(client: AsyncModbusTcpClient) -> None:
         for _ in range(3):
@@ -200,7 +202,7 @@ def test_four_bays_and_one_that_fails() -> None:
             assert (failed.isError(), failed.exception_code) == (True, 4)
 
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, images) as server:
+        async with ModbusServer(ANY_PORT, units) as server:
             await with_client(server, use)
             assert server.stats.image_faults == 3
             code, shown = await mbpoll(f"mbpoll -m tcp -0 -1 -a 1,2,4,247 -r 7 -p {server.port} 127.0.0.1")
@@ -213,7 +215,7 @@ def test_four_bays_and_one_that_fails() -> None:
 @pytest.mark.parametrize("words", [[0x1_0000], [-1], ["x"], [1.5], None])
 def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: words}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: words)}) as server:
             with caplog.at_level(logging.ERROR):
                 for _ in range(3):
                     assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x83\x04"
@@ -238,11 +240,15 @@ def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pyt
         (1, "04 00", "84 03"),
         (9, "03 0000 0000", "83 0B"),
         (9, "03 0000 0001", "83 0B"),  # no such bay
-        (0, "04 0000 0001", "84 0B"),
+        (0, "04 0000 0001", "04 02 03E8"),  # the device itself, which is the only bay
+        (255, "03 0001 0001", "03 02 03E9"),
         (9, "06 0004 0000", "86 0B"),
         (9, "2B 0E 01 00", "AB 0B"),
-        (1, "01 0000 0001", "81 01"),
-        (1, "02 0000 0001", "82 01"),
+        (1, "01 0000 0001", "01 01 01"),  # bits of the status word, 0x03EB here
+        (1, "02 0000 0010", "02 02 EB 03"),
+        (1, "02 0001 0010", "82 02"),
+        (1, "01 0000 0000", "81 03"),
+        (1, "01 0000 07D1", "81 03"),
         (1, "05 0000 FF00", "85 01"),  # writes, all of them
         (1, "06 0004 0000", "86 01"),
         (1, "0F 0000 0001 01 00", "8F 01"),
@@ -260,7 +266,7 @@ def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pyt
 )
 def test_answers_and_refusals_byte_for_byte(unit: int, pdu: str, answer: str) -> None:
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
             assert await ask(server, unit, bytes.fromhex(pdu)) == bytes.fromhex(answer)
             assert server.stats.exceptions == int(answer[0] != "0")
 
@@ -275,10 +281,12 @@ def test_identity() -> None:
             1: b"plc-loading-gateway",
             2: __version__.encode(),
             4: b"PLC integration gateway for bulk loading",
+            6: b"site1/bay1",
         }
 
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+        unit = Unit(lambda: COUNTING, identity=identity.objects("site1/bay1"))
+        async with ModbusServer(ANY_PORT, {1: unit}) as server:
             await with_client(server, use)
 
     run(main())
@@ -333,7 +341,7 @@ def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
         return torn, len(seen), accepted, refused
 
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: shown[0]}) as server, asyncio.TaskGroup() as group:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: shown[0])}) as server, asyncio.TaskGroup() as group:
             writer = group.create_task(swap())
             polls = [group.create_task(in_thread(lambda: poll(server.port))) for _ in range(2)]
             for found in asyncio.as_completed(polls):
@@ -362,7 +370,7 @@ def test_an_image_is_taken_once_per_request() -> None:
             assert decode(read.registers)["heartbeat"] == expected
 
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: following}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(following)}) as server:
             await with_client(server, use)
         assert taken == 200
 
@@ -374,7 +382,7 @@ def test_ends_fast_whatever_its_clients_do() -> None:
 
     async def main() -> None:
         loop = asyncio.get_running_loop()
-        server = ModbusServer(ANY_PORT, {1: lambda: COUNTING})
+        server = ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)})
         async with server:
             port = server.port
             idle, half = (socket.create_connection(("127.0.0.1", port)) for _ in range(2))
@@ -387,7 +395,7 @@ def test_ends_fast_whatever_its_clients_do() -> None:
             while server.stats.open < 3:  # noqa: ASYNC110 - a counter, not an event
                 await asyncio.sleep(0.01)
             assert server._listener is not None
-            ends = server._listener._transports
+            ends = server._listener._everybody
             for end in ends:
                 end.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1024)
             # Until the kernel takes no more and answers pile up in the process.
@@ -407,7 +415,7 @@ def test_ends_fast_whatever_its_clients_do() -> None:
         with pytest.raises(RuntimeError, match="not running"):
             _ = server.port
         # The port is free for the next one at once, and the same object may be entered again.
-        async with ModbusServer(ModbusConfig(port=port), {1: lambda: COUNTING}), server:
+        async with ModbusServer(ModbusConfig(port=port), {1: Unit(lambda: COUNTING)}), server:
             assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x03\xe8"
         assert ModbusBaseServer.active_server is None
 
@@ -419,7 +427,7 @@ def test_a_connection_that_comes_with_the_end_is_cut_too(iterations: int) -> Non
     """Accepting takes a few turns of the event loop; the end may come at any of them."""
 
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: COUNTING}) as server:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
             late = socket.create_connection(("127.0.0.1", server.port), timeout=1)
             for _ in range(iterations):
                 await asyncio.sleep(0)
@@ -434,8 +442,8 @@ def test_a_connection_that_comes_with_the_end_is_cut_too(iterations: int) -> Non
 
 def test_two_servers_in_one_process() -> None:
     async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: lambda: [111] * 5}) as first:
-            async with ModbusServer(ANY_PORT, {1: lambda: [222] * 5}) as second:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: [111] * 5)}) as first:
+            async with ModbusServer(ANY_PORT, {1: Unit(lambda: [222] * 5)}) as second:
                 assert first.port != second.port
                 assert await ask(first, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\x6f"
                 assert await ask(second, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\xde"
@@ -475,7 +483,7 @@ def test_a_name_with_several_addresses_gets_one_port(monkeypatch: pytest.MonkeyP
 
     async def main() -> None:
         monkeypatch.setattr(socket, "getaddrinfo", getaddrinfo)
-        async with ModbusServer(ModbusConfig(host="two.example", port=0), {1: lambda: COUNTING}) as server:
+        async with ModbusServer(ModbusConfig(host="two.example", port=0), {1: Unit(lambda: COUNTING)}) as server:
             await with_client(server, use, host="127.0.0.1")
             await with_client(server, use, host="127.0.0.2")
 
@@ -496,7 +504,7 @@ def test_ipv6() -> None:
             with pytest.raises((LinkError, ConfigError), match="cannot listen on ::1"):
                 await ModbusServer(ModbusConfig(host="::1", port=0), {}).__aenter__()
             return
-        async with ModbusServer(ModbusConfig(host="::1", port=0), {1: lambda: COUNTING}) as server:
+        async with ModbusServer(ModbusConfig(host="::1", port=0), {1: Unit(lambda: COUNTING)}) as server:
             await with_client(server, use, host="::1")
 
     run(main())
@@ -504,7 +512,7 @@ def test_ipv6() -> None:
 
 def test_the_callers_error_passes_through() -> None:
     async def main() -> None:
-        server = ModbusServer(ANY_PORT, {1: lambda: COUNTING})
+        server = ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)})
         with pytest.raises(ZeroDivisionError):
             async with server:
                 raise ZeroDivisionError

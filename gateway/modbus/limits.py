@@ -1,0 +1,129 @@
+"""Who may connect, who must make room, and who has to go: the connection policy, without sockets and clocks. Pure.
+
+The two pools of the MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 4.3.1: connections from the configured PLC
+addresses have room kept for them and are never closed for being quiet; the others share what is left, and where it is
+full the quietest makes room, unless all of them are busy.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from enum import Enum
+from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
+from typing import Protocol
+
+from gateway.config import ModbusConfig
+
+QUIET_S = 5.0  # a connection outside of plc_addresses that was asked nothing for so long makes room for a new one
+
+
+class Refusal(Enum):
+    """Why a connection was not let in or was ended, or a frame not answered. The value is what the log says."""
+
+    NOT_ALLOWED = "its address is neither in modbus.allow nor in modbus.plc_addresses"
+    FULL = "modbus.max_connections is reached (less what is kept for plc_addresses), and all of them are busy"
+    MADE_ROOM = "it was the quietest, and a new connection needed its place"
+    IDLE = "it asked nothing for modbus.idle_timeout_s"
+    HALF_FRAME = "it began a frame and did not end it within modbus.frame_timeout_s"
+    NOT_READING = "it did not read its answers for modbus.send_timeout_s"
+    BAD_LENGTH = "its frame has a length that no frame can have, so that the next one can't be found"
+    BAD_PROTOCOL = "its frame has another protocol id than 0; the frame was discarded"
+
+
+class Guest(Protocol):
+    """What the policy must know of a connection. Times in seconds of one monotonic clock."""
+
+    @property
+    def address(self) -> str: ...
+    @property
+    def is_plc(self) -> bool: ...
+    @property
+    def active_s(self) -> float:
+        """When it connected or was last answered."""
+
+    @property
+    def half_since_s(self) -> float | None:
+        """Since when a frame has begun and is not whole; None: none is."""
+
+    @property
+    def blocked_since_s(self) -> float | None:
+        """Since when it does not take its answers; None: it does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """On a newcomer. `refusal` None: let in; `instead_of`: and end that one for it."""
+
+    refusal: Refusal | None = None
+    instead_of: Guest | None = None
+
+
+class Limits:
+    def __init__(self, config: ModbusConfig) -> None:
+        self._config = config
+        self._allow = _networks(config.allow)
+        self._plcs = _networks(config.plc_addresses)
+
+    def is_plc(self, address: str) -> bool:
+        return _within(address, self._plcs)
+
+    def judge(self, address: str, guests: Collection[Guest], now_s: float) -> Verdict:
+        """May a connection from `address` join `guests`?"""
+        is_plc = self.is_plc(address)
+        if self._allow and not is_plc and not _within(address, self._allow):
+            return Verdict(Refusal.NOT_ALLOWED)
+        if is_plc:
+            return self._judge_plc(address, guests)
+        others = [guest for guest in guests if not guest.is_plc]
+        if len(others) < self.room_for_others and len(guests) < self._config.max_connections:
+            return Verdict()
+        quietest = min(others, key=_active, default=None)
+        if quietest is None or now_s - quietest.active_s < QUIET_S:
+            return Verdict(Refusal.FULL)
+        return Verdict(instead_of=quietest)
+
+    def _judge_plc(self, address: str, guests: Collection[Guest]) -> Verdict:
+        """A PLC that comes again after a power failure finds its old connections still open: they give way."""
+        if len(guests) < self._config.max_connections:
+            return Verdict()
+        candidates = [guest for guest in guests if not guest.is_plc]
+        candidates = candidates or [guest for guest in guests if guest.address == address]
+        quietest = min(candidates, key=_active, default=None)
+        return Verdict(Refusal.FULL) if quietest is None else Verdict(instead_of=quietest)
+
+    @property
+    def room_for_others(self) -> int:
+        """How many connections from elsewhere than plc_addresses there may be."""
+        return self._config.max_connections - (self._config.plc_connections if self._plcs else 0)
+
+    def overdue(self, guest: Guest, now_s: float) -> Refusal | None:
+        """Why `guest` has to go now, if it has to."""
+        since = guest.blocked_since_s
+        if since is not None and now_s - since >= self._config.send_timeout_s:
+            return Refusal.NOT_READING
+        since = guest.half_since_s
+        if since is not None and now_s - since >= self._config.frame_timeout_s:
+            return Refusal.HALF_FRAME
+        if not guest.is_plc and now_s - guest.active_s >= self._config.idle_timeout_s:
+            return Refusal.IDLE
+        return None
+
+
+def plain_address(host: str) -> str:
+    """`host` as the kernel gives it, without an interface (`fe80::1%eth0`), IPv4 inside IPv6 as IPv4."""
+    address = ip_address(host.partition("%")[0])
+    if isinstance(address, IPv6Address) and address.ipv4_mapped is not None:
+        address = address.ipv4_mapped
+    return str(address)
+
+
+def _active(guest: Guest) -> float:
+    return guest.active_s
+
+
+def _networks(texts: Collection[str]) -> tuple[IPv4Network | IPv6Network, ...]:
+    return tuple(ip_network(text) for text in texts)
+
+
+def _within(address: str, networks: Collection[IPv4Network | IPv6Network]) -> bool:
+    parsed = ip_address(address)
+    return any(parsed in network for network in networks)
