@@ -1,103 +1,112 @@
-"""Circles and ellipses through points that are partly wrong. Pure."""
+"""Circles and ellipses through points that are partly wrong, for many candidates at once. Pure.
 
-import math
+Points are (K, N, 2), u and v in px; weights (K, N), 0 for a point that has no say. A shape that cannot be had is NaN.
+"""
+
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.model import Ellipse
-
-Points = NDArray[np.float64]  # (N, 2): u, v px
-TRIPLES = 160
+Floats = NDArray[np.float64]
+TRIPLES = 96
 
 
-def circle_by_consensus(points: Points, weight: NDArray[np.float64], tolerance_px: float) -> tuple[float, float, float]:
-    """(u, v, radius) of the circle through three of the points with the most of the others near it.
+def circles_by_consensus(points: Floats, weight: Floats, tolerance_px: Floats) -> Floats:
+    """(K, 3) u, v, radius: of the circles through three of the points, that with the most of the others near it.
 
-    The triples are drawn with a fixed seed, so the same points give the same circle. NaN where none can be drawn.
+    The triples are drawn once for all, so the same points give the same circle.
     """
-    usable = np.nonzero(weight > 0)[0]
-    if usable.size < 3:
-        return math.nan, math.nan, math.nan
-    pick = np.random.default_rng(usable.size).random((TRIPLES, 3))
-    # One from each third of the way round, so that no circle hangs on three neighbours.
-    third = (np.floor((np.arange(3) + pick) * usable.size / 3)).astype(int) % usable.size
-    p = points[usable[third]]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        centres, radii = _through(p)
-        gaps = np.hypot(points[:, 0] - centres[:, :1], points[:, 1] - centres[:, 1:]) - radii[:, None]
-        worth = np.clip(1 - (gaps / tolerance_px) ** 2, 0, None) @ weight
-    best = int(np.argmax(np.nan_to_num(worth, nan=-1.0)))
-    return float(centres[best, 0]), float(centres[best, 1]), float(radii[best])
+    triple = _triples(points.shape[1])
+    a, b, c = (points[:, triple[:, n]] for n in range(3))  # (K, T, 2)
+    usable = (weight[:, triple] > 0).all(axis=2)
+    ab, ac = b - a, c - a
+    twice = 2 * (ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
+    usable &= np.abs(twice) > 1e-6
+    twice = np.where(usable, twice, 1.0)
+    bb, cc = (ab**2).sum(2), (ac**2).sum(2)
+    du = (ac[..., 1] * bb - ab[..., 1] * cc) / twice
+    dv = (ab[..., 0] * cc - ac[..., 0] * bb) / twice
+    u, v, radius = a[..., 0] + du, a[..., 1] + dv, np.hypot(du, dv)
+    gap = np.hypot(points[:, None, :, 0] - u[..., None], points[:, None, :, 1] - v[..., None]) - radius[..., None]
+    near = np.clip(1 - (gap / tolerance_px[:, None, None]) ** 2, 0, None)
+    worth = np.where(usable, np.einsum("ktn,kn->kt", near, weight), -1.0)
+    best = worth.argmax(axis=1)
+    row = np.arange(len(points))
+    circle = np.stack([u[row, best], v[row, best], radius[row, best]], axis=1)
+    circle[worth[row, best] <= 0] = np.nan
+    return circle
 
 
-def _through(p: NDArray[np.float64]) -> tuple[Points, NDArray[np.float64]]:
-    a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
-    twice = 2 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    aa, bb = (a**2).sum(1), (b**2).sum(1)
-    u = (b[:, 1] * aa - a[:, 1] * bb) / twice
-    v = (a[:, 0] * bb - b[:, 0] * aa) / twice
-    return p[:, 0] + np.stack([u, v], 1), np.hypot(u, v)
+@lru_cache(maxsize=4)
+def _triples(count: int) -> NDArray[np.intp]:
+    """(TRIPLES, 3) of `count` points round a circle, no two of a triple nearer than a twelfth of the way round."""
+    chance = np.random.default_rng(48)
+    drawn = chance.integers(0, count, (40 * TRIPLES, 3))
+    gaps = (drawn - np.roll(drawn, 1, axis=1)) % count
+    gaps = np.minimum(gaps, count - gaps)
+    return np.asarray(drawn[(gaps >= count // 12).all(axis=1)][:TRIPLES], np.intp)
 
 
-def ellipse_by_weights(
-    points: Points, weight: NDArray[np.float64], start: Ellipse, tolerance_px: float, rounds: int = 8
-) -> Ellipse | None:
-    """The ellipse near most of the points: conic fits with Tukey's weights on the distance to the last one.
+def ellipses_by_weights(points: Floats, weight: Floats, start: Floats, tolerance_px: Floats, rounds: int = 5) -> Floats:
+    """(K, 5): the ellipses near most of the points: conic fits with Tukey's weights on the distance to the last one.
 
-    `tolerance_px`: points farther off have no say. None where what is left is no ellipse.
+    `start` (K, 5): u, v, semi-axes, angle of the first. `tolerance_px` (K,): points farther off have no say.
     """
-    ellipse = start
+    shapes = start
     for _ in range(rounds):
-        gaps = distance(ellipse, points) / tolerance_px
-        trust = weight * np.clip(1 - gaps**2, 0, None) ** 2
-        if np.count_nonzero(trust) < 8:
-            return None
-        better = _conic(points, trust)
-        if better is None:
-            return None
-        ellipse = better
-    return ellipse
+        gap = distances(shapes, points) / tolerance_px[:, None]
+        shapes = _conics(points, weight * np.clip(1 - gap**2, 0, None) ** 2)
+    return shapes
 
 
-def distance(ellipse: Ellipse, points: Points) -> NDArray[np.float64]:
-    """Signed distance of each point from the rim along the ray from the centre, px; positive outside."""
-    cos, sin = math.cos(ellipse.angle_rad), math.sin(ellipse.angle_rad)
-    du, dv = points[:, 0] - ellipse.u_px, points[:, 1] - ellipse.v_px
-    x, y = (du * cos + dv * sin) / ellipse.semi_major_px, (dv * cos - du * sin) / ellipse.semi_minor_px
-    share = np.hypot(x, y)
-    reach = np.hypot(du, dv)
-    return np.asarray(np.where(share > 0, reach - reach / np.where(share > 0, share, 1), -ellipse.semi_minor_px))
+def distances(shapes: Floats, points: Floats) -> Floats:
+    """(K, N): of each point from its ellipse's rim along the ray from the centre, px; positive outside."""
+    u, v, along, across, turn = (column[:, None] for column in shapes.T)
+    cos, sin = np.cos(turn), np.sin(turn)
+    du, dv = points[..., 0] - u, points[..., 1] - v
+    share = np.hypot((du * cos + dv * sin) / along, (dv * cos - du * sin) / across)
+    return np.asarray(np.hypot(du, dv) * (1 - 1 / np.maximum(share, 1e-3)))
 
 
-def _conic(points: Points, trust: NDArray[np.float64]) -> Ellipse | None:
+def _conics(points: Floats, trust: Floats) -> Floats:
     """Weighted least squares on A x^2 + B xy + C y^2 + D x + E y + F = 0 with A + C = 1: turns change nothing."""
-    total = trust.sum()
-    middle = (points * trust[:, None]).sum(0) / total
-    scale = math.sqrt(float((trust * ((points - middle) ** 2).sum(1)).sum() / total)) or 1.0
-    x, y = ((points - middle) / scale).T
+    good = np.isfinite(trust).all(axis=1) & (np.count_nonzero(trust > 1e-6, axis=1) >= 8)
+    trust = np.where(good[:, None], trust, 1.0)
+    total = trust.sum(axis=1)
+    middle = np.einsum("kn,kni->ki", trust, points) / total[:, None]
+    apart = points - middle[:, None]
+    scale = np.sqrt(np.einsum("kn,kni,kni->k", trust, apart, apart) / total)
+    good &= scale > 1e-3
+    scale = np.where(good, scale, 1.0)
+    x, y = apart[..., 0] / scale[:, None], apart[..., 1] / scale[:, None]
     # A = 1/2 + p, C = 1/2 - p
-    design = np.stack([x * x - y * y, x * y, x, y, np.ones_like(x)], 1)
-    target = -0.5 * (x * x + y * y)
-    normal = design.T * trust @ design
-    try:
-        p, b, d, e, f = np.linalg.solve(normal, design.T @ (trust * target))
-    except np.linalg.LinAlgError:
-        return None
-    return _axes(0.5 + p, b, 0.5 - p, d, e, f, middle, scale)
+    design = np.stack([x * x - y * y, x * y, x, y, np.ones_like(x)], axis=2)
+    weighted = design * (trust / total[:, None])[..., None]
+    normal = np.einsum("kni,knj->kij", weighted, design) + 1e-9 * np.eye(5)
+    right = np.einsum("kni,kn->ki", weighted, -0.5 * (x * x + y * y))
+    solution = np.linalg.solve(normal, right[..., None])[..., 0]
+    shapes = _axes(solution)
+    shapes[:, :2] = middle + scale[:, None] * shapes[:, :2]
+    shapes[:, 2:4] *= scale[:, None]
+    shapes[~good] = np.nan
+    return shapes
 
 
-def _axes(
-    a: float, b: float, c: float, d: float, e: float, f: float, middle: NDArray[np.float64], scale: float
-) -> Ellipse | None:
-    bottom = 4 * a * c - b * b
-    if not bottom > 0.05:  # a = c = 1/2, b = 0 has 1; a parabola 0
-        return None
+def _axes(solution: Floats) -> Floats:
+    """(K, 5) p, B, D, E, F to centre, semi-axes (the larger first) and angle; NaN for what is no ellipse."""
+    p, b, d, e, f = solution.T
+    a, c = 0.5 + p, 0.5 - p
+    bottom = 4 * a * c - b * b  # 1 for a circle, 0 for a parabola
+    real = bottom > 0.05
+    bottom = np.where(real, bottom, 1.0)
     u, v = (b * e - 2 * c * d) / bottom, (b * d - 2 * a * e) / bottom
     rest = -(f + 0.5 * (d * u + e * v))
-    if not rest > 0:
-        return None
-    spread = math.hypot(a - c, b)
-    major, minor = math.sqrt(2 * rest / (a + c - spread)), math.sqrt(2 * rest / (a + c + spread))
-    angle = 0.5 * math.atan2(-b, c - a) % math.pi
-    return Ellipse(float(middle[0] + scale * u), float(middle[1] + scale * v), scale * major, scale * minor, angle)
+    real &= rest > 0
+    rest = np.where(real, rest, 1.0)
+    spread = np.hypot(a - c, b)
+    flat = np.maximum(1 - spread, 1e-9)
+    angle = (0.5 * np.arctan2(-b, c - a)) % np.pi
+    shapes = np.stack([u, v, np.sqrt(2 * rest / flat), np.sqrt(2 * rest / (1 + spread)), angle], axis=1)
+    shapes[~real] = np.nan
+    return shapes

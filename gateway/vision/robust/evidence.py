@@ -1,5 +1,9 @@
-"""How much speaks for a red disc at a place: the rim by edges of redness, then what is inside and outside of it."""
+"""How much speaks for a red disc at a place: the rim by edges of redness, then what is inside and outside of it.
 
+Everything works on all candidates at once, each on the level of the pyramid where its radius is some 14 to 28 px.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,13 +12,18 @@ from numpy.typing import NDArray
 from gateway.model import Ellipse
 from gateway.vision.robust import ellipses
 from gateway.vision.robust.candidates import Seed
-from gateway.vision.robust.fans import ANGLES, Fan, fan
+from gateway.vision.robust.fans import COS, RAYS, SIN, Fan, Shapes, fan
 from gateway.vision.robust.redness import Level, Plane
 
+LOOK_PX = 14.0  # radius, px of its level, from which on a candidate is looked at
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
 CLOSE = np.arange(0.6, 1.46, 0.04, dtype=np.float32)
-INSIDE, OUTSIDE = (0.72, 0.93), (1.07, 1.3)  # shares of the way to the rim that are compared, ray by ray
 HALF = 2  # samples on either side of an edge
+DISC = np.arange(0.1, 0.95, 0.1, dtype=np.float32)
+INSIDE = np.arange(0.72, 0.94, 0.04, dtype=np.float32)  # compared, ray by ray, with
+OUTSIDE = np.arange(1.08, 1.31, 0.04, dtype=np.float32)
+RINGS = np.concatenate([DISC, INSIDE, OUTSIDE])
+SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,134 +31,147 @@ class Evidence:
     """Of one ellipse, in px of the whole picture."""
 
     ellipse: Ellipse
-    coverage: float  # share of the rim in the picture that shows an edge
-    visible: float  # share of the whole rim that does
-    contrast: float  # median redness across the rim, log units
-    noise: float  # scatter of redness outside, log units
+    coverage: float  # share of the rim in the picture that is red inside and not outside
+    leak: float  # share of it that is red on both sides; the rest is hidden: red on neither
+    visible: float  # share of the whole rim that is red inside and not outside
+    contrast: float  # median fall of redness across the rim, log units
+    noise: float  # scatter of that fall from ray to ray where the rim shows, log units
     fill: float  # share of the inside that is nearer to the inside's redness than to the outside's
+    redness: float  # median inside, log units
     colour: tuple[float, float, float]  # median BGR inside
 
 
-def gather(level: Level, seeds: list[Seed]) -> list[Evidence | None]:
+def gather(levels: Sequence[Level], seeds: Sequence[Seed]) -> list[Evidence | None]:
     """For each seed, in order; None where no rim fits the edges round it."""
-    u, v, r = (np.array(values, np.float32) for values in _of_level(level, seeds))
-    none = np.zeros_like(u)
-    wide = fan(level.bgr, u, v, r, r, none, WIDE)
-    found: list[Ellipse | None] = []
-    for k in range(u.size):
-        points, weight = _edges(wide, k, WIDE, Ellipse(float(u[k]), float(v[k]), float(r[k]), float(r[k]), 0.0))
-        cu, cv, cr = ellipses.circle_by_consensus(points, weight, 0.08 * float(r[k]) + 0.5)
-        good = 0.4 * r[k] < cr < 2.0 * r[k] and np.hypot(cu - u[k], cv - v[k]) < r[k]
-        found.append(Ellipse(cu, cv, cr, cr, 0.0) if good else None)
-    found = _closer(level, found)
-    found = _closer(level, found)
-    return _measure(level, found)
+    if not seeds:
+        return []
+    which = _levels_of(levels, np.array([seed.radius_px for seed in seeds]))
+    round_ones = np.array([(s.u_px, s.v_px, s.radius_px, s.radius_px, 0.0) for s in seeds], np.float64)
+    start = _to_levels(levels, which, round_ones)
+    radius = start[:, 2]
+    points, weight = _edges(fan(levels, which, start, WIDE), WIDE, start)
+    circle = ellipses.circles_by_consensus(points, weight, 0.08 * radius + 0.5)
+    near = np.hypot(circle[:, 0] - start[:, 0], circle[:, 1] - start[:, 1]) < radius
+    near &= (circle[:, 2] > 0.4 * radius) & (circle[:, 2] < 2 * radius)  # false for NaN
+    shapes = np.stack([*circle.T, circle[:, 2], np.zeros(len(seeds))], axis=1)
+    shapes[~near] = np.nan
+    for _ in range(2):
+        shapes = _closer(levels, which, shapes)
+    return measure(levels, which, shapes)
 
 
-def _of_level(level: Level, seeds: list[Seed]) -> tuple[list[float], list[float], list[float]]:
-    return (
-        [level.to_level(seed.u_px) for seed in seeds],
-        [level.to_level(seed.v_px) for seed in seeds],
-        [seed.radius_px / level.factor for seed in seeds],
-    )
+def of_ellipses(levels: Sequence[Level], rims: Sequence[Ellipse]) -> list[Evidence | None]:
+    """For each rim that is already known, in order."""
+    if not rims:
+        return []
+    rows = [(e.u_px, e.v_px, e.semi_major_px, e.semi_minor_px, e.angle_rad) for e in rims]
+    shapes = np.array(rows, np.float64)
+    which = _levels_of(levels, shapes[:, 3])
+    return measure(levels, which, _to_levels(levels, which, shapes))
 
 
-def _fan(level: Level, shapes: list[Ellipse], shares: Plane) -> Fan:
-    columns = np.array(
-        [(e.u_px, e.v_px, e.semi_major_px, e.semi_minor_px, e.angle_rad) for e in shapes], np.float32
-    ).reshape(-1, 5)
-    u, v, along, across, turn = columns.T
-    return fan(level.bgr, u, v, along, across, turn, shares)
+def _levels_of(levels: Sequence[Level], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
+    octave = np.floor(np.log2(np.maximum(radius_px / LOOK_PX / levels[0].factor, 1e-9)))
+    return np.clip(octave, 0, len(levels) - 1).astype(np.intp)
 
 
-def _step(red: Plane) -> Plane:
-    """Mean of HALF samples before minus mean of HALF samples after each sample; 0 at the ends. Last axis."""
-    total = np.cumsum(np.pad(red, [(0, 0)] * (red.ndim - 1) + [(1, 0)]), axis=-1)
-    size = red.shape[-1]
-    step = np.zeros_like(red)
-    at = np.arange(HALF, size - HALF)
-    before = total[..., at] - total[..., at - HALF]
-    after = total[..., at + 1 + HALF] - total[..., at + 1]
-    step[..., at] = (before - after) / HALF
-    return step
+def _to_levels(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
+    factor = np.array([level.factor for level in levels], np.float64)[which, None]
+    return np.hstack([(shapes[:, :2] - (factor - 1) / 2) / factor, shapes[:, 2:4] / factor, shapes[:, 4:]])
 
 
-def _edges(rays: Fan, k: int, shares: Plane, shape: Ellipse) -> tuple[ellipses.Points, NDArray[np.float64]]:
-    """The strongest fall of redness on each ray: points (RAYS, 2) px, and their weights, 0 where there is none."""
-    step = _step(rays.red[k])
-    inside = rays.seen[k] & np.roll(rays.seen[k], -HALF, axis=1)
-    step = np.where(inside, step, 0)
-    at = step.argmax(axis=1)
-    row = np.arange(at.size)
-    height = step[row, at]
-    low, high = np.clip(at - 1, 0, None), np.clip(at + 1, None, shares.size - 1)
-    left, right = step[row, low], step[row, high]
-    bend = left - 2 * height + right
-    shift = np.where(bend < 0, 0.5 * (left - right) / np.where(bend < 0, bend, -1), 0)
-    share = shares[at] + np.clip(shift, -0.5, 0.5) * (shares[1] - shares[0])
-    typical = float(np.median(height[height > 0])) if (height > 0).any() else 0.0
-    weight = np.clip(height / (typical + 1e-6), 0, 1.5) if typical > 0.02 else np.zeros_like(height)
-    weight = np.where(weight > 0.25, weight, 0)
-    cos, sin = np.cos(shape.angle_rad), np.sin(shape.angle_rad)
-    x, y = shape.semi_major_px * np.cos(ANGLES) * share, shape.semi_minor_px * np.sin(ANGLES) * share
-    points = np.stack([shape.u_px + x * cos - y * sin, shape.v_px + x * sin + y * cos], 1)
-    return points.astype(np.float64), weight.astype(np.float64)
-
-
-def _closer(level: Level, shapes: list[Ellipse | None]) -> list[Ellipse | None]:
-    """Each shape fitted anew to the edges near it."""
-    which = [k for k, shape in enumerate(shapes) if shape is not None]
-    result: list[Ellipse | None] = [None] * len(shapes)
-    near = [shape for shape in shapes if shape is not None]
-    if not near:
-        return result
-    rays = _fan(level, near, CLOSE)
-    for n, (k, shape) in enumerate(zip(which, near, strict=True)):
-        points, weight = _edges(rays, n, CLOSE, shape)
-        fitted = ellipses.ellipse_by_weights(points, weight, shape, 0.14 * shape.semi_minor_px + 0.7)
-        if fitted is not None and fitted.semi_minor_px > 0.3 * shape.semi_minor_px:
-            result[k] = fitted
+def _closer(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
+    """Each shape fitted anew to the edges near it; NaN stays NaN."""
+    good = np.isfinite(shapes).all(axis=1)
+    result = np.full_like(shapes, np.nan)
+    if good.any():
+        old = shapes[good]
+        points, weight = _edges(fan(levels, which[good], old, CLOSE), CLOSE, old)
+        new = ellipses.ellipses_by_weights(points, weight, old, 0.14 * old[:, 3] + 0.7)
+        new[~(new[:, 3] > 0.3 * old[:, 3]) | ~(new[:, 2] < 3 * old[:, 2])] = np.nan
+        result[good] = new
     return result
 
 
-def _measure(level: Level, shapes: list[Ellipse | None]) -> list[Evidence | None]:
-    which = [k for k, shape in enumerate(shapes) if shape is not None]
-    near = [shape for shape in shapes if shape is not None]
+def _edges(rays: Fan, shares: Plane, shapes: Shapes) -> tuple[ellipses.Floats, ellipses.Floats]:
+    """The strongest fall of redness on each ray: points (K, RAYS, 2) px, and their weights, 0 where there is none."""
+    step = _fall(rays)
+    at = step.argmax(axis=2)[..., None]
+    left, height, right = (np.take_along_axis(step, at + n, axis=2)[..., 0] for n in (-1, 0, 1))
+    bend = np.minimum(left - 2 * height + right, -1e-9)
+    shift = np.clip(0.5 * (left - right) / bend, -0.5, 0.5)
+    share = shares[at[..., 0]] + shift * (shares[1] - shares[0])
+    usual = masked_median(height, height > 0)[:, None]
+    weight = np.clip(height / (usual + 1e-6), 0, 1.5)
+    weight = np.where((weight > 0.25) & (usual > 0.02), weight, 0)
+    u, v, along, across, turn = (column[:, None] for column in shapes.T)
+    cos, sin = np.cos(turn), np.sin(turn)
+    x, y = along * COS * share, across * SIN * share
+    points = np.stack([u + x * cos - y * sin, v + x * sin + y * cos], axis=2)
+    return points, np.asarray(weight, np.float64)
+
+
+def _fall(rays: Fan) -> Plane:
+    """Mean of HALF samples before minus mean of HALF samples after each sample; 0 near the ends and outside."""
+    total = np.cumsum(rays.red, axis=2)
+    size = rays.red.shape[2]
+    at = np.arange(HALF + 1, size - HALF)
+    before = total[..., at - 1] - total[..., at - 1 - HALF]
+    after = total[..., at + HALF] - total[..., at]
+    fall = np.zeros_like(rays.red)
+    fall[..., at] = np.where(rays.seen[..., at + HALF], (before - after) / HALF, 0)
+    return fall
+
+
+def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> list[Evidence | None]:
+    """What speaks for each rim, px of its level; None for NaN and where hardly any of the rim is in the picture."""
     result: list[Evidence | None] = [None] * len(shapes)
-    if not near:
+    good = np.nonzero(np.isfinite(shapes).all(axis=1))[0]
+    if not good.size:
         return result
-    shares = np.concatenate([np.arange(0.1, 0.7, 0.1), np.arange(0.72, 1.31, 0.03)]).astype(np.float32)
-    rays = _fan(level, near, shares)
-    disc = shares < 0.94
-    inner = (shares >= INSIDE[0]) & (shares <= INSIDE[1])
-    outer = (shares >= OUTSIDE[0]) & (shares <= OUTSIDE[1])
-    for n, (k, shape) in enumerate(zip(which, near, strict=True)):
-        red, seen = rays.red[n], rays.seen[n]
-        used = seen[:, outer].all(axis=1)
-        if used.sum() < 8:
+    rays = fan(levels, which[good], shapes[good], RINGS)
+    n, m = DISC.size, DISC.size + INSIDE.size
+    used = np.asarray(rays.seen[..., m:].all(axis=2), np.bool_)
+    within, beyond = np.median(rays.red[..., n:m], axis=2), np.median(rays.red[..., m:], axis=2)
+    gap = within - beyond
+    contrast = masked_median(gap, used)
+    around = masked_median(beyond, used)
+    red_from = (around + SHOWN * contrast)[:, None]
+    red_within = np.asarray(within > red_from, np.bool_)
+    red_beyond = np.asarray(beyond > red_from, np.bool_)
+    falls = np.asarray((gap > SHOWN * contrast[:, None]) & (contrast[:, None] > 0), np.bool_)
+    shown = used & red_within & ~red_beyond & falls
+    leak = used & red_within & red_beyond
+    noise = 1.48 * masked_median(np.abs(gap - contrast[:, None]), shown)
+    red_enough = rays.red[..., :n] > red_from[..., None]
+    inner_redness = masked_median(within, used & red_within)
+    area = np.where(rays.seen[..., :n], DISC, 0)
+    fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)
+    for row, k in enumerate(good):
+        if np.count_nonzero(used[row]) < RAYS // 6:
             continue
-        within = np.median(red[:, inner], axis=1)
-        beyond = np.median(red[:, outer], axis=1)
-        gap = (within - beyond)[used]
-        contrast = float(np.median(gap))
-        noise = float(1.48 * np.median(np.abs(beyond[used] - np.median(beyond[used]))))
-        shown = gap > 0.4 * contrast if contrast > 0 else np.zeros_like(gap, bool)
-        middle = float(np.median(beyond[used])) + 0.4 * contrast
-        area = shares[disc] * seen[:, disc]
-        fill = float(((red[:, disc] > middle) * area).sum() / max(area.sum(), 1e-6))
-        colour = np.median(rays.bgr[n][:, disc][seen[:, disc]], axis=0)
+        colour = np.median(rays.bgr[row, :, :n][rays.seen[row, :, :n]], axis=0)
+        factor = levels[which[k]].factor
+        u, v, major, minor, angle = (float(value) for value in shapes[k])
         result[k] = Evidence(
-            ellipse=_to_full(level, shape),
-            coverage=float(shown.mean()),
-            visible=float(shown.sum() / ANGLES.size),
-            contrast=contrast,
-            noise=noise,
-            fill=fill,
+            ellipse=Ellipse(
+                u * factor + (factor - 1) / 2, v * factor + (factor - 1) / 2, major * factor, minor * factor, angle
+            ),
+            coverage=float(shown[row].sum() / used[row].sum()),
+            leak=float(leak[row].sum() / used[row].sum()),
+            visible=float(shown[row].sum() / RAYS),
+            contrast=float(contrast[row]),
+            noise=float(noise[row]),
+            fill=float(fill[row]),
+            redness=float(inner_redness[row]),
             colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         )
     return result
 
 
-def _to_full(level: Level, e: Ellipse) -> Ellipse:
-    f = level.factor
-    return Ellipse(level.to_full(e.u_px), level.to_full(e.v_px), e.semi_major_px * f, e.semi_minor_px * f, e.angle_rad)
+def masked_median(values: Plane, mask: NDArray[np.bool_]) -> Plane:
+    """(K,): of the values of each row where the mask is set (the lower of two in the middle); 0 where it is nowhere."""
+    count = mask.sum(axis=1)
+    ordered = np.sort(np.where(mask, values, np.inf), axis=1)
+    middle = ordered[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
+    return np.asarray(np.where(count > 0, middle, 0), np.float32)
