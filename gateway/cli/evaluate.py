@@ -1,0 +1,211 @@
+"""Measure how well the marker is found in pictures whose truth you know. This is how a plant validates its camera.
+
+DIR holds pictures and labels.jsonl, one JSON object a line:
+  {"file": "bay1.jpg", "found": true, "u": 412.5, "v": 300.2, "r": 96.0, "group": "dusk", "z_cm": 120}
+  {"file": "empty.jpg", "found": false}
+u, v, r: centre and radius in px, pixel centres at integers. Optional: group, series (one camera and marker, or one
+sequence), a and b (semi-axes of a tilted rim), tol_px (how far the label may be off), visible (share of the rim), z_cm
+(distance), frame (number in a sequence). Other keys are left alone.
+
+  gateway evaluate photos/                              a table: rates, errors, time; whole and by group
+  gateway evaluate photos/ --report out.html            one file with charts and the worst cases drawn
+  gateway evaluate photos/ --method all                 every method, side by side
+  gateway evaluate photos/ --config plant.toml          with a plant's own settings
+  gateway evaluate photos/ --split                      figures of a tuning half and a reporting half, too
+  gateway evaluate photos/ --split tuning               run on the tuning half alone
+  gateway evaluate run7/ --tracking                     follow the frames of a sequence in order
+  gateway evaluate photos/ --series '^cam[0-9]+'        R times Z by camera, taken from the file's name
+  gateway evaluate photos/ --require detected=0.97,false=0,wrong=0     exit code 1 where it is not met
+
+Detected: centre and radius within 25 % of the true radius. Within 5 %: both within 5 %. An answer elsewhere is wrong,
+an answer where no marker is is false; both are worse than none.
+
+--require NAME=LIMIT,... may name (shares are at least, all others at most; what a set can't tell is not met):
+  detected       share     answers on the target
+  within         share     centre and radius within 5 %
+  wrong          count     answers elsewhere, in pictures with a marker
+  false          count     answers in pictures without
+  centre_median  px        centre error, median
+  centre_p95     px        centre error, 95 % are below
+  radius_median  %         radius error, median
+  radius_p95     %         radius error, 95 % are below
+  acquired       share     on the target after acquisition (worst sequence)
+  rz             %         R times Z: largest deviation of any series
+  ms             ms        time a picture, median
+
+exit codes: 0 done and everything required is met, 1 a requirement is not met, 2 a label, picture or argument is wrong
+"""
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gateway.cli import visionargs
+from gateway.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gateway.config import VisionConfig
+    from gateway.vision.evaluation.labels import Label, Labels
+    from gateway.vision.evaluation.report import About
+    from gateway.vision.evaluation.result import Result, SeriesOf
+    from gateway.vision.evaluation.trial import MakeDetector
+
+NAME = "evaluate"
+HELP = "measure detection on labelled pictures"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="pictures with labels.jsonl beside them")
+    parser.add_argument("--method", metavar="NAME", help="paper, robust, or all (default: the configuration's)")
+    parser.add_argument("--config", metavar="FILE", type=Path, help="take the settings from this configuration")
+    parser.add_argument("--bay", metavar="NAME", help="which bay of it (default: the first)")
+    parser.add_argument("--tracking", action="store_true", help="follow the frames of each sequence in order")
+    parser.add_argument("--fps", type=float, default=25.0, metavar="HZ", help="frames a second of sequences (25)")
+    parser.add_argument("--series", metavar="REGEX", help="part of a file's name that tells its series")
+    parser.add_argument(
+        "--split",
+        nargs="?",
+        const="both",
+        choices=("both", "tuning", "reporting"),
+        help="halves by a hash of the file's name: show both, or run on one",
+    )
+    parser.add_argument("--report", metavar="FILE.html", type=Path, help="write a report with charts and pictures")
+    parser.add_argument("--worst", type=int, default=12, metavar="N", help="worst cases drawn for each method (12)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    parser.add_argument("--require", action="append", default=[], metavar="NAME=LIMIT", help="see above; repeatable")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Raises ConfigError for labels, pictures and arguments that must be edited."""
+    visionargs.quiet_opencv()
+    from gateway.clock import SystemClock
+    from gateway.vision.evaluation import gate, labels, result, trial
+
+    if not 0.01 <= args.fps <= 1000:
+        raise ConfigError(f"--fps {args.fps:g}: must be 0.01 to 1000")
+    if not 0 <= args.worst <= 500:
+        raise ConfigError(f"--worst {args.worst}: must be 0 to 500")
+    requirements = gate.parse(args.require)
+    series = _series(args.series)
+    methods = _methods(visionargs.bay_vision(args.config, args.bay), args.method)
+    found = labels.load(args.folder)
+    chosen = _half(found, args.split)
+    if args.tracking and all(label.frame is None for label in chosen):
+        raise ConfigError(f"{found.source}: --tracking needs labels with a frame number")
+    if found.unused_keys:
+        print(f"{found.source}: keys not used here: {', '.join(found.unused_keys)}", file=sys.stderr)
+    with visionargs.progress("evaluate", len(chosen)) as advance:
+        follow = series if args.tracking else None
+        outcomes = trial.run(found, chosen, methods, SystemClock(), follow=follow, fps=args.fps, advance=advance)
+    results = [
+        result.result(name, rows, series, split=args.split == "both", followed=args.tracking)
+        for name, rows in outcomes.items()
+    ]
+    unmet = tuple(
+        f"{found.method}: {said}" for found in results for wanted in requirements if (said := wanted.unmet(found))
+    )
+    if args.report is not None:
+        _report(args, results, found, series, unmet if requirements else None)
+    if args.json:
+        document = {"folder": str(args.folder), "split": args.split, "unmet": unmet}
+        print(json.dumps(document | {"methods": [result.as_json(r, series) for r in results]}, allow_nan=False))
+    else:
+        from gateway.cli.evaluatetable import show
+
+        show(results)
+    for line in unmet:
+        print(f"not met: {line}", file=sys.stderr)
+    return 1 if unmet else 0
+
+
+def _series(pattern: str | None) -> "SeriesOf":
+    from gateway.vision.evaluation.result import series_by
+
+    try:
+        return series_by(pattern)
+    except re.error as error:
+        raise ConfigError(f"--series {pattern}: not a regular expression: {error}") from error
+
+
+def _methods(params: "VisionConfig", asked: str | None) -> dict[str, "MakeDetector"]:
+    """A maker of detectors for each method asked for."""
+    from gateway.clock import SystemClock
+    from gateway.vision import methods
+
+    known = visionargs.known_methods()
+    if asked is not None and asked != "all" and asked not in known:
+        raise ConfigError(f"--method {asked}: there is: {', '.join(known)}, all")
+    now_ns = SystemClock().now_ns
+
+    def maker(name: str) -> "MakeDetector":
+        def make(follow: bool) -> Any:
+            return methods.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
+
+        return make
+
+    names = known if asked == "all" else (asked or params.method,)
+    return {name: maker(name) for name in names}
+
+
+def _half(found: "Labels", split: str | None) -> Sequence["Label"]:
+    if split in (None, "both"):
+        return found.labels
+    chosen = [label for label in found.labels if label.tuning_half is (split == "tuning")]
+    if not chosen:
+        raise ConfigError(f"{found.source}: no picture falls into the {split} half; label more")
+    return chosen
+
+
+def _report(
+    args: argparse.Namespace,
+    results: "list[Result]",
+    found: "Labels",
+    series: "SeriesOf",
+    unmet: tuple[str, ...] | None,
+) -> None:
+    from gateway.vision.evaluation import report, trial
+    from gateway.vision.evaluation.reasons import REASONS
+    from gateway.vision.reports.page import write
+
+    about = _about(args, results, unmet)
+    drawn = sum(len(report.worst_of(r.outcomes, args.worst)) for r in results)
+    with visionargs.progress("draw", drawn) as advance:
+        text = report.html(
+            results,
+            about,
+            series,
+            lambda label: trial.picture(found, label),
+            REASONS,
+            worst=args.worst,
+            advance=advance,
+        )
+    write(args.report, text)
+    print(f"report: {args.report}", file=sys.stderr)
+
+
+def _about(args: argparse.Namespace, results: "list[Result]", unmet: tuple[str, ...] | None) -> "About":
+    from datetime import UTC, datetime
+
+    from gateway import __version__
+    from gateway.clock import SystemClock
+    from gateway.vision.evaluation.report import About
+
+    whole = results[0].whole
+    when = datetime.fromtimestamp(SystemClock().wall_ns() / 1e9, UTC)
+    settings = f"settings: {args.config or 'defaults'}{f', bay {args.bay}' if args.bay else ''}"
+    facts = [
+        f"{whole.pictures} pictures: {whole.with_marker} with a marker, {whole.without} without; {settings}",
+        f"{when:%Y-%m-%d %H:%M} UTC, gateway {__version__}",
+    ]
+    if args.split in ("tuning", "reporting"):
+        facts.insert(1, f"Only the {args.split} half of the set, chosen by a hash of the file's name.")
+    notes = []
+    if whole.vague_labels:
+        notes.append(f"{whole.vague_labels} labels may themselves be off by more than 5 % of R (tol_px).")
+    if args.split == "both":
+        notes.append("Halves are chosen by a hash of the file's name. Only the reporting half is free of tuning.")
+    return About(f"Detection on {args.folder.resolve().name}", tuple(facts), unmet, tuple(notes))

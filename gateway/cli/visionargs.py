@@ -1,0 +1,67 @@
+"""What the verbs that look at pictures share: the decoders' limits, a bay's settings, a progress bar."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+from gateway.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gateway.config import VisionConfig
+
+# Read by OpenCV when it is loaded, so set before; what the user has set stands. The pixel limit keeps a few bytes of
+# hostile or broken file from asking for gigabytes; the decoders' own words would stand between our lines.
+_OPENCV = {
+    "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 28),
+    "OPENCV_LOG_LEVEL": "SILENT",
+    "OPENCV_FFMPEG_LOGLEVEL": "-8",
+}
+
+
+def quiet_opencv() -> None:
+    """Call before the first import of OpenCV."""
+    for name, value in _OPENCV.items():
+        os.environ.setdefault(name, value)
+
+
+def bay_vision(config: Path | None, bay: str | None) -> "VisionConfig":
+    """`[vision]` of a bay of a configuration file (the first, where none is named); without a file, the defaults.
+
+    Raises ConfigError.
+    """
+    from gateway.config import VisionConfig, load
+
+    if config is None:
+        if bay is not None:
+            raise ConfigError("--bay needs --config")
+        return VisionConfig()
+    bays = {found.name: found for found in load(config).bays}
+    name = next(iter(bays)) if bay is None else bay
+    if name not in bays:
+        raise ConfigError(f"{config}: no bay {name}; there is: {', '.join(bays)}")
+    return bays[name].vision
+
+
+def known_methods() -> tuple[str, ...]:
+    """What `vision.method` may be."""
+    from gateway.config import VisionConfig
+
+    return get_args(VisionConfig.model_fields["method"].annotation)
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[], None]]:
+    """A bar on stderr, where that is a terminal; call what is yielded once for each piece of work done."""
+    if total < 2 or not sys.stderr.isatty():
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda: bar.advance(task)

@@ -1,0 +1,1 @@
+"""Self-contained HTML pages: charts drawn as SVG, pictures embedded, nothing fetched from anywhere."""
