@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-KEYS = ["file", "found", "u", "v", "r", "area", "circularity", "fill", "candidates", "width", "height", "ms"]
+KEYS = [
+    *("file", "found", "u", "v", "r", "area", "circularity", "fill", "ellipse", "confidence", "visible"),
+    *("candidates", "rejected", "width", "height", "ms"),
+]
 STAGES = ["gaussian", "hsv", "threshold", "opening", "closing", "contours", "select", "circle", "normalise", "total"]
 PANELS = ["fig3", "fig3a-hsv", "fig3b-mask", "fig3c-clean", "fig3d-circle", "fig4", "fig4a-canny", "fig4b-contour"]
 
@@ -99,7 +102,20 @@ def test_the_table_for_people(folder: Path) -> None:
     lines = done.stdout.decode().splitlines()
 
     assert done.returncode == 1
-    assert lines[0].split() == ["file", "u", "px", "v", "px", "r", "px", "area", "px2", "circ.", "fill", "ms"]
+    assert lines[0].split() == [
+        "file",
+        "u",
+        "px",
+        "v",
+        "px",
+        "r",
+        "px",
+        "area",
+        "px2",
+        "circ.",
+        "fill",
+        *("conf.", "seen", "ms"),
+    ]
     assert lines[1].split()[0] == "a1.png"
     assert [float(value) for value in lines[1].split()[1:4]] == pytest.approx([150.25, 100.5, 61.27], abs=0.15)
     assert lines[2].split()[:3] == ["a2.png", "no", "marker"]
@@ -121,6 +137,7 @@ def test_the_table_for_people(folder: Path) -> None:
         (["a1.png", "--config", "none.toml"], "none.toml: cannot read"),
         (["a1.png", "--config", "bays.toml", "--bay", "west"], "bays.toml: no bay west; there is: east, north"),
         (["a1.png", "--stages", "a1.png"], "a1.png: cannot be made: File exists"),
+        (["a1.png", "--draw", "a1.png"], "a1.png: cannot be made: File exists"),
     ],
 )
 def test_arguments_that_must_be_edited(folder: Path, arguments: list[str], says: str) -> None:
@@ -173,6 +190,60 @@ def test_stages_writes_every_figure_under_names_of_its_own(folder: Path) -> None
     assert mask is not None
     assert mask.shape == (240, 320)
     assert (mask[100, 200], mask[100, 100]) == (255, 0)
+
+
+def test_the_robust_method_tells_ellipse_confidence_and_what_it_refused(folder: Path) -> None:
+    (row,) = rows(detect("--json", "--method", "robust", "a1.png", cwd=folder))
+    assert list(row) == KEYS
+    assert (row["u"], row["v"], row["r"]) == pytest.approx((150.25, 100.5, 60), abs=0.1)
+    ellipse = row["ellipse"]
+    assert [ellipse[key] for key in ("u", "v", "semi_major")] == pytest.approx([row[key] for key in "uvr"], abs=1e-9)
+    assert ellipse["semi_minor"] == pytest.approx(60, abs=0.1)
+    assert 0 <= ellipse["angle_deg"] < 180
+    assert 0.7 < row["confidence"] <= 1
+    assert 0.9 < row["visible"] <= 1
+    for rejected in row["rejected"]:
+        assert list(rejected) == ["u", "v", "r", "why"]
+
+
+@pytest.mark.parametrize("method", ["paper", "robust"])
+def test_a_film_is_followed_and_a_hidden_marker_is_no_measurement(tmp_path: Path, method: str) -> None:
+    for n in range(12):
+        image = np.full((240, 320, 3), 95, np.uint8) if n in (6, 7) else disc(u=100 + 4 * n)
+        cv2.imwrite(str(tmp_path / f"{n}.png"), image)
+    found = rows(detect("--json", "--method", method, "--track", "30", ".", cwd=tmp_path))
+    assert [row["tracking"] for row in found] == ["measured"] * 6 + ["coasted"] * 2 + ["measured"] * 4
+    for n, row in enumerate(found):
+        if n in (6, 7):
+            assert (row["found"], row["u"], row["v"], row["r"]) == (False, None, None, None)
+            assert [row["predicted"][key] for key in "uvr"] == pytest.approx([100 + 4 * n, 100.5, 60.5], abs=1.5)
+        else:
+            assert row["predicted"] is None
+            assert row["u"] == pytest.approx(100 + 4 * n, abs=0.1)
+    alone = rows(detect("--json", "--method", method, ".", cwd=tmp_path))
+    for one, other in zip(found, alone, strict=True):
+        assert "tracking" not in other
+        assert one["found"] == other["found"]
+        if one["found"]:
+            assert [one[key] for key in "uvr"] == pytest.approx([other[key] for key in "uvr"], abs=0.01)
+
+
+def test_a_pace_that_is_none(folder: Path) -> None:
+    for pace in ("0", "-3", "fast", "nan"):
+        done = detect("--track", pace, "a1.png", cwd=folder)
+        assert done.returncode == 2
+        assert b"must be a number of frames a second" in done.stderr
+
+
+def test_draw_writes_every_picture_with_what_was_found(folder: Path) -> None:
+    done = detect("--json", "a1.png", "a2.png", "a3.png", "a11.avi", "--draw", "out", "--method", "robust", cwd=folder)
+    stems = ["a1", "a2", None, "a11-frame000000", "a11-frame000001"]
+    assert [row.get("drawn") for row in rows(done)] == [stem and f"out/{stem}-found.png" for stem in stems]
+    drawn = cv2.imread(str(folder / "out" / "a1-found.png"))
+    assert drawn is not None
+    assert drawn.shape == (480, 640, 3)
+    blue, green, red = (int(value) for value in drawn[round(2 * 101 - 0.5), round(2 * (150.75 - 60) - 0.5)])
+    assert green > 150 > max(blue, red)  # the rim
 
 
 def test_names_from_standard_input(folder: Path) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
 from gateway.errors import ConfigError
-from gateway.vision import example, figures, pipeline
+from gateway.vision import drawing, example, figures, pipeline
 from gateway.vision.pipeline import Trace
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
@@ -115,14 +115,14 @@ def test_any_size_with_and_without_a_marker(shape: tuple[int, int]) -> None:
 
 def test_save(tmp_path: Path, trace: Trace) -> None:
     panels = figures.figure3(trace)
-    written = figures.save(tmp_path, "ü 日本", panels)
+    written = drawing.save(tmp_path, "ü 日本", panels)
     assert [path.name for path in written] == [f"ü 日本-{name}.png" for name in panels]
     back = cv2.imdecode(np.fromfile(written[2], np.uint8), cv2.IMREAD_UNCHANGED)
     assert back is not None
     assert np.array_equal(trace.cleaned, back)
-    figures.save(tmp_path, "ü 日本", panels)  # over what is there
+    drawing.save(tmp_path, "ü 日本", panels)  # over what is there
     with pytest.raises(ConfigError, match=r"cannot be written: No such file"):
-        figures.save(tmp_path / "none", "a", panels)
+        drawing.save(tmp_path / "none", "a", panels)
 
 
 def test_the_scene_is_the_same_every_time_and_differs_by_seed() -> None:
