@@ -31,7 +31,7 @@ def test_the_rim_is_drawn_where_it_is_and_nothing_beyond_it_but_the_numbers() ->
     for u, v in rim[np.hypot(*(rim - rim[0]).T) > 12]:  # the radius line ends on the first
         near = drawn[round(v) - 1 : round(v) + 2, round(u) - 1 : round(u) + 2].reshape(-1, 3).astype(int)
         assert (near[:, 1] - near[:, 2]).max() > 80, (u, v)  # green
-    assert changed(found)[:60, :100].all(), "the box with the numbers, top left"
+    assert changed(found)[:60, :100].mean() > 0.95, "the box with the numbers, top left"
     assert not changed(found)[:150, 450:].any()
     assert not changed(found)[450:].any()
     assert (GREY == 100).all()
