@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.cli.main import main
 from gateway.vision.reports.page import fetches_nothing
 
 
@@ -28,7 +29,7 @@ def disc(u: float, v: float, r: float) -> NDArray[np.uint8]:
     return np.asarray(np.rint((1 - cover) * np.array((95, 95, 92)) + cover * np.array((30, 30, 200))), np.uint8)
 
 
-def label(folder: Path, rows: list[Mapping[str, Any]]) -> None:
+def label(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     (folder / "labels.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
@@ -139,7 +140,9 @@ def test_one_half_alone(folder: Path) -> None:
         (["single", "--tracking"], "single/labels.jsonl: --tracking needs labels with a frame number"),
     ],
 )
-def test_what_must_be_edited(folder: Path, arguments: list[str], says: str) -> None:
+def test_what_must_be_edited(
+    folder: Path, arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     place = {"found": True, "u": 5, "v": 5, "r": 3}
     for name, rows in {
         "bad": [{"file": "d.png", **place}, {"file": "e.png", **place, "r": -1}],
@@ -153,10 +156,9 @@ def test_what_must_be_edited(folder: Path, arguments: list[str], says: str) -> N
         (folder / name / "d.png").write_bytes((folder / "d0.png").read_bytes())
         (folder / name / "e.png").write_bytes((folder / "d0.png").read_bytes())
         (folder / name / "b.png").write_bytes(b"")
-    done = (
-        evaluate(*arguments, "--method", "paper", cwd=folder)
-        if "--method" not in arguments
-        else evaluate(*arguments, cwd=folder)
-    )
-    assert done.stderr.splitlines()[-1].startswith(says)
-    assert (done.returncode, done.stdout) == (2, "")
+    monkeypatch.chdir(folder)
+    method = [] if "--method" in arguments else ["--method", "paper"]
+    assert main(["evaluate", *arguments, *method]) == 2
+    said = capsys.readouterr()
+    assert said.err.splitlines()[-1].startswith(says)
+    assert said.out == ""

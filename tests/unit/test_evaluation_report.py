@@ -140,7 +140,7 @@ def test_truth_and_answer_are_drawn_where_they_are() -> None:
     ):
         assert float(cx) == pytest.approx((u + 0.5 - np.floor(x)) * scale, abs=0.02)
         assert float(cy) == pytest.approx((v + 0.5 - np.floor(y)) * scale, abs=0.02)
-        assert (float(rx), float(ry)) == (pytest.approx(a * scale, abs=0.02), pytest.approx(b * scale, abs=0.02))
+        assert [float(rx), float(ry)] == pytest.approx([a * scale, b * scale], abs=0.02)
         assert f'stroke="{colour}"' in more
         assert ("rotate(90.0" in more) is (a != b)
     dashes = re.findall(r'stroke-dasharray="([^"]*)"', card)

@@ -119,7 +119,7 @@ def drawn(outcome: Outcome, image: Image, box: Box, refused: Sequence[Rejection]
         shape = f'cx="{x:.2f}" cy="{y:.2f}" rx="{a * scale:.2f}" ry="{b * scale:.2f}" fill="none"{turn}'
         cross = f"M{x - 6:.1f} {y:.1f}h12M{x:.1f} {y - 6:.1f}v12"
         return (
-            f'<ellipse {shape} stroke="#000" stroke-opacity=".6" stroke-width="{width_px + 2}"/>'
+            f'<ellipse {shape} stroke="#000" stroke-opacity=".35" stroke-width="{width_px + 1.6}"/>'
             f'<ellipse {shape} stroke="{stroke}" stroke-width="{width_px}" stroke-dasharray="{dash}"/>'
             f'<path d="{cross}" stroke="#000" stroke-opacity=".6" stroke-width="3.6"/>'
             f'<path d="{cross}" stroke="{stroke}" stroke-width="1.6"/>'
