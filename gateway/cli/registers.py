@@ -1,36 +1,88 @@
-"""Print the Modbus register table.
+"""Print the Modbus register table, or export it for the tools of PLC and SCADA engineers.
 
-gateway registers               for reading in a terminal
-gateway registers --json        an array of {name, address, words, type, scale, unit, meaning[, codes or bits]}
-gateway registers --markdown    as in docs/registers.md
+gateway registers                               for reading in a terminal
+gateway registers --format ignition --host 10.1.2.3 --out tags.json
+gateway registers --format st --bay bay2 --unit-id 2 --out plc/
+gateway registers --format openplc --host 10.1.2.3 --out openplc/
+
+Every export comes from the same table and so fits the gateway that makes it. Give the bay's unit id and the word order
+as they stand in the gateway's configuration ([modbus] word_order, [[bays]] unit_id). docs/plc-integration.md walks
+through the commissioning.
 """
 
 import argparse
 import sys
+from pathlib import Path
+
+from gateway.errors import ConfigError
 
 NAME = "registers"
-HELP = "print the Modbus register table as text, Markdown, CSV or JSON"
+HELP = "print the Modbus register table, or export it for PLC and SCADA tools"
+TEXT_FORMS = ("markdown", "csv", "json")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds this verb's arguments."""
+    from gateway.modbus.exports import FORMATS
+    from gateway.modbus.exports.target import Target
+
+    default = Target()
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--markdown", action="store_true", help="Markdown tables, as in docs/registers.md")
-    form.add_argument("--csv", action="store_true", help="one line per register, with a header")
-    form.add_argument("--json", action="store_true", help="an array with one object per register")
+    form.add_argument("--format", choices=FORMATS, metavar="FORMAT", help="one of the formats below (default: text)")
+    for name in TEXT_FORMS:
+        form.add_argument(f"--{name}", dest="format", action="store_const", const=name, help=f"--format {name}")
+    parser.add_argument("--bay", default=default.bay, metavar="NAME", help=f"of the bay (default: {default.bay})")
+    parser.add_argument(
+        "--host",
+        default=default.host,
+        metavar="ADDRESS",
+        help=f"of the gateway, as the PLC reaches it (default: {default.host}, which is nobody's)",
+    )
+    parser.add_argument("--port", type=int, default=default.port, metavar="N", help=f"default: {default.port}")
+    parser.add_argument(
+        "--unit-id", type=int, default=default.unit_id, metavar="N", help=f"of the bay (default: {default.unit_id})"
+    )
+    parser.add_argument(
+        "--word-order", choices=("big", "little"), default=default.word_order, help="[modbus] word_order (default: big)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE|DIR", help="write there instead of stdout; an existing file is replaced"
+    )
+    width = max(map(len, FORMATS))
+    formats = "\n".join(f"  {name.ljust(width)}  {made.summary}" for name, made in FORMATS.items())
+    parser.epilog = f"formats:\n{formats}"
 
 
 def main(args: argparse.Namespace) -> int:
-    """Prints to stdout."""
+    """Prints to stdout, or writes files and says which."""
     from gateway.modbus import export
+    from gateway.modbus.exports import FORMATS
+    from gateway.modbus.exports.target import Target
 
-    if args.json:
-        made = export.json_text()
-    elif args.csv:
-        made = export.csv_text()
-    elif args.markdown:
-        made = export.markdown()
+    if args.format is None:
+        files = {"registers.txt": export.plain_text()}
     else:
-        made = export.plain_text()
-    sys.stdout.write(made)
+        target = Target(args.bay, args.host, args.port, args.unit_id, args.word_order)
+        files = FORMATS[args.format].files(target)
+    if args.out is not None:
+        _write(files, args.out)
+    elif len(files) == 1:
+        sys.stdout.write(next(iter(files.values())))
+    else:
+        raise ConfigError(f"--format {args.format} makes {len(files)} files ({', '.join(files)}): give --out DIR")
     return 0
+
+
+def _write(files: dict[str, str], out: Path) -> None:
+    """One file to `out`, or into the folder `out`; several always into the folder. ConfigError where it can't."""
+    folder = len(files) > 1 or out.is_dir() or str(out).endswith("/")
+    try:
+        if folder:
+            out.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            path = out / name if folder else out
+            # Line ends as the format has them: Kepware's are CR LF.
+            path.write_bytes(text.encode("utf-8"))
+            print(path, file=sys.stderr)
+    except OSError as error:
+        raise ConfigError(f"--out {out}: {error.strerror or error}") from error

@@ -1,0 +1,42 @@
+"""Which gateway and which bay an export is for. Pure."""
+
+import re
+from dataclasses import dataclass
+
+from gateway.errors import ConfigError
+from gateway.modbus.words import WordOrder
+
+# 192.0.2.0/24 is set aside for documentation: an address that nobody's plant can have.
+EXAMPLE_HOST = "192.0.2.10"
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One bay as its PLC sees it: where to connect, and under which unit id and word order it answers."""
+
+    bay: str = "bay1"
+    host: str = EXAMPLE_HOST
+    port: int = 502
+    unit_id: int = 1
+    word_order: WordOrder = "big"
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError for what no PLC could be given."""
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", self.bay):
+            raise ConfigError(f"--bay: {self.bay!r}: letters, digits, - and _, at most 32, no space")
+        if not re.fullmatch(r"[A-Za-z0-9.:-]+", self.host):
+            raise ConfigError(f"--host: {self.host!r}: an IP address or a host name")
+        if not 1 <= self.port <= 65535:
+            raise ConfigError(f"--port: {self.port}: 1 to 65535")
+        if not 1 <= self.unit_id <= 247:
+            raise ConfigError(f"--unit-id: {self.unit_id}: 1 to 247")
+
+    @property
+    def identifier(self) -> str:
+        """The bay's name as PLC languages take it: a letter first, then letters, digits and single underscores."""
+        name = re.sub(r"[^A-Za-z0-9]+", "_", self.bay).strip("_")
+        return name if name[0].isalpha() else f"bay_{name}"
+
+    def high_low(self, address: int) -> tuple[int, int]:
+        """Addresses of the high and the low word of the 32-bit value at `address`."""
+        return (address, address + 1) if self.word_order == "big" else (address + 1, address)

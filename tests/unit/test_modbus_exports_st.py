@@ -1,0 +1,278 @@
+"""The structured text opens in blark's parser, and its logic does what it says; no compiler stands behind this."""
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.modbus.exports import logic, structured_text
+from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, Diagnosis
+from gateway.modbus.exports.fields import fields
+from gateway.modbus.exports.target import Target
+from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
+from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from tests.structured_text import Instance, Program, RefusedError
+
+ADDRESS = {register.name: register.address for register in REGISTERS}
+# Elementary types, keywords and standard functions of IEC 61131-3, SCL and Logix that a field must not be called.
+RESERVED = """
+action and array at begin bool by byte case configuration constant continue date dint do dt dword else elsif end exit
+false for from function goto if in int jmp label ld le len limit lint lreal lt lword max min mod mux ne not of on or out
+program read real repeat resource ret return sel set shl shr sin sint sqrt st step string struct task then time to tod
+transition true type udint uint ulint until usint var while with word xor ton tof tp rs sr
+"""
+
+
+@pytest.fixture(scope="module")
+def program() -> Program:
+    return Program(structured_text.text(Target()))
+
+
+def permitted(heartbeat: int = 7, **changes: Any) -> StateVector:
+    """A truck on its way: everything healthy, no stop."""
+    state = StateVector(
+        "bay1",
+        t_ns=5_000_000_000,
+        seq=70_000,
+        heartbeat=heartbeat,
+        vision=VisionReading(4_960_000_000, Quality.GOOD, Circle(640.28, -3.21, 120.04), frame_id=70_123),
+        range=RangeReading(4_980_000_000, Quality.GOOD, 812.4),
+        d=False,
+        stop=False,
+        permit=True,
+        reason=Reason.NONE,
+    )
+    return replace(state, **changes)
+
+
+def words(state: StateVector) -> list[int]:
+    return list(encode(state, 1_763_640_000_123_456_789, "big"))
+
+
+class Scan:
+    """A PLC's cycles in virtual time: 10 ms each."""
+
+    def __init__(self, block: Instance) -> None:
+        self.block = block
+        self.now_ms = 0
+
+    def run(self, image: list[int] | tuple[int, ...], ok: bool = True, cycles: int = 1) -> Diagnosis:
+        for _ in range(cycles):
+            self.now_ms += 10
+            self.block.call(self.now_ms, PollOk=ok, Words=list(image))
+        found = Diagnosis(self.block["Diagnostic"])
+        assert self.block["Enable"] is (found is Diagnosis.ENABLED)
+        return found
+
+    def start(self) -> "Scan":
+        """Polls a live gateway until it is enabled."""
+        assert self.run(words(permitted(6))) is Diagnosis.HEARTBEAT
+        assert self.run(words(permitted(7))) is Diagnosis.ENABLED
+        return self
+
+
+@pytest.fixture
+def scan(program: Program) -> Scan:
+    return Scan(program.instance(structured_text.FUNCTION_BLOCK))
+
+
+def test_every_register_is_decoded_as_the_gateway_encodes_it(scan: Scan) -> None:
+    scan.start()
+    data, image = scan.block["Data"], words(permitted(7))
+    for name, value in decode(image).items():
+        if f"{name}_high" in data:
+            assert data[f"{name}_high"] << 32 | data[f"{name}_low"] == value
+            continue
+        if f"{name}_valid" in data:
+            assert data[f"{name}_valid"] is (value is not None), name
+        assert data[name] == pytest.approx(0 if value is None else value, rel=2e-7), name
+    assert data["u_f32"] == pytest.approx(640.28, rel=1e-7)
+    assert data["v"] == pytest.approx(-3.2)
+    assert data["distance"] == 812
+    assert (data["status_permit"], data["status_stop"], data["status_healthy"]) == (True, False, True)
+    assert set(data) == {field.name for field in fields()}
+
+
+@pytest.mark.parametrize("value", [1.0, -1.0, 123456.0, 0.0, 1e-30, 3.4e38, -299.625, 1.17549435e-38, 16777216.0])
+def test_a_float_survives_the_arithmetic_exactly(scan: Scan, value: float) -> None:
+    state = permitted(6, vision=VisionReading(0, Quality.GOOD, Circle(value, 0.0, 1.0)))
+    expected = decode(words(state))["u_f32"]
+    scan.run(words(state))
+    scan.run(words(replace(state, heartbeat=7)))
+    assert scan.block["Data"]["u_f32"] == expected
+
+
+def test_enable_follows_permit(scan: Scan) -> None:
+    scan.start()
+    on_mark = permitted(8, d=True, stop=True, permit=False, reason=Reason.TARGET_REACHED)
+    assert scan.run(words(on_mark)) is Diagnosis.STOP
+    assert (scan.block["MustStop"], scan.block["Alive"]) == (True, True)
+    assert scan.block["Reason"] == int(Reason.TARGET_REACHED)
+    assert scan.run(words(permitted(9))) is Diagnosis.ENABLED
+    assert (scan.block["MustStop"], scan.block["Reason"]) == (False, 0)
+    assert scan.run(words(permitted(10, permit=False))) is Diagnosis.NO_PERMIT
+
+
+def test_nothing_is_enabled_before_the_heartbeat_was_seen_to_move(scan: Scan) -> None:
+    assert scan.block["MustStop"] is True
+    assert scan.block["Enable"] is False
+    assert scan.run(words(permitted()), cycles=30) is Diagnosis.HEARTBEAT
+
+
+def test_a_heartbeat_that_stands_still_takes_the_enable_away_within_its_time(scan: Scan) -> None:
+    scan.start()
+    image = words(permitted(7))
+    assert scan.run(image, cycles=HEARTBEAT_TIMEOUT_MS // 10 - 1) is Diagnosis.ENABLED
+    assert scan.run(image, cycles=2) is Diagnosis.HEARTBEAT
+    assert scan.block["MustStop"] is True
+    assert scan.run(words(permitted(8))) is Diagnosis.ENABLED
+
+
+def test_a_heartbeat_wraps(scan: Scan) -> None:
+    scan.run(words(permitted(0xFFFF)))
+    assert scan.run(words(permitted(0x10000))) is Diagnosis.ENABLED
+
+
+def test_a_failed_poll_takes_the_enable_away_at_once_and_two_good_ones_give_it_back(scan: Scan) -> None:
+    scan.start()
+    assert scan.run(words(permitted(7)), ok=False, cycles=60) is Diagnosis.POLL_FAILED
+    assert scan.run(words(permitted(99))) is Diagnosis.HEARTBEAT  # it differs, but was not seen to move
+    assert scan.run(words(permitted(100))) is Diagnosis.ENABLED
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"seq_end": 3}, Diagnosis.TORN),
+        ({"map_version": 0}, Diagnosis.OLD_MAP),
+        ({"known_u32": 1}, Diagnosis.FOREIGN),
+        ({"known_f32": 1}, Diagnosis.WORD_ORDER),
+        ({"stop": 1}, Diagnosis.CONTRADICTION),
+        ({"stop": 2}, Diagnosis.CONTRADICTION),
+        ({"permit": 2}, Diagnosis.CONTRADICTION),
+        ({"permit": 0}, Diagnosis.CONTRADICTION),
+        ({"reason": 10}, Diagnosis.CONTRADICTION),
+        ({"status": 0}, Diagnosis.CONTRADICTION),
+        ({"vision_quality": 1}, Diagnosis.VISION),
+        ({"range_quality": 1}, Diagnosis.RANGER),
+    ],
+)
+def test_each_doubt_has_its_diagnosis(scan: Scan, changes: dict[str, int], found: Diagnosis) -> None:
+    scan.start()
+    image = words(permitted(8))
+    for name, word in changes.items():
+        image[ADDRESS[name]] = word
+    assert scan.run(image) is found
+
+
+def test_the_checks_stand_in_the_order_of_their_numbers() -> None:
+    assert [check.diagnosis for check in CHECKS] == [d for d in Diagnosis if d]
+
+
+# What the checks need, and one register of each kind whose words can come in two orders.
+FEW = {
+    *("seq_begin", "map_version", "heartbeat", "status", "stop", "permit", "reason", "vision_quality", "range_quality"),
+    *("known_u32", "known_f32", "timestamp", "u_f32", "seq_end"),
+}
+
+
+def test_swapped_words_are_called_so_and_the_other_export_takes_them(
+    scan: Scan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for heartbeat in (6, 7):
+        found = scan.run(encode(permitted(heartbeat), 0, "little"))
+    assert found is Diagnosis.WORD_ORDER
+    for module in (logic, structured_text):  # the parser is slow: a table of few registers
+        monkeypatch.setattr(module, "fields", lambda: (f for f in fields() if f.register.name in FEW))
+    little = Scan(Program(structured_text.text(Target(word_order="little"))).instance(structured_text.FUNCTION_BLOCK))
+    for heartbeat in (6, 7):
+        found = little.run(encode(permitted(heartbeat), 1_763_640_000_123_000_000, "little"))
+    assert found is Diagnosis.ENABLED
+    data = little.block["Data"]
+    assert data["timestamp_high"] << 32 | data["timestamp_low"] == 1_763_640_000_123
+    assert data["u_f32"] == pytest.approx(640.28, rel=1e-7)
+
+
+def test_a_dead_gateway_and_a_doubtful_image_leave_no_good_looking_value(scan: Scan) -> None:
+    scan.start()
+    assert scan.run(dead_image(permitted(8), 6_000_000_000, 0, "big")) is Diagnosis.STOP
+    assert scan.block["Reason"] == int(Reason.GATEWAY_FAULT)
+    scan.run(words(permitted(9)))
+    assert scan.run([0] * BLOCK_WORDS) is Diagnosis.FOREIGN
+    data = scan.block["Data"]
+    assert (scan.block["MustStop"], scan.block["Alive"], scan.block["Reason"]) == (True, False, 40)
+    assert (data["stop"], data["permit"], data["status_gateway_fault"]) == (1, 0, True)
+    assert Quality.GOOD not in (data["vision_quality"], data["range_quality"])
+    assert [name for name, value in data.items() if name.endswith("_valid") and value] == []
+
+
+states = st.builds(
+    StateVector,
+    bay=st.just("b"),
+    heartbeat=st.integers(0, 2**20),
+    seq=st.integers(0, 2**20),
+    d=st.sampled_from([None, False, True]),
+    stop=st.booleans(),
+    permit=st.booleans(),
+    reason=st.sampled_from(Reason),
+    vision=st.builds(VisionReading, t_ns=st.just(0), quality=st.sampled_from(Quality)),
+    range=st.builds(RangeReading, t_ns=st.just(0), quality=st.sampled_from(Quality)),
+)
+
+
+@settings(max_examples=60)
+@given(state=states)
+def test_no_state_but_a_whole_permit_enables(program: Program, state: StateVector) -> None:
+    scan = Scan(program.instance(structured_text.FUNCTION_BLOCK)).start()
+    found = scan.run(words(state))
+    whole = (
+        state.permit
+        and not state.stop
+        and state.reason is Reason.NONE
+        and state.vision.quality is Quality.GOOD
+        and state.range.quality is Quality.GOOD
+    )
+    assert (found is Diagnosis.ENABLED) is whole
+    assert scan.block["MustStop"] is (state.stop or not scan.block["Alive"])
+
+
+@settings(max_examples=30)
+@given(image=st.lists(st.integers(0, 0xFFFF), min_size=BLOCK_WORDS, max_size=BLOCK_WORDS))
+def test_noise_never_enables_and_never_stops_the_program(program: Program, image: list[int]) -> None:
+    scan = Scan(program.instance(structured_text.FUNCTION_BLOCK)).start()
+    assert scan.run(image) is Diagnosis.FOREIGN
+
+
+def test_names_are_plain_distinct_and_no_keyword() -> None:
+    names = [field.name.lower() for field in fields()]
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) for name in names)
+    assert not set(RESERVED.split()) & set(names)
+    assert max(map(len, names)) <= 40  # what Logix takes
+
+
+def test_the_text_is_plain_ascii_and_names_its_target() -> None:
+    text = structured_text.text(Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7))
+    assert text.isascii()
+    assert "10.1.2.3, port 5020, unit id 7" in text
+    assert max(len(line) for line in text.splitlines()) < 300
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Enable := 1;", "Reason := Words[0];", "Reason := 70000;", "Enable := Words[100] = 0;", "Enable := Nowhere;",
+     "Reason := WORD_TO_UINT(Words[0]) + LG_UDInt(High := Words[0], Low := Words[1]);", "Enable := Seen = Beating;"],
+)  # fmt: skip
+def test_the_runner_of_these_tests_refuses_what_the_standard_refuses(line: str) -> None:
+    source = f"""TYPE LG_Block : ARRAY [0..99] OF WORD; END_TYPE
+FUNCTION LG_UDInt : UDINT VAR_INPUT High : WORD; Low : WORD; END_VAR LG_UDInt := 0; END_FUNCTION
+FUNCTION_BLOCK F
+VAR_INPUT Words : LG_Block; END_VAR
+VAR Enable : BOOL; Reason : UINT; Seen : BOOL; Beating : BOOL; END_VAR
+{line}
+END_FUNCTION_BLOCK"""
+    with pytest.raises(RefusedError):
+        Program(source).instance("F").call(0)
