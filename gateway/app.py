@@ -20,6 +20,7 @@ from gateway.modbus import identity
 from gateway.modbus.answers import Unit
 from gateway.modbus.registers import CurrentImage
 from gateway.modbus.server import ModbusServer
+from gateway.modbus.writes import writer
 from gateway.mqtt import address
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.mqtt.topics import Topics
@@ -113,7 +114,7 @@ async def run(
         tasks: list[Task] = list(companions(hub))
         controls = {
             bay.name: BayControl(
-                bay, hub, clock, (shared.enter_context(SharedStateWriter(config.instance, bay.name)).write,)
+                bay, hub, clock, (shared.enter_context(SharedStateWriter(config.instance, bay.name)).write,), config
             )
             for bay in config.bays
         }
@@ -128,7 +129,6 @@ async def run(
             ]
         if publisher is not None and config.mqtt is not None:
             tasks += [
-                Task("mqtt.collect", publisher.collect),
                 Task("mqtt.deliver", publisher.deliver, config.mqtt.reconnect),
             ]
         supervisor = Supervisor(tasks, clock)
@@ -137,10 +137,11 @@ async def run(
             image = CurrentImage(config.modbus.word_order)
             return lambda: image.of(control.state(), clock.now_ns(), clock.wall_ns())
 
-        units = {
-            bay.unit_id: Unit(image_of(controls[bay.name]), identity=identity.objects(f"{config.site}/{bay.name}"))
-            for bay in config.bays
-        }
+        def unit_of(control: BayControl) -> Unit:
+            write = writer(control.on_write, control.on_refused) if config.modbus.writes else None
+            return Unit(image_of(control), write, identity.objects(f"{config.site}/{control.name}"))
+
+        units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}
         try:
             async with ModbusServer(config.modbus, units) as server, asyncio.TaskGroup() as group:
                 supervised = group.create_task(supervisor.run(), name="supervisor")

@@ -1,25 +1,34 @@
 """One bay's control task: a thin shell that feeds fusion, publishes each state whole, and never waits for anyone."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
-from gateway import events, fusion
+from gateway import audit, events, fusion, interlock
 from gateway.clock import NS_PER_S, Clock
-from gateway.config import BayConfig
+from gateway.config import BayConfig, GatewayConfig
+from gateway.handshake import changes
 from gateway.hub import Hub
-from gateway.model import Event, EventKind, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.plc import Change, PlcWrite, Writer
 
 log = logging.getLogger(__name__)
 
 DEAD_AFTER_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
 DEAD_AFTER_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
+WRITE_EVENTS = frozenset({EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.RECIPE_CHANGED})
 
 
 class BayControl:
     """Observations in, states out. All methods run on the event loop and return at once."""
 
     def __init__(
-        self, config: BayConfig, hub: Hub, clock: Clock, mirrors: tuple[Callable[[StateVector], None], ...] = ()
+        self,
+        config: BayConfig,
+        hub: Hub,
+        clock: Clock,
+        mirrors: tuple[Callable[[StateVector], None], ...] = (),
+        gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
     ) -> None:
         self.name = config.name
         self._config = config.fusion
@@ -27,8 +36,11 @@ class BayControl:
         self._clock = clock
         self._mirrors = mirrors
         self._over = False
+        self._rules = interlock.Rules.of(config, gateway)
+        self._audit = audit.Bucket()
+        self._ticked_ns = clock.now_ns()
         self._dead_after_ns = int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * config.fusion.period_s) * NS_PER_S)
-        state = fusion.initial(self.name, clock.now_ns())
+        state = interlock.initial(self.name, clock.now_ns(), self._rules)
         self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state)])
 
     def on_vision(self, reading: VisionReading) -> None:
@@ -37,12 +49,36 @@ class BayControl:
     def on_range(self, reading: RangeReading) -> None:
         self._step(reading)
 
+    def on_write(self, write: PlcWrite) -> bool:
+        """Take a write to the handshake block. False: nobody decides any more, so nothing was taken.
+
+        A write must not make a bay look alive whose control task is dead.
+        """
+        if self._over or self._clock.now_ns() - self._ticked_ns > self._dead_after_ns:
+            return False
+        told = changes(self._hub.state(self.name).plc, write)
+        self._step(write, [(write.writer, change) for change in told])
+        return True
+
+    def on_refused(self, writer: Writer, why: str) -> None:
+        """Somebody tried to write what they may not."""
+        state = self._hub.state(self.name)
+        now_ns = self._clock.now_ns()
+        detail = f"{writer}: {why}"
+        refused = Event(EventKind.WRITE_REFUSED, self.name, now_ns, state, detail=detail, writer=writer)
+        self._publish(state, self._bearable([refused]))
+
+    def check_function(self, mode: FunctionCheck) -> None:
+        """A technician begins to work on the bay, or has finished."""
+        self._step(mode)
+
     async def run(self) -> None:
         """Tick for ever: ages grow, the heartbeat counts."""
         period_ns = round(self._config.period_s * NS_PER_S)
         due_ns = self._clock.now_ns()
         while True:
             self._step(Tick())
+            self._ticked_ns = self._clock.now_ns()
             now_ns = self._clock.now_ns()
             due_ns = max(due_ns + period_ns, now_ns - period_ns)  # keeps its pace; what was missed is not made up for
             await self._clock.sleep(max(0, due_ns - now_ns) / NS_PER_S)
@@ -65,12 +101,29 @@ class BayControl:
         stop_raised = [event for event in events.diff(old, new) if event.kind is EventKind.STOP_RAISED]
         self._publish(new, [*stop_raised, Event(EventKind.SHUTDOWN, self.name, new.t_ns, new)])
 
-    def _step(self, observation: fusion.Observation) -> None:
+    def _step(self, observation: fusion.Observation, writes: Sequence[tuple[Writer, Change]] = ()) -> None:
         if self._over:
             return
         old = self._hub.state(self.name)
-        new = fusion.step(old, observation, self._clock.now_ns(), self._config)
-        self._publish(new, events.diff(old, new))
+        new = interlock.step(old, observation, self._clock.now_ns(), self._rules)
+        written = [
+            Event(EventKind.PLC_WRITE, self.name, new.t_ns, new, detail=f"{who}: {what}", writer=who, change=what)
+            for who, what in writes
+        ]
+        self._publish(new, self._bearable([*written, *events.diff(old, new)]))
+
+    def _bearable(self, happened: list[Event]) -> list[Event]:
+        """Without those about writes that come faster than anybody could read; they are counted."""
+        kept: list[Event] = []
+        for event in happened:
+            if event.kind not in WRITE_EVENTS:
+                kept.append(event)
+                continue
+            self._audit, untold = audit.take(self._audit, event.t_ns)
+            if untold is not None:
+                more = f" (and {untold} before it that were not told)" if untold else ""
+                kept.append(replace(event, detail=event.detail + more))
+        return kept
 
     def _publish(self, state: StateVector, happened: list[Event]) -> None:
         self._hub.publish(state, happened)

@@ -24,7 +24,7 @@ Hsv = tuple[
 ]
 Network = Annotated[str, AfterValidator(network)]
 Cpus = Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
-SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion")
+SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance")
 
 
 class Reconnect(Section):
@@ -185,6 +185,12 @@ class FusionConfig(Section):
     distance_hysteresis_mm: float = Field(0.0, ge=0, le=1000, description="stop ends above Z_th plus this")
     raise_debounce_s: float = Field(0.0, ge=0, le=5, description="D must be 1 for so long before stop: it delays stop")
     clear_debounce_s: float = Field(0.0, ge=0, le=60, description="D must be 0 for so long before a stop by D ends")
+    latch_stop: bool = Field(
+        False, description="a stop by D stays until the PLC resets it or the truck leaves; on at every start"
+    )
+    latch_leave_s: float = Field(
+        5.0, ge=0, le=600, description="no truck to be seen for so long: it has left, the latch ends; 0: never"
+    )
     cross_check: CrossCheck | None = Field(None, description="absent: no cross-check")
 
     @model_validator(mode="after")
@@ -193,6 +199,78 @@ class FusionConfig(Section):
         if self.period_s > shorter_s:  # ages are looked at once a tick: a value would stand after its deadline
             raise PlacedError(f"must not be longer than the shorter deadline, {shorter_s:g} s", "period_s")
         return self
+
+
+class GuidanceConfig(Section):
+    """What the driver is told, and when. Decides nothing: stop and permit come from [fusion]."""
+
+    aim_u_px: float | None = Field(
+        None, ge=-20_000, le=20_000, description="where the marker should be, u; absent: no guidance to the side"
+    )
+    aim_v_px: float | None = Field(None, ge=-20_000, le=20_000, description="where the marker should be, v; shown only")
+    tolerance_px: float = Field(20.0, ge=0, le=20_000, description="so far to the side of the aim point is fine")
+    mirrored: bool = Field(False, description="the camera faces the driver: its right is the driver's left")
+    marker_radius_mm: float | None = Field(
+        None, gt=0, le=10_000, description="true radius of the marker, for mm to the side; default: the cross-check's"
+    )
+    slow_mm: float = Field(500.0, ge=0, le=4000, description="SLOW when no more than this is to go")
+    slow_s: float = Field(2.0, ge=0, le=60, description="SLOW when it is to go within this time at the present speed")
+    overshoot_mm: float = Field(100.0, ge=1, le=4000, description="so far past the stopping place is TOO_FAR or BACK")
+    still_mm_s: float = Field(20.0, gt=0, le=1000, description="a truck slower than this stands still")
+
+
+class RecipeFusion(Section):
+    """What a recipe changes in [fusion]; absent keys stay as they are."""
+
+    radius_threshold_px: float | None = Field(None, gt=0, le=20_000, description="R_th")
+    distance_threshold_mm: float | None = Field(None, gt=0, le=4000, description="Z_th")
+    radius_hysteresis_px: float | None = Field(None, ge=0, le=1000, description="stop ends below R_th minus this")
+    distance_hysteresis_mm: float | None = Field(None, ge=0, le=1000, description="stop ends above Z_th plus this")
+
+
+class RecipeGuidance(Section):
+    """What a recipe changes in [guidance]; absent keys stay as they are."""
+
+    aim_u_px: float | None = Field(None, ge=-20_000, le=20_000, description="where the marker should be, u")
+    aim_v_px: float | None = Field(None, ge=-20_000, le=20_000, description="where the marker should be, v")
+    tolerance_px: float | None = Field(None, ge=0, le=20_000, description="so far to the side is fine")
+    marker_radius_mm: float | None = Field(None, gt=0, le=10_000, description="true radius of the marker")
+
+
+class RecipeConfig(Section):
+    """A named set of thresholds that the PLC selects by its id, for all bays."""
+
+    id: int = Field(ge=1, le=65535, description="what the PLC writes to recipe_select; 0 is the configuration as it is")
+    name: str = Field(min_length=1, max_length=64, description="for people")
+    fusion: RecipeFusion = Field(default_factory=RecipeFusion)
+    guidance: RecipeGuidance = Field(default_factory=RecipeGuidance)
+
+
+class HandshakeConfig(Section):
+    """What the gateway asks of the PLC. In force only with modbus.writes = true."""
+
+    heartbeat_required: bool = Field(
+        True, description="no heartbeat from the PLC is a fault: permit off, and stop on (fusion.fail_safe)"
+    )
+    heartbeat_deadline_s: float = Field(
+        1.0, ge=0.05, le=60, description="plc_heartbeat must change at least so often; ten times the PLC's period"
+    )
+    enable_required: bool = Field(False, description="permit needs the PLC's enable bit")
+    truck_required: bool = Field(False, description="permit needs the PLC's truck_present bit")
+    trigger_timeout_s: float = Field(1.0, ge=0.05, le=60, description="a triggered measurement may take so long")
+
+
+class TlsConfig(Section):
+    """Modbus/TCP Security (mbaps): TLS with certificates on both sides, and a role in the client's."""
+
+    port: int = Field(802, ge=0, le=65535, description="802 by the specification; 0 picks a free one")
+    cert: str = Field(min_length=1, description="PEM file: the gateway's certificate, then any intermediate ones")
+    key: str = Field(min_length=1, description="PEM file: its private key, without a passphrase")
+    ca: str = Field(min_length=1, description="PEM file: the authorities whose client certificates are accepted")
+    crl: str | None = Field(None, min_length=1, description="PEM file: certificates that were taken back")
+    read_roles: tuple[str, ...] = Field(("viewer",), description="roles that may read")
+    write_roles: tuple[str, ...] = Field(("operator",), description="roles that may read and write")
+    handshake_deadline_s: float = Field(5.0, ge=0.5, le=60, description="a TLS handshake may take so long")
 
 
 class ModbusConfig(Section):
@@ -213,11 +291,25 @@ class ModbusConfig(Section):
     frame_timeout_s: float = Field(2.0, ge=0.1, le=60, description="a request begun must be whole within this")
     send_timeout_s: float = Field(5.0, ge=0.1, le=60, description="answers not taken for so long: closed")
     keepalive_s: int = Field(10, ge=1, le=3600, description="a peer that vanished is noticed after about twice this")
+    writes: bool = Field(
+        False, description="the PLC may write to the handshake block; with [modbus.tls]: over TLS only"
+    )
+    plain: bool = Field(True, description="serve Modbus TCP without TLS; false: only over [modbus.tls]")
+    handshake: HandshakeConfig = Field(default_factory=HandshakeConfig)
+    tls: TlsConfig | None = Field(None, description="absent: no TLS")
 
     @model_validator(mode="after")
     def _room(self) -> Self:
         if self.plc_addresses and self.plc_connections > self.max_connections:
             raise PlacedError(f"must not be more than max_connections = {self.max_connections}", "plc_connections")
+        return self
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Self:
+        if not self.plain and self.tls is None:
+            raise PlacedError("nothing would be served: plain = false needs [modbus.tls]", "plain")
+        if self.plain and self.tls is not None and self.port == self.tls.port != 0:
+            raise PlacedError(f"{self.port} is modbus.port, too", "tls", "port")
         return self
 
 
@@ -250,6 +342,7 @@ class GatewayConfig(Section):
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None
+    guidance: GuidanceConfig = Field(default_factory=GuidanceConfig)
     bays: tuple[BayConfig, ...] = Field(default_factory=lambda: (BayConfig(),), min_length=1, max_length=64)
 
     @model_validator(mode="after")
@@ -258,6 +351,7 @@ class GatewayConfig(Section):
             seen: set[str | int] = set()
             for n, bay in enumerate(self.bays):
                 value = getattr(bay, key)
+    recipes: tuple[RecipeConfig, ...] = Field((), max_length=1000, description="thresholds that the PLC may select")
                 if value in seen:
                     raise PlacedError(f"an earlier bay has the {key} {value}, too", "bays", n, key)
                 seen.add(value)
@@ -269,6 +363,11 @@ def load(path: Path, overrides: Mapping[str, Any] | None = None) -> GatewayConfi
 
     Raises ConfigError, one line per fault: `file:line: key = value: what is wrong and what is allowed`.
     """
+        ids: set[int] = set()
+        for n, recipe in enumerate(self.recipes):
+            if recipe.id in ids:
+                raise PlacedError(f"an earlier recipe has the id {recipe.id}, too", "recipes", n, "id")
+            ids.add(recipe.id)
     data, text = read_toml(path)
     return parse(merge(data, overrides or {}), source=str(path), text=text)
 

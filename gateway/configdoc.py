@@ -31,7 +31,8 @@ def _sections() -> Iterator[tuple[str, type[BaseModel]]]:
     for name, info in GatewayConfig.model_fields.items():
         model = inner_model(info.annotation)
         if model is not None and model is not BayConfig:
-            yield from _nested(f"[{name}]", model)
+            several = get_origin(info.annotation) is tuple
+            yield from _nested(f"[[{name}]]" if several else f"[{name}]", model)
     for name in SHARED_SECTIONS:
         model = inner_model(BayConfig.model_fields[name].annotation)
         if model is not None:

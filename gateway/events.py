@@ -1,20 +1,23 @@
 """What happened between two states. Pure: (old, new) -> events, in a fixed order."""
 
 from gateway.model import Event, EventKind, Quality, StateVector
+from gateway.plc import PlcLink, RecipeVerdict, ResetVerdict
 
 _NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED, Quality.WAITING})
 _NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
 
 
 def diff(old: StateVector, new: StateVector) -> list[Event]:
-    """Causes before consequences: sensors, then the target, then stop.
+    """Causes before consequences: people, sensors, the PLC, then the target, then stop.
 
     A sensor that changes from one fault to another is reported again; WAITING (nothing received yet) is no fault.
     """
     return [
+        *_edge(old, new, was=bool(old.function_check), now=bool(new.function_check), kinds=_FUNCTION_CHECK),
         *_sensor("vision", old, new),
         *_sensor("range", old, new),
         *_cross_check(old, new),
+        *_plc(old, new),
         *_edge(old, new, was=old.memory.target_seen, now=new.memory.target_seen, kinds=_TARGET),
         *_edge(old, new, was=old.stop, now=new.stop, kinds=_STOP),
     ]
@@ -22,6 +25,7 @@ def diff(old: StateVector, new: StateVector) -> list[Event]:
 
 _TARGET = (EventKind.TARGET_FOUND, EventKind.TARGET_LOST)
 _STOP = (EventKind.STOP_RAISED, EventKind.STOP_CLEARED)
+_FUNCTION_CHECK = (EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED)
 
 
 def _edge(
@@ -53,3 +57,22 @@ def _cross_check(old: StateVector, new: StateVector) -> list[Event]:
     if new.memory.disagree and new.z_vision_mm is not None and new.range.distance_mm is not None:
         detail = f"camera sees {new.z_vision_mm:.0f} mm, ranger {new.range.distance_mm:.0f} mm"
     return [Event(kind, new.bay, new.t_ns, new, "cross_check", Quality.GOOD, detail)]
+
+
+def _plc(old: StateVector, new: StateVector) -> list[Event]:
+    """What became of the PLC's heartbeat and of its wishes; its writes themselves are told by who takes them."""
+    was, now = old.plc, new.plc
+    told: list[tuple[EventKind, str]] = []
+    if now.link is not was.link:
+        if now.link is PlcLink.LOST:
+            told.append((EventKind.PLC_LOST, f"plc_heartbeat stands at {now.heartbeat}"))
+        elif now.link is PlcLink.ALIVE:
+            told.append((EventKind.PLC_RETURNED, f"plc_heartbeat is {now.heartbeat}"))
+    if now.recipe != was.recipe:
+        told.append((EventKind.RECIPE_CHANGED, f"recipe {was.recipe} -> {now.recipe}"))
+    elif now.recipe_verdict is not was.recipe_verdict and now.recipe_verdict is not RecipeVerdict.ACTIVE:
+        told.append((EventKind.WRITE_REFUSED, f"recipe {now.recipe_asked}: {now.recipe_verdict.name.lower()}"))
+    if old.memory.latched and not new.memory.latched:
+        asked = now.reset_verdict is ResetVerdict.DONE and now.writes != was.writes
+        told.append((EventKind.LATCH_RELEASED, "reset by the PLC" if asked else "the truck has left"))
+    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in told]

@@ -13,7 +13,10 @@ from dataclasses import replace
 
 from gateway.config import CrossCheck, FusionConfig
 from gateway.model import (
+    FunctionCheck,
     FusionMemory,
+    Guidance,
+    GuidanceCode,
     Quality,
     RangeReading,
     Reason,
@@ -21,8 +24,9 @@ from gateway.model import (
     Tick,
     VisionReading,
 )
+from gateway.plc import PlcWrite
 
-Observation = VisionReading | RangeReading | Tick
+Observation = VisionReading | RangeReading | Tick | PlcWrite | FunctionCheck
 NS_PER_S = 1_000_000_000
 LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
 
@@ -60,7 +64,7 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
             vision = _newest_vision(vision, _checked_vision(observation, now_ns))
         case RangeReading():
             rng = _newest_range(rng, _checked_range(observation, now_ns))
-        case Tick():
+        case Tick() | PlcWrite() | FunctionCheck():  # what people and the PLC want is no measurement: interlock.py
             pass
     vision = _aged_vision(vision, now_ns, config)
     rng = _aged_range(rng, now_ns, config)
@@ -89,6 +93,9 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
         reason=reason,
         z_vision_mm=z_vision_mm,
         memory=memory,
+        plc=state.plc,
+        guidance=state.guidance,
+        function_check=state.function_check,
     )
 
 
@@ -115,6 +122,8 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         permit=False,
         reason=reason,
         z_vision_mm=None,
+        plc=state.plc.withdrawn(),
+        guidance=Guidance(GuidanceCode.FAULT),
     )
 
 

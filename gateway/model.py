@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 
+from gateway.plc import Change, Handshake, Writer
+
 
 class Quality(IntEnum):
     """Why a sensor's value may or may not be used. Only GOOD carries a value; the numbers are on the wire."""
@@ -48,6 +50,7 @@ class Reason(IntEnum):
 
     NONE = 0
     TARGET_REACHED = 1
+    STOP_LATCHED = 2
     STARTING = 10
     VISION_STALE = 11
     CAMERA_DOWN = 12
@@ -65,11 +68,13 @@ class Reason(IntEnum):
     SENSORS_DISAGREE = 30
     GATEWAY_FAULT = 40
     SHUTDOWN = 41
+    PLC_LOST = 50
 
 
 REASON_MEANING: dict[Reason, str] = {
     Reason.NONE: "stop is off",
     Reason.TARGET_REACHED: "D = 1: the marker is large enough and the distance short enough",
+    Reason.STOP_LATCHED: "D was 1; stop stays until the PLC resets it or the truck leaves",
     Reason.STARTING: "a sensor has sent nothing yet",
     Reason.VISION_STALE: "the newest frame is older than its deadline",
     Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",
@@ -87,6 +92,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.SENSORS_DISAGREE: "the distance seen by the camera contradicts the ranger",
     Reason.GATEWAY_FAULT: "the gateway's own control task does not run",
     Reason.SHUTDOWN: "the gateway is shutting down",
+    Reason.PLC_LOST: "the PLC's heartbeat does not come, or stands still; it is required",
 }
 
 
@@ -236,6 +242,61 @@ class FusionMemory:
     disagree_since_ns: int | None = None
     disagree: bool = False
     target_seen: bool = False  # what the last frame that could be judged showed
+    latched: bool = False  # stop by D stays until reset; only with latch_stop
+    absent_since_ns: int | None = None  # no truck to be seen since
+    track: tuple[tuple[int, float], ...] = ()  # (t_ns, distance_mm) of the newest good distances, for the speed
+    wear: int = 0  # what had to be restarted, reopened or was lost, in all
+    wear_ns: int | None = None  # `wear` last grew then
+
+
+class GuidanceCode(IntEnum):
+    """What the driver is told. The numbers are on the wire: never renumber, only add."""
+
+    WAIT = 0
+    FORWARD = 1
+    BACK = 2
+    LEFT = 3
+    RIGHT = 4
+    SLOW = 5
+    STOP = 6
+    OK = 7
+    TOO_FAR = 8
+    FAULT = 9
+
+
+GUIDANCE_MEANING: dict[GuidanceCode, str] = {
+    GuidanceCode.WAIT: "stand still: no truck to guide yet, or the bay is not in use",
+    GuidanceCode.FORWARD: "drive on; the amount is the distance to go",
+    GuidanceCode.BACK: "standing too far in: go back; the amount is how far",
+    GuidanceCode.LEFT: "drive on and keep more to the left; the amount is how much",
+    GuidanceCode.RIGHT: "drive on and keep more to the right; the amount is how much",
+    GuidanceCode.SLOW: "drive on slowly: nearly there; the amount is the distance to go",
+    GuidanceCode.STOP: "stop now",
+    GuidanceCode.OK: "standing in the right place",
+    GuidanceCode.TOO_FAR: "still moving, and already too far in: stop now; the amount is how far",
+    GuidanceCode.FAULT: "stop: something is broken; a display shows it as STOP",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """What the driver is told, and the numbers behind it. None: not known now, or not configured."""
+
+    code: GuidanceCode = GuidanceCode.WAIT
+    amount_mm: float | None = None  # of what the code names; never negative
+    offset_u_px: float | None = None  # marker minus aim point, to the right
+    offset_v_px: float | None = None  # downwards
+    offset_mm: float | None = None  # offset_u in the plane of the marker
+    closing_mm_s: float | None = None  # positive: the truck comes nearer
+    to_go_mm: float | None = None  # until D = 1; negative: past it
+
+
+class FunctionCheck(IntEnum):
+    """Is a technician at work on this bay?"""
+
+    OFF = 0
+    PERMIT_OFF = 1
+    PERMIT_KEPT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +319,9 @@ class StateVector:
     reason: Reason = Reason.STARTING
     z_vision_mm: float | None = None  # f r / R, only where configured and vision is GOOD
     memory: FusionMemory = field(default_factory=FusionMemory)
+    plc: Handshake = field(default_factory=Handshake)
+    guidance: Guidance = field(default_factory=Guidance)
+    function_check: FunctionCheck = FunctionCheck.OFF
 
 
 class EventKind(StrEnum):
@@ -271,6 +335,14 @@ class EventKind(StrEnum):
     TARGET_LOST = "target_lost"
     SENSOR_FAULT = "sensor_fault"
     SENSOR_RECOVERED = "sensor_recovered"
+    PLC_LOST = "plc_lost"
+    PLC_RETURNED = "plc_returned"
+    PLC_WRITE = "plc_write"
+    WRITE_REFUSED = "write_refused"
+    LATCH_RELEASED = "latch_released"
+    RECIPE_CHANGED = "recipe_changed"
+    FUNCTION_CHECK_BEGUN = "function_check_begun"
+    FUNCTION_CHECK_ENDED = "function_check_ended"
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,3 +356,5 @@ class Event:
     sensor: str = ""  # "vision", "range" or "cross_check", for the sensor events
     quality: Quality = Quality.GOOD  # of that sensor
     detail: str = ""
+    writer: Writer | None = None  # who wrote, for the events about writes
+    change: Change | None = None  # what a write has changed

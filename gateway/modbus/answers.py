@@ -39,6 +39,7 @@ class Peer:
     address: str
     access: Access = Access.WRITE
     role: str | None = None
+    subject: str = ""  # of the certificate, for the audit
 
 
 ReadImage = Callable[[], Sequence[int]]

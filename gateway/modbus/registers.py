@@ -8,13 +8,16 @@ the image of a gateway whose control task has died, so that it can't share a num
 Equal numbers therefore mean one image, however many reads fetched it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from enum import IntEnum
-from typing import TypeVar
 
 from gateway import fusion
 from gateway.errors import ProtocolError
+from gateway.modbus.advice import ADVICE
+from gateway.modbus.block import BLOCK
+from gateway.modbus.table import Register as Register  # noqa: PLC0414 - for those who read the table
+from gateway.modbus.table import Reserved, named
+from gateway.modbus.table import Value as Value  # noqa: PLC0414
 from gateway.modbus.words import (
     FLOAT32,
     MEASURED_FLOAT32,
@@ -23,7 +26,6 @@ from gateway.modbus.words import (
     UINT16,
     UINT32,
     UINT64,
-    WireType,
     WordOrder,
     pack,
     unpack,
@@ -46,8 +48,6 @@ KNOWN_FLOAT32 = 123456.0  # 0x47F12000
 NS_PER_MS = 1_000_000
 
 Image = tuple[int, ...]
-Value = float | None
-Code = TypeVar("Code", bound=IntEnum)
 
 
 class StatusBit(IntEnum):
@@ -90,34 +90,6 @@ STATUS_MEANING: dict[StatusBit, str] = {
 
 NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.WAITING, Quality.NO_TARGET, Quality.COASTED})
 NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
-
-
-@dataclass(frozen=True, slots=True)
-class Register:
-    """One row. `read` gives the value in `unit` from (state, unix_ns); None: no value. `scale`: unit per count."""
-
-    address: int
-    name: str
-    kind: WireType
-    scale: float
-    unit: str
-    meaning: str
-    read: Callable[[StateVector, int], Value] = field(repr=False)
-    codes: Mapping[int, tuple[str, str]] | None = field(default=None, repr=False)  # value -> (name, meaning)
-    bits: Mapping[int, tuple[str, str]] | None = field(default=None, repr=False)  # bit -> (name, meaning)
-
-    @property
-    def words(self) -> int:
-        return self.kind.words
-
-
-@dataclass(frozen=True, slots=True)
-class Reserved:
-    """Addresses kept free; they read 0 until a later map version gives them a meaning."""
-
-    address: int
-    words: int
-    purpose: str
 
 
 def _circle(state: StateVector) -> Circle | None:
@@ -222,14 +194,10 @@ def _status(state: StateVector, _: int) -> Value:
     return sum(on << bit for bit, on in bits.items())
 
 
-def _named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
-    return {int(code): (code.name.lower(), meaning) for code, meaning in meanings.items()}
-
-
-_QUALITY = _named(QUALITY_MEANING)
-_REASON = _named(REASON_MEANING)
-_STATUS = _named(STATUS_MEANING)
-_TRACKING = _named(TRACKING_MEANING)
+_QUALITY = named(QUALITY_MEANING)
+_REASON = named(REASON_MEANING)
+_STATUS = named(STATUS_MEANING)
+_TRACKING = named(TRACKING_MEANING)
 _NEVER_DECIDE = "predicted while coasted; never decide on it"
 _WRAPS = "count since the start of the gateway, modulo 65536"
 
@@ -300,6 +268,7 @@ REGISTERS: tuple[Register, ...] = (
     Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
     Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured", _x_n),
     Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured", _y_n),
+    *ADVICE,
     Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was come by; no value: no fresh frame",
              _tracking, _TRACKING),
     Register(71, "confidence", MEASURED_UINT16, 0.1, "%", "of the detection, where the method gives one",
@@ -314,15 +283,15 @@ REGISTERS: tuple[Register, ...] = (
              _semi_minor),
     Register(77, "tilt", MEASURED_UINT16, 0.1, "deg", "of the disc against the line of sight, from the ellipse's axes",
              _tilt_deg),
+    *BLOCK,
     Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
 )  # fmt: skip
 
 RESERVED: tuple[Reserved, ...] = (
     Reserved(35, 5, "more counters"),
     Reserved(58, 2, "another float32 mirror"),
-    Reserved(60, 10, "NE 107 status and guidance for the driver"),
+    Reserved(69, 1, "more guidance for the driver"),
     Reserved(78, 2, "more about the detection"),
-    Reserved(80, 16, "handshake with the PLC"),
     Reserved(96, 3, "to be decided"),
 )
 

@@ -13,11 +13,14 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gateway import fusion
+from gateway import fusion, ne107
 from gateway.model import (
+    GUIDANCE_MEANING,
     REASON_MEANING,
     Event,
     EventKind,
+    Guidance,
+    GuidanceCode,
     Quality,
     RangeReading,
     Reason,
@@ -26,6 +29,8 @@ from gateway.model import (
     VisionReading,
 )
 from gateway.mqtt.topics import Topics
+from gateway.ne107 import Ne107
+from gateway.plc import Phase, PlcLink
 
 SCHEMA_VERSION = 1
 NS_PER_S = 1_000_000_000
@@ -46,6 +51,14 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.TARGET_LOST: "the marker went out of sight",
     EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` say how",
     EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
+    EventKind.PLC_LOST: "the PLC's heartbeat has stood still for longer than its deadline",
+    EventKind.PLC_RETURNED: "the PLC's heartbeat came for the first time, or again",
+    EventKind.PLC_WRITE: "the PLC changed a register of the handshake block; `write` says who, and from what to what",
+    EventKind.WRITE_REFUSED: "something was written, or tried to be, that had no effect; `detail` says why",
+    EventKind.LATCH_RELEASED: "the latched stop was ended; `detail` says by what",
+    EventKind.RECIPE_CHANGED: "another recipe is in force",
+    EventKind.FUNCTION_CHECK_BEGUN: "a technician works on the bay",
+    EventKind.FUNCTION_CHECK_ENDED: "the technician has finished",
 }
 SENSORS = ("vision", "range", "cross_check")
 
@@ -140,6 +153,43 @@ class PredictedPayload(BaseModel):
     radius_px: float
 
 
+class Ne107Payload(BaseModel):
+    """NAMUR NE 107: the bay's own health."""
+
+    model_config = FROZEN
+    name: str = Field(json_schema_extra={"enum": [signal.name for signal in Ne107]})
+    code: int = Field(json_schema_extra={"enum": [int(signal) for signal in Ne107]})
+    active: tuple[str, ...] = Field(description="every signal that holds, by name; `name` is the one that counts most")
+
+
+class GuidancePayload(BaseModel):
+    """What the driver is told, and the numbers behind it."""
+
+    model_config = FROZEN
+    name: str = Field(json_schema_extra={"enum": [code.name for code in GuidanceCode]})
+    code: int = Field(json_schema_extra={"enum": [int(code) for code in GuidanceCode]})
+    text: str = Field(description="in words, for people; never to be parsed")
+    amount_mm: float | None = Field(description="how much of what `name` says; null: not known")
+    offset_u_px: float | None = Field(description="marker minus aim point, to the right; null: no marker or no aim")
+    offset_v_px: float | None = Field(description="marker minus aim point, downwards; null: no marker or no aim")
+    offset_mm: float | None = Field(description="offset_u_px at the marker's distance; null: size not known")
+    closing_mm_s: float | None = Field(description="positive: the truck comes nearer; null: not known")
+    to_go_mm: float | None = Field(description="until D = 1; negative: past it; null: not known")
+
+
+class PlcPayload(BaseModel):
+    """The handshake with the PLC."""
+
+    model_config = FROZEN
+    link: str = Field(json_schema_extra={"enum": [link.name for link in PlcLink]})
+    age_ms: float | None = Field(description="since its heartbeat last changed; null: never came")
+    stop_latched: bool
+    recipe: Count = Field(description="id of the recipe in force; 0: the configuration as it is")
+    acquisition_id: Count = Field(description="number of the newest trigger taken; 0: none")
+    results_valid: bool = Field(description="the result of acquisition_id is held for the PLC")
+    writes: Count = Field(description="writes taken since the start of the gateway")
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic says online and it keeps coming."""
 
@@ -160,8 +210,23 @@ class StatePayload(Measured):
     )
     tilt_deg: float | None = Field(description="of the disc against the line of sight; null like semi_minor_px")
     predicted: PredictedPayload | None = Field(description="null unless vision is COASTED; never to be decided on")
+    ne107: Ne107Payload
+    guidance: GuidancePayload
+    plc: PlcPayload
     rates: RatesPayload
     counters: CountersPayload
+
+
+class WritePayload(BaseModel):
+    """Who wrote to the handshake block, and what it changed."""
+
+    model_config = FROZEN
+    address: str = Field(description="IP address of the writer")
+    subject: str = Field(description="of its certificate; empty without TLS")
+    role: str = Field(description="in its certificate; empty without TLS")
+    name: str | None = Field(description="of the register; null: the write was refused")
+    old: Count | None
+    new: Count | None
 
 
 class EventPayload(Measured):
@@ -176,6 +241,7 @@ class EventPayload(Measured):
         description="for the sensor events, else null", json_schema_extra={"enum": [*SENSORS, None]}
     )
     quality: QualityPayload | None = Field(description="of that sensor; null for cross_check and without a sensor")
+    write: WritePayload | None = Field(description="for plc_write and write_refused, else null")
     detail: str = Field(description="in words, for people; never to be parsed")
 
 
@@ -184,6 +250,17 @@ class Life(StrEnum):
 
     ONLINE = "online"
     OFFLINE = "offline"
+
+
+class StorePayload(BaseModel):
+    """The file that keeps undelivered events through a restart."""
+
+    model_config = FROZEN
+    ok: bool = Field(description="false: it can't be written now; events wait in memory and are delivered all the same")
+    detail: str = Field(description="what is wrong, in words, for people; never to be parsed")
+    faults: Count = Field(description="times it began to fail")
+    recovered: Count = Field(description="events found in it that an earlier start had not delivered")
+    unwritten: Count = Field(description="events that only memory holds at the moment")
 
 
 class DeliveryPayload(BaseModel):
@@ -258,6 +335,9 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         tilt_deg=_number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
         predicted=_predicted(state.vision),
         rates=RatesPayload(
+        ne107=_ne107(state),
+        guidance=_guidance(state.guidance),
+        plc=_plc(state),
             vision_hz=_number(vision.rate_hz, 2),
             range_hz=_number(rng.rate_hz, 2),
             vision_latency_ms=_number(vision.latency_ms, 2),
@@ -286,7 +366,8 @@ def event_payload(event: Event, number: int, gateway: Gateway, offset_ns: int) -
         kind=event.kind,
         sensor=sensor,
         quality=_quality(event.quality) if sensor in ("vision", "range") else None,
-        detail=_text(event.detail),
+        write=_write(event),
+        detail=text(event.detail),
     )
 
 
@@ -356,7 +437,55 @@ def _sensor(reading: VisionReading | RangeReading, t_ns: int) -> SensorPayload:
     return SensorPayload(
         quality=_quality(reading.quality),
         age_ms=None if waiting else round(max(0, t_ns - reading.t_ns) / NS_PER_MS, 1),
-        detail=_text(reading.detail),
+        detail=text(reading.detail),
+    )
+
+
+def _ne107(state: StateVector) -> Ne107Payload:
+    signal = ne107.status(state)
+    names = tuple(found.name for found in Ne107 if found in ne107.active(state))
+    return Ne107Payload(name=signal.name, code=signal, active=names)
+
+
+def _guidance(told: Guidance) -> GuidancePayload:
+    return GuidancePayload(
+        name=told.code.name,
+        code=told.code,
+        text=GUIDANCE_MEANING[told.code],
+        amount_mm=_number(told.amount_mm, 1),
+        offset_u_px=_number(told.offset_u_px, 2),
+        offset_v_px=_number(told.offset_v_px, 2),
+        offset_mm=_number(told.offset_mm, 1),
+        closing_mm_s=_number(told.closing_mm_s, 1),
+        to_go_mm=_number(told.to_go_mm, 1),
+    )
+
+
+def _plc(state: StateVector) -> PlcPayload:
+    plc = state.plc
+    came = plc.link not in (PlcLink.UNUSED, PlcLink.WAITING)
+    return PlcPayload(
+        link=plc.link.name,
+        age_ms=round(max(0, state.t_ns - plc.beat_ns) / NS_PER_MS, 1) if came else None,
+        stop_latched=state.memory.latched,
+        recipe=plc.recipe,
+        acquisition_id=plc.acquisition,
+        results_valid=plc.phase is Phase.VALID,
+        writes=plc.writes,
+    )
+
+
+def _write(event: Event) -> WritePayload | None:
+    if event.writer is None:
+        return None
+    change = event.change
+    return WritePayload(
+        address=text(event.writer.address),
+        subject=text(event.writer.subject),
+        role=text(event.writer.role),
+        name=change.register if change else None,
+        old=change.old if change else None,
+        new=change.new if change else None,
     )
 
 
@@ -369,7 +498,7 @@ def _number(value: float | None, digits: int) -> float | None:
     return None if value is None or not math.isfinite(value) else round(value, digits)
 
 
-def _text(text: str) -> str:
+def text(text: str) -> str:
     """At most MAX_DETAIL characters, all of which UTF-8 can carry (a file name from the system may hold others)."""
     return text[:MAX_DETAIL].encode("utf-8", "replace").decode()
 

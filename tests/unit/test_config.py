@@ -18,6 +18,7 @@ from gateway.config import (
     BayConfig,
     FusionConfig,
     GatewayConfig,
+    ModbusConfig,
     Reconnect,
     VisionConfig,
     load,
@@ -248,12 +249,12 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
         # Unknown.
         (
             "[modbus]\nprot = 502\n",
-            "g.toml:2: modbus.prot = 502: unknown key (misspelt?); known here: host, port, word_order",
+            "g.toml:2: modbus.prot = 502: unknown key (misspelt?); known here: " + ", ".join(ModbusConfig.model_fields),
         ),
         (
             "[fuson]\nperiod_s = 0.02\n",
-            "g.toml:1: fuson: unknown key (misspelt?); known here: site, instance, log_level, modbus, mqtt, bays,"
-            " camera, vision, ranger, fusion",
+            "g.toml:1: fuson: unknown key (misspelt?); known here: site, instance, log_level, modbus, mqtt,"
+            " recipes, bays, camera, vision, ranger, fusion, guidance",
         ),
         (
             "[ranger]\nreconnect = { min = 1 }\n",
@@ -270,7 +271,7 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
         (
             "bays = [{ name = 'a' }, { name = 'b', unit_id = 2, fan = 3 }]\n",
             "g.toml:1: bays.1.fan = 3: unknown key (misspelt?); known here: name, unit_id, camera,"
-            " vision, ranger, fusion",
+            " vision, ranger, fusion, guidance",
         ),
         # Rules of our own, over one key and over several.
         (
@@ -587,11 +588,14 @@ def test_just_outside_its_bounds_every_number_is_refused(place: tuple[str, ...],
             data: Any = limit + outside if outside else limit
             for key in reversed(place):
                 data = {key: data}
-            if place[0] not in {*SHARED_SECTIONS, *GatewayConfig.model_fields}:
+            if place[0] == "recipes":
+                data = {"recipes": [data["recipes"]]}
+            elif place[0] not in {*SHARED_SECTIONS, *GatewayConfig.model_fields}:
                 data = {"bays": [data]}
             with pytest.raises(ConfigError) as caught:
                 parse(data)
-            line = next(line for line in str(caught.value).split("\n") if f"{'.'.join(place)} = " in line)
+            lines = str(caught.value).replace("recipes.0.", "recipes.").split("\n")
+            line = next(line for line in lines if f"{'.'.join(place)} = " in line)
             assert line.endswith(f"(allowed: {bounds_of(info)})")
 
 

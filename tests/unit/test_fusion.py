@@ -20,6 +20,8 @@ from gateway.fusion import (
 )
 from gateway.model import (
     Circle,
+    Guidance,
+    GuidanceCode,
     Quality,
     RangeReading,
     RangeStats,
@@ -46,7 +48,9 @@ def heard(t_ns: int, distance_mm: float = 250.0) -> RangeReading:
     return RangeReading(t_ns, Quality.GOOD, distance_mm)
 
 
-def after(*observations: Observation, config: FusionConfig = PAPER, start: StateVector | None = None) -> StateVector:
+def after(
+    *observations: VisionReading | RangeReading | Tick, config: FusionConfig = PAPER, start: StateVector | None = None
+) -> StateVector:
     """Every reading is stepped in at its own time stamp."""
     state = initial("bay1", T0) if start is None else start
     for observation in observations:
@@ -713,6 +717,8 @@ def test_forced_stop_withdraws_every_value(reason: Reason) -> None:
         permit=False,
         reason=reason,
         z_vision_mm=None,
+        plc=state.plc.withdrawn(),
+        guidance=Guidance(GuidanceCode.FAULT),
     )
 
 

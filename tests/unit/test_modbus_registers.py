@@ -136,6 +136,13 @@ EXPECTED: dict[int, int] = {
     75: 0xFFFF,
     76: 1699,
     77: 204,  # acos(169.94 / 181.26) = 20.354 degrees
+    63: 0xFFFF,
+    **dict.fromkeys(range(64, 69), 0x8000),  # no guidance
+    90: 0x8000,  # no triggered result
+    91: 0x8000,
+    92: 0xFFFF,
+    93: 0xFFFF,
+    94: 0xFFFF,
     99: 0x468A,
 }
 

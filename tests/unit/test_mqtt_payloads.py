@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from gateway.model import (
+    GUIDANCE_MEANING,
     QUALITY_MEANING,
     REASON_MEANING,
     Circle,
     Ellipse,
     Event,
     EventKind,
+    GuidanceCode,
     Quality,
     RangeReading,
     RangeStats,
@@ -108,6 +110,22 @@ def test_a_good_state() -> None:
         "semi_minor_px": 169.943,
         "tilt_deg": 20.34,
         "predicted": None,
+        "ne107": {"name": "GOOD", "code": 0, "active": []},
+        "guidance": {
+            "name": "WAIT",
+            "code": 0,
+            "text": GUIDANCE_MEANING[GuidanceCode.WAIT],
+            **dict.fromkeys(["amount_mm", "offset_u_px", "offset_v_px", "offset_mm", "closing_mm_s", "to_go_mm"]),
+        },
+        "plc": {
+            "link": "UNUSED",
+            "age_ms": None,
+            "stop_latched": False,
+            "recipe": 0,
+            "acquisition_id": 0,
+            "results_valid": False,
+            "writes": 0,
+        },
         "rates": {"vision_hz": 29.99, "range_hz": 19.5, "vision_latency_ms": 11.43},
         "counters": {
             "frames": 9,

@@ -1,0 +1,199 @@
+"""The PLC's heartbeat, recipe and triggered measurement: (block, write, state, time) -> block. Pure.
+
+A triggered measurement goes round in one table, TRANSITIONS, in the manner of industrial vision sensors: a rising
+`trigger` takes the next acquisition id; the first frame and distance younger than it are the result, which is held with
+`results_valid` until `results_ack` rises; when that is back at 0 the next trigger is taken. Whatever the PLC writes, it
+can only ask: what ends a stop is decided in gateway/interlock.py, on what the sensors say.
+"""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
+from enum import Enum, auto
+
+from gateway.config import HandshakeConfig
+from gateway.model import Quality, StateVector
+from gateway.plc import (
+    Acquired,
+    Change,
+    Control,
+    Handshake,
+    Outcome,
+    Phase,
+    PlcLink,
+    PlcWrite,
+    RecipeVerdict,
+)
+
+NS_PER_S = 1_000_000_000
+WRITABLE = ("plc_heartbeat", "plc_control", "recipe_select")  # in the order of their registers
+
+
+class Signal(Enum):
+    """What can happen to a triggered measurement."""
+
+    ACK = auto()
+    ACK_GONE = auto()
+    TRIGGER = auto()
+    RESULT = auto()
+    TIMEOUT = auto()
+    PLC_LOST = auto()
+
+
+Work = Callable[[Handshake, StateVector], Handshake]
+
+
+def _start(plc: Handshake, state: StateVector) -> Handshake:
+    return replace(
+        plc,
+        acquisition=plc.acquisition % 0xFFFF + 1,  # 0 is none
+        trigger_ns=state.t_ns,
+        trigger_ack=True,
+        overrun=False,
+        timed_out=False,
+    )
+
+
+def _overrun(plc: Handshake, _: StateVector) -> Handshake:
+    return replace(plc, overrun=True)
+
+
+def _hold(plc: Handshake, state: StateVector) -> Handshake:
+    return replace(plc, result=acquired(plc, state))
+
+
+def _drop(plc: Handshake, _: StateVector) -> Handshake:
+    return replace(plc, result=None)
+
+
+def _time_out(plc: Handshake, _: StateVector) -> Handshake:
+    return replace(plc, timed_out=True)
+
+
+def _nothing(plc: Handshake, _: StateVector) -> Handshake:
+    return plc
+
+
+# What is not in the table changes nothing.
+TRANSITIONS: dict[tuple[Phase, Signal], tuple[Phase, Work]] = {
+    (Phase.READY, Signal.TRIGGER): (Phase.ACQUIRING, _start),
+    (Phase.ACQUIRING, Signal.TRIGGER): (Phase.ACQUIRING, _overrun),
+    (Phase.ACQUIRING, Signal.RESULT): (Phase.VALID, _hold),
+    (Phase.ACQUIRING, Signal.TIMEOUT): (Phase.READY, _time_out),
+    (Phase.ACQUIRING, Signal.PLC_LOST): (Phase.READY, _time_out),
+    (Phase.VALID, Signal.TRIGGER): (Phase.VALID, _overrun),
+    (Phase.VALID, Signal.ACK): (Phase.CLEARING, _drop),
+    (Phase.VALID, Signal.PLC_LOST): (Phase.READY, _drop),  # an unread result must not wait for a PLC that comes back
+    (Phase.CLEARING, Signal.TRIGGER): (Phase.CLEARING, _overrun),
+    (Phase.CLEARING, Signal.ACK_GONE): (Phase.READY, _nothing),
+    (Phase.CLEARING, Signal.PLC_LOST): (Phase.READY, _nothing),
+}
+
+
+def initial(now_ns: int, *, writes: bool) -> Handshake:
+    """The block of a gateway that has just started."""
+    return Handshake(link=PlcLink.WAITING, beat_ns=now_ns) if writes else Handshake()
+
+
+def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int]) -> Handshake:
+    """A write to recipe_select, judged on the state before it. New thresholds must never end a stop by D."""
+    if asked == plc.recipe:
+        verdict = RecipeVerdict.ACTIVE
+    elif asked != 0 and asked not in known:
+        verdict = RecipeVerdict.UNKNOWN
+    elif state.memory.d or state.memory.latched:  # memory.d outlives a sensor's fault; the cause may still be there
+        verdict = RecipeVerdict.STOP_STANDS
+    elif plc.phase is Phase.ACQUIRING:
+        verdict = RecipeVerdict.BUSY
+    else:
+        verdict = RecipeVerdict.ACTIVE
+    recipe = asked if verdict is RecipeVerdict.ACTIVE else plc.recipe
+    return replace(plc, recipe_asked=asked, recipe=recipe, recipe_verdict=verdict)
+
+
+def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: HandshakeConfig) -> Handshake:
+    """The block after `write` (None: no write, time has passed), with `state` as the sensors have it now.
+
+    `recipe` of a write is not looked at here: `select` comes before the sensors' values are judged.
+    """
+    before = plc
+    if write is not None:
+        plc = _written(plc, write, state.t_ns)
+    plc = _aged(plc, state.t_ns, config)
+    for signal in _signals(before, plc, state, config):
+        phase, work = TRANSITIONS.get((plc.phase, signal), (plc.phase, _nothing))
+        plc = replace(work(plc, state), phase=phase)
+    return plc
+
+
+def rose(before: Handshake, after: Handshake, bit: Control) -> bool:
+    """Did the PLC set that bit between the two?"""
+    return after.on(bit) and not before.on(bit)
+
+
+def changes(before: Handshake, write: PlcWrite) -> list[Change]:
+    """What `write` changes of the registers that mean something by themselves; the heartbeat is only counted."""
+    pairs = (("plc_control", before.control, write.control), ("recipe_select", before.recipe_asked, write.recipe))
+    return [Change(register, old, new) for register, old, new in pairs if new is not None and new != old]
+
+
+def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
+    """The result of the acquisition at work, if both sensors have spoken since its trigger."""
+    vision, rng = state.vision, state.range
+    silent = (Quality.WAITING, Quality.STALE)
+    if min(vision.t_ns, rng.t_ns) < plc.trigger_ns or vision.quality in silent or rng.quality in silent:
+        return None
+    if state.d is None or state.memory.disagree:
+        outcome = Outcome.NO_TARGET if vision.quality is Quality.NO_TARGET else Outcome.SENSOR_FAULT
+    else:
+        outcome = Outcome.IN_PLACE if state.d else Outcome.NOT_IN_PLACE
+    circle = vision.circle
+    return Acquired(
+        plc.acquisition,
+        min(vision.t_ns, rng.t_ns),
+        outcome,
+        circle.u_px if circle else None,
+        circle.v_px if circle else None,
+        circle.radius_px if circle else None,
+        rng.distance_mm,
+    )
+
+
+def _written(plc: Handshake, write: PlcWrite, now_ns: int) -> Handshake:
+    plc = replace(plc, writes=plc.writes + 1)
+    if write.heartbeat is not None:
+        # The first one counts whatever its number is; after that only a change shows that the PLC's program runs.
+        if plc.link is PlcLink.WAITING or write.heartbeat != plc.heartbeat:
+            plc = replace(plc, link=PlcLink.ALIVE, beat_ns=now_ns)
+        plc = replace(plc, heartbeat=write.heartbeat)
+    if write.control is not None:
+        old, plc = plc, replace(plc, control=write.control)
+        if rose(old, plc, Control.TRUCK_PRESENT):
+            plc = replace(plc, truck_left=False)
+        elif rose(plc, old, Control.TRUCK_PRESENT):
+            plc = replace(plc, truck_left=True)
+        if not plc.on(Control.TRIGGER):
+            plc = replace(plc, trigger_ack=False)
+    return plc
+
+
+def _aged(plc: Handshake, now_ns: int, config: HandshakeConfig) -> Handshake:
+    late = now_ns - plc.beat_ns > config.heartbeat_deadline_s * NS_PER_S
+    link = PlcLink.LOST if late and plc.link is PlcLink.ALIVE else plc.link
+    return replace(plc, link=link, missed=late and config.heartbeat_required)
+
+
+def _signals(before: Handshake, now: Handshake, state: StateVector, config: HandshakeConfig) -> Iterator[Signal]:
+    """In this order: an acknowledge clears the way for a trigger in the same request."""
+    if now.link is PlcLink.LOST:
+        yield Signal.PLC_LOST
+    if rose(before, now, Control.RESULTS_ACK):
+        yield Signal.ACK
+    if not now.on(Control.RESULTS_ACK):
+        yield Signal.ACK_GONE
+    if rose(before, now, Control.TRIGGER):
+        yield Signal.TRIGGER
+    if before.phase is Phase.ACQUIRING:
+        if acquired(before, state) is not None:
+            yield Signal.RESULT
+        elif state.t_ns - before.trigger_ns > config.trigger_timeout_s * NS_PER_S:
+            yield Signal.TIMEOUT

@@ -1,0 +1,36 @@
+"""Rows 60 to 69: the gateway's own health after NAMUR NE 107, and what the driver is told. Pure."""
+
+from gateway.modbus.table import Register, Value, named
+from gateway.modbus.words import MEASURED_INT16, MEASURED_UINT16, UINT16
+from gateway.model import GUIDANCE_MEANING, StateVector
+from gateway.ne107 import NE107_MEANING, Ne107, active, status
+
+_BITS = {
+    signal - 1: (signal.name.lower(), NE107_MEANING[signal]) for signal in Ne107 if signal is not Ne107.GOOD
+}  # bit 0: failure
+
+
+def _active(state: StateVector, _: int) -> Value:
+    return sum(1 << signal - 1 for signal in active(state))
+
+
+ADVICE: tuple[Register, ...] = (
+    Register(60, "ne107", UINT16, 1, "", "NAMUR NE 107 status of the bay: the signal that counts most",
+             lambda s, _: int(status(s)), named(NE107_MEANING)),
+    Register(61, "ne107_active", UINT16, 1, "", "every NE 107 signal that holds, one bit each; 0: good", _active,
+             bits=_BITS),
+    Register(62, "guidance", UINT16, 1, "", "what the driver is told", lambda s, _: int(s.guidance.code),
+             named(GUIDANCE_MEANING)),
+    Register(63, "guidance_amount", MEASURED_UINT16, 1, "mm", "how much of what guidance says, where it is known",
+             lambda s, _: s.guidance.amount_mm),
+    Register(64, "offset_u", MEASURED_INT16, 0.1, "px", "marker minus aim point, to the right; where configured",
+             lambda s, _: s.guidance.offset_u_px),
+    Register(65, "offset_v", MEASURED_INT16, 0.1, "px", "marker minus aim point, downwards; where configured",
+             lambda s, _: s.guidance.offset_v_px),
+    Register(66, "offset", MEASURED_INT16, 1, "mm", "offset_u at the marker's distance, where its true size is known",
+             lambda s, _: s.guidance.offset_mm),
+    Register(67, "closing_speed", MEASURED_INT16, 1, "mm/s", "positive: the truck comes nearer",
+             lambda s, _: s.guidance.closing_mm_s),
+    Register(68, "distance_to_go", MEASURED_INT16, 1, "mm", "until D = 1; negative: past it",
+             lambda s, _: s.guidance.to_go_mm),
+)  # fmt: skip
