@@ -9,7 +9,7 @@ track can't hold on to a wrong thing, those are heard again and again:
 - every WHOLE frames that search comes anyway: for a rival too small to be seen in the reduced picture;
 - it comes at once when the window holds nothing, or nothing that the track's gate admits.
 
-What the search of the whole frame says, stands.
+Where the two then disagree, the one with more evidence stands, as among the candidates of any search.
 """
 
 import math
@@ -41,38 +41,51 @@ class NearSearch:
 
     def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
         if expected is None:
-            return self._whole(image, None)
+            return self._whole(image)
         window = window_round(expected, image.shape[1], image.shape[0])
         found = detect(image, self._params, self._now_ns, window=window, expected=expected.circle)
         if found.circle is None or not expected.admits(found.circle):
-            return self._also_whole(image, expected.circle, found)
+            return self._also_whole(image, found)
         self._near += 1
         if self._near % WHOLE == 0:
-            return self._also_whole(image, found.circle, found)
+            return self._also_whole(image, found)
         if self._near % CONTEST == 0:
             start_ns = self._now_ns()
             contested = self._rival(image, found.circle)
-            found = _after(found, (("contest", self._now_ns() - start_ns),))
+            found = replace(found, stage_ns=(*found.stage_ns, ("contest", self._now_ns() - start_ns)))
             if contested:
-                return self._also_whole(image, found.circle, found)
+                return self._also_whole(image, found)
         return found
 
-    def _whole(self, image: Image, expected: Circle | None) -> Detection:
+    def _whole(self, image: Image) -> Detection:
         self._near = 0
-        return detect(image, self._params, self._now_ns, expected=expected)
+        return detect(image, self._params, self._now_ns)
 
-    def _also_whole(self, image: Image, expected: Circle | None, before: Detection) -> Detection:
-        found = self._whole(image, expected)
+    def _also_whole(self, image: Image, before: Detection) -> Detection:
+        """`before`: what the window gave; its time is told, too."""
+        whole = self._whole(image)
         spent_ns = sum(ns for _, ns in before.stage_ns)
-        return replace(found, stage_ns=(("window", spent_ns), *found.stage_ns))
+        return replace(_better(whole, before), stage_ns=(("window", spent_ns), *whole.stage_ns))
 
-    def _rival(self, image: Image, holder: Circle | None) -> bool:
+    def _rival(self, image: Image, holder: Circle) -> bool:
         """Is something in another place taken for the marker when the whole frame is looked at coarsely?"""
-        times = max(1, int(math.hypot(*image.shape[:2]) // REDUCED_PX))
-        reduced = reduce(image, times)
-        circle = None if holder is None else scaled(holder, 1 / times)
-        rival = detect(reduced, self._params, expected=circle).circle
-        return rival is not None and (circle is None or not same_place(rival, circle))
+        times = int(math.hypot(*image.shape[:2]) // REDUCED_PX)
+        if times < 2:
+            return True  # the whole frame itself is as small
+        rival = detect(reduce(image, times), self._params).circle
+        return rival is not None and not same_place(scaled(rival, times), holder)
+
+
+def _better(whole: Detection, held: Detection) -> Detection:
+    """The search of the whole frame may have overlooked what was found in the window; it passed the same gates."""
+    if held.circle is None or (whole.circle is not None and same_place(whole.circle, held.circle)):
+        return whole
+    return whole if _rank(whole) >= _rank(held) else held
+
+
+def _rank(found: Detection) -> float:
+    """By this the search chooses among the candidates of one frame."""
+    return 0.0 if found.circle is None else (found.confidence or 0.0) * found.circle.radius_px**0.3
 
 
 def window_round(expected: Prediction, width: int, height: int) -> Window:
@@ -101,7 +114,3 @@ def scaled(circle: Circle, by: float) -> Circle:
 def same_place(one: Circle, other: Circle) -> bool:
     apart = math.hypot(one.u_px - other.u_px, one.v_px - other.v_px)
     return apart < SAME_PLACE * max(one.radius_px, other.radius_px)
-
-
-def _after(found: Detection, stages: tuple[tuple[str, int], ...]) -> Detection:
-    return replace(found, stage_ns=(*found.stage_ns, *stages))

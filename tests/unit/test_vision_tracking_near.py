@@ -1,0 +1,234 @@
+"""The tracked robust search on drawn and rendered sequences: the full search's answers, mostly out of windows."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gateway.config import VisionConfig
+from gateway.model import Circle, Detection, Tracking
+from gateway.sim.render import Painter
+from gateway.sim.scenario import parse
+from gateway.sim.world import World
+from gateway.vision import methods, near
+from gateway.vision.near import CONTEST, WHOLE, NearSearch, reduce, same_place, scaled, window_round
+from gateway.vision.pixels import Image
+from gateway.vision.robust.detect import detect
+from gateway.vision.tracking import Prediction, Track
+
+PERIOD_NS = 33_000_000
+FOLLOWED = VisionConfig(method="robust", tracking=True)
+SAME_PX = 0.2  # between the window's and the full search's circle: both are refined from their own first guess
+
+
+def picture(*circles: Circle, size: tuple[int, int] = (240, 320), seed: int = 0) -> Image:
+    """Red discs, anti-aliased, on rough concrete, with the sensor's noise."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0 : size[0], 0 : size[1]]
+    plane: NDArray[np.float64] = np.full((*size, 3), (118.0, 121.0, 119.0))
+    plane += 8 * np.sin(x / 31 + y / 17)[..., None]
+    for circle in circles:
+        cover = np.clip(circle.radius_px + 0.5 - np.hypot(x - circle.u_px, y - circle.v_px), 0, 1)[..., None]
+        plane += cover * (np.array((44.0, 38.0, 178.0)) - plane)
+    blurred = cv2.GaussianBlur(plane, (0, 0), 0.7) + rng.normal(0, 1.5, plane.shape)
+    return np.asarray(np.clip(np.rint(blurred), 0, 255), np.uint8)
+
+
+def approach(n: int) -> Circle:
+    return Circle(120.3 + 1.5 * n + 1.2 * math.sin(2.1 * n), 110.2 + 1.1 * math.cos(1.3 * n), 24.0 + 0.6 * n)
+
+
+@pytest.fixture
+def searched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Fills with `window`, `whole` and `reduced`, one for every search."""
+    kinds: list[str] = []
+
+    def watched(image: Image, *args: Any, window: Any = None, **more: Any) -> Detection:
+        kinds.append("window" if window is not None else "whole" if image.shape[0] == 240 else "reduced")
+        return detect(image, *args, window=window, **more)
+
+    monkeypatch.setattr(near, "detect", watched)
+    monkeypatch.setattr(near, "REDUCED_PX", 200)  # half the size of these small pictures
+    return kinds
+
+
+def told(frames: Iterator[tuple[int, Image]]) -> list[Detection]:
+    find = methods.detector(FOLLOWED)
+    return [find(image, t_ns) for t_ns, image in frames]
+
+
+def steadily(scene: Callable[[int], Image], count: int) -> Iterator[tuple[int, Image]]:
+    return ((n * PERIOD_NS, scene(n)) for n in range(count))
+
+
+def test_every_answer_is_the_full_searchs_and_most_come_from_a_window(searched: list[str]) -> None:
+    images = [picture(approach(n), seed=n) for n in range(CONTEST * 3)]
+    found = told((n * PERIOD_NS, image) for n, image in enumerate(images))
+    assert searched.count("whole") == 1
+    assert searched.count("window") == len(images) - 1
+    assert searched.count("reduced") == (len(images) - 1) // CONTEST
+    for n, (one, image) in enumerate(zip(found, images, strict=True)):
+        full = detect(image, FOLLOWED)
+        assert one.tracking is Tracking.MEASURED
+        assert one.circle is not None
+        assert full.circle is not None
+        for name in ("u_px", "v_px", "radius_px"):
+            assert getattr(one.circle, name) == pytest.approx(getattr(full.circle, name), abs=SAME_PX)
+            assert getattr(one.circle, name) == pytest.approx(getattr(approach(n), name), abs=0.3)
+
+
+def test_the_whole_frame_comes_in_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds: list[str] = []
+    circle = Circle(100.0, 100.0, 30.0)
+
+    def stand_in(image: Image, *args: Any, window: Any = None, **more: Any) -> Detection:
+        kinds.append("window" if window is not None else "whole" if image.shape[0] == 240 else "reduced")
+        by = image.shape[0] / 240
+        return Detection(scaled(circle, by))
+
+    monkeypatch.setattr(near, "detect", stand_in)
+    find = methods.detector(FOLLOWED)
+    image = np.zeros((240, 320 * 3, 3), np.uint8)
+    for n in range(2 * WHOLE + 2):
+        find(image, n * PERIOD_NS)
+    assert [n for n, kind in enumerate([kind for kind in kinds if kind != "reduced"]) if kind == "whole"] == [
+        0, WHOLE + 1, 2 * WHOLE + 2,
+    ]  # fmt: skip
+    assert kinds.count("reduced") == 2 * (WHOLE // CONTEST - 1)
+
+
+@pytest.mark.parametrize("hidden", [1, 4, 9, 25])
+def test_a_marker_that_comes_back_is_measured_in_its_first_frame(hidden: int) -> None:
+    def scene(n: int) -> Image:
+        return picture(approach(n), seed=n) if not 8 <= n < 8 + hidden else picture(seed=n)
+
+    found = told(steadily(scene, 12 + hidden))
+    labels = [one.tracking for one in found]
+    coasted = min(hidden, 9)  # 0.3 s
+    assert labels == (
+        [Tracking.MEASURED] * 8
+        + [Tracking.COASTED] * coasted
+        + [Tracking.LOST] * (hidden - coasted)
+        + [Tracking.MEASURED] * 4
+    )
+    for n, one in enumerate(found):
+        assert (one.circle is None) == (one.tracking is not Tracking.MEASURED)
+        if one.predicted is not None:
+            assert math.hypot(one.predicted.u_px - approach(n).u_px, one.predicted.v_px - approach(n).v_px) < 8
+
+
+def test_a_jump_is_followed_in_the_same_frame() -> None:
+    def place(n: int) -> Circle:
+        return approach(n) if n < 8 else replace(approach(n), u_px=260.0, v_px=60.0)
+
+    for n, one in enumerate(told(steadily(lambda n: picture(place(n), seed=n), 14))):
+        assert one.circle is not None
+        assert same_place(one.circle, place(n)), n
+
+
+def test_gaps_and_a_wild_frame_rate_lose_nothing() -> None:
+    rng = np.random.default_rng(4)
+    t_s, frames, truths = 0.0, [], []
+    for n in range(20):
+        t_s += float(rng.choice([0.005, 0.02, 0.033, 0.1, 0.4, 1.5]))
+        truths.append(Circle(60 + 20 * t_s, 120.0, 25 + t_s))
+        frames.append((round(t_s * 1e9), picture(truths[-1], seed=n)))
+    for one, truth in zip(told(iter(frames)), truths, strict=True):
+        assert one.tracking is Tracking.MEASURED
+        assert one.circle is not None
+        assert math.hypot(one.circle.u_px - truth.u_px, one.circle.v_px - truth.v_px) < 0.3
+
+
+def test_a_track_does_not_hold_on_to_a_lamp_when_the_marker_comes() -> None:
+    """A small red light is followed until the marker appears elsewhere: the full search prefers that one."""
+    lamp, marker = Circle(60.0, 60.0, 12.0), Circle(220.0, 150.0, 55.0)
+    assert detect(picture(lamp), FOLLOWED).circle is not None
+    both = picture(lamp, marker)
+    preferred = detect(both, FOLLOWED).circle
+    assert preferred is not None
+    assert same_place(preferred, marker)
+    found = told(steadily(lambda n: picture(lamp, seed=n) if n < 6 else picture(lamp, marker, seed=n), 6 + CONTEST))
+    assert all(one.circle is not None for one in found)
+    assert same_place(found[5].circle or marker, lamp)
+    assert same_place(found[-1].circle or lamp, marker)
+
+
+def test_a_rendered_drive_with_vibration_is_followed_to_the_end() -> None:
+    scenario = parse(
+        {
+            "seed": 3,
+            "camera": {"width_px": 320, "height_px": 240, "focal_px": 300.0},
+            "start": {"distance_cm": 90},
+            "legs": [{"distance_cm": 30, "speed_cm_s": 40, "hold_s": 1}],
+            "vibration": {"amplitude_mm": 2.5},
+        }
+    )
+    world, painter = World(scenario), Painter(scenario)
+    find, seen = methods.detector(FOLLOWED), 0
+    for n in range(0, 60):
+        truth = world.truth(n / 30)
+        one = find(painter.frame(truth, n), round(n / 30 * 1e9))
+        assert one.tracking is Tracking.MEASURED, n
+        assert one.circle is not None
+        assert math.hypot(one.circle.u_px - truth.u_px, one.circle.v_px - truth.v_px) < 1.0
+        assert one.circle.radius_px == pytest.approx(truth.radius_px, abs=1.5)
+        seen += 1
+    assert seen == 60
+
+
+@given(
+    u=st.floats(-50, 700),
+    v=st.floats(-50, 500),
+    r=st.floats(0.5, 400),
+    sd=st.floats(0.1, 60),
+    sd_r=st.floats(0.1, 60),
+    small=st.booleans(),
+)
+def test_a_window_holds_every_circle_that_would_be_admitted(
+    u: float, v: float, r: float, sd: float, sd_r: float, small: bool
+) -> None:
+    width, height = (5, 3) if small else (640, 480)
+    expected = Prediction(Circle(u, v, r), sd, sd_r)
+    x0, y0, x1, y1 = window_round(expected, width, height)
+    assert 0 <= x0 < x1 <= width
+    assert 0 <= y0 < y1 <= height
+    for turn in np.linspace(0, 2 * np.pi, 16):
+        far = 0.999 * expected.reach_px
+        at_u, at_v = u + far * math.cos(turn), v + far * math.sin(turn)
+        if expected.admits(Circle(at_u, at_v, r)):
+            assert x0 <= max(0, at_u - r)
+            assert x1 >= min(width, at_u + r)
+            assert y0 <= max(0, at_v - r)
+            assert y1 >= min(height, at_v + r)
+
+
+@pytest.mark.parametrize("times", [1, 2, 3, 5])
+def test_a_reduced_picture_shows_the_same_things_at_scaled_places(times: int) -> None:
+    circle = Circle(151.3, 98.7, 60.4)
+    small = reduce(picture(circle, size=(241, 322)), times)
+    assert small.shape == (241 // times, 322 // times, 3)
+    found = detect(small, FOLLOWED).circle
+    assert found is not None
+    back = scaled(found, times)
+    assert (back.u_px, back.v_px, back.radius_px) == pytest.approx((151.3, 98.7, 60.4), abs=0.12 * times)
+
+
+def test_times_of_both_searches_are_told() -> None:
+    ticks = iter(range(0, 10**9, 1000))
+    search = NearSearch(FOLLOWED, lambda: next(ticks))
+    track = Track.begun(Circle(40.0, 40.0, 20.0), 0)
+    assert track is not None
+    image = picture(Circle(200.0, 150.0, 30.0))
+    away = search(image, PERIOD_NS, track.at(PERIOD_NS))
+    assert away.circle is not None  # the window was empty
+    names = [name for name, _ in away.stage_ns]
+    assert names[0] == "window"
+    assert names[1:] == [name for name, _ in detect(image, FOLLOWED).stage_ns]
+    assert all(ns > 0 for _, ns in away.stage_ns)
