@@ -22,6 +22,7 @@ from gateway.modbus.registers import CurrentImage
 from gateway.modbus.server import ModbusServer
 from gateway.modbus.writes import writer
 from gateway.mqtt import address
+from gateway.mqtt.durable import outbox_of
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.mqtt.topics import Topics
 from gateway.ranger.port import check_url
@@ -108,9 +109,10 @@ async def run(
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
         # Publisher and companions subscribe before the first state, or the start events would be missed.
-        publisher = (
-            MqttPublisher(config.mqtt, config.site, config.instance, hub, clock) if config.mqtt is not None else None
-        )
+        publisher = None
+        if config.mqtt is not None:
+            outbox = shared.enter_context(outbox_of(config.mqtt, config.site, config.instance))
+            publisher = MqttPublisher(config.mqtt, config.site, config.instance, hub, clock, outbox=outbox)
         tasks: list[Task] = list(companions(hub))
         controls = {
             bay.name: BayControl(

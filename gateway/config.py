@@ -323,7 +323,15 @@ class MqttConfig(Section):
         0.5, ge=0.02, le=60, description="retained state at most so often; changes of stop at once"
     )
     keepalive_s: int = Field(10, ge=2, le=3600, description="the broker sends the last will after 1.5 of these")
-    outbox_events: int = Field(10_000, ge=10, le=1_000_000, description="events kept while the broker is away")
+    outbox_events: int = Field(10_000, ge=10, le=200_000, description="events kept while the broker is away")
+    outbox_mb: int = Field(64, ge=1, le=1000, description="room for them, MB")
+    outbox_days: float = Field(30.0, ge=0.01, le=3650, description="an older event is dropped")
+    outbox_file: str = Field(
+        "auto",
+        description="SQLite file that keeps them through a restart or a power cut; auto: "
+        "outbox-<site>-<instance>.sqlite in /var/lib/loading-gateway, or in ~/.local/state/loading-gateway for other "
+        "users than root; empty: memory only",
+    )
     reconnect: Reconnect = Field(default_factory=Reconnect)
 
 
@@ -334,6 +342,7 @@ class BayConfig(Section):
     vision: VisionConfig = Field(default_factory=VisionConfig)
     ranger: RangerConfig = Field(default_factory=RangerConfig)
     fusion: FusionConfig = Field(default_factory=FusionConfig)
+    guidance: GuidanceConfig = Field(default_factory=GuidanceConfig)
 
 
 class GatewayConfig(Section):
@@ -342,7 +351,7 @@ class GatewayConfig(Section):
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None
-    guidance: GuidanceConfig = Field(default_factory=GuidanceConfig)
+    recipes: tuple[RecipeConfig, ...] = Field((), max_length=1000, description="thresholds that the PLC may select")
     bays: tuple[BayConfig, ...] = Field(default_factory=lambda: (BayConfig(),), min_length=1, max_length=64)
 
     @model_validator(mode="after")
@@ -351,10 +360,14 @@ class GatewayConfig(Section):
             seen: set[str | int] = set()
             for n, bay in enumerate(self.bays):
                 value = getattr(bay, key)
-    recipes: tuple[RecipeConfig, ...] = Field((), max_length=1000, description="thresholds that the PLC may select")
                 if value in seen:
                     raise PlacedError(f"an earlier bay has the {key} {value}, too", "bays", n, key)
                 seen.add(value)
+        ids: set[int] = set()
+        for n, recipe in enumerate(self.recipes):
+            if recipe.id in ids:
+                raise PlacedError(f"an earlier recipe has the id {recipe.id}, too", "recipes", n, "id")
+            ids.add(recipe.id)
         return self
 
 
@@ -363,11 +376,6 @@ def load(path: Path, overrides: Mapping[str, Any] | None = None) -> GatewayConfi
 
     Raises ConfigError, one line per fault: `file:line: key = value: what is wrong and what is allowed`.
     """
-        ids: set[int] = set()
-        for n, recipe in enumerate(self.recipes):
-            if recipe.id in ids:
-                raise PlacedError(f"an earlier recipe has the id {recipe.id}, too", "recipes", n, "id")
-            ids.add(recipe.id)
     data, text = read_toml(path)
     return parse(merge(data, overrides or {}), source=str(path), text=text)
 

@@ -1,11 +1,11 @@
 """The current state of every bay: latest wins. Events queue, bounded, and every drop is counted.
 
-Single event loop, no locks: `publish` never waits and never runs a consumer.
+Single event loop, no locks: `publish` never waits. It runs no consumer but what was handed to `listen`.
 """
 
 import asyncio
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from gateway.model import Event, StateVector
 
@@ -48,6 +48,7 @@ class Hub:
         self._states = {bay: StateVector(bay=bay) for bay in bays}
         self._changed: dict[str, asyncio.Event] = {bay: asyncio.Event() for bay in self._states}
         self._queues: list[EventQueue] = []
+        self._listeners: list[Callable[[Event], None]] = []
 
     @property
     def bays(self) -> tuple[str, ...]:
@@ -61,6 +62,8 @@ class Hub:
         self._changed[state.bay] = asyncio.Event()
         self._states[state.bay] = state
         for event in events:
+            for listener in self._listeners:
+                listener(event)
             for queue in self._queues:
                 queue.put(event)
 
@@ -69,6 +72,10 @@ class Hub:
         while (state := self._states[bay]).seq <= seq:
             await self._changed[bay].wait()
         return state
+
+    def listen(self, listener: Callable[[Event], None]) -> None:
+        """`listener` is called with every event before `publish` returns: it must not wait, and must not raise."""
+        self._listeners.append(listener)
 
     def subscribe(self, limit: int = 1000) -> EventQueue:
         queue = EventQueue(limit)

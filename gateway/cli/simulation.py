@@ -93,7 +93,7 @@ def _settings(args: argparse.Namespace) -> GatewayConfig:
     if args.modbus_port is not None:
         over["modbus"] = {"port": args.modbus_port}
     if args.mqtt_url is not None:
-        over["mqtt"] = {"url": args.mqtt_url}
+        over["mqtt"] = {"url": args.mqtt_url, "outbox_file": ""}  # nothing simulated outlives the run
     if args.config is None:
         taken = any(instance == "simulate" for instance, _ in attachable())
         over["instance"] = f"simulate-{os.getpid()}" if taken else "simulate"  # several may run side by side

@@ -272,6 +272,7 @@ class DeliveryPayload(BaseModel):
     reconnects: Count = Field(description="connections after the first")
     dropped: Count = Field(description="events given up because the outbox was full")
     queued: Count = Field(description="events waiting for their acknowledgement")
+    store: StorePayload | None = Field(None, description="the outbox's file; null: events are kept in memory only")
 
 
 class StatusPayload(BaseModel):
@@ -334,10 +335,10 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         semi_minor_px=_number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,
         tilt_deg=_number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
         predicted=_predicted(state.vision),
-        rates=RatesPayload(
         ne107=_ne107(state),
         guidance=_guidance(state.guidance),
         plc=_plc(state),
+        rates=RatesPayload(
             vision_hz=_number(vision.rate_hz, 2),
             range_hz=_number(rng.rate_hz, 2),
             vision_latency_ms=_number(vision.latency_ms, 2),

@@ -1,8 +1,8 @@
 """Every bay's state and events to the broker, for as long as there is one. IO.
 
-Two rows of the task table: `collect` takes events over at once, whatever the broker does, and never fails; `deliver` is
-the life of one connection and ends with LinkError. What must outlive a connection (outbox, counters) lives here. The
-control path only ever puts into the hub; nothing here can make it wait.
+An event is rendered and put into the outbox in the moment it happens, so that it outlives the gateway; that takes
+microseconds and asks nobody. `deliver`, a row of the task table, is the life of one connection and ends with LinkError.
+What must outlive a connection (outbox, counters) lives here. Nothing here can make the control path wait.
 """
 
 import asyncio
@@ -23,6 +23,7 @@ from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.model import Event, Quality, Reason, StateVector
 from gateway.mqtt import address, payloads
+from gateway.mqtt.durable import DurableOutbox, limits
 from gateway.mqtt.link import Message, connect
 from gateway.mqtt.outbox import Entry, MemoryOutbox, Outbox
 from gateway.mqtt.topics import Topics
@@ -77,12 +78,12 @@ class MqttPublisher:
         self._broker = address.parse(config.url)
         self._connect = connector or self._connector()
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
-        self._outbox = outbox or MemoryOutbox(config.outbox_events)
-        self._events = hub.subscribe(config.outbox_events)
+        self._outbox = outbox if outbox is not None else MemoryOutbox(limits(config))
         self._numbered = 0
         self._filled = asyncio.Event()
         self._alone = asyncio.Lock()  # held by whoever has a connection: one client id, one connection
         self._event_turn = asyncio.Lock()  # held from the sending of an event to its acknowledgement
+        hub.listen(self._keep)
         self._leaving = asyncio.Event()
         self._said_goodbye = False
         self._published = 0
@@ -95,14 +96,10 @@ class MqttPublisher:
             published=self._published,
             failed=self._failed,
             reconnects=max(0, self._connections - 1),
-            dropped=self._outbox.dropped + self._events.dropped,
-            queued=len(self._outbox) + len(self._events),
+            dropped=self._outbox.dropped,
+            queued=len(self._outbox),
+            store=self._store_health(),
         )
-
-    async def collect(self) -> None:
-        """Take events over from the hub, for ever. Never fails."""
-        while True:
-            self._keep(await self._events.get())
 
     async def deliver(self) -> None:
         """Connect and deliver until the link breaks (LinkError), or return after `farewell`."""
@@ -219,8 +216,6 @@ class MqttPublisher:
                 self._outbox.acknowledge(entry.id)
 
     async def _say_goodbye(self, link: Link) -> None:
-        for event in self._events.drain():
-            self._keep(event)
         now_ns = self._clock.now_ns()
         for bay in self._hub.bays:  # first: a dead bay must not look alive, whatever else there is time for
             await self._publish(link, self._state_message(payloads.final(self._hub.state(bay), now_ns)))
@@ -240,7 +235,8 @@ class MqttPublisher:
         self._numbered += 1
         payload = payloads.event_payload(event, self._numbered, self._gateway, self._offset_ns())
         topic = self._topics.event(event.bay)
-        self._outbox.put(Entry(payload.id, topic, payloads.encode(payload), event.kind in payloads.PRECIOUS))
+        precious = event.kind in payloads.PRECIOUS
+        self._outbox.put(Entry(payload.id, topic, payloads.encode(payload), precious, payload.timestamp_ms))
         self._filled.set()
 
     def _shown(self, bay: str) -> StateVector:
@@ -253,6 +249,18 @@ class MqttPublisher:
     def _status_message(self, cause: payloads.Cause) -> Message:
         payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats)
         return Message(self._topics.status, payloads.encode(payload), retain=True)
+
+    def _store_health(self) -> payloads.StorePayload | None:
+        if not isinstance(self._outbox, DurableOutbox):
+            return None
+        health = self._outbox.health
+        return payloads.StorePayload(
+            ok=not health.fault,
+            detail=payloads.text(health.fault),
+            faults=health.faults,
+            recovered=health.recovered,
+            unwritten=health.unwritten,
+        )
 
     def _offset_ns(self) -> int:
         return self._clock.wall_ns() - self._clock.now_ns()

@@ -78,7 +78,14 @@ def examples() -> dict[str, BaseModel]:
         reason=Reason.TARGET_REACHED,
     )
     offset_ns = WALL_NS - state.t_ns
-    delivery = payloads.DeliveryPayload(published=1342, failed=1, reconnects=1, dropped=0, queued=0)
+    delivery = payloads.DeliveryPayload(
+        published=1342,
+        failed=1,
+        reconnects=1,
+        dropped=0,
+        queued=0,
+        store=payloads.StorePayload(ok=True, detail="", faults=0, recovered=0, unwritten=0),
+    )
     return {
         "status": payloads.status_payload(gateway, "running", WALL_NS, delivery),
         "will": payloads.status_payload(gateway, "connection lost"),

@@ -31,7 +31,6 @@ class Plant:
         self.supervisor = Supervisor(
             [
                 Task("compute", self.compute),
-                Task("collect", self.publisher.collect),
                 Task("deliver", self.publisher.deliver, QUICK),
             ],
             self.clock,

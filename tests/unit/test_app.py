@@ -12,6 +12,7 @@ from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.mqtt.outbox import Outbox
 from gateway.supervisor import Task
 from gateway.vision.specs import FileSpec
 
@@ -36,11 +37,10 @@ class Publisher:
 
     told: StateVector | None = None
 
-    def __init__(self, config: MqttConfig, site: str, instance: str, hub: Hub, clock: SystemClock) -> None:
+    def __init__(
+        self, config: MqttConfig, site: str, instance: str, hub: Hub, clock: SystemClock, *, outbox: Outbox
+    ) -> None:
         self._hub = hub
-
-    async def collect(self) -> None:
-        await asyncio.Event().wait()
 
     async def deliver(self) -> None:
         await asyncio.Event().wait()
@@ -58,7 +58,9 @@ def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.M
     monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
     monkeypatch.setattr(Publisher, "told", None)
     config = GatewayConfig(
-        instance=f"test-app-{past_help}", modbus=ModbusConfig(port=0), mqtt=MqttConfig(url="mqtt://127.0.0.1:1")
+        instance=f"test-app-{past_help}",
+        modbus=ModbusConfig(port=0),
+        mqtt=MqttConfig(url="mqtt://127.0.0.1:1", outbox_file=""),
     )
     permitted: list[bool] = []
 

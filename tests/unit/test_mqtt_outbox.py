@@ -1,10 +1,12 @@
 """The outbox against a plain list that does the same slowly."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.mqtt.outbox import Entry, MemoryOutbox
+from gateway.mqtt.outbox import Entry, Limits, MemoryOutbox
 
 
 def entry(number: int, *, precious: bool = False) -> Entry:
@@ -21,7 +23,7 @@ def ids(outbox: MemoryOutbox) -> list[str]:
 
 
 def test_an_entry_stays_until_it_is_acknowledged() -> None:
-    outbox = MemoryOutbox(10)
+    outbox = MemoryOutbox(Limits(10))
     outbox.put(entry(1))
     assert outbox.oldest() == outbox.oldest() == entry(1)
     assert len(outbox) == 1
@@ -31,14 +33,14 @@ def test_an_entry_stays_until_it_is_acknowledged() -> None:
 
 
 def test_order_is_kept_across_kinds() -> None:
-    outbox = MemoryOutbox(10)
+    outbox = MemoryOutbox(Limits(10))
     for number in range(1, 8):
         outbox.put(entry(number, precious=number in (2, 3, 6)))
     assert ids(outbox) == [f"b-{n}" for n in range(1, 8)]
 
 
 def test_when_full_the_oldest_common_entry_goes_before_any_precious_one() -> None:
-    outbox = MemoryOutbox(3)
+    outbox = MemoryOutbox(Limits(3))
     for number, precious in ((1, True), (2, False), (3, True), (4, False), (5, True)):
         outbox.put(entry(number, precious=precious))
     assert outbox.dropped == 2
@@ -46,7 +48,7 @@ def test_when_full_the_oldest_common_entry_goes_before_any_precious_one() -> Non
 
 
 def test_full_of_precious_entries_a_common_one_is_not_taken() -> None:
-    outbox = MemoryOutbox(2)
+    outbox = MemoryOutbox(Limits(2))
     for number, precious in ((1, True), (2, True), (3, False)):
         outbox.put(entry(number, precious=precious))
     assert outbox.dropped == 1
@@ -54,7 +56,7 @@ def test_full_of_precious_entries_a_common_one_is_not_taken() -> None:
 
 
 def test_full_of_precious_entries_the_oldest_goes_for_a_newer_one() -> None:
-    outbox = MemoryOutbox(2)
+    outbox = MemoryOutbox(Limits(2))
     for number in (1, 2, 3):
         outbox.put(entry(number, precious=True))
     assert outbox.dropped == 1
@@ -62,7 +64,7 @@ def test_full_of_precious_entries_the_oldest_goes_for_a_newer_one() -> None:
 
 
 def test_the_acknowledgement_of_an_entry_dropped_on_its_way_takes_no_other() -> None:
-    outbox = MemoryOutbox(2)
+    outbox = MemoryOutbox(Limits(2))
     for number in (1, 2, 3):
         outbox.put(entry(number))
     outbox.acknowledge("b-1")
@@ -71,14 +73,14 @@ def test_the_acknowledgement_of_an_entry_dropped_on_its_way_takes_no_other() -> 
 
 def test_room_for_nothing_is_no_outbox() -> None:
     with pytest.raises(ValueError, match="at least 1"):
-        MemoryOutbox(0)
+        MemoryOutbox(Limits(0))
 
 
 @given(
     limit=st.integers(1, 6), moves=st.lists(st.sampled_from(["common", "precious", "acknowledge", "late"]), max_size=60)
 )
 def test_it_behaves_like_a_slow_list(limit: int, moves: list[str]) -> None:
-    outbox = MemoryOutbox(limit)
+    outbox = MemoryOutbox(Limits(limit))
     model: list[Entry] = []
     dropped = 0
     for number, move in enumerate(moves):
@@ -96,3 +98,39 @@ def test_it_behaves_like_a_slow_list(limit: int, moves: list[str]) -> None:
         assert outbox.oldest() == (model[0] if model else None)
         assert (len(outbox), outbox.dropped) == (len(model), dropped)
     assert ids(outbox) == [e.id for e in model]
+
+
+def test_size_and_age_drop_the_oldest_common_entries_first() -> None:
+    day_ms = 86_400_000
+    outbox = MemoryOutbox(Limits(100, size_bytes=4 * entry(1).size, age_ms=2 * day_ms))
+    now_ms = 1_795_000_000_000
+    for number in range(1, 6):
+        gone = outbox.put(replace(entry(number, precious=number == 1), unix_ms=now_ms))
+    assert [e.id for e in gone] == ["b-2"]
+    assert outbox.dropped == 1
+    gone = outbox.put(replace(entry(6), unix_ms=now_ms + 2 * day_ms + 1))
+    assert sorted(e.id for e in gone) == ["b-1", "b-3", "b-4", "b-5"]
+    assert ids(outbox) == ["b-6"]
+
+
+def test_a_clock_that_was_not_set_makes_nothing_old() -> None:
+    outbox = MemoryOutbox(Limits(100, age_ms=1000))
+    outbox.put(replace(entry(1), unix_ms=5000))  # 1970
+    outbox.put(replace(entry(2), unix_ms=1_795_000_000_000))
+    assert ids(outbox) == ["b-1", "b-2"]
+
+
+def test_one_entry_larger_than_all_room_is_kept() -> None:
+    outbox = MemoryOutbox(Limits(100, size_bytes=1))
+    outbox.put(entry(1))
+    assert [e.id for e in outbox.put(entry(2))] == ["b-1"]
+    assert ids(outbox) == ["b-2"]
+
+
+def test_older_entries_come_first() -> None:
+    outbox = MemoryOutbox(Limits(3))
+    outbox.put(entry(7))
+    outbox.put(entry(8, precious=True))
+    assert [e.id for e in outbox.prepend([entry(1), entry(2, precious=True), entry(3)])] == ["b-1", "b-3"]
+    assert outbox.dropped == 2
+    assert [e.id for e in outbox.copy().waiting()] == ids(outbox) == ["b-2", "b-7", "b-8"]

@@ -228,7 +228,7 @@ def test_the_status_and_the_will() -> None:
         "cause": "running",
         "timestamp_ms": 1_700_000_000_123,
         "timestamp": "2023-11-14T22:13:20.123Z",
-        "delivery": {"published": 5, "failed": 4, "reconnects": 3, "dropped": 2, "queued": 1},
+        "delivery": {"published": 5, "failed": 4, "reconnects": 3, "dropped": 2, "queued": 1, "store": None},
     }
     assert sent(status_payload(GATEWAY, "connection lost")) == common | {
         "status": "offline",

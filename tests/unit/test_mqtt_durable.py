@@ -1,0 +1,296 @@
+"""The outbox that survives: what is put comes out in order, whatever the disk does and whoever is killed.
+
+Real files and a real SQLite; the faults of the disk are the real ones where a test can make them.
+"""
+
+import os
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+from gateway.errors import ConfigError
+from gateway.mqtt import durable, store
+from gateway.mqtt.durable import DurableOutbox
+from gateway.mqtt.journal import SLOT_BYTES, Journal
+from gateway.mqtt.outbox import Entry, Limits
+from gateway.mqtt.store import EventFile, StoreError
+from gateway.shared_state import folder
+
+LIMITS = Limits(100)
+
+
+@pytest.fixture
+def name() -> Iterator[str]:
+    name = f"test-{uuid4().hex}"
+    yield name
+    (folder() / f"loading-gateway-events.{name}").unlink(missing_ok=True)
+
+
+def entry(number: int, *, precious: bool = False, unix_ms: int = 0, size: int = 10) -> Entry:
+    return Entry(f"b-{number}", "loading/s/bay1/event", bytes([number % 256]) * size, precious, unix_ms)
+
+
+def drained(outbox: DurableOutbox) -> list[str]:
+    found = []
+    while (oldest := outbox.oldest()) is not None:
+        found.append(oldest.id)
+        outbox.acknowledge(oldest.id)
+    return found
+
+
+def until(fact: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not fact():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def written(outbox: DurableOutbox) -> bool:
+    return outbox.health.unwritten == 0 and not outbox.health.fault
+
+
+def rows(path: Path) -> list[str]:
+    with sqlite3.connect(path) as db:
+        found = [str(row[0]) for row in db.execute("SELECT id FROM events ORDER BY place")]
+    db.close()
+    return found
+
+
+def test_what_was_not_acknowledged_is_there_at_the_next_start_in_order(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "outbox.sqlite"
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        for number in range(1, 8):
+            outbox.put(entry(number, precious=number in (2, 5), unix_ms=number))
+        outbox.acknowledge("b-1")
+        outbox.acknowledge("b-3")  # not the oldest: ignored
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        assert outbox.oldest() == entry(2, precious=True, unix_ms=2)
+        assert (len(outbox), outbox.health.recovered, outbox.dropped) == (6, 6, 0)
+        outbox.put(entry(8))
+        assert drained(outbox) == [f"b-{n}" for n in range(2, 9)]
+        until(lambda: written(outbox) and rows(path) == [])
+    assert path.stat().st_mode & 0o077 == 0
+    assert not (folder() / f"loading-gateway-events.{name}").exists()
+
+
+class Stuck(EventFile):
+    """A disk that takes nothing any more."""
+
+    def write(self, *_: object, **__: object) -> None:
+        raise StoreError("the disk is full")
+
+
+def test_a_full_disk_is_told_and_costs_nothing(name: str, tmp_path: Path) -> None:
+    """Everything is delivered from memory; whatever the disk did not take the next start finds in the journal."""
+    path = tmp_path / "outbox.sqlite"
+    with DurableOutbox(name, path, LIMITS, open_file=Stuck) as outbox:
+        for number in range(1, 6):
+            outbox.put(entry(number))
+        until(lambda: outbox.health.fault != "")
+        assert (outbox.health.fault, outbox.health.faults) == ("the disk is full", 1)
+        assert (len(outbox), outbox.health.unwritten) == (5, 5)
+        outbox.acknowledge("b-1")
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        assert drained(outbox) == ["b-2", "b-3", "b-4", "b-5"]
+
+
+def test_when_the_disk_can_be_written_again_it_holds_what_memory_holds(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    full = True
+
+    class Sometimes(EventFile):
+        def write(self, *args: object, **kwargs: object) -> None:
+            if full:
+                raise StoreError("no room")
+            super().write(*args, **kwargs)  # type: ignore[arg-type]  # handed through
+
+    with DurableOutbox(name, path, LIMITS, open_file=Sometimes) as outbox:
+        outbox.put(entry(1))
+        until(lambda: outbox.health.fault == "no room")
+        outbox.put(entry(2))
+        outbox.acknowledge("b-1")
+        full = False
+        until(lambda: written(outbox))
+        assert rows(path) == ["b-2"]
+        outbox.put(entry(3))
+        until(lambda: rows(path) == ["b-2", "b-3"])
+
+
+def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) -> None:
+    """RLIMIT_FSIZE: the kernel itself refuses the write."""
+    code = (
+        "import resource, sys, time\n"
+        "from pathlib import Path\n"
+        "from gateway.mqtt.durable import DurableOutbox\n"
+        "from gateway.mqtt.outbox import Entry, Limits\n"
+        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(1000)) as outbox:\n"
+        "    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))\n"
+        "    for n in range(60):\n"
+        "        outbox.put(Entry(f'b-{n}', 't', b'x' * 2000, True))\n"
+        "    while not outbox.health.fault:\n"
+        "        time.sleep(0.01)\n"
+        "    print(len(outbox), outbox.health.faults)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, name, str(tmp_path / "outbox.sqlite")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "60 1\n"), done.stderr
+    with DurableOutbox(name, tmp_path / "outbox.sqlite", Limits(1000)) as outbox:
+        assert drained(outbox) == [f"b-{n}" for n in range(60)]
+
+
+@pytest.mark.parametrize("damage", [b"this is no database" * 300, b"SQLite format 3\x00" + b"\xff" * 5000])
+def test_a_corrupt_file_is_put_aside_and_a_new_one_begun(name: str, tmp_path: Path, damage: bytes) -> None:
+    path = tmp_path / "outbox.sqlite"
+    for _ in range(6):
+        path.write_bytes(damage)
+        with DurableOutbox(name, path, LIMITS) as outbox:
+            assert outbox.health.fault == ""
+            outbox.put(entry(1))
+            until(lambda outbox=outbox: written(outbox))  # type: ignore[misc]
+            assert rows(path) == ["b-1"]
+            assert drained(outbox) == ["b-1"]
+    aside = sorted(p.name for p in tmp_path.glob("*.corrupt-*"))
+    assert aside == ["outbox.sqlite.corrupt-4", "outbox.sqlite.corrupt-5", "outbox.sqlite.corrupt-6"]
+
+
+def test_a_file_of_another_layout_is_left_alone(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with sqlite3.connect(path) as db:
+        db.execute("PRAGMA user_version = 99")
+    db.close()
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        assert "layout 99" in outbox.health.fault
+        outbox.put(entry(1))
+        assert drained(outbox) == ["b-1"]
+
+
+def test_a_locked_file_is_told_and_what_it_holds_comes_when_it_is_free(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(durable, "FIRST_RETRY_S", 0.01)
+    path = tmp_path / "outbox.sqlite"
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        outbox.put(entry(1))
+    with ExitStack() as other:
+        file = EventFile(path)
+        other.callback(file.close)
+        outbox = other.enter_context(DurableOutbox(name, path, LIMITS))
+        assert "another gateway uses it" in outbox.health.fault
+        outbox.put(entry(2))
+        assert outbox.oldest() == entry(2)
+        file.close()
+        until(lambda: written(outbox))
+        assert drained(outbox) == ["b-1", "b-2"]
+
+
+def test_a_folder_that_cannot_be_written_is_told(name: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    path = tmp_path / "file" / "outbox.sqlite"
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        assert str(path) in outbox.health.fault
+        outbox.put(entry(1))
+        assert drained(outbox) == ["b-1"]
+
+
+def test_two_gateways_of_one_name_do_not_share_a_journal(name: str, tmp_path: Path) -> None:
+    with (
+        DurableOutbox(name, tmp_path / "a", LIMITS),
+        pytest.raises(ConfigError, match="in use by another gateway"),
+        DurableOutbox(name, tmp_path / "b", LIMITS),
+    ):
+        pass
+
+
+def test_what_is_dropped_is_dropped_on_disk_too(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with DurableOutbox(name, path, Limits(3)) as outbox:
+        for number, precious in ((1, True), (2, False), (3, True), (4, False), (5, True)):
+            outbox.put(entry(number, precious=precious))
+        assert outbox.dropped == 2
+        until(lambda: written(outbox) and rows(path) == ["b-1", "b-3", "b-5"])
+
+
+def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path: Path) -> None:
+    """The child tells of an event only after it happened: whatever it told must be there afterwards, in order."""
+    code = (
+        "import os, sys, time\n"
+        "from pathlib import Path\n"
+        "from gateway.mqtt.durable import DurableOutbox\n"
+        "from gateway.mqtt.outbox import Entry, Limits\n"
+        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(100_000)) as outbox:\n"
+        "    first = int(sys.argv[3])\n"
+        "    for n in range(first, first + 10_000):\n"
+        "        outbox.put(Entry(f'b-{n}', 't', b'x' * 1500, True))\n"
+        "        os.write(1, b'%d\\n' % n)\n"
+        "        time.sleep(0.0005)\n"
+        "        if n % 3 == 0 and (old := outbox.oldest()):\n"
+        "            os.write(1, b'-%s\\n' % old.id.encode())\n"
+        "            outbox.acknowledge(old.id)\n"
+    )
+    path = tmp_path / "outbox.sqlite"
+    told: list[str] = []
+    acknowledged: set[str] = set()
+    for run in range(6):
+        first = 100_000 * (run + 1)
+        with subprocess.Popen(
+            [sys.executable, "-c", code, name, str(path), str(first)], stdout=subprocess.PIPE, text=True
+        ) as child:
+            assert child.stdout is not None
+            seen = 0
+            for line in child.stdout:
+                word = line.strip()
+                if word.startswith("-"):
+                    acknowledged.add(word[1:])
+                else:
+                    told.append(f"b-{word}")
+                    seen += 1
+                if seen == 40 + 37 * run:
+                    child.kill()
+    with DurableOutbox(name, path, Limits(100_000)) as outbox:
+        found = drained(outbox)
+    missing = [one for one in told if one not in acknowledged and one not in set(found)]
+    assert missing == []
+    assert found == sorted(found, key=lambda one: int(one[2:]))
+    assert len(told) > 600
+
+
+def test_the_journal_bears_anything_that_a_dead_gateway_can_leave(name: str) -> None:
+    with Journal(name, slots=4) as journal:
+        for number in range(1, 6):
+            journal.put(entry(number))
+        journal.put(entry(9, size=SLOT_BYTES))
+        assert (len(journal), journal.overflowed) == (4, 2)
+        journal.release("b-2")
+        journal.release("b-none")
+    path = folder() / f"loading-gateway-events.{name}"
+    data = bytearray(path.read_bytes())
+    slots = [data[n * SLOT_BYTES : (n + 1) * SLOT_BYTES] for n in range(4)]
+    holding = next(n for n, slot in enumerate(slots) if b"b-3" in slot)
+    data[holding * SLOT_BYTES + 40] ^= 1  # half written when it died
+    path.write_bytes(bytes(data))
+    with Journal(name, slots=4) as journal:
+        assert [e.id for e in journal.recover()] == ["b-1", "b-4"]
+        journal.put(entry(6))
+    path.write_bytes(os.urandom(4 * SLOT_BYTES))
+    with Journal(name, slots=4) as journal:
+        assert journal.recover() == []
+
+
+def test_only_so_many_corrupt_files_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "x.sqlite"
+    for _ in range(12):
+        path.write_text("")
+        store.put_aside(path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"x.sqlite.corrupt-{n}" for n in (10, 11, 12)]
