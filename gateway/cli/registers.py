@@ -46,7 +46,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--word-order", choices=("big", "little"), default=default.word_order, help="[modbus] word_order (default: big)"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="FILE|DIR", help="write there instead of stdout; an existing file is replaced"
+        "--out",
+        metavar="FILE|DIR/",
+        help="write there instead of stdout: a file, a folder that exists, or a new one with a / at its end; files of"
+        " an earlier export are replaced",
     )
     width = max(map(len, FORMATS))
     formats = "\n".join(f"  {name.ljust(width)}  {made.summary}" for name, made in FORMATS.items())
@@ -73,9 +76,10 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write(files: dict[str, str], out: Path) -> None:
-    """One file to `out`, or into the folder `out`; several always into the folder. ConfigError where it can't."""
-    folder = len(files) > 1 or out.is_dir() or str(out).endswith("/")
+def _write(files: dict[str, str], where: str) -> None:
+    """One file to `where`, or into the folder `where`; several always into the folder. ConfigError where it can't."""
+    out = Path(where)
+    folder = len(files) > 1 or out.is_dir() or where.endswith("/")
     try:
         if folder:
             out.mkdir(parents=True, exist_ok=True)
