@@ -110,6 +110,13 @@ class VisionConfig(Section):
     min_area_px2: float = Field(100.0, ge=0, le=1e8, description="S_min of equation 9")
     min_circularity: float = Field(0.0, ge=0, le=1, description="4 pi area / perimeter^2 at least; 0: off, the paper")
     min_fill: float = Field(0.0, ge=0, le=1, description="area / enclosing circle's area at least; 0: off, the paper")
+    min_radius_share: float = Field(
+        0.012, ge=0.002, le=1, description="robust: smallest radius, as a share of the picture's diagonal"
+    )
+    max_radius_share: float = Field(0.5, ge=0.002, le=1, description="robust: largest radius, likewise")
+    min_confidence: float = Field(
+        0.5, ge=0, le=1, description="robust: what is less sure to be a red disc is no marker"
+    )
     intrinsics: Intrinsics | None = Field(None, description="for equation 11")
     workers: int = Field(1, ge=1, le=16, description="vision processes for this bay")
     affinity: Cpus | None = Field(None, description="CPUs the vision processes may use")
@@ -121,6 +128,12 @@ class VisionConfig(Section):
         if value % 2 == 0:
             raise ValueError("must be odd")
         return value
+
+    @model_validator(mode="after")
+    def _radii(self) -> Self:
+        if self.min_radius_share > self.max_radius_share:
+            raise PlacedError(f"lies above max_radius_share, {self.max_radius_share:g}", "min_radius_share")
+        return self
 
     @model_validator(mode="after")
     def _corners(self) -> Self:
