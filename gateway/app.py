@@ -16,12 +16,12 @@ from gateway.clock import Clock
 from gateway.config import SHARED_SECTIONS, GatewayConfig
 from gateway.errors import ConfigError, GatewayError
 from gateway.hub import Hub
-from gateway.modbus import identity
+from gateway.modbus import identity, tls
 from gateway.modbus.answers import Unit
-from gateway.modbus.registers import CurrentImage
-from gateway.modbus.server import ModbusServer
+from gateway.modbus.service import serving
+from gateway.modbus.showing import image_of
 from gateway.modbus.writes import writer
-from gateway.mqtt import address
+from gateway.mqtt import address, credentials
 from gateway.mqtt.durable import outbox_of
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.mqtt.topics import Topics
@@ -67,7 +67,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         try:
             part()
         except ConfigError as error:
-            said = re.sub(r"^(camera\.url|mqtt\.url|mqtt\.root|ranger port)\b[:= ]*", "", str(error))
+            said = re.sub(r"^(modbus\.tls\.|camera\.url|mqtt\.url|mqtt\.root|ranger port)\b[:= ]*", "", str(error))
             line = at(place, said, source=source, text=text, shared=SHARED_SECTIONS)
             if line not in faults:  # a shared section is looked at once per bay
                 faults.append(line)
@@ -75,8 +75,15 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
     for n, bay in enumerate(config.bays):
         look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
         look(("bays", n, "ranger", "port"), partial(check_url, bay.ranger.port))
+    if config.modbus.tls is not None:
+        look(("modbus", "tls"), partial(tls.server_context, config.modbus.tls))
     if config.mqtt is not None:
         look(("mqtt", "url"), partial(address.parse, config.mqtt.url))
+        try:
+            if not faults:
+                credentials.tls_context(config.mqtt, credentials.broker_of(config.mqtt))
+        except credentials.CredentialsError as error:
+            faults.append(at(error.place, error.said, source=source, text=text, shared=SHARED_SECTIONS))
         look(("mqtt", "root"), partial(Topics, config.mqtt.root, config.site, config.instance))
     if faults:
         raise ConfigError("\n".join(faults))
@@ -87,9 +94,10 @@ class Running:
     """Handed to `on_started` once a PLC could poll."""
 
     modbus_host: str
-    modbus_port: int
+    modbus_port: int  # of plain Modbus TCP; where that is off, of TLS
     hub: Hub
     supervisor: Supervisor
+    modbus_tls_port: int | None = None
 
 
 async def run(
@@ -135,19 +143,19 @@ async def run(
             ]
         supervisor = Supervisor(tasks, clock)
 
-        def image_of(control: BayControl) -> Callable[[], Sequence[int]]:
-            image = CurrentImage(config.modbus.word_order)
-            return lambda: image.of(control.state(), clock.now_ns(), clock.wall_ns())
-
         def unit_of(control: BayControl) -> Unit:
             write = writer(control.on_write, control.on_refused) if config.modbus.writes else None
-            return Unit(image_of(control), write, identity.objects(f"{config.site}/{control.name}"))
+            return Unit(
+                image_of(control, config.modbus.word_order, clock),
+                write,
+                identity.objects(f"{config.site}/{control.name}"),
+            )
 
         units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}
         try:
-            async with ModbusServer(config.modbus, units) as server, asyncio.TaskGroup() as group:
+            async with serving(config.modbus, units, clock.wall_ns()) as bound, asyncio.TaskGroup() as group:
                 supervised = group.create_task(supervisor.run(), name="supervisor")
-                on_started(Running(config.modbus.host, server.port, hub, supervisor))
+                on_started(Running(config.modbus.host, bound.first, hub, supervisor, bound.tls))
                 try:
                     await stop.wait()
                 finally:  # also when a task is past help: what is retained at the broker must not look good for ever

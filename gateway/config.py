@@ -326,12 +326,38 @@ class ModbusConfig(Section):
         return self
 
 
+class MqttTls(Section):
+    """With `url = "mqtts://..."`. Absent: the system's certificate authorities, and no certificate of our own."""
+
+    ca_file: str | None = Field(None, min_length=1, description="PEM; whom to trust; default: what the system trusts")
+    cert_file: str | None = Field(None, min_length=1, description="PEM; the certificate we show to the broker")
+    key_file: str | None = Field(None, min_length=1, description="PEM; its private key")
+    key_password_file: str | None = Field(None, min_length=1, description="file whose one line opens the key")
+
+    @model_validator(mode="after")
+    def _paired(self) -> Self:
+        if (self.cert_file is None) != (self.key_file is None):
+            missing = "key_file" if self.key_file is None else "cert_file"
+            raise PlacedError("is missing; cert_file and key_file belong together", missing)
+        return self
+
+
 class MqttConfig(Section):
     url: str = Field(
         pattern=r"^mqtts?://", description="mqtt[s]://[user[:password]@]host[:port]; without [mqtt] none is used"
     )
     root: str = Field("loading", pattern=r"^[^#+/\s][^#+\s]*$", description="first level of every topic")
     client_id: str | None = Field(None, max_length=64, description="default: gateway-<site>-<instance>")
+    username: str | None = Field(None, min_length=1, max_length=1000, description="instead of one in the url")
+    password_file: str | None = Field(None, min_length=1, description="file whose one line is the password")
+    password_env: str | None = Field(
+        None, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable that holds the password"
+    )
+    protocol: Literal["auto", "5", "3.1.1"] = Field("auto", description="auto: MQTT 5, and 3.1.1 where 5 is refused")
+    event_expiry_h: float = Field(
+        168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event that nobody fetched for so long"
+    )
+    tls: MqttTls | None = Field(None, description="certificates for mqtts://")
     state_period_s: float = Field(
         0.5, ge=0.02, le=60, description="retained state at most so often; changes of stop at once"
     )
@@ -346,6 +372,12 @@ class MqttConfig(Section):
         "users than root; empty: memory only",
     )
     reconnect: Reconnect = Field(default_factory=Reconnect)
+
+    @model_validator(mode="after")
+    def _one_password(self) -> Self:
+        if self.password_file is not None and self.password_env is not None:
+            raise PlacedError("password_file is given, too; keep one of them", "password_env")
+        return self
 
 
 class BayConfig(Section):

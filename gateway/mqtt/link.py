@@ -20,28 +20,49 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import aiomqtt
+from aiomqtt.exceptions import MqttConnectError
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 
 from gateway.errors import LinkError
 from gateway.mqtt.address import Broker
 from gateway.mqtt.dial import dial
+from gateway.mqtt.versions import Protocol
 
 CONNECT_S = 5.0  # for the socket, and again for the broker's greeting
 MAX_IN_FLIGHT = 8  # messages on their way at once; more wait their turn
 
+UNKNOWN_PROTOCOL = (1, 132)  # CONNACK of MQTT 3.1.1 and of MQTT 5
+
+_VERSION = {Protocol.V5: aiomqtt.ProtocolVersion.V5, Protocol.V311: aiomqtt.ProtocolVersion.V311}
+
 _log = logging.getLogger("mqtt")
+
+
+class NotGreetedError(LinkError):
+    """There is something, but it did not greet us. `certain`: because it does not speak this version of MQTT."""
+
+    def __init__(self, text: str, *, certain: bool) -> None:
+        super().__init__(text)
+        self.certain = certain
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
+    """`expiry_s` (MQTT 5): the broker forgets it after so long, retained or not; None: never."""
+
     topic: str
     payload: bytes
     retain: bool
+    expiry_s: int | None = None
 
 
 class BrokerLink:
     """A live connection. Real seconds, not the gateway's clock: the broker knows no simulated time."""
 
-    def __init__(self, client: aiomqtt.Client, broker: Broker, ack_s: float) -> None:
+    def __init__(self, client: aiomqtt.Client, broker: Broker, ack_s: float, protocol: Protocol) -> None:
+        self.protocol = protocol
         self._client = client
         self._broker = broker
         self._ack_s = ack_s
@@ -51,7 +72,10 @@ class BrokerLink:
         """Returns when the broker has acknowledged it (QoS 1). Raises LinkError: the link is of no more use."""
         try:
             async with self._turns, asyncio.timeout(self._ack_s):
-                await self._client.publish(message.topic, message.payload, qos=1, retain=message.retain)
+                properties = None if self.protocol is Protocol.V311 else _properties(message)
+                await self._client.publish(
+                    message.topic, message.payload, qos=1, retain=message.retain, properties=properties
+                )
         except TimeoutError:
             raise LinkError(f"{self._broker}: no acknowledgement within {self._ack_s:g} s") from None
         except aiomqtt.MqttError as error:
@@ -67,20 +91,47 @@ class BrokerLink:
         raise LinkError(f"{self._broker}: connection lost")
 
 
+def _code(error: MqttConnectError) -> int | None:
+    return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
+
+
+def _properties(message: Message) -> Properties:
+    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+    properties.PayloadFormatIndicator = 1  # UTF-8
+    properties.ContentType = "application/json"
+    if message.expiry_s is not None:
+        properties.MessageExpiryInterval = max(1, message.expiry_s)
+    return properties
+
+
 @contextlib.asynccontextmanager
 async def connect(
-    broker: Broker, *, client_id: str, will: Message, keepalive_s: int, ack_s: float, tls: ssl.SSLContext | None
+    broker: Broker,
+    *,
+    client_id: str,
+    will: Message,
+    keepalive_s: int,
+    ack_s: float,
+    tls: ssl.SSLContext | None,
+    protocol: Protocol = Protocol.V311,
 ) -> AsyncIterator[BrokerLink]:
-    """Raises LinkError when there is no broker, or it refuses us."""
+    """Raises LinkError when there is no broker, or it refuses us; NotGreetedError where the protocol may be why."""
     try:
         sock = await dial(broker.host, broker.port, tls, CONNECT_S)
     except LinkError as error:
         raise LinkError(f"{broker}: {error}") from error
     with contextlib.closing(sock):
-        client = _Client(sock, broker, client_id=client_id, will=will, keepalive_s=keepalive_s)
+        client = _Client(sock, broker, client_id=client_id, will=will, keepalive_s=keepalive_s, protocol=protocol)
         try:
-            await client.greet()
-            yield BrokerLink(client, broker, ack_s)
+            try:
+                await client.greet()
+            except MqttConnectError as error:
+                if _code(error) not in UNKNOWN_PROTOCOL:
+                    raise
+                raise NotGreetedError(f"{broker}: {error}", certain=True) from error
+            except aiomqtt.MqttError as error:
+                raise NotGreetedError(f"{broker}: {error}", certain=False) from error
+            yield BrokerLink(client, broker, ack_s, protocol)
             await client.say_goodbye()  # skipped when the body raises: then the broker must publish the will
         except aiomqtt.MqttError as error:
             raise LinkError(f"{broker}: {error}") from error
@@ -91,13 +142,23 @@ async def connect(
 class _Client(aiomqtt.Client):
     """aiomqtt on a socket that is open already."""
 
-    def __init__(self, sock: socket.socket, broker: Broker, *, client_id: str, will: Message, keepalive_s: int) -> None:
+    def __init__(
+        self,
+        sock: socket.socket,
+        broker: Broker,
+        *,
+        client_id: str,
+        will: Message,
+        keepalive_s: int,
+        protocol: Protocol,
+    ) -> None:
         super().__init__(
             broker.host,
             broker.port,
             username=broker.username,
             password=broker.password,
             identifier=client_id,
+            protocol=_VERSION[protocol],
             will=aiomqtt.Will(will.topic, will.payload, qos=1, retain=will.retain),
             # Its own time limits lose a cancellation that comes together with an answer (Python 3.11's wait_for).
             timeout=math.inf,
@@ -115,6 +176,13 @@ class _Client(aiomqtt.Client):
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
         """At once. The library's own does it a moment later, when the socket may be closed and its number another's."""
         self._loop.add_writer(sock.fileno(), client.loop_write)
+
+    def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
+        """MQTT 5 tells when the broker has not taken a message; the library does not look."""
+        if not reason_code.is_failure:
+            super()._on_publish(client, userdata, mid, reason_code, properties)
+        elif not self._disconnected.done():
+            self._disconnected.set_exception(aiomqtt.MqttError(f"a message was refused: {reason_code}"))
 
     async def greet(self) -> None:
         """Returns when the broker has accepted us. Raises MqttError."""

@@ -8,8 +8,8 @@ What must outlive a connection (outbox, counters) lives here. Nothing here can m
 import asyncio
 import contextlib
 import logging
+import math
 import secrets
-import ssl
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
@@ -22,11 +22,12 @@ from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.model import Event, Quality, Reason, StateVector
-from gateway.mqtt import address, payloads
+from gateway.mqtt import credentials, payloads
 from gateway.mqtt.durable import DurableOutbox, limits
-from gateway.mqtt.link import Message, connect
+from gateway.mqtt.link import Message, NotGreetedError, connect
 from gateway.mqtt.outbox import Entry, MemoryOutbox, Outbox
 from gateway.mqtt.topics import Topics
+from gateway.mqtt.versions import Versions
 
 log = logging.getLogger(__name__)
 
@@ -75,8 +76,10 @@ class MqttPublisher:
         self._clock = clock
         self._topics = Topics(config.root, site, instance)
         self._gateway = payloads.Gateway(self._topics, hub.bays, version, secrets.token_hex(8))
-        self._broker = address.parse(config.url)
+        self._broker = credentials.broker_of(config)
+        self._versions = Versions(config.protocol)
         self._connect = connector or self._connector()
+        self._event_expiry_s = round(config.event_expiry_h * 3600)
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
         self._outbox = outbox if outbox is not None else MemoryOutbox(limits(config))
         self._numbered = 0
@@ -130,7 +133,7 @@ class MqttPublisher:
 
     def _connector(self) -> Connect:
         # The system's certificates are read once, here: from disk, and not while a bay is being watched.
-        return partial(
+        opened = partial(
             connect,
             self._broker,
             client_id=self._config.client_id or f"gateway-{self._topics.site}-{self._topics.instance}",
@@ -141,8 +144,20 @@ class MqttPublisher:
             ),
             keepalive_s=self._config.keepalive_s,
             ack_s=ACK_SHARE * self._config.keepalive_s,
-            tls=ssl.create_default_context() if self._broker.tls else None,
+            tls=credentials.tls_context(self._config, self._broker),
         )
+
+        @contextlib.asynccontextmanager
+        async def any_version() -> AsyncIterator[Link]:
+            try:
+                async with opened(protocol=self._versions.next) as link:
+                    self._versions.greeted()
+                    yield link
+            except NotGreetedError as error:
+                self._versions.failed(certain=error.certain)
+                raise
+
+        return any_version
 
     @contextlib.asynccontextmanager
     async def _connected(self) -> AsyncIterator[Link]:
@@ -212,7 +227,9 @@ class MqttPublisher:
             async with self._event_turn:
                 if (entry := self._outbox.oldest()) is None:
                     return
-                await self._publish(link, Message(entry.topic, entry.payload, retain=False))
+                await self._publish(
+                    link, Message(entry.topic, entry.payload, retain=False, expiry_s=self._event_expiry_s)
+                )
                 self._outbox.acknowledge(entry.id)
 
     async def _say_goodbye(self, link: Link) -> None:
@@ -243,8 +260,10 @@ class MqttPublisher:
         return payloads.current(self._hub.state(bay), self._clock.now_ns())
 
     def _state_message(self, state: StateVector) -> Message:
+        """A live state is forgotten by the broker (MQTT 5) once it is too old to be believed; a last word stays."""
+        expiry_s = None if state.reason is Reason.SHUTDOWN else math.ceil(self._stale_after_ms / 1000)
         payload = payloads.state_payload(state, self._gateway, self._offset_ns(), self._stale_after_ms)
-        return Message(self._topics.state(state.bay), payloads.encode(payload), retain=True)
+        return Message(self._topics.state(state.bay), payloads.encode(payload), retain=True, expiry_s=expiry_s)
 
     def _status_message(self, cause: payloads.Cause) -> Message:
         payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats)
