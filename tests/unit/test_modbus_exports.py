@@ -83,6 +83,7 @@ def test_ignition_reads_the_image_through_its_own_addresses() -> None:
                 value = leaf["scaledLow"] + share * (leaf["scaledHigh"] - leaf["scaledLow"])
             read[leaf["name"]] = value
             assert leaf.get("engUnit", "") == BY_NAME[leaf["name"]].unit
+            assert leaf.get("readOnly", False) is not BY_NAME[leaf["name"]].writable
     expected = decode(words)
     assert set(read) == set(expected)
     for name, value in expected.items():
@@ -111,7 +112,6 @@ def test_kepware_reads_the_image_through_its_own_addresses() -> None:
         found = re.fullmatch(r"4(\d{5})(?:\.(\d+))?", row["Address"])
         assert found, row
         address = int(found[1]) - 1
-        assert row["Client Access"] in ("RO", "R/W")
         if found[2] is not None:
             assert row["Data Type"] == "Boolean"
             read[row["Tag Name"]] = bool(words[address] >> int(found[2]) & 1)
@@ -125,6 +125,9 @@ def test_kepware_reads_the_image_through_its_own_addresses() -> None:
         read[row["Tag Name"]] = value
         assert len(row["Description"]) <= 255
     assert len(read) == len(rows)
+    writable = {row["Tag Name"] for row in rows if row["Client Access"] == "R/W"}
+    assert writable == {register.name for register in REGISTERS if register.writable}
+    assert {row["Client Access"] for row in rows} == {"RO", "R/W"}
     for name, expected in decode(words).items():
         if BY_NAME[name].words == 4:
             assert read[f"{name}_high"] << 32 | read[f"{name}_low"] == expected

@@ -35,6 +35,8 @@ def _tag(register: Register, target: Target) -> dict[str, Any]:
     designator, data_type = _TYPES[register.kind.name]
     tag = _opc(register.name, f"{designator}{register.address + 1}", data_type, target)
     tag["documentation"] = describe(register) + _codes(register)
+    if not register.writable:
+        tag["readOnly"] = True
     if register.unit:
         tag["engUnit"] = register.unit
     if register.scale != 1:
@@ -55,7 +57,7 @@ def _bits(register: Register, target: Target) -> dict[str, Any]:
     tags = []
     for bit, (name, meaning) in (register.bits or {}).items():
         tag = _opc(name, f"HR{register.address + 1}.{bit}", "Boolean", target)
-        tag["documentation"] = meaning
+        tag |= {"documentation": meaning, "readOnly": True}  # a written bit would rewrite its whole word
         tags.append(tag)
     return {"name": f"{register.name} bits", "tagType": "Folder", "tags": tags}
 

@@ -55,6 +55,8 @@ def _rows(register: Register, target: Target) -> list[Row]:
         ]
     row = _row(register.name, f"{400001 + register.address}", _TYPES[register.kind.name], describe(register))
     row["Eng Units"] = register.unit
+    if register.writable:
+        row["Client Access"] = "R/W"
     if register.scale != 1:
         low, high = register.kind.low, register.kind.high
         row |= {

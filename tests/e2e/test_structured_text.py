@@ -1,0 +1,144 @@
+"""The exported structured text, run in cycles against a live simulated bay.
+
+A parser that we did not write reads the program, tests/structured_text.py runs its tree: no IEC 61131-3 compiler is to
+be had from the package registries that this project uses. docs/plc-integration.md says how to compile it with one.
+"""
+
+import time
+from pathlib import Path
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+from gateway.modbus.exports import structured_text
+from gateway.modbus.exports.diagnosis import Diagnosis
+from gateway.modbus.exports.target import Target
+from gateway.modbus.registers import BLOCK_WORDS, REGISTERS
+from gateway.model import Reason
+from tests.e2e.processes import Gateway
+from tests.structured_text import Instance, Program
+
+# Far, on the mark, far again, then standing.
+VISIT = """
+seed = 7
+start = { distance_cm = 60 }
+legs = [
+  { distance_cm = 60, hold_s = 4 },
+  { distance_cm = 27, speed_cm_s = 20, hold_s = 3 },
+  { distance_cm = 60, speed_cm_s = 40, hold_s = 120 },
+]
+"""
+CYCLE_MS = 20
+# A busy machine may not schedule the gateway for a while; that is not what is tested here.
+TIMEOUT_MS = 5000
+LIMIT_S = 40.0
+ADDRESS = {register.name: register.address for register in REGISTERS}
+PAIRS = [register.address for register in REGISTERS if register.words == 2]
+
+
+class SoftPlc:
+    """Polls the block and calls the function block once in a cycle; its time is its cycles'."""
+
+    def __init__(self, block: Instance, port: int) -> None:
+        self.block = block
+        self.words = [0] * BLOCK_WORDS
+        self._client = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
+        self._now_ms = 0
+
+    def cycle(self) -> Diagnosis:
+        """A poll, a call, a short sleep."""
+        ok = False
+        try:
+            answer = self._client.read_holding_registers(0, count=BLOCK_WORDS, device_id=1)
+            ok = not answer.isError()
+        except (ModbusException, OSError):
+            pass
+        if ok:
+            self.words = list(answer.registers)
+        found = self.call(self.words, ok=ok)
+        time.sleep(CYCLE_MS / 1000)
+        return found
+
+    def call(self, words: list[int], *, ok: bool = True, after_ms: int = CYCLE_MS) -> Diagnosis:
+        self._now_ms += after_ms
+        self.block.call(self._now_ms, PollOk=ok, Words=list(words), HeartbeatTimeout=TIMEOUT_MS)
+        found = Diagnosis(self.block["Diagnostic"])
+        permit, stop = (words[ADDRESS[name]] for name in ("permit", "stop"))
+        # Whatever comes: no enable without a permit, and no running truck without an enable to believe in.
+        assert self.block["Enable"] is (found is Diagnosis.ENABLED)
+        assert not self.block["Enable"] or (ok and (permit, stop) == (1, 0))
+        assert self.block["MustStop"] or self.block["Alive"]
+        return found
+
+    def until(self, wanted: Diagnosis) -> None:
+        deadline = time.monotonic() + LIMIT_S
+        seen: list[str] = []
+        while (found := self.cycle()) is not wanted:
+            seen = [*seen[-20:], found.name]
+            assert time.monotonic() < deadline, f"{wanted.name} not seen; last: {seen}"
+
+    def close(self) -> None:
+        self._client.close()  # type: ignore[no-untyped-call]  # pymodbus's own
+
+
+@pytest.fixture(scope="module")
+def program() -> Program:
+    return Program(structured_text.text(Target()))
+
+
+def test_the_enable_follows_a_live_bay_and_falls_on_every_doubt(program: Program, tmp_path: Path) -> None:
+    scenario = tmp_path / "visit.toml"
+    scenario.write_text(VISIT)
+    with Gateway("simulate", "--scenario", str(scenario), "--modbus-port", "0", "--json") as gateway:
+        plc = SoftPlc(program.instance(structured_text.FUNCTION_BLOCK), gateway.started()["modbus_port"])
+        try:
+            follow(plc)
+            doubt(plc)
+            gateway.end()
+            plc.until(Diagnosis.POLL_FAILED)
+            assert (plc.block["MustStop"], plc.block["Data"]["stop"]) == (True, 1)
+        finally:
+            plc.close()
+
+
+def follow(plc: SoftPlc) -> None:
+    """Enabled while far, off on the mark, enabled again."""
+    plc.until(Diagnosis.ENABLED)
+    data = plc.block["Data"]
+    assert data["distance"] == pytest.approx(600, abs=40)
+    assert data["distance_f32"] == pytest.approx(data["distance"], abs=0.51)
+    assert data["known_f32"] == 123456.0
+    plc.until(Diagnosis.STOP)
+    while plc.block["Reason"] != Reason.TARGET_REACHED:  # a glimpse without a distance may come first
+        plc.until(Diagnosis.STOP)
+    assert plc.block["MustStop"] is True
+    plc.until(Diagnosis.ENABLED)
+
+
+def doubt(plc: SoftPlc) -> None:
+    """One image after another that no live gateway would send whole; after each, the live ones enable again."""
+    plc.until(Diagnosis.ENABLED)
+    old = list(plc.words)
+    plc.until(Diagnosis.ENABLED)
+    while plc.words[0] == old[0]:
+        plc.until(Diagnosis.ENABLED)
+    torn = old[:50] + plc.words[50:]
+    assert plc.call(torn) is Diagnosis.TORN
+
+    plc.until(Diagnosis.ENABLED)
+    swapped = list(plc.words)
+    for address in PAIRS:
+        swapped[address : address + 2] = reversed(swapped[address : address + 2])
+    assert plc.call(swapped) is Diagnosis.WORD_ORDER
+
+    plc.until(Diagnosis.ENABLED)
+    shifted = [*plc.words[1:], 0]
+    assert plc.call(shifted) is Diagnosis.FOREIGN
+
+    plc.until(Diagnosis.ENABLED)
+    frozen = list(plc.words)
+    assert plc.call(frozen) is Diagnosis.ENABLED
+    assert plc.call(frozen, after_ms=TIMEOUT_MS) is Diagnosis.HEARTBEAT
+    assert plc.call(frozen, ok=False) is Diagnosis.POLL_FAILED
+    plc.until(Diagnosis.ENABLED)
