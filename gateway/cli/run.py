@@ -59,7 +59,10 @@ def main(args: argparse.Namespace) -> int:
 
     def started(now: app.Running) -> None:
         nonlocal where
-        where = f"Modbus TCP on {now.modbus_host}:{now.modbus_port}, site {settings.site}"
+        served = [f"Modbus TCP on {now.modbus_host}:{now.modbus_port}"] if settings.modbus.plain else []
+        if now.modbus_tls_port is not None:
+            served.append(f"Modbus/TCP Security on {now.modbus_host}:{now.modbus_tls_port}")
+        where = f"{', '.join(served)}, site {settings.site}"
         if not args.view:
             out.write(f"gateway runs: {where}\n")
 

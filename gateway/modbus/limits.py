@@ -26,6 +26,8 @@ class Refusal(Enum):
     HALF_FRAME = "it began a frame and did not end it within modbus.frame_timeout_s"
     NOT_READING = "it did not read its answers for modbus.send_timeout_s"
     BAD_LENGTH = "its frame has a length that no frame can have, so that the next one can't be found"
+    TLS_FAILED = "its TLS handshake failed"
+    TLS_BUSY = "too many TLS handshakes at once, or too soon after one another"
     BAD_PROTOCOL = "its frame has another protocol id than 0; the frame was discarded"
 
 

@@ -22,6 +22,7 @@ from gateway.modbus.answers import Peer, Unit
 from gateway.modbus.connection import Connection
 from gateway.modbus.desk import Desk, DeskStats
 from gateway.modbus.limits import Limits, Refusal, plain_address
+from gateway.modbus.porch import Porch
 from gateway.modbus.sockets import BACKLOG, allow_open_files, bind_error, listen
 from gateway.modbus.telling import Teller
 
@@ -69,6 +70,7 @@ class ModbusServer:
         *,
         port: int | None = None,
         ssl_context: ssl.SSLContext | None = None,
+        handshake_deadline_s: float = 5.0,
         peer_of: PeerOf = plain_peer,
     ) -> None:
         self.stats = ServerStats()
@@ -76,8 +78,10 @@ class ModbusServer:
         self._units = units
         self._wanted_port = config.port if port is None else port
         self._ssl_context = ssl_context
+        self._handshake_deadline_s = handshake_deadline_s
         self._peer_of = peer_of
         self._listener: _Listener | None = None
+        self._handshakes: asyncio.TaskGroup | None = None  # of TLS
 
     @property
     def port(self) -> int:
@@ -88,11 +92,14 @@ class ModbusServer:
 
     async def __aenter__(self) -> Self:
         allow_open_files(self._config)
-        listener = _Listener(self._config, self._units, self.stats, self._wanted_port, self._ssl_context, self._peer_of)
+        listener = _Listener(self._config, self._units, self.stats, self._wanted_port, self._peer_of)
+        if self._ssl_context is not None:
+            self._handshakes = await asyncio.TaskGroup().__aenter__()
+            listener.porch = listener.porch_for(self._ssl_context, self._handshake_deadline_s, self._handshakes)
         try:
             await listener.serve_forever(background=True)
         except (OSError, ValueError) as error:
-            await listener.shut_down()
+            await self._shut_down(listener)
             raise bind_error(self._config, error, self._wanted_port) from error
         self._listener = listener
         return self
@@ -102,7 +109,13 @@ class ModbusServer:
     ) -> None:
         listener, self._listener = self._listener, None
         if listener is not None:
-            await listener.shut_down()
+            await self._shut_down(listener)
+
+    async def _shut_down(self, listener: "_Listener") -> None:
+        await listener.shut_down()
+        if self._handshakes is not None:
+            await self._handshakes.__aexit__(None, None, None)  # their connections are cut: they end at once
+            self._handshakes = None
 
 
 class _Listener(ModbusTcpServer):
@@ -114,7 +127,6 @@ class _Listener(ModbusTcpServer):
         units: Mapping[int, Unit],
         stats: ServerStats,
         port: int,
-        ssl_context: ssl.SSLContext | None,
         peer_of: PeerOf,
     ) -> None:
         # The base class insists on a storage of its own; nothing ever reads it.
@@ -123,7 +135,7 @@ class _Listener(ModbusTcpServer):
         self.peer_of = peer_of
         self._config = config
         self._wanted_port = port
-        self._ssl_context = ssl_context
+        self.porch: Porch | None = None  # with TLS
         self._stats = stats
         self._limits = Limits(config)
         self._teller = Teller()
@@ -143,16 +155,27 @@ class _Listener(ModbusTcpServer):
         """As in the base class, but with the operating system's reason raised instead of swallowed."""
         self.is_closing = False
         self.is_listener = True
+        welcome = self.handle_new_connection if self.porch is None else self.porch.newcomer
         for sock in await listen(self._config, self._wanted_port):
-            self._servers.append(
-                await self.loop.create_server(
-                    self.handle_new_connection, sock=sock, backlog=ACCEPT_AT_ONCE, ssl=self._ssl_context
-                )
-            )
+            self._servers.append(await self.loop.create_server(welcome, sock=sock, backlog=ACCEPT_AT_ONCE))
             sock.listen(BACKLOG)  # the kernel may keep more of them ready than are accepted in one go
         self.transport = _Servers(self._servers)
         self._sweep()
         return True
+
+    def porch_for(self, context: ssl.SSLContext, deadline_s: float, tasks: asyncio.TaskGroup) -> Porch:
+        """Where connections wait until their TLS handshake is done."""
+        return Porch(
+            context,
+            deadline_s,
+            tasks,
+            admit=self.handle_new_connection,
+            allowed=lambda address: self._limits.judge(address, self._guests, self.loop.time()).refusal,
+            is_plc=self._limits.is_plc,
+            refused=self.turned_away,
+            coming=self.coming,
+            went=self.went,
+        )
 
     def callback_new_connection(self) -> "_Connection":
         return _Connection(self)
@@ -179,8 +202,12 @@ class _Listener(ModbusTcpServer):
             self._stats.open -= 1
 
     def refused(self, connection: Connection, why: Refusal) -> None:
+        self.turned_away(connection.address, why)
+
+    def turned_away(self, address: str, why: Refusal, said: str = "") -> None:
+        """`said`: why in particular, of a TLS handshake."""
         self._stats.refused[why] += 1
-        line = self._teller.tell(why, f"modbus: {connection.address}: {why.value}", self.loop.time())
+        line = self._teller.tell((why, said), f"modbus: {address}: {said or why.value}", self.loop.time())
         if line is not None:
             log.warning("%s", line)
 

@@ -1,0 +1,61 @@
+"""What listens for Modbus: plain TCP, Modbus/TCP Security, or both beside each other, on the same units."""
+
+import logging
+from asyncio import Transport
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, replace
+
+from gateway.config import ModbusConfig
+from gateway.modbus import tls
+from gateway.modbus.answers import Access, Peer, Unit
+from gateway.modbus.server import ModbusServer, plain_peer
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Listening:
+    """The ports really bound; None: not served."""
+
+    plain: int | None
+    tls: int | None
+
+    @property
+    def first(self) -> int:
+        """Of plain TCP; where that is off, of TLS."""
+        return self.plain or self.tls or 0
+
+
+@asynccontextmanager
+async def serving(config: ModbusConfig, units: Mapping[int, Unit], wall_ns: int) -> AsyncIterator[Listening]:
+    """Listens until the block is left. Raises ConfigError and LinkError as `ModbusServer` and `tls.server_context` do.
+
+    Where there is TLS, plain TCP only reads: whoever wants to write must show who it is.
+    """
+    async with AsyncExitStack() as stack:
+        plain: int | None = None
+        secure: int | None = None
+        if config.tls is not None:
+            context = tls.server_context(config.tls)
+            for line in tls.warnings(config.tls, wall_ns):
+                log.warning("%s", line)
+            server = ModbusServer(
+                config,
+                units,
+                port=config.tls.port,
+                ssl_context=context,
+                handshake_deadline_s=config.tls.handshake_deadline_s,
+                peer_of=tls.Roles(config.tls).peer_of,
+            )
+            secure = (await stack.enter_async_context(server)).port
+        if config.plain:
+            peer_of = plain_peer if config.tls is None else reader
+            plain = (await stack.enter_async_context(ModbusServer(config, units, peer_of=peer_of))).port
+        yield Listening(plain, secure)
+
+
+def reader(transport: Transport) -> Peer | None:
+    """Somebody on plain TCP beside TLS."""
+    peer = plain_peer(transport)
+    return None if peer is None else replace(peer, access=Access.READ)

@@ -1,0 +1,151 @@
+"""Modbus/TCP Security (MB-TCP-Security v36): the TLS context, and what a client's certificate allows it to do.
+
+TLS 1.2 or 1.3, certificates on both sides, checked against `ca` (and `crl`). The role stands in the certificate;
+one without a role, or with a role that the configuration does not know, may connect and is answered exception 01 to
+everything, as the specification's authorisation says.
+"""
+
+import logging
+import ssl
+from asyncio import Transport
+from datetime import UTC, datetime
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.x509.oid import NameOID
+
+from gateway.certs.role import role_of
+from gateway.config import TlsConfig
+from gateway.errors import ConfigError
+from gateway.modbus.answers import Access, Peer
+from gateway.modbus.limits import plain_address
+
+log = logging.getLogger(__name__)
+
+CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
+WARN_DAYS = 30
+
+
+def server_context(config: TlsConfig) -> ssl.SSLContext:
+    """The context of a server that wants a certificate from every client.
+
+    Raises ConfigError, naming key and file, for files that can't be read, are no PEM or don't fit together.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.set_ciphers(CIPHERS)
+    context.verify_mode = ssl.CERT_REQUIRED
+    # A resumed session would not look at the certificate again, which may have expired or been taken back since.
+    context.options |= ssl.OP_NO_TICKET
+    context.num_tickets = 0
+    for key, name in (("cert", config.cert), ("key", config.key), ("ca", config.ca), ("crl", config.crl)):
+        if name is not None:
+            _readable(key, name)
+    try:
+        context.load_cert_chain(config.cert, config.key, password=_no_passphrase)
+    except (ssl.SSLError, ValueError) as error:
+        raise ConfigError(
+            f"modbus.tls.cert: {config.cert} and modbus.tls.key {config.key}: not a certificate and its private key, "
+            f"in PEM form, without a passphrase: {_said(error)}"
+        ) from error
+    for key, name in (("ca", config.ca), ("crl", config.crl)):
+        if name is None:
+            continue
+        try:
+            context.load_verify_locations(name)
+        except ssl.SSLError as error:
+            raise ConfigError(f"modbus.tls.{key}: {name}: nothing in PEM form in it: {_said(error)}") from error
+    loaded = context.cert_store_stats()
+    if loaded["x509_ca"] == 0:
+        raise ConfigError(f"modbus.tls.ca: {config.ca}: holds no certificate of an authority")
+    if config.crl is not None:
+        if loaded["crl"] == 0:
+            raise ConfigError(f"modbus.tls.crl: {config.crl}: holds no revocation list")
+        context.verify_flags |= ssl.VerifyFlags.VERIFY_CRL_CHECK_LEAF
+    return context
+
+
+def warnings(config: TlsConfig, wall_ns: int) -> list[str]:
+    """What an operator should mend soon: certificates about to expire, a key that others may read."""
+    found: list[str] = []
+    now = datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC)
+    if Path(config.key).stat().st_mode & 0o077:
+        found.append(f"modbus.tls.key: {config.key} can be read by others; chmod 600")
+    for key, name in (("cert", config.cert), ("ca", config.ca)):
+        for certificate in x509.load_pem_x509_certificates(Path(name).read_bytes()):
+            end = certificate.not_valid_after_utc
+            if end < now:
+                found.append(f"modbus.tls.{key}: {name} expired on {end:%Y-%m-%d}: no client will connect; renew it")
+            elif (end - now).days < WARN_DAYS:
+                found.append(f"modbus.tls.{key}: {name} expires on {end:%Y-%m-%d}, in {(end - now).days} days")
+    return found
+
+
+class Roles:
+    """Which role may do what."""
+
+    def __init__(self, config: TlsConfig) -> None:
+        read = dict.fromkeys(config.read_roles, Access.READ)
+        self._access: dict[str, Access] = read | dict.fromkeys(config.write_roles, Access.WRITE)
+
+    def access(self, role: str | None) -> Access:
+        return Access.NONE if role is None else self._access.get(role, Access.NONE)
+
+    def peer_of(self, transport: Transport) -> Peer | None:
+        """Who is at the other end of a TLS connection; None: it is gone already."""
+        name = transport.get_extra_info("peername")
+        tls = transport.get_extra_info("ssl_object")
+        der = tls.getpeercert(binary_form=True) if tls is not None else None
+        if not name or der is None:
+            return None
+        try:
+            certificate = x509.load_der_x509_certificate(der)
+            role, subject = role_of(certificate), subject_of(certificate)
+        except ValueError as error:  # OpenSSL is less strict than this reader of certificates
+            log.warning("modbus: %s: its certificate can't be read: %s", name[0], error)
+            return None
+        return Peer(plain_address(name[0]), self.access(role), role, subject)
+
+
+def subject_of(certificate: x509.Certificate) -> str:
+    """The common name, for people; the whole subject where there is none."""
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(names[0].value) if names else certificate.subject.rfc4514_string()
+
+
+def why(error: Exception) -> str:
+    """In the operator's words, why a TLS handshake failed."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"its certificate was refused: {error.verify_message}"
+    if isinstance(error, ssl.SSLError):
+        reason = error.reason or str(error)
+        return _REASONS.get(reason, f"TLS handshake failed: {reason.lower().replace('_', ' ')}")
+    return "it ended the TLS handshake, or did not finish it in time"
+
+
+_REASONS = {
+    "PEER_DID_NOT_RETURN_A_CERTIFICATE": "it showed no certificate",
+    "UNSUPPORTED_PROTOCOL": "it speaks no TLS version from 1.2 up",
+    "WRONG_VERSION_NUMBER": "it does not speak TLS (plain Modbus on the TLS port?)",
+    "HTTP_REQUEST": "it does not speak TLS (a web browser?)",
+    "TLSV1_ALERT_UNKNOWN_CA": "it does not know the authority of the gateway's certificate",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it says that the gateway's certificate has expired",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "it refuses the gateway's certificate",
+    "NO_SHARED_CIPHER": "it has no cipher with forward secrecy and authenticated encryption",
+}
+
+
+def _readable(key: str, name: str) -> None:
+    try:
+        with Path(name).open("rb") as file:
+            file.read(1)
+    except OSError as error:
+        raise ConfigError(f"modbus.tls.{key}: cannot read {name}: {error.strerror}") from error
+
+
+def _no_passphrase() -> str:
+    raise ValueError("the key has a passphrase, and nobody would be there to type it")
+
+
+def _said(error: Exception) -> str:
+    return str(getattr(error, "reason", None) or error).lower().replace("_", " ")

@@ -1,0 +1,381 @@
+"""Modbus/TCP Security over real sockets: who gets in, who may do what, and what the log says of the others."""
+
+import asyncio
+import logging
+import socket
+import ssl
+import struct
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from typing import Any
+
+import pytest
+from pymodbus.client import AsyncModbusTlsClient
+from pymodbus.framer import FramerSocket
+from pymodbus.pdu import DecodePDU
+
+from gateway.config import ModbusConfig
+from gateway.modbus.answers import Peer, Unit
+from gateway.modbus.exceptions import ModbusException
+from gateway.modbus.porch import AT_ONCE
+from gateway.modbus.registers import BLOCK_WORDS
+from gateway.modbus.service import Listening, serving
+from tests.plant_certs import LONG_AGO, Plant
+
+COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))
+READ_STOP = bytes((3,)) + struct.pack(">HH", 4, 1)
+WRITE_HEARTBEAT = bytes((6,)) + struct.pack(">HH", 80, 7)
+ANSWER_STOP = bytes((3, 2)) + struct.pack(">H", 1004)
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    made = Plant(tmp_path_factory.mktemp("certs"))
+    made.client("operator", "operator")
+    made.client("viewer", "viewer")
+    made.client("nobody", None)
+    made.client("stranger", "Administrator")
+    made.client("expired", now=LONG_AGO)
+    made.revoke(made.client("revoked"))
+    return made
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    made = Plant(tmp_path_factory.mktemp("elsewhere"))
+    made.client("operator", "operator")
+    return made
+
+
+class Bay:
+    """One unit whose writes are kept with who wrote."""
+
+    def __init__(self) -> None:
+        self.written: list[tuple[int, tuple[int, ...], Peer]] = []
+
+    def write(self, address: int, words: Any, peer: Peer) -> ModbusException | None:
+        self.written.append((address, tuple(words), peer))
+        return None
+
+
+@asynccontextmanager
+async def gateway(plant: Plant, bay: Bay, **modbus: object) -> AsyncIterator[Listening]:
+    config = ModbusConfig.model_validate({"port": 0, "writes": True, "tls": plant.config()} | modbus)
+    async with serving(config, {1: Unit(lambda: COUNTING, bay.write)}, wall_ns=0) as listening:
+        yield listening
+
+
+def context_of(plant: Plant, name: str | None, trust: Plant | None = None) -> ssl.SSLContext:
+    context = ssl.create_default_context(cafile=str((trust or plant).folder.certificate_path("ca")))
+    if name is not None:
+        context.load_cert_chain(plant.folder.certificate_path(name), plant.folder.key_path(name))
+    return context
+
+
+@contextmanager
+def dialled(port: int, context: ssl.SSLContext) -> Iterator[ssl.SSLSocket]:
+    with (
+        socket.create_connection(("127.0.0.1", port), timeout=10) as tcp,
+        context.wrap_socket(tcp, server_hostname="127.0.0.1") as tls,
+    ):
+        yield tls
+
+
+def ask(port: int, context: ssl.SSLContext, *pdus: bytes) -> list[bytes]:
+    """The answers' PDUs over one connection. Raises OSError where it is refused or cut."""
+    found: list[bytes] = []
+    with dialled(port, context) as tls:
+        for number, pdu in enumerate(pdus):
+            tls.sendall(struct.pack(">HHHB", number, 0, len(pdu) + 1, 1) + pdu)
+            head = _exactly(tls, 7)
+            assert head[:4] == struct.pack(">HH", number, 0)
+            found.append(_exactly(tls, struct.unpack(">H", head[4:6])[0] - 1))
+    return found
+
+
+def _exactly(sock: socket.socket, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        more = sock.recv(count - len(data))
+        if not more:
+            raise ConnectionResetError("closed")
+        data += more
+    return data
+
+
+async def threaded(work: Callable[..., Any], *args: Any) -> Any:
+    return await asyncio.get_running_loop().run_in_executor(None, work, *args)
+
+
+async def logged(caplog: pytest.LogCaptureFixture, words: str) -> None:
+    for _ in range(1000):
+        if words in caplog.text:
+            return
+        await asyncio.sleep(0.01)
+    raise TimeoutError(f"not in the log: {words}")
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("operator", [ANSWER_STOP, WRITE_HEARTBEAT]),
+        ("viewer", [ANSWER_STOP, b"\x86\x01"]),
+        ("nobody", [b"\x83\x01", b"\x86\x01"]),  # no role: connected, and nothing is allowed
+        ("stranger", [b"\x83\x01", b"\x86\x01"]),
+    ],
+)
+def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expected: list[bytes]) -> None:
+    bay = Bay()
+
+    async def scene() -> None:
+        async with gateway(plant, bay) as listening:
+            found = await threaded(ask, listening.tls, context_of(plant, name), READ_STOP, WRITE_HEARTBEAT)
+            assert found == expected
+
+    asyncio.run(scene())
+    writers = [(peer.address, peer.subject, peer.role) for _, _, peer in bay.written]
+    assert writers == ([("127.0.0.1", "operator", "operator")] if name == "operator" else [])
+
+
+@pytest.mark.parametrize(
+    ("name", "other", "said"),
+    [
+        (None, False, "it showed no certificate"),
+        ("expired", False, "its certificate was refused: certificate has expired"),
+        ("revoked", False, "its certificate was refused: certificate revoked"),
+        ("operator", True, "its certificate was refused: unable to get local issuer certificate"),
+    ],
+)
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_who_is_refused_and_what_the_log_says(
+    plant: Plant,
+    elsewhere: Plant,
+    caplog: pytest.LogCaptureFixture,
+    name: str | None,
+    other: bool,
+    said: str,
+    version: ssl.TLSVersion,
+) -> None:
+    context = context_of(elsewhere if other else plant, name, trust=plant)
+    context.minimum_version = context.maximum_version = version
+    bay = Bay()
+
+    async def scene() -> None:
+        async with gateway(plant, bay) as listening:
+            with pytest.raises(OSError, match=r"."):  # TLS 1.3 tells a client only when it reads
+                await threaded(ask, listening.tls, context, READ_STOP, WRITE_HEARTBEAT)
+            # The next good client is served all the same.
+            assert await threaded(ask, listening.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(scene())
+    assert f"modbus: 127.0.0.1: {said}" in [record.getMessage() for record in caplog.records]
+    assert bay.written == []
+
+
+def test_a_client_that_trusts_another_authority_goes_away_and_the_log_says_so(
+    plant: Plant, elsewhere: Plant, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            with pytest.raises(ssl.SSLCertVerificationError):
+                await threaded(ask, listening.tls, context_of(plant, "operator", trust=elsewhere), READ_STOP)
+            await logged(caplog, "it does not know the authority")
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(scene())
+    assert "it does not know the authority of the gateway's certificate" in caplog.text
+
+
+async def openssl(port: int, plant: Plant, name: str, request: bytes, *options: str) -> tuple[bytes, str]:
+    """What `openssl s_client` prints of the answer, and its other words. Ends when the answer is there, or it fails."""
+    folder = plant.folder
+    process = await asyncio.create_subprocess_exec(
+        "openssl", "s_client", "-quiet", "-verify_return_error", "-connect", f"127.0.0.1:{port}",
+        "-CAfile", str(folder.certificate_path("ca")),
+        "-cert", str(folder.certificate_path(name)), "-key", str(folder.key_path(name)), *options,
+        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdin is not None
+    assert process.stdout is not None
+    assert process.stderr is not None
+    try:
+        async with asyncio.timeout(30):
+            process.stdin.write(request)
+            await process.stdin.drain()
+            answer = await process.stdout.read(300)
+            if answer:
+                process.terminate()  # it waits for more
+            process.stdin.close()
+            said = await process.stderr.read()
+            await process.wait()
+    except (BrokenPipeError, ConnectionResetError):
+        answer, said = b"", await process.stderr.read()
+        await process.wait()
+    return answer, said.decode()
+
+
+FRAME = struct.pack(">HHHB", 0xBEEF, 0, 6, 1) + READ_STOP
+
+
+@pytest.mark.parametrize("option", ["-tls1_2", "-tls1_3"])
+def test_openssl_reads_a_register(plant: Plant, option: str) -> None:
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            assert listening.tls is not None
+            answer, said = await openssl(listening.tls, plant, "viewer", FRAME, option)
+            assert answer == struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP, said
+
+    asyncio.run(scene())
+
+
+def test_tls_1_1_is_refused(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            assert listening.tls is not None
+            options = ("-tls1_1", "-cipher", "ALL:@SECLEVEL=0")
+            answer, _ = await openssl(listening.tls, plant, "operator", FRAME, *options)
+            assert answer == b""
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(scene())
+    assert "it speaks no TLS version from 1.2 up" in caplog.text
+
+
+def test_plain_modbus_on_the_tls_port_is_cut(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
+    def plainly(port: int) -> bytes:
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as tcp:
+            tcp.sendall(FRAME)
+            try:
+                return tcp.recv(300)
+            except ConnectionResetError:
+                return b""
+
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            answer = await threaded(plainly, listening.tls)
+            assert b"\x03\x02\x03\xec" not in answer  # at most a TLS alert, no register
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(scene())
+    assert "it does not speak TLS" in caplog.text
+
+
+def test_a_client_that_never_begins_its_handshake_is_cut_in_time(plant: Plant) -> None:
+    def silent(port: int) -> bytes:
+        with socket.create_connection(("127.0.0.1", port), timeout=20) as tcp:
+            try:
+                return tcp.recv(300)
+            except ConnectionResetError:
+                return b""
+
+    async def scene() -> None:
+        async with gateway(plant, Bay(), tls=plant.config(handshake_deadline_s=0.5)) as listening:
+            assert await threaded(silent, listening.tls) == b""
+
+    asyncio.run(scene())
+
+
+def test_leaving_does_not_wait_for_handshakes(plant: Plant) -> None:
+    async def scene() -> None:
+        async with asyncio.timeout(10):
+            async with gateway(plant, Bay(), tls=plant.config(handshake_deadline_s=60)) as listening:
+                _, writer = await asyncio.open_connection("127.0.0.1", listening.tls)
+                await asyncio.sleep(0.1)
+            writer.close()
+        for _ in range(3):
+            await asyncio.sleep(0)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    asyncio.run(scene())
+
+
+def test_strangers_may_begin_only_so_many_handshakes_and_the_plc_is_not_held_up(
+    plant: Plant, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def scene() -> None:
+        async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"]) as listening:
+            assert listening.tls is not None
+            idle = [
+                await asyncio.open_connection("127.0.0.1", listening.tls, local_addr=("127.0.0.2", 0))
+                for _ in range(AT_ONCE + 5)
+            ]
+            await logged(caplog, "too many TLS handshakes")
+            assert await threaded(ask, listening.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
+            for _, writer in idle:
+                writer.close()
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(scene())
+
+
+def test_plain_tcp_beside_tls_only_reads(plant: Plant) -> None:
+    bay = Bay()
+
+    async def exchange(port: int, pdu: bytes) -> bytes:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
+        head = await reader.readexactly(7)
+        answer = await reader.readexactly(struct.unpack(">H", head[4:6])[0] - 1)
+        writer.close()
+        return answer
+
+    async def scene() -> None:
+        async with gateway(plant, bay) as listening:
+            assert listening.plain is not None
+            assert await exchange(listening.plain, READ_STOP) == ANSWER_STOP
+            assert await exchange(listening.plain, WRITE_HEARTBEAT) == b"\x86\x01"
+        async with gateway(plant, bay, plain=False) as listening:
+            assert listening.plain is None
+            assert listening.first == listening.tls
+
+    asyncio.run(scene())
+    assert bay.written == []
+
+
+def test_pymodbus_reads_and_writes_over_tls(plant: Plant) -> None:
+    bay = Bay()
+
+    async def scene() -> None:
+        async with gateway(plant, bay) as listening:
+            client = _pymodbus(plant, listening.tls or 0)
+            async with client:
+                answer = await client.read_holding_registers(0, count=BLOCK_WORDS)
+                assert answer.registers == list(COUNTING)
+                assert not (await client.write_registers(80, [5, 6, 0])).isError()
+
+    asyncio.run(scene())
+    assert [(address, words) for address, words, _ in bay.written] == [(80, (5, 6, 0))]
+
+
+def _pymodbus(plant: Plant, port: int) -> AsyncModbusTlsClient:
+    """With the frames of the specification: pymodbus's own for TLS have no header."""
+    client = AsyncModbusTlsClient("127.0.0.1", port=port, sslctx=context_of(plant, "operator"), timeout=10)
+    client.ctx.framer = FramerSocket(DecodePDU(False))
+    return client
+
+
+def test_many_requests_over_one_connection_are_all_answered_in_order(plant: Plant) -> None:
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            found = await threaded(ask, listening.tls, context_of(plant, "viewer"), *[READ_STOP] * 300)
+            assert found == [ANSWER_STOP] * 300
+
+    asyncio.run(scene())
+
+
+def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: Plant) -> None:
+    """TLS 1.3: the client may speak before the server has looked at its certificate; nothing may get lost."""
+
+    def pipelined(port: int) -> bytes:
+        with dialled(port, context_of(plant, "viewer")) as tls:
+            tls.sendall(b"".join(FRAME for _ in range(50)))
+            return _exactly(tls, 50 * 11)
+
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            expected = struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP
+            for _ in range(5):
+                assert await threaded(pipelined, listening.tls) == expected * 50
+
+    asyncio.run(scene())

@@ -1,0 +1,52 @@
+"""A plant's certificates for the tests, good and bad ones."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from cryptography import x509
+
+from gateway.certs import issue
+from gateway.certs.folder import Folder
+from gateway.config import TlsConfig
+
+NOW = datetime.now(UTC)
+DAYS = 30
+
+
+class Plant:
+    """An authority with a gateway's certificate for 127.0.0.1, and as many clients as are asked for."""
+
+    def __init__(self, path: Path, now: datetime = NOW) -> None:
+        self.folder = Folder(path)
+        self.folder.create()
+        key = issue.new_key()
+        self.folder.add("ca", issue.authority("Plant", key, now, 3650), key)
+        self.by = self.folder.authority()
+        self.folder.replace_crl(issue.revocations(self.by, None, None, now, 365))
+        key = issue.new_key()
+        self.folder.add("gateway", issue.server(self.by, "gateway", ["127.0.0.1", "localhost"], key, now, DAYS), key)
+
+    def client(self, name: str, role: str | None = "operator", now: datetime = NOW) -> x509.Certificate:
+        key = issue.new_key()
+        made = issue.client(self.by, name, role, key, now, DAYS)
+        self.folder.add(name, made, key)
+        return made
+
+    def revoke(self, certificate: x509.Certificate) -> None:
+        crl = issue.revocations(self.by, self.folder.crl(), certificate.serial_number, NOW, 365)
+        self.folder.replace_crl(crl)
+
+    def config(self, **more: object) -> TlsConfig:
+        """`modbus.tls` of a gateway in this plant, on a free port."""
+        made = {
+            "port": 0,
+            "cert": str(self.folder.certificate_path("gateway")),
+            "key": str(self.folder.key_path("gateway")),
+            "ca": str(self.folder.certificate_path("ca")),
+            "crl": str(self.folder.crl_path),
+            "handshake_deadline_s": 2.0,
+        }
+        return TlsConfig.model_validate(made | more)
+
+
+LONG_AGO = NOW - timedelta(days=400)
