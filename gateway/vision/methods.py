@@ -2,6 +2,8 @@
 
 from gateway.config import VisionConfig
 from gateway.vision import pipeline
+from gateway.vision.exact import search, tracker
+from gateway.vision.exact.search import ExactSearch
 from gateway.vision.follow import Follower
 from gateway.vision.near import NearSearch
 from gateway.vision.pipeline import Detector, NowNs
@@ -12,10 +14,18 @@ def detector(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
     """To be called picture by picture, in order: with tracking it keeps state between them. `now_ns` times stages."""
     match params.method, params.tracking:
         case "paper", False:
-            return lambda image, t_ns=0: pipeline.detect(image, params, now_ns)
+            return _paper(params, now_ns)
         case "paper", _:
-            return Follower(lambda image, t_ns, _: pipeline.detect(image, params, now_ns), params.coast_s)
+            near = tracker.of(params, now_ns) if ExactSearch.knows(params) else _paper(params, now_ns)
+            return Follower(lambda image, t_ns, _: near(image, t_ns), params.coast_s)
         case _, False:
             return lambda image, t_ns=0: robust.detect(image, params, now_ns)
         case _:
             return Follower(NearSearch(params, now_ns), params.coast_s)
+
+
+def _paper(params: VisionConfig, now_ns: NowNs) -> Detector:
+    """The paper's method on whole pictures: by the shortcuts that change no bit, where they hold."""
+    if ExactSearch.knows(params):
+        return search.of(params, now_ns)
+    return lambda image, t_ns=0: pipeline.detect(image, params, now_ns)

@@ -1,6 +1,6 @@
 """The stages composed: a picture and the settings in, a Detection out. Pure: the clock, if any, is handed in."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Protocol
@@ -86,8 +86,7 @@ def trace(image: Image, params: VisionConfig) -> Trace:
 
 def _run(image: Image, params: VisionConfig, seen: Seen) -> Detection:
     """The one composition of the stages; `seen` is called after each, whether or not there was anything to do."""
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
-        raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")
+    check(image)
     blurred = stages.gaussian(image, params.gaussian_kernel_px, params.gaussian_sigma_px)
     seen("gaussian", blurred)
     hsv = stages.bgr_to_hsv(blurred)
@@ -102,6 +101,18 @@ def _run(image: Image, params: VisionConfig, seen: Seen) -> Detection:
     seen("closing", cleaned)
     borders = stages.contours(cleaned)
     seen("contours", borders)
+    _, detection = conclude(borders, params, seen)
+    return detection
+
+
+def check(image: Image) -> None:
+    """Raises ValueError for anything but a (H, W, 3) uint8 picture with at least one pixel."""
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")
+
+
+def conclude(borders: Sequence[Contour], params: VisionConfig, seen: Seen) -> tuple[Contour | None, Detection]:
+    """What follows from the contours, equations 8 to 11: the chosen one, and what is told of it."""
     chosen, candidates = stages.largest_valid(borders, params.min_area_px2, params.min_circularity, params.min_fill)
     seen("select", chosen)
     circle = None if chosen is None else stages.enclosing_circle(chosen)
@@ -109,9 +120,9 @@ def _run(image: Image, params: VisionConfig, seen: Seen) -> Detection:
     point = normalise(circle.u_px, circle.v_px, params.intrinsics) if circle and params.intrinsics else None
     seen("normalise", point)
     if chosen is None or circle is None:
-        return Detection(circle=None, candidates=candidates)
+        return None, Detection(circle=None, candidates=candidates)
     x_n, y_n = point or (None, None)
-    return Detection(
+    return chosen, Detection(
         circle=circle,
         area_px2=stages.contour_area(chosen),
         circularity=stages.circularity(chosen),

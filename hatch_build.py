@@ -1,0 +1,26 @@
+"""Build hook: compile the vision kernel where there is a C compiler. Without one the package is whole, only slower."""
+
+import runpy
+import sysconfig
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+ROOM = Path("gateway/vision/exact")
+
+
+class KernelHook(BuildHookInterface):  # type: ignore[misc, type-arg, unused-ignore]  # hatchling is not in the dev group
+    PLUGIN_NAME = "custom"
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        if self.target_name != "wheel":
+            return
+        if why := runpy.run_path(str(Path(self.root) / ROOM / "build.py"))["build"]():
+            self.app.display_warning(f"without the compiled vision kernel: {why}")
+            return
+        machine = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-{machine}"  # plain C, loaded by ctypes: any Python will do
+        if version != "editable":
+            build_data["artifacts"].append(str(ROOM / "_kernel.so"))

@@ -1,0 +1,221 @@
+"""The shortcuts against the plain pipeline: every field, every bit, with the compiled loops and without."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.config import VisionConfig
+from gateway.model import Detection
+from gateway.vision import pipeline, stages
+from gateway.vision.exact import build
+from gateway.vision.exact.geometry import Box, Opening
+from gateway.vision.exact.kernel import Kernel, load
+from gateway.vision.exact.lattice import BlurScanner, KernelScanner, Lattice, PyramidScanner, Scanner
+from gateway.vision.exact.look import Look
+from gateway.vision.exact.search import ExactSearch
+from gateway.vision.pixels import Image
+from tests.vision_frames import KINDS, PAPER, colour_noise, frames, scene
+
+FRAMES = 26 * len(KINDS)  # bench/vision_exact.py runs as many as one likes
+
+KernelOf = Callable[[VisionConfig], Kernel | None]
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built here, so that the tests don't depend on what the installation found."""
+    path = tmp_path_factory.mktemp("kernel") / "kernel.so"
+    assert build.build(path) == ""
+    return path
+
+
+@pytest.fixture(params=["opencv", "kernel"])
+def kernel_of(request: pytest.FixtureRequest, library: Path) -> KernelOf:
+    if request.param == "opencv":
+        return lambda params: None
+    loaded: dict[str, Kernel | None] = {}  # a table of colours takes its time
+
+    def of(params: VisionConfig) -> Kernel | None:
+        key = params.model_dump_json()
+        if key not in loaded:
+            loaded[key] = load(params, library)
+        return loaded[key]
+
+    return of
+
+
+def bare(detection: Detection) -> Detection:
+    return replace(detection, stage_ns=())
+
+
+# -- the whole search -------------------------------------------------------------------------------------------------
+
+
+def test_every_field_is_the_plain_pipelines(kernel_of: KernelOf) -> None:
+    found = 0
+    for n, (kind, image, params) in enumerate(frames(1, FRAMES)):
+        plain = bare(pipeline.detect(image, params))
+        assert bare(ExactSearch(params, kernel=kernel_of(params))(image)) == plain, (n, kind)
+        found += plain.circle is not None
+    assert FRAMES * 0.4 < found < FRAMES  # most have something to find, some nothing
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 2), (3, 4), (5, 5), (7, 90), (90, 7), (9, 9)])
+def test_pictures_smaller_than_the_kernels(size: tuple[int, int], kernel_of: KernelOf) -> None:
+    params = VisionConfig(method="paper", min_area_px2=0)
+    for seed in range(4):
+        image = np.full((*size, 3), (30, 30, 200), np.uint8)
+        image[np.random.default_rng(seed).random(size) < 0.05 * seed] = 90
+        for how in (params, params.model_copy(update={"morph_kernel_px": 31, "morph_iterations": 10})):
+            plain = bare(pipeline.detect(image, how))
+            assert bare(ExactSearch(how, kernel=kernel_of(how))(image)) == plain
+
+
+def test_pictures_of_changing_size_and_with_gaps_between_rows(kernel_of: KernelOf) -> None:
+    search = ExactSearch(PAPER, kernel=kernel_of(PAPER))
+    large = scene(np.random.default_rng(2), np.full((240, 320, 3), 120, np.uint8))
+    for image in (large, large[:200], large[:, 40:300], large[::2, ::2], large[::-1], large[..., ::-1]):
+        assert bare(search(image)) == bare(pipeline.detect(image, PAPER))
+
+
+def test_without_an_opening_there_is_no_shortcut() -> None:
+    assert ExactSearch.knows(PAPER)
+    assert not ExactSearch.knows(PAPER.model_copy(update={"morph_iterations": 0}))
+    assert not ExactSearch.knows(PAPER.model_copy(update={"morph_kernel_px": 1}))
+
+
+@pytest.mark.parametrize("image", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((0, 4, 3), np.uint8)])
+def test_anything_but_a_picture_is_refused(image: Image) -> None:
+    with pytest.raises(ValueError, match="not a"):
+        ExactSearch(PAPER)(image)
+
+
+def test_stage_times_tell_all_stages_in_order() -> None:
+    clock = iter(range(0, 10**6, 1000))
+    found = ExactSearch(PAPER, lambda: next(clock))(np.full((50, 50, 3), (30, 30, 200), np.uint8))
+    assert found.stage_ns == tuple((name, 1000) for name in ("scan", "look", "select", "circle", "normalise"))
+
+
+# -- its parts --------------------------------------------------------------------------------------------------------
+
+
+def scanners(kernel: Kernel, opening: Opening) -> list[Scanner]:
+    return [KernelScanner(kernel, opening), PyramidScanner(PAPER, opening), BlurScanner(PAPER, opening)]
+
+
+@pytest.mark.parametrize(("side", "iterations"), [(3, 1), (3, 2), (5, 2), (7, 2)])
+def test_all_that_survives_lies_within_reach_of_a_marked_point(side: int, iterations: int, library: Path) -> None:
+    params = PAPER.model_copy(update={"morph_kernel_px": side, "morph_iterations": iterations})
+    opening, kernel = Opening.of(params), load(params, library)
+    assert kernel is not None
+    assert opening.side_px == 1 + iterations * (side - 1)
+    survived = 0
+    for _, image, _ in frames(3, 2 * len(KINDS)):
+        height, width = image.shape[:2]
+        opened = pipeline.trace(image, params).opened
+        survived += int(np.count_nonzero(opened))
+        for scan in scanners(kernel, opening):
+            lattice = Lattice(scan, opening, width, height)
+            near = np.zeros((height, width), np.uint8)
+            near[np.ix_(lattice.ys, lattice.xs)] = lattice.scan(image) > 0
+            reach = stages.dilate(near, 2 * opening.side_px - 1, 1)
+            assert not np.any(opened & ~(reach * 255))
+            for cut in (1, len(lattice.ys) // 2, len(lattice.ys) - 1):  # rows by themselves tell the same
+                parts = [lattice.scan_rows(image, a, b) for a, b in ((0, cut), (cut, len(lattice.ys))) if a < b]
+                assert np.array_equal(np.concatenate(parts), lattice.scan(image))
+    assert survived > 100_000
+
+
+def test_a_row_shorter_than_the_square_is_a_run(library: Path) -> None:
+    """The kernel wants runs: a whole narrow row is one, one pixel less than the square is none."""
+    kernel = load(PAPER, library)
+    assert kernel is not None
+    narrow = np.full((9, 2, 3), (30, 30, 200), np.uint8)
+    axis = np.array([0, 1], np.int32)
+    assert kernel.scan(narrow, axis, axis, 5).tolist() == [[1, 1], [1, 1]]
+    image = np.full((9, 30, 3), 120, np.uint8)
+    image[:, 10:13] = (0, 0, 255)  # three and a half of blur on either side
+    blurred_run = int(np.count_nonzero(pipeline.trace(image, PAPER).initial[4]))
+    columns = np.arange(30, dtype=np.int32)
+    for side, runs in ((blurred_run, blurred_run), (blurred_run + 1, 0)):
+        assert kernel.scan(image, np.array([4], np.int32), columns, side).sum() == runs
+
+
+def test_a_window_shows_the_whole_pictures_mask_where_it_says_so(kernel_of: KernelOf) -> None:
+    chance = np.random.default_rng(8)
+    compared = 0
+    for _, image, _ in frames(4, 6 * len(KINDS)):
+        height, width = image.shape[:2]
+        opening = Opening.of(PAPER)
+        whole = pipeline.trace(image, PAPER)
+        x0, y0 = int(chance.integers(0, width)), int(chance.integers(0, height))
+        window = Box(x0, y0, int(chance.integers(x0 + 1, width + 1)), int(chance.integers(y0 + 1, height + 1)))
+        look = Look(PAPER, opening, kernel_of(PAPER))
+        in_window = np.s_[window.y0 : window.y1, window.x0 : window.x1]
+        assert np.array_equal(look.red(image, window), whole.initial[in_window])
+        far = 4 * opening.reach_px
+        inside = np.s_[
+            far if window.y0 else 0 : window.y1 - window.y0 - (far if window.y1 < height else 0),
+            far if window.x0 else 0 : window.x1 - window.x0 - (far if window.x1 < width else 0),
+        ]
+        expected = whole.cleaned[in_window][inside]
+        compared += expected.size
+        assert np.array_equal(look.cleaned(image, window)[inside], expected)
+    assert compared > 30_000
+
+
+@pytest.mark.parametrize("kernel_px", [1, 3, 5])
+def test_the_compiled_mask_is_equations_1_to_4(kernel_px: int, library: Path) -> None:
+    ranges = {"red_low_2": (90, 20, 30), "red_high_1": (25, 200, 220)}
+    params = PAPER.model_copy(update={"gaussian_kernel_px": kernel_px, **ranges})
+    kernel = load(params, library)
+    assert kernel is not None
+    image = colour_noise(np.random.default_rng(kernel_px), np.zeros((300, 400, 3), np.uint8))
+    plain = pipeline.trace(image, params).initial
+    assert 0.05 < plain.mean() / 255 < 0.95
+    assert np.array_equal(kernel.mask(image, Box(0, 0, 400, 300)), plain)
+
+
+@pytest.mark.parametrize("change", [{"gaussian_kernel_px": 7}, {"gaussian_sigma_px": 1.0}])
+def test_a_blur_that_the_kernel_does_not_know_is_left_to_opencv(change: dict[str, float], library: Path) -> None:
+    assert load(PAPER.model_copy(update=change), library) is None
+
+
+def test_no_library_a_stale_one_and_a_broken_one_are_not_used(
+    library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert load(PAPER, tmp_path / "none.so") is None
+    assert not caplog.records
+    (tmp_path / "broken.so").write_bytes(b"\x7fELF but not much more")
+    assert load(PAPER, tmp_path / "broken.so") is None
+    assert "cannot be loaded" in caplog.text
+    monkeypatch.setattr("gateway.vision.exact.kernel.source_sum", lambda: build.source_sum() ^ 1)
+    assert load(PAPER, library) is None
+    assert "another source" in caplog.text
+
+
+def test_a_library_that_is_wrong_in_one_bit_is_not_used(
+    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    mask = Kernel.mask
+
+    def wrong(self: Kernel, image: Image, window: Box) -> stages.Mask:
+        told = mask(self, image, window)
+        told[20, 30] ^= 255
+        return told
+
+    monkeypatch.setattr(Kernel, "mask", wrong)
+    assert load(PAPER, library) is None
+    assert "does not agree" in caplog.text
+
+
+def test_a_compiler_that_is_missing_or_fails_is_told_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "false")
+    assert build.build(tmp_path / "kernel.so").startswith("false failed")
+    monkeypatch.setenv("CC", "")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert "no C compiler" in build.build(tmp_path / "kernel.so")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,263 @@
+"""The tracked search against the plain pipeline, frame by frame: what it promises, and no silent error beyond."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from gateway.model import Detection
+from gateway.vision import methods, pipeline, stages
+from gateway.vision.exact import build
+from gateway.vision.exact.kernel import Kernel, load
+from gateway.vision.exact.tracker import ROUND, ExactTracker
+from gateway.vision.follow import Follower
+from gateway.vision.pixels import Image
+from tests.vision_frames import PAPER, Chance, Colour, red
+
+FRAME_NS = 33_000_000
+WIDTH, HEIGHT = 320, 240
+RED: Colour = (40, 35, 190)
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("kernel") / "kernel.so"
+    assert build.build(path) == ""
+    return path
+
+
+@pytest.fixture(scope="module")
+def kernel(library: Path) -> Kernel:
+    loaded = load(PAPER, library)
+    assert loaded is not None
+    return loaded
+
+
+@pytest.fixture(params=["opencv", "kernel"])
+def tracker(request: pytest.FixtureRequest, kernel: Kernel) -> ExactTracker:
+    return ExactTracker(PAPER, kernel=kernel if request.param == "kernel" else None)
+
+
+def picture(*discs: tuple[float, float, float], size: tuple[int, int] = (WIDTH, HEIGHT)) -> Image:
+    image = np.full((size[1], size[0], 3), 120, np.uint8)
+    for u, v, radius in discs:
+        cv2.circle(image, (round(u), round(v)), round(radius), RED, -1)
+    return image
+
+
+def told(detection: Detection) -> Detection:
+    """What the promise is about."""
+    return replace(detection, stage_ns=(), candidates=0)
+
+
+def searched_whole(detection: Detection) -> bool:
+    return any(stage == "scan" for stage, _ in detection.stage_ns)
+
+
+def follow(tracker: ExactTracker, images: Iterator[Image] | list[Image]) -> tuple[list[bool], list[bool]]:
+    """For each frame: was the answer the plain pipeline's, and was the whole frame searched for it?"""
+    same, whole = [], []
+    for n, image in enumerate(images):
+        found = tracker(image, n * FRAME_NS)
+        same.append(told(found) == told(pipeline.detect(image, PAPER)))
+        whole.append(searched_whole(found))
+    return same, whole
+
+
+def test_a_marker_that_moves_and_grows_is_followed_in_the_window(tracker: ExactTracker) -> None:
+    same, whole = follow(tracker, [picture((60 + 6 * n, 70 + 4 * n, 14 + n / 2)) for n in range(30)])
+    assert all(same)
+    assert whole[0]
+    assert sum(whole) <= 3  # the second frame may come as a surprise, no later one
+
+
+def test_a_jump_a_loss_and_a_return_are_seen_in_their_own_frame(tracker: ExactTracker) -> None:
+    here, there = picture((80, 80, 20)), picture((250, 180, 20))
+    same, whole = follow(tracker, [here, here, there, there, picture(), picture(), here, here])
+    assert all(same)
+    assert whole == [True, False, True, False, True, True, True, False]
+
+
+def test_a_marker_that_leaves_the_picture_is_exact_to_the_last_pixel(tracker: ExactTracker) -> None:
+    same, whole = follow(tracker, [picture((270 + 4 * n, 120, 24)) for n in range(30)])
+    assert all(same)
+    assert sum(whole[:12]) <= 3
+
+
+@pytest.mark.parametrize("when", range(ROUND))
+@pytest.mark.parametrize("where", [(40, 40), (40, 200), (280, 20), (290, 215), (160, 30)])
+def test_a_larger_blob_is_noticed_within_a_round(tracker: ExactTracker, when: int, where: tuple[int, int]) -> None:
+    """Whenever it comes, and wherever: the answer is never wrong for ROUND frames or more."""
+    small = (160, 120, 15)
+    before = [picture(small)] * (ROUND + when)
+    after = [picture(small, (*where, 22))] * (2 * ROUND)
+    same, whole = follow(tracker, before + after)
+    assert all(same[: len(before)])
+    assert all(same[len(before) + ROUND - 1 :])
+    assert any(whole[len(before) : len(before) + ROUND])
+
+
+def test_clutter_that_was_there_costs_nothing(tracker: ExactTracker) -> None:
+    clutter = [(30, 30, 9), (280, 40, 8), (50, 200, 10), (270, 200, 9)]
+    same, whole = follow(tracker, [picture((160 + n, 120, 25), *clutter) for n in range(40)])
+    assert all(same)
+    assert sum(whole) <= 2
+
+
+def test_clutter_that_grows_where_it_stands_is_noticed(tracker: ExactTracker) -> None:
+    frames = [picture((160, 120, 20), (50, 60, 10 + n / 4)) for n in range(60)]
+    same, _ = follow(tracker, frames)
+    assert all(same[-ROUND:])
+    assert longest_error(same) < ROUND
+
+
+def test_a_rival_as_large_as_the_marker_is_looked_at_every_round(tracker: ExactTracker) -> None:
+    """A red frame of a thing with a box larger than the marker: its zone could hide anything."""
+    image = picture((160, 120, 20))
+    cv2.line(image, (20, 20), (90, 200), RED, 7)
+    same, whole = follow(tracker, [image] * (4 * ROUND))
+    assert all(same)
+    assert [n for n, was in enumerate(whole) if was] == [0, ROUND, 2 * ROUND, 3 * ROUND]
+
+
+def test_two_markers_that_come_together_and_part(tracker: ExactTracker) -> None:
+    apart = [abs(n - 30) * 3 for n in range(60)]
+    same, _ = follow(tracker, [picture((160 - d, 120, 20), (160 + d, 120, 18)) for d in apart])
+    assert all(same)
+
+
+def test_a_window_cut_by_what_comes_along_is_not_believed(tracker: ExactTracker) -> None:
+    """A long bar sweeps over the marker: while they touch, they are one component that no window holds."""
+    frames = []
+    for n in range(40):
+        image = picture((160, 120, 20))
+        cv2.rectangle(image, (0, 6 * n), (319, 6 * n + 6), RED, -1)
+        frames.append(image)
+    same, _ = follow(tracker, frames)
+    assert longest_error(same) < ROUND
+    touching = range(16, 24)
+    assert all(same[n] for n in touching)
+
+
+def test_frames_of_another_size_begin_anew(tracker: ExactTracker) -> None:
+    frames = [picture((60, 60, 20)), picture((60, 60, 20), size=(640, 480)), picture((60, 60, 20), size=(100, 90))]
+    same, whole = follow(tracker, frames)
+    assert all(same)
+    assert all(whole)
+
+
+@pytest.mark.parametrize("times_ns", [[0, 0, 0, 0, 0], [0, 10**9, 5, 2 * 10**9, -(10**12)], [10**18, 3, 2, 1, 0]])
+def test_wild_times_spoil_nothing(tracker: ExactTracker, times_ns: list[int]) -> None:
+    for n, t_ns in enumerate(times_ns):
+        image = picture((60 + 20 * n, 90, 20))
+        assert told(tracker(image, t_ns)) == told(pipeline.detect(image, PAPER))
+
+
+def longest_error(same: list[bool]) -> int:
+    longest = run = 0
+    for right in same:
+        run = 0 if right else run + 1
+        longest = max(longest, run)
+    return longest
+
+
+class Things:
+    """Red discs, bars and rings that move, turn round at the edges, come, go, jump and flicker."""
+
+    def __init__(self, chance: Chance) -> None:
+        self._chance = chance
+        self._size = (int(chance.integers(60, 300)), int(chance.integers(60, 300)))
+        self._noise = float(chance.choice([0, 0, 3, 8]))
+        self._things = [self._thing() for _ in range(int(chance.integers(1, 6)))]
+
+    def _thing(self) -> dict[str, float]:
+        width, height = self._size
+        x, y, vx, vy = (*self._chance.uniform(0, (width, height)), *self._chance.normal(0, 3, 2))
+        kind, size, grow = self._chance.integers(3), self._chance.uniform(4, 40), self._chance.normal(0, 0.2)
+        return {"x": x, "y": y, "vx": vx, "vy": vy, "kind": kind, "size": size, "grow": grow}
+
+    def frame(self) -> Image:
+        chance, (width, height) = self._chance, self._size
+        if chance.random() < 0.04:
+            self._things.append(self._thing())
+        if self._things and chance.random() < 0.03:
+            self._things.pop(int(chance.integers(len(self._things))))
+        if self._things and chance.random() < 0.03:
+            self._things[int(chance.integers(len(self._things)))] |= {"x": chance.uniform(0, width)}
+        image = np.full((height, width, 3), 110, np.uint8)
+        for thing in self._things:
+            thing["x"], thing["y"] = thing["x"] + thing["vx"], thing["y"] + thing["vy"]
+            thing["size"] = max(2, thing["size"] + thing["grow"])
+            for axis, end in (("x", width), ("y", height)):
+                if not 0 < thing[axis] < end:
+                    thing["v" + axis] *= -1
+            if chance.random() < 0.02:
+                continue  # flickers
+            x, y, size = int(thing["x"]), int(thing["y"]), int(thing["size"])
+            match int(thing["kind"]):
+                case 0:
+                    cv2.circle(image, (x, y), size, red(chance), -1)
+                case 1:
+                    cv2.rectangle(image, (x, y), (x + 2 * size, y + 6), red(chance), -1)
+                case _:
+                    cv2.circle(image, (x, y), size, red(chance), 5)
+        noisy = image + chance.normal(0, self._noise, image.shape)
+        return np.asarray(np.clip(noisy, 0, 255), np.uint8)
+
+
+def check_promise(tracker: ExactTracker, things: Things, frames: int) -> tuple[int, int]:
+    """Frames in which the answer was not the plain one, all of them within the promise; and frames searched whole."""
+    wrong = errors = whole = 0
+    for n in range(frames):
+        image = things.frame()
+        found = tracker(image, n * FRAME_NS)
+        plain = pipeline.detect(image, PAPER)
+        whole += searched_whole(found)
+        if told(found) == told(plain):
+            wrong = 0
+            continue
+        wrong, errors = wrong + 1, errors + 1
+        assert wrong < ROUND, "a larger component stood elsewhere for longer than a round"
+        assert not searched_whole(found)
+        assert found.circle is not None
+        assert found.area_px2 <= plain.area_px2
+        components = pipeline.trace(image, PAPER).contours
+        assert found.circle in [stages.enclosing_circle(contour) for contour in components]
+    return errors, whole
+
+
+def test_wild_sequences_stay_within_the_promise(kernel: Kernel) -> None:
+    errors = whole = 0
+    for seed in range(20):
+        tracker = ExactTracker(PAPER, kernel=kernel if seed % 2 else None)
+        more = check_promise(tracker, Things(np.random.default_rng([6, seed])), 50)
+        errors, whole = errors + more[0], whole + more[1]
+    assert 0 < errors < 100  # the promise is put to the test, and the window does most of the work
+    assert whole < 600
+
+
+def test_the_gates_hold_in_the_window_too(library: Path) -> None:
+    params = PAPER.model_copy(update={"min_circularity": 0.7})
+    tracker = ExactTracker(params, kernel=load(params, library))
+    for n in range(12):
+        image = picture((150 + n, 120, 20))
+        cv2.rectangle(image, (20, 150), (280, 160), RED, -1)  # larger, but not round
+        found = tracker(image, n * FRAME_NS)
+        assert told(found) == told(pipeline.detect(image, params))
+        assert found.circle is not None
+        assert found.circle.radius_px < 25
+
+
+def test_vision_method_paper_is_these() -> None:
+    image = picture((150, 120, 20))
+    for tracking in (False, True):
+        detect = methods.detector(PAPER.model_copy(update={"tracking": tracking}))
+        assert isinstance(detect, Follower) == tracking
+        found = [detect(image, n * FRAME_NS) for n in range(2)]
+        assert {detection.circle for detection in found} == {pipeline.detect(image, PAPER).circle}
+        assert next(name for name, _ in found[1].stage_ns) == ("window" if tracking else "scan")
+    plain = methods.detector(PAPER.model_copy(update={"morph_iterations": 0}))
+    assert next(name for name, _ in plain(image).stage_ns) == "gaussian"
