@@ -10,7 +10,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
-from gateway import app, config
+from gateway import app, config, loop
 from gateway.cli import running, simjson, simtrials, view
 from gateway.cli.outlet import Outlet
 from gateway.cli.simbay import Bay
@@ -63,7 +63,7 @@ def simulate(args: argparse.Namespace) -> int:
     ]
     live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
     running.setup_logging("error" if live else settings.log_level)
-    return asyncio.run(_Simulation(args, scenario, settings, clock, bays, live).run())
+    return loop.run(_Simulation(args, scenario, settings, clock, bays, live).run())
 
 
 def _check(args: argparse.Namespace) -> None:

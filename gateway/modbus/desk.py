@@ -4,17 +4,18 @@ A PLC asks the same question again and again, far more often than the image chan
 bytes and all, until the unit shows another image. Whether it does is asked at every request: nothing old is ever shown.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gateway.modbus.adu import frame_bytes
-from gateway.modbus.answers import Access, Peer, Unit, answer, exception
+from gateway.modbus.answers import Peer, Unit, answer, exception
 from gateway.modbus.exceptions import ModbusException
 
 MAX_KEPT = 256  # answers a unit keeps for one image; a scanner asking for everything must not make them grow
 READ_FRAME_BYTES = 12
 READ_FRAME_HEAD = b"\x00\x00\x00\x06"  # protocol id and length of every FC 1 to 4 request that is well formed
 LAST_READ = 4
+FAILED = 0x80  # in the function code of an answer
 DEVICE_IDS = (0, 255)  # "the device itself", says the guide (4.4.2.1): the only bay, where there is but one
 
 
@@ -43,49 +44,51 @@ class Desk:
         self._stats.requests += 1
         kept = self._units.get(frame[6])
         if kept is None:
-            self._stats.exceptions += 1
-            return _framed(frame, exception(frame[7], ModbusException.TARGET_FAILED_TO_RESPOND))
+            return self._refused(frame, ModbusException.TARGET_FAILED_TO_RESPOND)
         try:
-            if frame[7] <= LAST_READ and len(frame) == READ_FRAME_BYTES and peer.access is not Access.NONE:
-                tail = kept.read(frame[2:], peer)
-                if tail[5] & 0x80:
-                    self._stats.exceptions += 1
-                return frame[:2] + tail
-            pdu = answer(kept.unit, frame[7:], peer)
+            if frame[7] <= LAST_READ and len(frame) == READ_FRAME_BYTES and peer.access:
+                image = kept.unit.read()
+                if image is not kept.image:
+                    kept.renew(image)
+                rest = frame[2:]
+                tail = kept.answers.get(rest)
+                if tail is not None:
+                    return frame[:2] + tail
+                pdu = answer(Unit(lambda: image), frame[7:], peer)
+                kept.keep(rest, pdu)
+            else:
+                pdu = answer(kept.unit, frame[7:], peer)
         except Exception as error:  # noqa: BLE001 - whatever a unit's own code raises: the PLC must be told, by a 04
             self._stats.image_faults += 1
             self._on_fault(error)
-            pdu = exception(frame[7], ModbusException.DEVICE_FAILURE)
-        if pdu[0] & 0x80:
+            return self._refused(frame, ModbusException.DEVICE_FAILURE)
+        if pdu[0] & FAILED:
             self._stats.exceptions += 1
         return _framed(frame, pdu)
 
+    def _refused(self, frame: bytes, why: ModbusException) -> bytes:
+        self._stats.exceptions += 1
+        return _framed(frame, exception(frame[7], why))
+
 
 class _Kept:
-    """A unit and its answers to what was read of the image it shows now."""
+    """A unit, the image it shows now, and the answers made from that: request to answer, without transaction ids."""
 
-    __slots__ = ("_answers", "_image", "unit")
+    __slots__ = ("answers", "image", "unit")
 
     def __init__(self, unit: Unit) -> None:
         self.unit = unit
-        self._image: object = _NO_IMAGE
-        self._answers: dict[bytes, bytes] = {}
+        self.image: object = _NO_IMAGE
+        self.answers: dict[bytes, bytes] = {}
 
-    def read(self, rest: bytes, peer: Peer) -> bytes:
-        """The answer to a read request, both without their transaction ids."""
-        image = self.unit.read()
-        if image is not self._image:
-            # Only what can't change under our hands may stand for its answers.
-            self._image = image if type(image) is tuple else _NO_IMAGE
-            self._answers = {}
-        found = self._answers.get(rest)
-        return self._make(rest, image, peer) if found is None else found
+    def renew(self, image: object) -> None:
+        # Only what can't change under our hands may stand for its answers.
+        self.image = image if type(image) is tuple else _NO_IMAGE
+        self.answers = {}
 
-    def _make(self, rest: bytes, image: Sequence[int], peer: Peer) -> bytes:
-        made = _framed(b"\x00\x00" + rest, answer(Unit(lambda: image), rest[5:], peer))[2:]
-        if not made[5] & 0x80 and len(self._answers) < MAX_KEPT:
-            self._answers[rest] = made
-        return made
+    def keep(self, rest: bytes, pdu: bytes) -> None:
+        if not pdu[0] & FAILED and len(self.answers) < MAX_KEPT:
+            self.answers[rest] = _framed(b"\x00\x00" + rest, pdu)[2:]
 
 
 _NO_IMAGE = object()

@@ -4,6 +4,7 @@ import asyncio
 import errno
 import resource
 import socket
+from functools import partial
 
 from gateway.config import ModbusConfig
 from gateway.errors import ConfigError, GatewayError, LinkError
@@ -17,9 +18,9 @@ OTHER_FILES = 256  # what the rest of the gateway may have open: cameras, rings,
 
 async def listen(config: ModbusConfig, port: int) -> list[socket.socket]:
     """One socket for each address of `config.host`, bound, all on the same port. Raises OSError or ValueError."""
-    found = await asyncio.get_running_loop().getaddrinfo(
-        config.host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-    )
+    # socket's own resolver, on every event loop: the errors that `bind_error` knows are its.
+    resolve = partial(socket.getaddrinfo, config.host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    found = await asyncio.get_running_loop().run_in_executor(None, resolve)
     made: list[socket.socket] = []
     try:
         for family, address in dict.fromkeys((family, address) for family, *_, address in found):

@@ -1,0 +1,26 @@
+"""What a bay shows of itself: its state now, as the image that a Modbus server reads."""
+
+from collections.abc import Sequence
+
+from gateway.bay import BayControl
+from gateway.clock import Clock
+from gateway.modbus.answers import ReadImage
+from gateway.modbus.registers import CurrentImage
+from gateway.modbus.words import WordOrder
+from gateway.model import StateVector
+
+
+def image_of(bay: BayControl, word_order: WordOrder, clock: Clock) -> ReadImage:
+    """Asks `bay` at every call, so that a dead one shows as dead; encodes when there is another state."""
+    image = CurrentImage(word_order)
+    last: StateVector | None = None
+    shown: Sequence[int] = ()
+
+    def read() -> Sequence[int]:
+        nonlocal last, shown
+        state = bay.state()
+        if state is not last:  # nearly every poll finds the state of the one before
+            last, shown = state, image.of(state, clock.now_ns(), clock.wall_ns())
+        return shown
+
+    return read
