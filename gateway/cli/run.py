@@ -37,9 +37,7 @@ def overrides(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(args: argparse.Namespace) -> int:
-    import asyncio
-
-    from gateway import app, config
+    from gateway import app, config, loop
     from gateway.cli import running, view
     from gateway.cli.outlet import Outlet
     from gateway.clock import SystemClock
@@ -71,7 +69,7 @@ def main(args: argparse.Namespace) -> int:
             return []
         return [Task("view", view.TerminalView(settings, hub, clock, view.console(out, live=True), lambda: where).run)]
 
-    asyncio.run(
+    loop.run(
         running.serve(
             settings,
             app.Ports.of(settings),
