@@ -5,17 +5,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gateway.model import Circle, Ellipse
+from gateway.vision.robust.colours import quality
 from gateway.vision.robust.evidence import Evidence
 from gateway.vision.robust.rim import Rim
 
-Limits = tuple[float, float]  # smallest and largest radius, px
-
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
+FULL_ASPECT = 0.85  # of a disc tilted by 32 degrees: flatter ones are believed less
 MIN_CONTRAST = 0.12  # log units
 MIN_REDNESS, MAX_BLUE = 0.12, 0.92  # log units above grey; blue as a share of red: more is magenta
 MIN_COVERAGE, MAX_LEAK, MIN_FILL = 0.5, 0.4, 0.55
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.5
-MIN_CONFIDENCE = 0.22
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a technician may set, for the picture at hand."""
+
+    min_radius_px: float
+    max_radius_px: float
+    min_confidence: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +34,6 @@ class Candidate:
     evidence: Evidence
 
     @property
-    def rough(self) -> float:
-        """Scatter of the edges about the rim, in what a real one has at most: half a pixel and 1 % of the radius."""
-        return self.rim.rms_px / (0.5 + 0.01 * self.rim.ellipse.semi_minor_px)
-
-    @property
     def aspect(self) -> float:
         return self.rim.ellipse.semi_minor_px / self.rim.ellipse.semi_major_px
 
@@ -38,7 +41,7 @@ class Candidate:
 Gate = Callable[[Candidate, Limits], bool]
 
 GATES: tuple[tuple[str, Gate], ...] = (
-    ("radius", lambda c, limits: limits[0] <= c.rim.ellipse.semi_major_px <= limits[1]),
+    ("radius", lambda c, limits: limits.min_radius_px <= c.rim.ellipse.semi_major_px <= limits.max_radius_px),
     ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
     ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST),
     (
@@ -50,7 +53,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
     ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
-    ("confidence", lambda c, _: confidence(c) >= MIN_CONFIDENCE),
+    ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
 )
 """Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`."""
 
@@ -70,9 +73,23 @@ def promise(found: Evidence) -> float:
 def confidence(found: Candidate) -> float:
     """0 to 1: how much of the rim is an edge, how round it is, how red inside, and how little outside; a product."""
     e = found.evidence
-    edge = found.rim.support / (1 + found.rough**2)
     clear = e.contrast / (e.contrast + e.noise + 0.1)
-    return float(max(0.0, min(1.0, edge * e.coverage * max(0.0, clear) ** 0.5 * e.fill**0.5)))
+    shape = min(1.0, found.aspect / FULL_ASPECT) ** 2
+    return float(
+        max(
+            0.0,
+            min(
+                1.0,
+                (quality(found.rim) * shape * e.coverage * (1 - e.leak) ** 2 * max(0.0, clear) ** 0.5 * e.fill**0.5)
+                ** 0.46,
+            ),
+        )
+    )
+
+
+def weight(found: Candidate) -> float:
+    """Which of several discs is the marker: the surer one, and of equals the larger, as in equation 9."""
+    return float(confidence(found) * found.rim.ellipse.semi_major_px**0.3)
 
 
 def circle_of(ellipse: Ellipse) -> Circle:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.model import Ellipse
+from gateway.vision.pixels import Image
 from gateway.vision.robust import ellipses
 from gateway.vision.robust.candidates import Seed
 from gateway.vision.robust.fans import COS, RAYS, SIN, Fan, Shapes, fan
@@ -23,6 +24,7 @@ DISC = np.arange(0.1, 0.95, 0.1, dtype=np.float32)
 INSIDE = np.arange(0.72, 0.94, 0.04, dtype=np.float32)  # compared, ray by ray, with
 OUTSIDE = np.arange(1.08, 1.31, 0.04, dtype=np.float32)
 RINGS = np.concatenate([DISC, INSIDE, OUTSIDE])
+STEP = 0.3  # of the usual change of colour across the rim: so much is an edge, between two reds, too
 SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim
 
 
@@ -31,8 +33,8 @@ class Evidence:
     """Of one ellipse, in px of the whole picture."""
 
     ellipse: Ellipse
-    coverage: float  # share of the rim in the picture that is red inside and not outside
-    leak: float  # share of it that is red on both sides; the rest is hidden: red on neither
+    coverage: float  # share of the rim in the picture that shows: red inside and not outside, or another red
+    leak: float  # share of it where the red goes on outside as if there were no rim; the rest is hidden: not red
     visible: float  # share of the whole rim that is red inside and not outside
     contrast: float  # median fall of redness across the rim, log units
     noise: float  # scatter of that fall from ray to ray where the rim shows, log units
@@ -139,9 +141,12 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     red_from = (around + SHOWN * contrast)[:, None]
     red_within = np.asarray(within > red_from, np.bool_)
     red_beyond = np.asarray(beyond > red_from, np.bool_)
+    steps = _steps(rays.bgr[..., m - 3 : m, :], rays.bgr[..., m : m + 3, :])
     falls = np.asarray((gap > SHOWN * contrast[:, None]) & (contrast[:, None] > 0), np.bool_)
     shown = used & red_within & ~red_beyond & falls
-    leak = used & red_within & red_beyond
+    edged = np.asarray(steps > STEP * masked_median(steps, shown)[:, None], np.bool_)
+    leak = used & red_within & red_beyond & ~edged
+    seen = shown | (used & red_within & red_beyond & edged)
     noise = 1.48 * masked_median(np.abs(gap - contrast[:, None]), shown)
     red_enough = rays.red[..., :n] > red_from[..., None]
     inner_redness = masked_median(within, used & red_within)
@@ -157,9 +162,9 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
             ellipse=Ellipse(
                 u * factor + (factor - 1) / 2, v * factor + (factor - 1) / 2, major * factor, minor * factor, angle
             ),
-            coverage=float(shown[row].sum() / used[row].sum()),
+            coverage=float(seen[row].sum() / used[row].sum()),
             leak=float(leak[row].sum() / used[row].sum()),
-            visible=float(shown[row].sum() / RAYS),
+            visible=float(seen[row].sum() / RAYS),
             contrast=float(contrast[row]),
             noise=float(noise[row]),
             fill=float(fill[row]),
@@ -167,6 +172,12 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
             colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         )
     return result
+
+
+def _steps(inside: Image, outside: Image) -> Plane:
+    """(K, RAYS): Euclidean change of colour, grey levels, between the means of samples (K, RAYS, n, 3)."""
+    change = inside.mean(axis=2, dtype=np.float32) - outside.mean(axis=2, dtype=np.float32)
+    return np.asarray(np.sqrt((change * change).sum(axis=2)), np.float32)
 
 
 def masked_median(values: Plane, mask: NDArray[np.bool_]) -> Plane:
