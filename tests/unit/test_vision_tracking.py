@@ -83,6 +83,17 @@ def test_the_gate_admits_vibration_and_refuses_a_jump() -> None:
     assert not at.admits(Circle(u, v, 0.6 * r))
 
 
+def test_a_small_far_marker_moves_with_the_camera_and_is_followed_all_the_same() -> None:
+    track = Track.begun(Circle(200.0, 200.0, 12.0), 0)
+    assert track is not None
+    for n in range(1, 10):
+        at, truth = track.at(n * 33 * MS), Circle(200.0 + 10.0 * n, 200.0 - 2.0 * n, 12.0)  # most of R in a frame
+        assert at is not None
+        assert at.useful
+        assert at.admits(truth), n
+        track = track.with_measured(truth, n * 33 * MS)
+
+
 def test_everything_admitted_lies_within_what_the_prediction_says_of_itself() -> None:
     at = steady().at(40 * 33 * MS)
     assert at is not None
