@@ -24,7 +24,9 @@ class Directions:
     """Unit normals at `count` even directions. Shared and cached: never written to."""
 
     normal: Floats  # (2, count): cos phi, sin phi
+    across: Samples  # the same
     waves: Floats  # (3, count): 1, cos 2 phi, sin 2 phi
+    everywhere: NDArray[np.bool_]  # (count,): all true
 
 
 @lru_cache(maxsize=64)
@@ -32,9 +34,11 @@ def directions(count: int) -> Directions:
     phi = np.arange(count) * (2 * pi / count)
     normal = np.stack([np.cos(phi), np.sin(phi)])
     waves = np.stack([np.ones(count), np.cos(2 * phi), np.sin(2 * phi)])
-    normal.setflags(write=False)
-    waves.setflags(write=False)
-    return Directions(normal, waves)
+    across = normal.astype(np.float32)
+    everywhere = np.ones(count, np.bool_)
+    for shared in (normal, across, waves, everywhere):
+        shared.setflags(write=False)
+    return Directions(normal, across, waves, everywhere)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,25 +59,30 @@ def sample(image: Image, oval: Oval, count: int, offsets_px: Samples, margin_px:
     """
     height, width = image.shape[:2]
     look = directions(count)
-    cos, sin = look.normal
-    support = np.sqrt(np.array([oval.alpha, oval.beta, oval.gamma]) @ look.waves)
-    du = ((oval.alpha + oval.beta) * cos + oval.gamma * sin) / support
-    dv = (oval.gamma * cos + (oval.alpha - oval.beta) * sin) / support
+    support = np.sqrt(np.array((oval.alpha, oval.beta, oval.gamma)) @ look.waves)
+    spread = np.array(((oval.alpha + oval.beta, oval.gamma), (oval.gamma, oval.alpha - oval.beta)))
+    crossing = spread @ look.normal
+    crossing /= support
     reach = oval.major_px + float(offsets_px[-1]) + 2.0
     left, top = max(int(oval.u - reach), 0), max(int(oval.v - reach), 0)
     right, bottom = min(int(oval.u + reach) + 2, width), min(int(oval.v + reach) + 2, height)
     if right - left < 2 or bottom - top < 2:
         return None
-    x, y = du + (oval.u - left), dv + (oval.v - top)
-    across = offsets_px[:, np.newaxis]
-    columns = x.astype(np.float32) + across * cos.astype(np.float32)
-    rows = y.astype(np.float32) + across * sin.astype(np.float32)
+    crossing[0] += oval.u - left
+    crossing[1] += oval.v - top
+    steps = offsets_px[:, np.newaxis]
+    columns = steps * look.across[0]
+    columns += crossing[0]
+    rows = steps * look.across[1]
+    rows += crossing[1]
     # A view of the neighbourhood: remap refuses pictures of 32768 px and more, and the maps keep their precision.
     near = image[top:bottom, left:right]
     colours = cv2.remap(near, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    wide, high = np.abs(cos) * margin_px, np.abs(sin) * margin_px
-    u, v = du + oval.u, dv + oval.v
-    inside = (u - wide >= 0) & (u + wide <= width - 1) & (v - high >= 0) & (v + high <= height - 1)
+    inside = look.everywhere
+    if not (reach <= oval.u < width - 1 - reach and reach <= oval.v < height - 1 - reach):
+        wide, high = np.abs(look.normal) * margin_px
+        u, v = crossing[0] + left, crossing[1] + top
+        inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)
     return Rays(colours.reshape(len(offsets_px), -1).astype(np.float32), support, inside, count)
 
 
@@ -83,7 +92,7 @@ class Profile:
 
     offsets_px: Samples  # (steps,)
     filters: Samples  # (4, steps): outer level, step height, height * shift, height * change of variance
-    basis: Samples  # (steps, 4): what the filters invert
+    gram: Samples  # (4, 4): of the basis that the filters invert
 
 
 @lru_cache(maxsize=256)
@@ -100,4 +109,4 @@ def profile(sigma_tenths: int, half_steps: int, step_hundredths: int) -> Profile
     slope = np.array([exp(-0.5 * (value / sigma) ** 2) for value in x]) / (sigma * sqrt(2 * pi))
     basis = np.stack([np.ones_like(x), fall, slope, slope * x / (2 * sigma * sigma)], axis=1)
     filters = np.linalg.pinv(basis)
-    return Profile(x.astype(np.float32), filters.astype(np.float32), basis.astype(np.float32))
+    return Profile(x.astype(np.float32), filters.astype(np.float32), (basis.T @ basis).astype(np.float32))

@@ -8,6 +8,7 @@ bias towards small or flat ellipses, which the usual conic fits have.
 from math import hypot
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +16,10 @@ from gateway.vision.robust.conic import Oval
 from gateway.vision.robust.rays import Floats, directions
 
 _TUKEY = 4.685  # 95 % efficient for Gaussian residuals
-_MAD = 1.4826  # sigma of a Gaussian from the median of absolute values
+_QUANTILE_40 = 0.5244  # of the absolute values of a standard Gaussian
+_NO_CUT = 1e30
+_FEWEST = 8
+_RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
 
 
 class Fit(NamedTuple):
@@ -30,7 +34,9 @@ class Fit(NamedTuple):
 def design(oval: Oval, support: Floats) -> Floats:
     """(5, count): how the offset along every normal answers to (du, dv, x, y, z)."""
     look = directions(len(support))
-    rows: Floats = np.concatenate([look.normal, look.waves * (oval.mean_px / support)])
+    rows = np.empty((5, len(support)))
+    rows[:2] = look.normal
+    np.multiply(look.waves, oval.mean_px / support, out=rows[2:])
     return rows
 
 
@@ -52,38 +58,55 @@ def fit(
     noise and the rim for a circle; larger ones are shrunk by less and less. A marker seen straight on is the rule, and
     the semi-major axis of a noisy circle's free fit is always too long.
     """
-    matrix = design(oval, support)
     usable = weights > 0
     if np.count_nonzero(usable) < _FEWEST:
         return None
+    matrix = design(oval, support)
     change: NDArray[Any] = start
-    ridge = np.diag([0.0, 0.0, 0.0, _RIDGE, _RIDGE]) * float(weights.sum())
-    scale = cut = 0.0
-    for _ in range(rounds):
-        residuals = offsets_px - change @ matrix
-        scale = _MAD * float(np.median(np.abs(residuals[usable])))
-        scale = min(max(scale, smallest_scale_px), largest_scale_px)
-        cut = _TUKEY * scale
-        robust = np.clip(1.0 - np.square(residuals * (1.0 / cut)), 0.0, None)
-        heft = weights * robust * robust
+    residuals = offsets_px - change @ matrix
+    ridge = _RIDGE * float(weights.sum())
+    cut = _NO_CUT
+    for turn in range(rounds):
+        if turn < 2:  # then it stands still, and the last rounds only settle the weights
+            scale = min(max(_scale(np.abs(residuals[usable]), cut), smallest_scale_px), largest_scale_px)
+            cut = _TUKEY * scale
+        heft = residuals * (1.0 / cut)
+        heft *= heft
+        np.subtract(1.0, heft, out=heft)
+        np.maximum(heft, 0.0, out=heft)
+        heft *= heft
+        heft *= weights
         weighted = matrix * heft
-        information = weighted @ matrix.T + ridge
-        try:
-            change = np.linalg.solve(information, weighted @ offsets_px)
-        except np.linalg.LinAlgError:
+        information = weighted @ matrix.T
+        information[3, 3] += ridge
+        information[4, 4] += ridge
+        solved, column = cv2.solve(information, (weighted @ offsets_px)[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
+        if not solved:
             return None
-    residuals = offsets_px - change @ matrix
-    change = _toward_circle(oval, change, information, heft, residuals, doubt)
-    residuals = offsets_px - change @ matrix
+        change = column.ravel()
+        moves = change @ matrix
+        residuals = offsets_px - moves
+    if doubt > 0:
+        change = _toward_circle(oval, change, information, heft, residuals, doubt)
+        moves = change @ matrix
+        residuals = offsets_px - moves
     moved = _moved(oval, change)
     if moved is None:
         return None
-    step = float(np.abs(change @ matrix).max())
-    return Fit(moved, heft, residuals, scale, cut, step)
+    return Fit(moved, heft, residuals, scale, cut, float(np.abs(moves).max()))
 
 
-_FEWEST = 8
-_RIDGE = 1e-6
+def _scale(sizes: Floats, cut: float) -> float:
+    """Robust sigma of residuals from their absolute values, of those only that the last round did not reject.
+
+    The 40 % quantile rather than the median: half as sensitive to the third of the rim that may be hidden.
+    """
+    if cut < _NO_CUT:
+        sizes = sizes[sizes < cut]
+    if not len(sizes):
+        return 0.0
+    at = int(0.4 * len(sizes))
+    return float(np.partition(sizes, at)[at]) / _QUANTILE_40
 
 
 def _toward_circle(
@@ -96,13 +119,15 @@ def _toward_circle(
     if rays <= 6:
         return change
     variance = float(heft @ np.square(residuals)) / (rays - 5)
-    covariance = np.linalg.inv(information) * variance
-    ellipticity = change[3:] + np.array([oval.beta, oval.gamma]) / (2 * oval.mean_px)
-    pull = np.linalg.solve(covariance[3:, 3:], ellipticity)
-    evidence = float(ellipticity @ pull)
-    keep = max(0.0, 1.0 - doubt / evidence) if evidence > 0 else 0.0
-    # The conditional mean of all five given the shrunken two.
-    return change - (1.0 - keep) * (covariance[:, 3:] @ pull)
+    ellipticity = change[3:] + np.array((oval.beta, oval.gamma)) * (0.5 / oval.mean_px)
+    solved, answer = cv2.solve(information[:3, :3], information[:3, 3:], flags=cv2.DECOMP_CHOLESKY)
+    if not solved:
+        return change
+    precision = information[3:, 3:] - information[3:, :3] @ answer  # of the two, whatever the other three are
+    evidence = float(ellipticity @ precision @ ellipticity) / max(variance, 1e-12)
+    away = ellipticity * min(1.0, doubt / evidence if evidence > 0 else 1.0)
+    # The other three go where they fit best, given the shrunken two.
+    return np.concatenate([change[:3] + answer @ away, change[3:] - away])
 
 
 def _moved(oval: Oval, change: Floats) -> Oval | None:
