@@ -15,7 +15,7 @@ All colours are used as they are stored: with gamma, a blurred edge lies a littl
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, exp, isfinite, pi, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -194,7 +194,7 @@ def _means() -> Samples:
 
 
 def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
-    """Per ray the offset (px) of the steepest change away from the disc's colour, and its weight (0: no edge); and the edges' sigma, px."""
+    """Per ray the offset (px) of the steepest change away from the disc's colour, and its weight (0: none); and the edges' sigma."""
     colours, count = rays.colours, rays.count
     inner, outer = (_means() @ colours).reshape(2, count, 3)
     some = np.sort(inner[rays.inside] if rays.inside.any() else inner, axis=0)
@@ -291,7 +291,7 @@ def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
     return _Edges(shift.astype(np.float64), np.sqrt(own), variance.astype(np.float64), weight.astype(np.float64))
 
 
-def _quantile(values: Samples, share: float) -> float:
+def _quantile(values: NDArray[Any], share: float) -> float:
     """Without interpolation; 0 of nothing."""
     at = int(share * len(values))
     if not len(values):
