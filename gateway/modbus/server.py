@@ -81,7 +81,6 @@ class ModbusServer:
         self._handshake_deadline_s = handshake_deadline_s
         self._peer_of = peer_of
         self._listener: _Listener | None = None
-        self._handshakes: asyncio.TaskGroup | None = None  # of TLS
 
     @property
     def port(self) -> int:
@@ -94,12 +93,12 @@ class ModbusServer:
         allow_open_files(self._config)
         listener = _Listener(self._config, self._units, self.stats, self._wanted_port, self._peer_of)
         if self._ssl_context is not None:
-            self._handshakes = await asyncio.TaskGroup().__aenter__()
-            listener.porch = listener.porch_for(self._ssl_context, self._handshake_deadline_s, self._handshakes)
+            admit = cast(Callable[[], asyncio.Protocol], listener.handle_new_connection)  # pymodbus's base has no base
+            listener.porch = Porch(self._ssl_context, self._handshake_deadline_s, listener, admit)
         try:
             await listener.serve_forever(background=True)
         except (OSError, ValueError) as error:
-            await self._shut_down(listener)
+            await listener.shut_down()
             raise bind_error(self._config, error, self._wanted_port) from error
         self._listener = listener
         return self
@@ -109,13 +108,7 @@ class ModbusServer:
     ) -> None:
         listener, self._listener = self._listener, None
         if listener is not None:
-            await self._shut_down(listener)
-
-    async def _shut_down(self, listener: "_Listener") -> None:
-        await listener.shut_down()
-        if self._handshakes is not None:
-            await self._handshakes.__aexit__(None, None, None)  # their connections are cut: they end at once
-            self._handshakes = None
+            await listener.shut_down()
 
 
 class _Listener(ModbusTcpServer):
@@ -163,19 +156,11 @@ class _Listener(ModbusTcpServer):
         self._sweep()
         return True
 
-    def porch_for(self, context: ssl.SSLContext, deadline_s: float, tasks: asyncio.TaskGroup) -> Porch:
-        """Where connections wait until their TLS handshake is done."""
-        return Porch(
-            context,
-            deadline_s,
-            tasks,
-            admit=self.handle_new_connection,
-            allowed=lambda address: self._limits.judge(address, self._guests, self.loop.time()).refusal,
-            is_plc=self._limits.is_plc,
-            refused=self.turned_away,
-            coming=self.coming,
-            went=self.went,
-        )
+    def allowed(self, address: str) -> Refusal | None:
+        return self._limits.judge(address, self._guests, self.loop.time()).refusal
+
+    def is_plc(self, address: str) -> bool:
+        return self._limits.is_plc(address)
 
     def callback_new_connection(self) -> "_Connection":
         return _Connection(self)

@@ -5,7 +5,7 @@ import logging
 import socket
 import ssl
 import struct
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
@@ -14,6 +14,7 @@ from pymodbus.client import AsyncModbusTlsClient
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU
 
+from gateway import loop
 from gateway.config import ModbusConfig
 from gateway.modbus.answers import Peer, Unit
 from gateway.modbus.exceptions import ModbusException
@@ -45,6 +46,21 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     made = Plant(tmp_path_factory.mktemp("elsewhere"))
     made.client("operator", "operator")
     return made
+
+
+LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {"asyncio": asyncio.new_event_loop, "own": loop.factory()}
+_chosen = ["asyncio"]
+
+
+@pytest.fixture(params=LOOPS, autouse=True)
+def _loop(request: pytest.FixtureRequest) -> None:
+    """Everything holds on both event loops."""
+    _chosen[:] = [request.param]
+
+
+def play(scene: Coroutine[Any, Any, None]) -> None:
+    with asyncio.Runner(loop_factory=LOOPS[_chosen[0]]) as runner:
+        runner.run(scene)
 
 
 class Bay:
@@ -132,7 +148,7 @@ def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expected: 
             found = await threaded(ask, listening.tls, context_of(plant, name), READ_STOP, WRITE_HEARTBEAT)
             assert found == expected
 
-    asyncio.run(scene())
+    play(scene())
     writers = [(peer.address, peer.subject, peer.role) for _, _, peer in bay.written]
     assert writers == ([("127.0.0.1", "operator", "operator")] if name == "operator" else [])
 
@@ -168,7 +184,7 @@ def test_who_is_refused_and_what_the_log_says(
             assert await threaded(ask, listening.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
 
     with caplog.at_level(logging.WARNING):
-        asyncio.run(scene())
+        play(scene())
     assert f"modbus: 127.0.0.1: {said}" in [record.getMessage() for record in caplog.records]
     assert bay.written == []
 
@@ -183,7 +199,7 @@ def test_a_client_that_trusts_another_authority_goes_away_and_the_log_says_so(
             await logged(caplog, "it does not know the authority")
 
     with caplog.at_level(logging.WARNING):
-        asyncio.run(scene())
+        play(scene())
     assert "it does not know the authority of the gateway's certificate" in caplog.text
 
 
@@ -226,7 +242,7 @@ def test_openssl_reads_a_register(plant: Plant, option: str) -> None:
             answer, said = await openssl(listening.tls, plant, "viewer", FRAME, option)
             assert answer == struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP, said
 
-    asyncio.run(scene())
+    play(scene())
 
 
 def test_tls_1_1_is_refused(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
@@ -234,11 +250,12 @@ def test_tls_1_1_is_refused(plant: Plant, caplog: pytest.LogCaptureFixture) -> N
         async with gateway(plant, Bay()) as listening:
             assert listening.tls is not None
             options = ("-tls1_1", "-cipher", "ALL:@SECLEVEL=0")
-            answer, _ = await openssl(listening.tls, plant, "operator", FRAME, *options)
+            answer, said = await openssl(listening.tls, plant, "operator", FRAME, *options)
             assert answer == b""
+            assert "alert protocol version" in said
 
     with caplog.at_level(logging.WARNING):
-        asyncio.run(scene())
+        play(scene())
     assert "it speaks no TLS version from 1.2 up" in caplog.text
 
 
@@ -257,7 +274,7 @@ def test_plain_modbus_on_the_tls_port_is_cut(plant: Plant, caplog: pytest.LogCap
             assert b"\x03\x02\x03\xec" not in answer  # at most a TLS alert, no register
 
     with caplog.at_level(logging.WARNING):
-        asyncio.run(scene())
+        play(scene())
     assert "it does not speak TLS" in caplog.text
 
 
@@ -273,7 +290,7 @@ def test_a_client_that_never_begins_its_handshake_is_cut_in_time(plant: Plant) -
         async with gateway(plant, Bay(), tls=plant.config(handshake_deadline_s=0.5)) as listening:
             assert await threaded(silent, listening.tls) == b""
 
-    asyncio.run(scene())
+    play(scene())
 
 
 def test_leaving_does_not_wait_for_handshakes(plant: Plant) -> None:
@@ -287,7 +304,7 @@ def test_leaving_does_not_wait_for_handshakes(plant: Plant) -> None:
             await asyncio.sleep(0)
         assert asyncio.all_tasks() == {asyncio.current_task()}
 
-    asyncio.run(scene())
+    play(scene())
 
 
 def test_strangers_may_begin_only_so_many_handshakes_and_the_plc_is_not_held_up(
@@ -306,7 +323,7 @@ def test_strangers_may_begin_only_so_many_handshakes_and_the_plc_is_not_held_up(
                 writer.close()
 
     with caplog.at_level(logging.WARNING):
-        asyncio.run(scene())
+        play(scene())
 
 
 def test_plain_tcp_beside_tls_only_reads(plant: Plant) -> None:
@@ -329,7 +346,7 @@ def test_plain_tcp_beside_tls_only_reads(plant: Plant) -> None:
             assert listening.plain is None
             assert listening.first == listening.tls
 
-    asyncio.run(scene())
+    play(scene())
     assert bay.written == []
 
 
@@ -344,7 +361,7 @@ def test_pymodbus_reads_and_writes_over_tls(plant: Plant) -> None:
                 assert answer.registers == list(COUNTING)
                 assert not (await client.write_registers(80, [5, 6, 0])).isError()
 
-    asyncio.run(scene())
+    play(scene())
     assert [(address, words) for address, words, _ in bay.written] == [(80, (5, 6, 0))]
 
 
@@ -361,7 +378,7 @@ def test_many_requests_over_one_connection_are_all_answered_in_order(plant: Plan
             found = await threaded(ask, listening.tls, context_of(plant, "viewer"), *[READ_STOP] * 300)
             assert found == [ANSWER_STOP] * 300
 
-    asyncio.run(scene())
+    play(scene())
 
 
 def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: Plant) -> None:
@@ -378,4 +395,4 @@ def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: 
             for _ in range(5):
                 assert await threaded(pipelined, listening.tls) == expected * 50
 
-    asyncio.run(scene())
+    play(scene())

@@ -1,0 +1,210 @@
+"""TLS on one TCP connection, by hand: bytes of the network in, bytes of the client out, on any event loop.
+
+The event loops have TLS of their own. It tells nobody whose handshake failed and why, and drops the alert that would
+tell the client; and their ways to begin TLS on a connection that is there already differ. So OpenSSL is fed here,
+through its memory buffers.
+"""
+
+import asyncio
+import contextlib
+import ssl
+from collections.abc import Callable
+from typing import Any, Protocol, cast
+
+READ_BYTES = 16 * 1024  # the largest TLS record
+
+
+class House(Protocol):
+    """What a connection needs of the place it comes to."""
+
+    context: ssl.SSLContext
+    deadline_s: float
+
+    def knock(self, stream: "TlsStream", tcp: asyncio.Transport) -> bool:
+        """A TCP connection has been made. False: it was refused, and is cut."""
+
+    def enter(self, stream: "TlsStream") -> asyncio.Protocol:
+        """Its handshake is done: the protocol that it talks to from now on."""
+
+    def turn_away(self, stream: "TlsStream", error: Exception) -> None:
+        """Its handshake has failed."""
+
+    def left(self, stream: "TlsStream", tcp: asyncio.Transport) -> None:
+        """The TCP connection is gone."""
+
+
+class TlsStream(asyncio.Protocol):
+    """The protocol of the TCP connection; `address` and `counted` are for the house."""
+
+    def __init__(self, house: House) -> None:
+        self.address = ""
+        self.counted = False
+        self._house = house
+        self._incoming = ssl.MemoryBIO()
+        self._outgoing = ssl.MemoryBIO()
+        self._tls = house.context.wrap_bio(self._incoming, self._outgoing, server_side=True)
+        self._client: asyncio.Protocol | None = None  # after the handshake
+        self._outside: TlsTransport | None = None
+        self._over = True  # nothing more is read or written
+        self._deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._tcp = cast(asyncio.Transport, transport)
+        if not self._house.knock(self, self._tcp):
+            self._tcp.abort()
+            return
+        self._over = False
+        loop = asyncio.get_running_loop()
+        self._deadline = loop.call_later(self._house.deadline_s, self._fail, TimeoutError())
+
+    def data_received(self, data: bytes) -> None:
+        if self._over:
+            return
+        self._incoming.write(data)
+        try:
+            if self._client is None and not self._shake_hands():
+                return
+            self._read()
+        except ssl.SSLError as error:
+            self._fail(error)
+
+    def _shake_hands(self) -> bool:
+        try:
+            self._tls.do_handshake()
+        except ssl.SSLWantReadError:
+            return False
+        finally:
+            self._flush()  # an alert, too
+        self._stop_clock()
+        self._client = self._house.enter(self)
+        self._outside = TlsTransport(self._tcp, self._tls, self.write, self.close)
+        self._client.connection_made(self._outside)
+        return True
+
+    def _read(self) -> None:
+        while not self._over and not self._tcp.is_closing():
+            try:
+                data = self._tls.read(READ_BYTES)
+            except ssl.SSLWantReadError:
+                self._flush()  # what TLS itself has to say
+                return
+            except ssl.SSLZeroReturnError:
+                data = b""
+            if self._client is None:
+                return
+            if data:
+                self._client.data_received(data)
+            else:
+                self._ended()
+                return
+
+    def _ended(self) -> None:
+        if self._client is not None and not self._client.eof_received():
+            self.close()
+
+    def eof_received(self) -> bool:
+        if self._client is None or self._over:
+            return False
+        return bool(self._client.eof_received())
+
+    def pause_writing(self) -> None:
+        if self._client is not None:
+            self._client.pause_writing()
+
+    def resume_writing(self) -> None:
+        if self._client is not None:
+            self._client.resume_writing()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._stop_clock()
+        client, self._client = self._client, None
+        if client is not None:
+            client.connection_lost(exc)
+        elif not self._over:
+            self._house.turn_away(self, ConnectionResetError())
+        self._over = True
+        self._house.left(self, self._tcp)
+
+    def write(self, data: bytes) -> None:
+        if self._over or self._tcp.is_closing():
+            return
+        self._tls.write(data)  # a memory buffer takes everything
+        self._flush()
+
+    def close(self) -> None:
+        """Say goodbye and close when everything is sent."""
+        if self._over:
+            return
+        self._over = True
+        with contextlib.suppress(ssl.SSLError):  # its own goodbye is not waited for
+            self._tls.unwrap()
+        self._flush()
+        self._tcp.close()
+
+    def _fail(self, error: Exception) -> None:
+        """Before the handshake's end it is told; later it is a broken connection."""
+        if self._over:
+            return
+        self._over = True
+        self._stop_clock()
+        if self._client is None:
+            self._house.turn_away(self, error)
+        self._flush()
+        self._tcp.close()
+
+    def _flush(self) -> None:
+        data = self._outgoing.read()
+        if data and not self._tcp.is_closing():
+            self._tcp.write(data)
+
+    def _stop_clock(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+
+class TlsTransport(asyncio.Transport):
+    """What the client's protocol sees: the TCP transport, with its bytes encrypted."""
+
+    def __init__(
+        self,
+        tcp: asyncio.Transport,
+        tls: ssl.SSLObject,
+        write: Callable[[bytes], None],
+        close: Callable[[], None],
+    ) -> None:
+        super().__init__()
+        self._tcp = tcp
+        self._tls = tls
+        self._write = write
+        self._close = close
+
+    def get_extra_info(self, name: str, default: Any = None) -> Any:
+        return self._tls if name == "ssl_object" else self._tcp.get_extra_info(name, default)
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        self._write(bytes(data))
+
+    def close(self) -> None:
+        self._close()
+
+    def abort(self) -> None:
+        self._tcp.abort()
+
+    def is_closing(self) -> bool:
+        return self._tcp.is_closing()
+
+    def pause_reading(self) -> None:
+        self._tcp.pause_reading()
+
+    def resume_reading(self) -> None:
+        self._tcp.resume_reading()
+
+    def is_reading(self) -> bool:
+        return self._tcp.is_reading()
+
+    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
+        self._tcp.set_write_buffer_limits(high, low)
+
+    def get_write_buffer_size(self) -> int:
+        return self._tcp.get_write_buffer_size()
