@@ -13,6 +13,9 @@ import cv2
 
 from gateway import configdoc
 from gateway.modbus import export
+from gateway.modbus.exports import FORMATS
+from gateway.modbus.exports import reference as plc_reference
+from gateway.modbus.exports.target import Target
 from gateway.mqtt import reference
 from gateway.ranger import cheader, protocol
 from gateway.sim import gallery, scenariodoc
@@ -24,11 +27,13 @@ BLOCK = re.compile(r"(?<=<!-- generated: )([a-z][a-z ]*)( -->\n).*?(?=<!-- end -
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "config.md": {"keys": configdoc.markdown},
     "mqtt.md": reference.BLOCKS,
+    "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
     "registers.md": {"registers": export.markdown},
     "simulator.md": {"keys and faults": scenariodoc.markdown},
     "vision.md": {"stages and parameters": parameters.markdown},
 }
+PLC_EXAMPLES = ("ignition", "kepware", "st", "scl", "l5x", "node-red", "openplc")
 
 
 def page(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
@@ -46,6 +51,9 @@ def texts() -> Iterator[tuple[Path, str]]:
         yield path, page(path.read_text(encoding="utf-8"), blocks)
     for name, text in reference.schemas().items():
         yield DOCS / "schemas" / name, text
+    for name in PLC_EXAMPLES:
+        for file, text in FORMATS[name].files(Target()).items():
+            yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
     yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", cheader.header()
 
 

@@ -15,7 +15,18 @@ import pytest
 
 from gateway.cli import registers as verb
 from gateway.errors import ConfigError
-from gateway.modbus.exports import FORMATS, kepware, l5x, logic, logix, node_red, openplc, scl, structured_text
+from gateway.modbus.exports import (
+    FORMATS,
+    kepware,
+    l5x,
+    logic,
+    logix,
+    node_red,
+    openplc,
+    reference,
+    scl,
+    structured_text,
+)
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, Diagnosis
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.target import Target
@@ -433,3 +444,15 @@ def test_bad_arguments_are_named(argv: tuple[str, str], said: str) -> None:
 @pytest.mark.parametrize(("bay", "name"), [("bay-2", "bay_2"), ("7", "bay_7"), ("North--gate_", "North_gate")])
 def test_a_bay_has_a_name_that_plc_languages_take(bay: str, name: str) -> None:
     assert Target(bay=bay).identifier == name
+
+
+# ---- the page
+
+
+def test_every_reason_and_diagnosis_says_what_to_do() -> None:
+    assert set(reference.REMEDY) == set(Reason)
+    assert all(reference.REMEDY.values())
+    shown = reference.diagnoses()
+    assert [int(n) for n in re.findall(r"^\| (\d+) \|", shown, re.MULTILINE)] == list(Diagnosis)
+    for name in FORMATS:
+        assert f"| `{name}` |" in reference.formats()

@@ -1,0 +1,60 @@
+"""The tables of docs/plc-integration.md: formats, diagnoses, and what to do on each reason. Pure."""
+
+from collections.abc import Callable, Iterable, Mapping
+
+from gateway.modbus.exports import FORMATS
+from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
+from gateway.modbus.exports.target import Target
+from gateway.model import REASON_MEANING, Reason
+
+REMEDY: dict[Reason, str] = {
+    Reason.NONE: "nothing",
+    Reason.TARGET_REACHED: "nothing: the truck stands in place",
+    Reason.STOP_LATCHED: "let the truck leave, or reset the stop; registers.md, handshake",
+    Reason.STARTING: "wait; after 10 s look at vision_quality and range_quality",
+    Reason.VISION_STALE: "camera's cable and frame rate; the gateway's load",
+    Reason.CAMERA_DOWN: "camera's power, cable and address; `gateway check` tells the configured one",
+    Reason.NO_TARGET: "normal without a truck; else clean the marker and the lens, look at the light",
+    Reason.VISION_FAULT: "it restarts by itself; if it comes again, keep the gateway's log",
+    Reason.TARGET_COASTED: "wait: it ends in a moment, as a measurement or as no_target",
+    Reason.RANGE_STALE: "the ranger's USB cable; the gateway's load",
+    Reason.RANGER_DOWN: "the ranger's USB cable and power; `gateway check` tells the configured port",
+    Reason.NO_ECHO: "normal without a truck; else the sensor's aim, dirt, steam",
+    Reason.RANGE_TOO_NEAR: "back the truck off; look for something in front of the sensor",
+    Reason.RANGE_TOO_FAR: "normal without a truck; else the sensor's aim",
+    Reason.RANGER_STUCK: "wire of ECHO, 5 V at the sensor; then replace the sensor",
+    Reason.RANGE_UNSTABLE: "something moves in the cone; fasten the sensor; look for a second ultrasonic source",
+    Reason.RANGER_VERSION: "flash the firmware that came with this gateway; firmware.md",
+    Reason.SENSORS_DISAGREE: "something stands before one of them, or the geometry in [fusion.cross_check] is wrong",
+    Reason.GATEWAY_FAULT: "restart the gateway; keep its log",
+    Reason.SHUTDOWN: "somebody stops the gateway; it must be started again",
+    Reason.PLC_LOST: "write plc_heartbeat in every cycle, or set heartbeat_required = false",
+}
+
+
+def formats() -> str:
+    """Every format with its files."""
+    target = Target()
+    lines = [(name, ", ".join(made.files(target)), made.summary) for name, made in FORMATS.items()]
+    return _table(("--format", "files", "what it is"), ((f"`{name}`", files, what) for name, files, what in lines))
+
+
+def diagnoses() -> str:
+    """Every diagnosis of the generated programs, in the order of their checks."""
+    enabled = (f"{int(Diagnosis.ENABLED)}", "`enabled`", MEANING[int(Diagnosis.ENABLED)][1], "")
+    checks = ((str(int(c.diagnosis)), f"`{c.diagnosis.name.lower()}`", c.meaning, c.action) for c in CHECKS)
+    return _table(("Diagnostic", "name", "what it means", "what to do"), (enabled, *checks))
+
+
+def reasons() -> str:
+    """Every reason with what to do about it."""
+    rows = ((str(int(r)), f"`{r.name.lower()}`", REASON_MEANING[r], REMEDY[r]) for r in Reason)
+    return _table(("reason", "name", "what it means", "what to do"), rows)
+
+
+BLOCKS: Mapping[str, Callable[[], str]] = {"formats": formats, "diagnoses": diagnoses, "reasons": reasons}
+
+
+def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [header, tuple("---" for _ in header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
