@@ -1,0 +1,272 @@
+"""Is every stop transition delivered, whoever is killed? The real publisher, outbox, fusion and broker; and a count.
+
+A child process is a gateway less its sensors: two bays whose D flips as fast as asked, through the real fusion, hub,
+outbox and MQTT client. It tells each event's id on its standard output once the event has happened. The parent kills
+the child, and the broker, at random moments with SIGKILL, and compares what was told with what a subscriber received.
+
+The gateway reaches the broker through a proxy that lets it in only while the subscriber is connected: mosquitto hands a
+message on before it acknowledges it, but a killed one forgets what it held for a subscriber that was away.
+"""
+
+import asyncio
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import paho.mqtt.client as mqtt
+from paho.mqtt.enums import CallbackAPIVersion
+
+from gateway.bay import BayControl
+from gateway.clock import SystemClock
+from gateway.config import BayConfig, GatewayConfig, MqttConfig, Reconnect
+from gateway.hub import Hub
+from gateway.model import Circle, Quality, RangeReading, VisionReading
+from gateway.mqtt.durable import DurableOutbox, limits
+from gateway.mqtt.outbox import Entry
+from gateway.mqtt.publisher import MqttPublisher
+from gateway.supervisor import Supervisor, Task
+from tests.e2e.brokers import Mosquitto
+from tests.e2e.tcp_proxy import Proxy, Weather
+
+Gateway = tuple[subprocess.Popen[str], threading.Thread]  # and who reads what it tells
+
+BAYS = ("bay1", "bay2")
+PATIENCE_S = 10.0
+MODULE = "tests.e2e.store_and_forward"
+ROOT = Path(__file__).resolve().parents[2]
+
+
+# The child.
+
+
+class Telling(DurableOutbox):
+    """Tells of an entry once it has been taken, in one write that the system keeps whole."""
+
+    def put(self, entry: Entry) -> None:
+        super().put(entry)
+        os.write(1, f"{entry.id} {entry.topic.split('/')[2]} {int(entry.precious)}\n".encode())
+
+
+async def child(url: str, name: str, file: str, per_s: float) -> None:
+    clock, hub = SystemClock(), Hub(BAYS)
+    config = MqttConfig(url=url, keepalive_s=4, outbox_events=100_000, reconnect=Reconnect(min_s=0.02, max_s=0.1))
+    whole = GatewayConfig(bays=tuple(BayConfig(name=bay, unit_id=n + 1) for n, bay in enumerate(BAYS)))
+    with Telling(name, Path(file), limits(config)) as outbox:
+        publisher = MqttPublisher(config, "site1", "gw", hub, clock, outbox=outbox)
+        controls = [BayControl(bay, hub, clock, (), whole) for bay in whole.bays]
+
+        async def flip() -> None:
+            near = False
+            while True:
+                near = not near
+                for control in controls:
+                    now_ns = clock.now_ns()
+                    control.on_range(RangeReading(now_ns, Quality.GOOD, 250.0))
+                    control.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(1, 2, 200 if near else 100)))
+                await clock.sleep(len(controls) / per_s)
+
+        tasks = [Task(f"{control.name}.control", control.run, vital=True) for control in controls]
+        tasks += [Task("flip", flip), Task("mqtt.deliver", publisher.deliver, config.reconnect)]
+        await Supervisor(tasks, clock).run()
+
+
+# The parent.
+
+
+@dataclass
+class Report:
+    transitions: int = 0  # changes of stop that were told of
+    events: int = 0  # all events that were told of
+    received: int = 0  # different ones
+    duplicates: int = 0
+    lost: list[str] = field(default_factory=list)
+    out_of_order: list[str] = field(default_factory=list)
+    broker_kills: int = 0
+    gateway_kills: int = 0
+    seconds: float = 0.0
+
+
+@dataclass
+class Told:
+    """What the children said, in order."""
+
+    ids: list[tuple[str, str, bool]] = field(default_factory=list)  # id, bay, precious
+    boots: list[str] = field(default_factory=list)
+
+    def hear(self, line: str) -> None:
+        name, bay, precious = line.split()
+        boot = name.split("-")[0]
+        if boot not in self.boots:
+            self.boots.append(boot)
+        self.ids.append((name, bay, precious == "1"))
+
+    @property
+    def transitions(self) -> int:
+        return sum(precious for _, _, precious in self.ids)
+
+
+class Records:
+    """A subscriber with a session; connects again at once."""
+
+    def __init__(self, port: int) -> None:
+        self.got: list[tuple[str, str]] = []  # id, bay
+        self.connected = threading.Event()
+        self._client = mqtt.Client(CallbackAPIVersion.VERSION2, "records", clean_session=False)
+        self._client.on_connect = self._on_connect
+        self._client.on_disconnect = lambda *_: self.connected.clear()
+        self._client.on_subscribe = lambda *_: self.connected.set()
+        self._client.on_message = self._on_message
+        self._client.reconnect_delay_set(0.02, 0.05)  # type: ignore[arg-type]  # it only sleeps so long
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+
+    def _on_connect(self, client: mqtt.Client, *_: Any) -> None:
+        client.subscribe("loading/+/+/event", qos=1)
+
+    def _on_message(self, _: mqtt.Client, __: Any, message: mqtt.MQTTMessage) -> None:
+        name = message.payload.split(b'"id":"', 1)[1].split(b'"', 1)[0].decode()
+        self.got.append((name, message.topic.split("/")[2]))
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+def run(
+    folder: Path,
+    *,
+    transitions: int,
+    broker_kills: int,
+    gateway_kills: int,
+    per_s: float,
+    seed: int,
+    progress: Callable[[Report], None] = lambda _: None,
+) -> Report:
+    """Until so many transitions were told of and so many kills done; then until everything is delivered."""
+    chance, report, told = random.Random(seed), Report(), Told()
+    begun = time.monotonic()
+    name, file = f"test-{uuid4().hex}", folder / "outbox.sqlite"
+    with Mosquitto(folder) as broker, Proxy(broker.port, weather=Weather(refuse=True)) as proxy:
+        records = Records(broker.port)
+        try:
+            _let_in(records, proxy)
+            broker.stop()  # once: it remembers the subscription from now on
+            broker.start()
+            _let_in(records, proxy)
+            gateway = _start(proxy.port, name, file, per_s, told)
+            while (
+                told.transitions < transitions
+                or report.broker_kills < broker_kills
+                or report.gateway_kills < gateway_kills
+            ):
+                time.sleep(chance.uniform(0.0, 0.3))
+                left_b, left_g = broker_kills - report.broker_kills, gateway_kills - report.gateway_kills
+                if left_b + left_g and chance.random() * (left_b + left_g) < left_g:
+                    gateway[0].send_signal(signal.SIGKILL)
+                    _wait(gateway)
+                    report.gateway_kills += 1
+                    gateway = _start(proxy.port, name, file, per_s, told)
+                elif left_b:
+                    broker.kill()
+                    proxy.weather = Weather(refuse=True)
+                    proxy.cut()
+                    report.broker_kills += 1
+                    time.sleep(chance.uniform(0.0, 0.1))
+                    broker.start()
+                    _let_in(records, proxy)
+                report.transitions, report.events = told.transitions, len(told.ids)
+                progress(report)
+            gateway[0].send_signal(signal.SIGKILL)
+            _wait(gateway)
+            report.gateway_kills += 1
+            _deliver_the_rest(proxy.port, name, file, told, records)
+        finally:
+            records.close()
+    report.seconds = time.monotonic() - begun
+    return _judge(report, told, records.got)
+
+
+def _let_in(records: Records, proxy: Proxy) -> None:
+    assert records.connected.wait(20)
+    proxy.weather = Weather()
+
+
+def _start(
+    port: int, name: str, file: Path, per_s: float, told: Told
+) -> tuple[subprocess.Popen[str], threading.Thread]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", MODULE, f"mqtt://127.0.0.1:{port}", name, str(file), str(per_s)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    first = process.stdout.readline()
+    assert first, "the gateway did not start"
+    told.hear(first)
+
+    def read() -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            told.hear(line)
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    return process, reader
+
+
+def _wait(gateway: Gateway) -> None:
+    process, reader = gateway
+    process.wait(20)
+    reader.join(20)
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+def _deliver_the_rest(port: int, name: str, file: Path, told: Told, records: Records) -> None:
+    """One more start, which makes hardly any events, until nothing is missing or nothing gets better any more."""
+    gateway = _start(port, name, file, 0.2, told)
+    try:
+        fewest, since = len(told.ids) + 1, time.monotonic()
+        while (missing := len({i for i, _, _ in told.ids} - {i for i, _ in records.got})) and (
+            time.monotonic() - since < PATIENCE_S
+        ):
+            if missing < fewest:
+                fewest, since = missing, time.monotonic()
+            time.sleep(0.05)
+    finally:
+        gateway[0].send_signal(signal.SIGKILL)
+        _wait(gateway)
+
+
+def _judge(report: Report, told: Told, got: list[tuple[str, str]]) -> Report:
+    report.transitions, report.events = told.transitions, len(told.ids)
+    seen = {name for name, _ in got}
+    report.received, report.duplicates = len(seen), len(got) - len(seen)
+    # The very last events, of the start that only delivers, may still be on their way.
+    report.lost = [name for name, _, _ in told.ids if name not in seen and not name.startswith(told.boots[-1])]
+    for bay in BAYS:
+        highest, known = (-1, 0), set()
+        for name, where in got:
+            boot, number = name.split("-")
+            if where != bay or name in known or boot not in told.boots:
+                continue
+            known.add(name)
+            place = (told.boots.index(boot), int(number))
+            if place <= highest:
+                report.out_of_order.append(name)
+            highest = max(highest, place)
+    return report
+
+
+if __name__ == "__main__":
+    asyncio.run(child(sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4])))
