@@ -194,7 +194,7 @@ def _means() -> Samples:
 
 
 def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
-    """Per ray the offset (px) of the steepest change away from the disc's colour, and its weight (0: none); and the edges' sigma."""
+    """Per ray the offset (px) of the steepest change away from the disc's colour, its weight, and the blur."""
     colours, count = rays.colours, rays.count
     inner, outer = (_means() @ colours).reshape(2, count, 3)
     some = np.sort(inner[rays.inside] if rays.inside.any() else inner, axis=0)
