@@ -1,0 +1,192 @@
+"""How long each method looks at a frame: interleaved, one thread, against the plain OpenCV pipeline of the same run.
+
+    python -m bench.vision_speed                      a table on the terminal
+    python -m bench.vision_speed --markdown           the same for docs/performance.md
+    python -m bench.vision_speed --json out.json      every figure, for a machine
+
+Every method sees the same frames in the same order; the plain pipeline is timed right beside it on the same frame, so
+that what else the machine does falls on both. Medians; the ratio is that of the medians.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.progress import Progress
+
+from bench.speed_scenes import SCENES, SIZES, back_and_forth
+from gateway.config import VisionConfig
+from gateway.vision import methods, pipeline
+from gateway.vision.exact import kernel
+from gateway.vision.exact.search import ExactSearch
+from gateway.vision.exact.tracker import ExactTracker
+from gateway.vision.pixels import Image
+
+FRAME_NS = 33_333_333
+UNITS_MS = 1e3
+Method = Callable[[Image, int], object]
+
+PAPER = VisionConfig(method="paper", tracking=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One method on one scene at one size."""
+
+    scene: str
+    size: str
+    method: str
+    median_ms: float
+    p99_ms: float
+    plain_ms: float  # the plain pipeline beside it
+
+    @property
+    def times(self) -> float:
+        return self.plain_ms / self.median_ms
+
+
+def contenders() -> dict[str, Callable[[], Method]]:
+    """By name: what builds the method afresh for a scene. The first is the baseline."""
+    compiled = kernel.load(PAPER)
+    table: dict[str, Callable[[], Method]] = {
+        "plain": lambda: lambda image, t_ns: pipeline.detect(image, PAPER),
+        "read once": lambda: lambda image, t_ns: cv2.sumElems(image),
+    }
+    if compiled is not None:
+        table["exact, kernel"] = lambda: _detector(ExactSearch(PAPER, kernel=compiled))
+        table["exact tracked, kernel"] = lambda: _detector(ExactTracker(PAPER, kernel=compiled))
+    table["exact, OpenCV only"] = lambda: _detector(ExactSearch(PAPER))
+    table["exact tracked, OpenCV only"] = lambda: _detector(ExactTracker(PAPER))
+    table["paper, as configured, tracked"] = lambda: _configured("paper", True)
+    table["robust"] = lambda: _configured("robust", False)
+    table["robust tracked"] = lambda: _configured("robust", True)
+    table["HoughCircles"] = lambda: lambda image, t_ns: hough(image)
+    table["SimpleBlobDetector"] = _blobs
+    return table
+
+
+def hough(image: Image) -> object:
+    """On the grey picture, as its own documentation has it."""
+    grey = cv2.medianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), 5)
+    height = image.shape[0]
+    return cv2.HoughCircles(
+        grey, cv2.HOUGH_GRADIENT, 1.5, height / 4, param1=150, param2=60, minRadius=height // 40, maxRadius=height // 2
+    )
+
+
+def _blobs() -> Method:
+    settings = cv2.SimpleBlobDetector.Params()
+    settings.filterByCircularity, settings.minCircularity = True, 0.7
+    settings.filterByArea, settings.minArea, settings.maxArea = True, 100.0, 1e7
+    detector = cv2.SimpleBlobDetector.create(settings)
+    return lambda image, t_ns: detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+
+
+def _detector(detect: pipeline.Detector) -> Method:
+    return detect
+
+
+def _configured(method: str, tracking: bool) -> Method:
+    return methods.detector(VisionConfig.model_validate({"method": method, "tracking": tracking}))
+
+
+def measure(
+    scene: str, size: str, frames: Sequence[Image], names: Sequence[str], rounds: int, patience_s: float
+) -> list[Figure]:
+    """Rounds over the frames, each method beside the plain pipeline on every frame; the first round only warms up."""
+    table = contenders()
+    plain = table["plain"]()
+    figures = []
+    for name in names:
+        detect = table[name]()
+        mine: list[float] = []
+        beside: list[float] = []
+        started = time.perf_counter()
+        for k in range((rounds + 1) * len(frames)):
+            image, t_ns = frames[k % len(frames)], k * FRAME_NS
+            times = []
+            for call in (plain, detect) if k % 2 else (detect, plain):
+                began = time.perf_counter()
+                call(image, t_ns)
+                times.append((time.perf_counter() - began) * UNITS_MS)
+            if k % 2:
+                times.reverse()
+            if k >= len(frames):
+                mine.append(times[0])
+                beside.append(times[1])
+                if time.perf_counter() - started > patience_s:
+                    break
+        if not mine:
+            mine, beside = [times[0]], [times[1]]
+        p99 = float(np.percentile(mine, 99))
+        figures.append(Figure(scene, size, name, statistics.median(mine), p99, statistics.median(beside)))
+    return figures
+
+
+def machine() -> str:
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), model)
+    except OSError:
+        pass
+    return (
+        f"{model}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}, Python {platform.python_version()}, "
+        f"OpenCV {cv2.__version__} (one thread), NumPy {np.__version__}"
+    )
+
+
+def table_of(figures: Sequence[Figure], markdown: bool) -> str:
+    head = ("scene", "size", "method", "median ms", "p99 ms", "plain beside it, ms", "times as fast")
+    rows = [
+        (f.scene, f.size, f.method, f"{f.median_ms:.3f}", f"{f.p99_ms:.3f}", f"{f.plain_ms:.2f}", f"{f.times:.1f}")
+        for f in figures
+    ]
+    if markdown:
+        lines = ["| " + " | ".join(head) + " |", "|---|---|---|---:|---:|---:|---:|"]
+        return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+    widths = [max(len(row[n]) for row in (head, *rows)) for n in range(len(head))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in (head, *rows)
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", nargs="+", choices=SIZES, default=list(SIZES), help="frame sizes")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=["approach"], help="what is in the frames")
+    parser.add_argument("--methods", nargs="+", choices=contenders(), help="default: all but the baseline")
+    parser.add_argument("--frames", type=int, default=12, help="neighbouring frames of each scene (default 12)")
+    parser.add_argument("--rounds", type=int, default=4, help="times to and fro over them (default 4)")
+    parser.add_argument("--patience", type=float, default=10.0, help="seconds at most for one figure (default 10)")
+    parser.add_argument("--markdown", action="store_true", help="a Markdown table")
+    parser.add_argument("--json", type=Path, help="write every figure to this file")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    names = args.methods or [name for name in contenders() if name != "plain"]
+    figures: list[Figure] = []
+    with Progress(disable=not sys.stderr.isatty()) as progress:
+        work = progress.add_task("measuring", total=len(args.sizes) * len(args.scenes))
+        for scene in args.scenes:
+            for size in args.sizes:
+                frames = back_and_forth(SCENES[scene](*SIZES[size], args.frames))
+                figures += measure(scene, size, frames, names, args.rounds, args.patience)
+                progress.advance(work)
+    print(machine())
+    print()
+    print(table_of(figures, args.markdown))
+    if args.json:
+        args.json.write_text(json.dumps({"machine": machine(), "figures": [asdict(f) for f in figures]}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
