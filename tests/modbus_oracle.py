@@ -1,0 +1,169 @@
+"""What the specification says a Modbus server answers, written down a second time, as a table of conditions.
+
+Shares nothing with the gateway. Sources: Modbus Application Protocol V1.1b3, chapters 6 (state diagrams) and 7
+(exception codes), and the MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 3.1.3 and 4.4.2.
+
+Used by the unit tests, by the tests over sockets and by bench/modbus_fuzz.py.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+CLOSE = "close"  # the connection can't go on
+NOTHING = "nothing"  # no answer
+
+
+@dataclass
+class Bay:
+    """One unit as the tests set it up. Registers by address; the bits are those of register 3."""
+
+    words: list[int]
+    writable: frozenset[int] = frozenset()
+    writes_on: bool = False
+    objects: dict[int, bytes] = field(default_factory=dict)
+
+    def bit(self, address: int) -> int:
+        return self.words[3] >> address & 1
+
+    bits = 16
+
+
+@dataclass
+class Server:
+    """`bays` by unit id. A lone bay is also unit 0 and 255."""
+
+    bays: dict[int, Bay]
+
+    def bay(self, unit: int) -> Bay | None:
+        if unit in (0, 255) and len(self.bays) == 1:
+            return next(iter(self.bays.values()))
+        return self.bays.get(unit)
+
+
+def u16(data: bytes, at: int) -> int:
+    return data[at] * 256 + data[at + 1]
+
+
+# Function code -> conditions in the order of the state diagram: (exception code, what must hold for it not to be sent).
+Condition = tuple[int, Callable[[Bay, bytes], bool]]
+
+
+def _reads(most: int, size: Callable[[Bay], int]) -> list[Condition]:
+    return [
+        (3, lambda bay, p: len(p) == 5),
+        (3, lambda bay, p: 1 <= u16(p, 3) <= most),
+        (2, lambda bay, p: u16(p, 1) + u16(p, 3) <= size(bay)),
+    ]
+
+
+def _all_writable(bay: Bay, first: int, count: int) -> bool:
+    return all(address in bay.writable for address in range(first, first + count))
+
+
+CONDITIONS: dict[int, list[Condition]] = {
+    1: _reads(0x7D0, lambda bay: bay.bits),
+    2: _reads(0x7D0, lambda bay: bay.bits),
+    3: _reads(0x7D, lambda bay: len(bay.words)),
+    4: _reads(0x7D, lambda bay: len(bay.words)),
+    6: [
+        (1, lambda bay, p: bay.writes_on),
+        (3, lambda bay, p: len(p) == 5),
+        (2, lambda bay, p: _all_writable(bay, u16(p, 1), 1)),
+    ],
+    16: [
+        (1, lambda bay, p: bay.writes_on),
+        (3, lambda bay, p: len(p) >= 6),
+        (3, lambda bay, p: 1 <= u16(p, 3) <= 0x7B),
+        (3, lambda bay, p: p[5] == 2 * u16(p, 3)),
+        (3, lambda bay, p: len(p) == 6 + p[5]),
+        (2, lambda bay, p: _all_writable(bay, u16(p, 1), u16(p, 3))),
+    ],
+    23: [
+        (1, lambda bay, p: bay.writes_on),
+        (3, lambda bay, p: len(p) >= 10),
+        (3, lambda bay, p: 1 <= u16(p, 3) <= 0x7D),
+        (3, lambda bay, p: 1 <= u16(p, 7) <= 0x79),
+        (3, lambda bay, p: p[9] == 2 * u16(p, 7)),
+        (3, lambda bay, p: len(p) == 10 + p[9]),
+        (2, lambda bay, p: u16(p, 1) + u16(p, 3) <= len(bay.words)),
+        (2, lambda bay, p: _all_writable(bay, u16(p, 5), u16(p, 7))),
+    ],
+    43: [
+        (3, lambda bay, p: len(p) >= 2),
+        (1, lambda bay, p: p[1] == 14),
+        (3, lambda bay, p: len(p) == 4),
+        (3, lambda bay, p: p[2] in (1, 2, 3, 4)),
+        (2, lambda bay, p: p[2] != 4 or p[3] in bay.objects),
+    ],
+}
+
+
+def answer(server: Server, unit: int, pdu: bytes) -> bytes:
+    """The PDU that must come back; carries out writes on the model."""
+    function = pdu[0]
+    bay = server.bay(unit)
+    if bay is None:
+        return bytes([function | 0x80, 0x0B])
+    if function not in CONDITIONS:
+        return bytes([function | 0x80, 1])
+    for code, holds in CONDITIONS[function]:
+        if not holds(bay, pdu):
+            return bytes([function | 0x80, code])
+    return _carry_out(bay, function, pdu)
+
+
+def _carry_out(bay: Bay, function: int, pdu: bytes) -> bytes:
+    if function in (1, 2):
+        octets = [0] * ((u16(pdu, 3) + 7) // 8)
+        for n in range(u16(pdu, 3)):
+            octets[n // 8] |= bay.bit(u16(pdu, 1) + n) << n % 8
+        return bytes([function, len(octets), *octets])
+    if function in (3, 4):
+        return bytes([function, 2 * u16(pdu, 3)]) + _octets(bay, u16(pdu, 1), u16(pdu, 3))
+    if function == 6:
+        bay.words[u16(pdu, 1)] = u16(pdu, 3)
+        return pdu
+    if function == 16:
+        _store(bay, u16(pdu, 1), pdu[6:])
+        return pdu[:5]
+    if function == 23:
+        _store(bay, u16(pdu, 5), pdu[10:])
+        return bytes([23, 2 * u16(pdu, 3)]) + _octets(bay, u16(pdu, 1), u16(pdu, 3))
+    return _identify(bay, pdu[2], pdu[3])
+
+
+def _octets(bay: Bay, first: int, count: int) -> bytes:
+    return b"".join(bytes([word // 256, word % 256]) for word in bay.words[first : first + count])
+
+
+def _store(bay: Bay, first: int, octets: bytes) -> None:
+    for n in range(len(octets) // 2):
+        bay.words[first + n] = u16(octets, 2 * n)
+
+
+def _identify(bay: Bay, code: int, first: int) -> bytes:
+    highest = max(bay.objects)
+    conformity = 0x81 if highest <= 2 else 0x82 if highest <= 0x7F else 0x83
+    if code == 4:
+        return bytes([43, 14, 4, conformity, 0, 0, 1, first, len(bay.objects[first])]) + bay.objects[first]
+    level = sorted(key for key in bay.objects if key <= {1: 2, 2: 0x7F, 3: 0xFF}[code])
+    wanted = level[level.index(first) :] if first in level else level
+    body, number = b"", 0
+    for key in wanted:
+        entry = bytes([key, len(bay.objects[key])]) + bay.objects[key]
+        if 7 + len(body) + len(entry) > 253:
+            return bytes([43, 14, code, conformity, 0xFF, key, number]) + body
+        body += entry
+        number += 1
+    return bytes([43, 14, code, conformity, 0, 0, number]) + body
+
+
+def answer_frame(server: Server, frame: bytes) -> bytes | str:
+    """Of one whole frame, or the head of one whose length is impossible: the answer's bytes, NOTHING or CLOSE."""
+    length = u16(frame, 4)
+    if length < 2 or length > 254:
+        return CLOSE
+    if u16(frame, 2) != 0:
+        return NOTHING
+    pdu = answer(server, frame[6], frame[7 : 6 + length])
+    return frame[:2] + bytes([0, 0, 0, len(pdu) + 1, frame[6]]) + pdu

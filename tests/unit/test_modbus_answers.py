@@ -1,0 +1,181 @@
+"""Every answer against the specification's table (tests/modbus_oracle.py), over the whole grid."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import product
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.modbus.adu import frame_bytes
+from gateway.modbus.answers import FUNCTIONS, Access, Peer, Unit, answer
+from gateway.modbus.desk import Desk, DeskStats
+from gateway.modbus.exceptions import ModbusException
+from tests import modbus_oracle as oracle
+
+ANYBODY = Peer("10.0.0.9")
+WORDS = [(1000 + 257 * n) & 0xFFFF for n in range(100)]
+WRITABLE = frozenset(range(80, 90))
+OBJECTS = {0: b"vendor", 1: b"code", 2: b"1.0", 4: b"product", 6: b"site/bay"}
+
+
+class Pair:
+    """One bay twice: as the gateway's unit and as the oracle's."""
+
+    def __init__(self, writes_on: bool = False, objects: dict[int, bytes] | None = None) -> None:
+        self.words = list(WORDS)
+        told = OBJECTS if objects is None else objects
+        self.unit = Unit(lambda: self.words, self._write if writes_on else None, told)
+        self.bay = oracle.Bay(list(WORDS), WRITABLE, writes_on, told)
+        self.server = oracle.Server({1: self.bay, 2: self.bay})
+
+    def _write(self, address: int, words: Sequence[int], _: Peer) -> ModbusException | None:
+        if not WRITABLE.issuperset(range(address, address + len(words))):
+            return ModbusException.ILLEGAL_ADDRESS
+        self.words[address : address + len(words)] = words
+        return None
+
+    def check(self, pdu: bytes) -> bytes:
+        told = answer(self.unit, pdu, ANYBODY)
+        assert told == oracle.answer(self.server, 1, pdu), pdu.hex(" ")
+        assert self.words == self.bay.words, pdu.hex(" ")
+        return told
+
+
+def pdu(function: int, *numbers: int) -> bytes:
+    return bytes([function]) + b"".join(number.to_bytes(2, "big") for number in numbers)
+
+
+ADDRESSES = [*range(102), 126, 127, 128, 255, 256, 32767, 32768, 65409, 65410, 65411, 65434, 65435, 65436, 65535]
+COUNTS = [*range(131), 255, 256, 257, 1999, 2000, 2001, 2002, 32767, 32768, 65535]
+
+
+@pytest.mark.parametrize("function", [1, 2, 3, 4])
+def test_reads_over_every_address_and_count(function: int) -> None:
+    pair = Pair()
+    exceptions = {pair.check(pdu(function, *asked))[:2].hex() for asked in product(ADDRESSES, COUNTS)}
+    codes = {text for text in exceptions if text.startswith("8")}
+    assert codes == {f"8{function}02", f"8{function}03"}  # the grid has both, and good answers besides
+    assert len(exceptions) > len(codes)
+
+
+@pytest.mark.parametrize("writes_on", [False, True])
+@pytest.mark.parametrize("function", range(256))
+def test_every_function_code_with_every_length(function: int, writes_on: bool) -> None:
+    pair = Pair(writes_on)
+    tail = pdu(0, 80, 1, 80, 1)[1:] + bytes([2, 0x12, 0x34]) + bytes(range(40))
+    for length in range(len(tail)):
+        pair.check(bytes([function]) + tail[:length])
+
+
+def _writes() -> Iterator[bytes]:
+    for address in [0, 3, 78, 79, 80, 81, 84, 88, 89, 90, 99, 100, 101, 65535]:
+        for word in (0, 1, 0x1234, 0xFFFF):
+            yield pdu(6, address, word)
+        for count in [0, 1, 2, 5, 9, 10, 11, 120, 121, 122, 123, 124, 65535]:
+            for size in {2 * count & 0xFF, (2 * count + 1) & 0xFF, (2 * count + 2) & 0xFF, 0}:
+                body = bytes(n & 0xFF for n in range(size))
+                yield pdu(16, address, count) + bytes([size]) + body
+                yield pdu(16, address, count) + bytes([size]) + body[:-1]
+                for read, read_count in [(0, 1), (79, 12), (0, 100), (0, 101), (99, 2), (0, 125), (0, 126), (0, 0)]:
+                    yield pdu(23, read, read_count, address, count) + bytes([size]) + body
+
+
+def test_writes_over_the_grid() -> None:
+    pair = Pair(writes_on=True)
+    answers = [pair.check(request) for request in _writes() if len(request) <= 253]
+    assert {told[:2].hex() for told in answers if told[0] & 0x80} == {"8602", "9002", "9003", "9702", "9703"}
+    assert len([told for told in answers if told[0] in (6, 16, 23)]) >= 80
+    assert pair.words != WORDS  # something was written
+
+
+def test_where_writes_are_off_their_functions_do_not_exist() -> None:
+    pair = Pair()
+    assert {pair.check(request)[1] for request in _writes() if len(request) <= 253} == {1}
+    assert pair.words == WORDS
+
+
+def test_function_23_reads_what_it_wrote() -> None:
+    assert Pair(writes_on=True).check(pdu(23, 80, 2, 81, 1) + bytes([2, 0xAB, 0xCD]))[-2:] == b"\xab\xcd"
+
+
+def test_function_23_writes_nothing_where_it_can_not_read() -> None:
+    pair = Pair(writes_on=True)
+    assert pair.check(pdu(23, 99, 2, 81, 1) + bytes([2, 0xAB, 0xCD])) == b"\x97\x02"
+    assert pair.words == WORDS
+
+
+def test_what_the_write_says_is_the_exception() -> None:
+    unit = Unit(lambda: WORDS, lambda address, words, peer: ModbusException.ILLEGAL_VALUE)
+    assert answer(unit, pdu(6, 80, 7), ANYBODY) == b"\x86\x03"
+
+
+@pytest.mark.parametrize(("access", "read", "write"), [(Access.NONE, 1, 1), (Access.READ, 0, 1), (Access.WRITE, 0, 0)])
+def test_a_role_decides_what_exists(access: Access, read: int, write: int) -> None:
+    """Modbus/TCP Security: what a role may not do is answered with exception 01. 0 here: it may."""
+    pair = Pair(writes_on=True)
+    for function in FUNCTIONS.values():
+        request = {6: pdu(6, 80, 1), 16: pdu(16, 80, 1) + b"\x02\x00\x01", 43: b"\x2b\x0e\x01\x00"}.get(
+            function.code, pdu(23, 0, 1, 80, 1) + b"\x02\x00\x01" if function.code == 23 else pdu(function.code, 0, 1)
+        )
+        told = answer(pair.unit, request, Peer("10.0.0.9", access, "some role"))
+        refused = write if function.writes else read
+        assert (told == bytes([function.code | 0x80, 1])) == bool(refused), function.name
+
+
+LONG = {0: b"v" * 100, 1: b"c" * 100, 2: b"1" * 40, 4: b"p" * 244, 5: b"m", 0x80: b"x" * 200, 0xFF: b"y" * 44}
+
+
+@pytest.mark.parametrize("objects", [OBJECTS, LONG, {0: b"", 1: b"", 2: b""}, {0: b"a", 1: b"b", 2: b"c", 0x90: b"d"}])
+def test_identity_over_every_code_and_object(objects: dict[int, bytes]) -> None:
+    pair = Pair(objects=objects)
+    for code, first in product([0, 1, 2, 3, 4, 5, 255], range(256)):
+        assert len(pair.check(bytes([43, 14, code, first]))) <= 253
+    for mei_type in range(256):
+        pair.check(bytes([43, mei_type, 1, 0]))
+
+
+def test_identity_in_parts_has_every_object_once() -> None:
+    """Following "more follows" as a client does."""
+    unit = Unit(lambda: WORDS, identity=LONG)
+    found: dict[int, bytes] = {}
+    first, parts = 0, 0
+    while True:
+        told = answer(unit, bytes([43, 14, 3, first]), ANYBODY)
+        at = 7
+        for _ in range(told[6]):
+            found[told[at]] = told[at + 2 : at + 2 + told[at + 1]]
+            at += 2 + told[at + 1]
+        assert at == len(told)
+        parts += 1
+        if told[4] == 0:
+            break
+        first = told[5]
+    assert found == LONG
+    assert parts == 4
+
+
+@settings(max_examples=1500, deadline=None)
+@given(st.binary(min_size=1, max_size=253), st.booleans())
+def test_any_bytes_at_all(request: bytes, writes_on: bool) -> None:
+    Pair(writes_on).check(request)
+
+
+@pytest.mark.parametrize("units", [(1,), (1, 2), (5, 247), ()])
+def test_units(units: tuple[int, ...]) -> None:
+    """Every unit id; 0 and 255 are the device itself where it has one bay."""
+    images = {unit: [unit * 100 + n for n in range(100)] for unit in units}
+    stats = DeskStats()
+    failed: list[Exception] = []
+    desk = Desk({unit: Unit(partial(images.__getitem__, unit)) for unit in units}, stats, failed.append)
+    server = oracle.Server({unit: oracle.Bay(words) for unit, words in images.items()})
+    exceptions = 0
+    for unit in range(256):
+        for request in (pdu(3, 98, 2), pdu(4, 0, 1), pdu(3, 0, 0), pdu(3, 99, 2), pdu(8, 0, 0), b"\x03"):
+            told = desk.answer(frame_bytes(0xA55A, unit, request), ANYBODY)
+            expected = oracle.answer(server, unit, request)
+            assert told == frame_bytes(0xA55A, unit, expected)
+            exceptions += expected[0] >= 0x80
+    assert failed == []
+    assert (stats.requests, stats.exceptions, stats.image_faults) == (256 * 6, exceptions, 0)

@@ -1,0 +1,237 @@
+"""One connection on a transport that is not there: turns, back-pressure, ends. The far end is the test."""
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable, Coroutine
+from typing import Any, cast
+
+import pytest
+
+from gateway.modbus.adu import frame_bytes
+from gateway.modbus.answers import Peer, Unit
+from gateway.modbus.connection import TURN_FRAMES, Connection
+from gateway.modbus.desk import Desk, DeskStats
+from gateway.modbus.limits import Refusal
+from tests import virtual_time
+
+ASK = bytes([3, 0, 0, 0, 1])
+TOLD = bytes([3, 2, 0x12, 0x34])
+
+
+class Wire:
+    """What a connection does with its transport."""
+
+    def __init__(self) -> None:
+        self.sent = b""
+        self.writes = 0
+        self.reading = True
+        self.ended = ""
+        self.blocks = False  # the next write finds a full buffer
+        self.protocol: Connection | None = None
+
+    def write(self, data: bytes) -> None:
+        self.sent += data
+        self.writes += 1
+        if self.blocks and self.protocol is not None:
+            self.protocol.pause_writing()
+
+    def pause_reading(self) -> None:
+        assert self.reading
+        self.reading = False
+
+    def resume_reading(self) -> None:
+        assert not self.reading
+        self.reading = True
+
+    def close(self) -> None:
+        self.ended = "closed"
+
+    def abort(self) -> None:
+        self.ended = "cut"
+
+    def is_reading(self) -> bool:
+        return self.reading
+
+    def is_closing(self) -> bool:
+        return self.ended != ""
+
+    def set_write_buffer_limits(self, high: int) -> None:
+        assert high <= 64 * 1024
+
+
+class House:
+    def __init__(self) -> None:
+        self.stats = DeskStats()
+        self.desk = Desk({1: Unit(lambda: (0x1234,))}, self.stats, lambda error: None)
+        self.peer_of: Callable[[asyncio.Transport], Peer | None] = lambda _: Peer("10.0.0.9")
+        self.lets_in = True
+        self.refusals: Counter[Refusal] = Counter()
+
+    def welcome(self, connection: Connection) -> bool:
+        return self.lets_in
+
+    def gone(self, connection: Connection) -> None: ...
+
+    def refused(self, connection: Connection, why: Refusal) -> None:
+        self.refusals[why] += 1
+
+
+def opened(house: House) -> tuple[Connection, Wire]:
+    wire, connection = Wire(), Connection(house)
+    wire.protocol = connection
+    connection.opened(cast(asyncio.Transport, wire))
+    return connection, wire
+
+
+def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    virtual_time.run(test())
+
+
+def asks(count: int, begin: int = 0) -> bytes:
+    return b"".join(frame_bytes(begin + n, 1, ASK) for n in range(count))
+
+
+def tells(count: int, begin: int = 0) -> bytes:
+    return b"".join(frame_bytes(begin + n, 1, TOLD) for n in range(count))
+
+
+def test_a_flood_gets_all_its_answers_in_order_and_others_get_their_turn_in_between() -> None:
+    async def test() -> None:
+        house = House()
+        flood, flooded = opened(house)
+        other, told = opened(house)
+        flood.data_received(asks(1000))
+        assert flooded.sent == tells(TURN_FRAMES)
+        assert not flooded.is_reading()  # the rest waits in the kernel, and then with the client
+        turns = 0
+        while len(flooded.sent) < len(tells(1000)):
+            other.data_received(asks(1, turns))
+            assert told.sent == tells(turns + 1)  # at once, however much the other has asked for
+            await asyncio.sleep(0)
+            turns += 1
+        assert flooded.sent == tells(1000)
+        assert turns == -(-1000 // TURN_FRAMES) - 1
+        assert flooded.writes == turns + 1
+        await asyncio.sleep(0)
+        assert flooded.is_reading()
+        flood.data_received(asks(1, 7))
+        assert flooded.sent == tells(1000) + tells(1, 7)
+
+    run(test)
+
+
+def test_a_client_that_does_not_read_is_not_read_from_and_not_answered() -> None:
+    async def test() -> None:
+        house = House()
+        connection, wire = opened(house)
+        now_s = asyncio.get_running_loop().time
+        await asyncio.sleep(3)
+        wire.blocks = True
+        connection.data_received(asks(100))
+        assert wire.sent == tells(TURN_FRAMES)
+        for _ in range(10):
+            await asyncio.sleep(1)
+        assert wire.sent == tells(TURN_FRAMES)
+        assert not wire.is_reading()
+        assert connection.blocked_since_s == now_s() - 10
+        wire.blocks = False
+        connection.resume_writing()
+        await asyncio.sleep(1)
+        assert wire.sent == tells(100)
+        assert wire.is_reading()
+        assert connection.blocked_since_s is None
+
+    run(test)
+
+
+def test_blocking_again_and_again_does_not_multiply_its_turns() -> None:
+    """However often it stops and starts, it gets one turn for each of the event loop's."""
+
+    async def test() -> None:
+        connection, wire = opened(House())
+        connection.data_received(asks(2000))
+        for _ in range(20):
+            connection.pause_writing()
+            connection.resume_writing()  # which is a turn of its own
+        before = len(wire.sent)
+        await asyncio.sleep(0)
+        assert len(wire.sent) - before == len(tells(TURN_FRAMES))
+
+    run(test)
+
+
+def test_a_half_frame_is_timed_from_its_first_byte_however_slowly_it_goes_on() -> None:
+    async def test() -> None:
+        connection, _ = opened(House())
+        begun = asyncio.get_running_loop().time()
+        for byte in asks(1)[:-1]:
+            connection.data_received(bytes([byte]))
+            assert connection.half_since_s == begun
+            await asyncio.sleep(0.1)
+        now_s = asyncio.get_running_loop().time()
+        connection.data_received(asks(1)[-1:] + b"\0")  # whole, and the next has begun
+        assert connection.half_since_s == now_s
+        connection.data_received(asks(1)[1:])
+        assert connection.half_since_s is None
+
+    run(test)
+
+
+def test_another_protocol_is_discarded_and_the_next_frame_is_answered() -> None:
+    async def test() -> None:
+        house = House()
+        connection, wire = opened(house)
+        foreign = asks(1)[:2] + b"\0\1" + asks(1)[4:]
+        connection.data_received(foreign)
+        connection.data_received(foreign + asks(1, 5) + foreign)
+        assert wire.sent == tells(1, 5)
+        assert house.refusals == {Refusal.BAD_PROTOCOL: 3}
+        assert (house.stats.requests, connection.answered, wire.ended) == (1, 1, "")
+
+    run(test)
+
+
+def test_an_impossible_length_closes_after_the_answers_before_it() -> None:
+    async def test() -> None:
+        house = House()
+        connection, wire = opened(house)
+        connection.data_received(asks(3) + b"\0\1\0\0\xff\xff\1\3" + asks(3))
+        assert (wire.sent, wire.ended) == (tells(3), "closed")
+        assert house.refusals == {Refusal.BAD_LENGTH: 1}
+        assert connection.blocked_since_s is not None  # the sweep cuts it if the three are not taken
+        connection.data_received(asks(1))
+        assert wire.sent == tells(3)
+
+    run(test)
+
+
+@pytest.mark.parametrize("count", [0, 1, TURN_FRAMES, 100])
+def test_a_client_that_says_no_more_still_gets_its_answers(count: int) -> None:
+    async def test() -> None:
+        connection, wire = opened(House())
+        if count:
+            connection.data_received(asks(count) + asks(1)[:5])
+        stays = connection.eof_received()
+        assert stays == (count > TURN_FRAMES)
+        if stays:
+            for _ in range(count // TURN_FRAMES + 1):
+                await asyncio.sleep(0)
+            assert wire.ended == "closed"
+        assert wire.sent == tells(count)
+
+    run(test)
+
+
+def test_who_is_not_let_in_is_cut_and_never_answered() -> None:
+    async def test() -> None:
+        house = House()
+        house.lets_in = False
+        connection, wire = opened(house)
+        assert wire.ended == "cut"
+        connection.data_received(asks(1))
+        assert wire.sent == b""
+        house.peer_of = lambda _: None
+        house.lets_in = True
+        assert opened(house)[1].ended == "cut"
+
+    run(test)

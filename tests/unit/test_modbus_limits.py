@@ -1,0 +1,162 @@
+"""The connection policy: who may come in, who makes room, who has to go. Time is an argument."""
+
+import resource
+from dataclasses import dataclass
+
+import pytest
+
+from gateway.config import ModbusConfig, parse
+from gateway.errors import ConfigError
+from gateway.modbus import sockets
+from gateway.modbus.limits import QUIET_S, Limits, Refusal, Verdict, plain_address
+from gateway.modbus.telling import MAX_KINDS, Teller
+
+PLC, OTHER_PLC, SCADA, STRANGER = "10.0.0.7", "10.0.0.8", "10.0.1.5", "192.168.7.7"
+
+
+@dataclass
+class Someone:
+    address: str
+    is_plc: bool = False
+    active_s: float = 0.0
+    half_since_s: float | None = None
+    blocked_since_s: float | None = None
+
+
+def limits(**keys: object) -> Limits:
+    return Limits(ModbusConfig.model_validate(keys))
+
+
+def guests(address: str, count: int, *, is_plc: bool = False, active_s: float = 0.0) -> list[Someone]:
+    return [Someone(address, is_plc, active_s + n) for n in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("allow", "plcs", "address", "let_in"),
+    [
+        ((), (), STRANGER, True),
+        (("10.0.0.0/16",), (), SCADA, True),
+        (("10.0.0.0/16",), (), STRANGER, False),
+        (("10.0.1.5",), (PLC,), PLC, True),  # a PLC need not be listed twice
+        (("10.0.1.5",), (PLC,), OTHER_PLC, False),
+        (("fe80::/10",), (), "fe80::1", True),
+        (("fe80::/10",), (), SCADA, False),  # IPv4 is in no IPv6 network
+    ],
+)
+def test_the_allow_list(allow: tuple[str, ...], plcs: tuple[str, ...], address: str, let_in: bool) -> None:
+    verdict = limits(allow=allow, plc_addresses=plcs).judge(address, [], 0.0)
+    assert verdict == Verdict(None if let_in else Refusal.NOT_ALLOWED)
+
+
+def test_without_plc_addresses_all_the_room_is_for_everybody() -> None:
+    rules = limits(max_connections=10, plc_connections=4)
+    assert rules.judge(SCADA, guests(STRANGER, 9), 1.0) == Verdict()
+    assert rules.judge(SCADA, guests(STRANGER, 10, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
+
+
+def test_room_is_kept_for_the_plc() -> None:
+    rules = limits(max_connections=10, plc_connections=4, plc_addresses=(PLC,))
+    assert rules.judge(STRANGER, guests(STRANGER, 5), 1.0) == Verdict()
+    assert rules.judge(STRANGER, guests(STRANGER, 6, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
+    for there in range(4):
+        crowd = [*guests(STRANGER, 6), *guests(PLC, there, is_plc=True)]
+        assert rules.judge(PLC, crowd, 1.0) == Verdict()
+
+
+def test_the_quietest_makes_room_when_it_is_quiet_enough() -> None:
+    rules = limits(max_connections=3)
+    crowd = [Someone(STRANGER, active_s=50.0), Someone(SCADA, active_s=40.0), Someone(SCADA, active_s=60.0)]
+    assert rules.judge(SCADA, crowd, 40.0 + QUIET_S - 0.01) == Verdict(Refusal.FULL)
+    assert rules.judge(SCADA, crowd, 40.0 + QUIET_S).instead_of is crowd[1]
+
+
+def test_nobody_from_elsewhere_can_push_out_a_plc() -> None:
+    rules = limits(max_connections=4, plc_connections=2, plc_addresses=("10.0.0.0/24",))
+    crowd = [*guests(PLC, 4, is_plc=True)]
+    assert rules.judge(STRANGER, crowd, 1e6) == Verdict(Refusal.FULL)
+
+
+def test_a_plc_is_let_in_at_the_cost_of_others_even_of_busy_ones() -> None:
+    rules = limits(max_connections=4, plc_connections=1, plc_addresses=("10.0.0.0/24",))
+    crowd = [Someone(PLC, True, 1.0), *guests(STRANGER, 3, active_s=100.0)]
+    assert rules.judge(OTHER_PLC, crowd, 100.0).instead_of is crowd[1]
+
+
+def test_a_plc_that_comes_again_takes_its_own_old_place_and_no_other_plcs() -> None:
+    rules = limits(max_connections=4, plc_connections=4, plc_addresses=("10.0.0.0/24",))
+    crowd = [Someone(OTHER_PLC, True, 1.0), *guests(PLC, 3, is_plc=True, active_s=2.0)]
+    assert rules.judge(PLC, crowd, 9.0).instead_of is crowd[1]
+    assert rules.judge("10.0.0.99", crowd, 9.0) == Verdict(Refusal.FULL)
+
+
+@pytest.mark.parametrize(
+    ("someone", "now_s", "why"),
+    [
+        (Someone(SCADA), 59.99, None),
+        (Someone(SCADA), 60.0, Refusal.IDLE),
+        (Someone(PLC, True), 1e6, None),  # a PLC may be quiet
+        (Someone(SCADA, active_s=10.0, half_since_s=10.0), 11.99, None),
+        (Someone(SCADA, active_s=10.0, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
+        (Someone(PLC, True, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
+        (Someone(SCADA, active_s=10.0, blocked_since_s=10.0), 13.99, None),
+        (Someone(PLC, True, blocked_since_s=10.0), 14.0, Refusal.NOT_READING),
+    ],
+)
+def test_deadlines(someone: Someone, now_s: float, why: Refusal | None) -> None:
+    rules = limits(plc_addresses=(PLC,), idle_timeout_s=60, frame_timeout_s=2, send_timeout_s=4)
+    assert rules.overdue(someone, now_s) is why
+
+
+@pytest.mark.parametrize(
+    ("given", "plain"),
+    [("10.0.0.7", "10.0.0.7"), ("::ffff:10.0.0.7", "10.0.0.7"), ("fe80::1%eth0", "fe80::1"), ("::1", "::1")],
+)
+def test_addresses_as_the_kernel_gives_them(given: str, plain: str) -> None:
+    assert plain_address(given) == plain
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"allow": ["10.0.0.5/24"]}, 'modbus.allow.0 = "10.0.0.5/24": should be an address or a network'),
+        ({"plc_addresses": ["plc1"]}, 'modbus.plc_addresses.0 = "plc1": should be an address or a network'),
+        ({"max_connections": 0}, "modbus.max_connections = 0: .*allowed: >= 1, <= 4096"),
+        (
+            {"max_connections": 4, "plc_connections": 5, "plc_addresses": ["::1"]},
+            "modbus.plc_connections = 5: must not be more than max_connections = 4",
+        ),
+        ({"idle_timeout_s": 0.5}, "modbus.idle_timeout_s = 0.5: .*allowed: >= 1"),
+    ],
+)
+def test_what_is_wrong_in_the_file(keys: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        parse({"modbus": keys})
+
+
+def test_open_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    now: tuple[int, int] = (1024, 4096)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: now)
+    asked: list[tuple[int, int]] = []
+    monkeypatch.setattr(resource, "setrlimit", lambda _, wanted: asked.append(wanted))
+    sockets.allow_open_files(ModbusConfig(max_connections=64))
+    assert asked == []
+    sockets.allow_open_files(ModbusConfig(max_connections=1000))
+    assert asked == [(1256, 4096)]
+    with pytest.raises(ConfigError, match=r"modbus.max_connections = 4000: needs 4256 open files.*at most 3840"):
+        sockets.allow_open_files(ModbusConfig(max_connections=4000))
+
+
+def test_a_scanner_gets_one_line_of_a_kind_and_a_count() -> None:
+    teller = Teller(period_s=10)
+    assert teller.tell("idle", "a", 0.0) == "a"
+    assert [teller.tell("idle", "b", n / 10) for n in range(1, 100)] == [None] * 99
+    assert teller.tell("full", "c", 5.0) == "c"
+    assert teller.tell("idle", "d", 10.0) == "d (99 more of these since the last such line)"
+    assert teller.tell("idle", "e", 20.0) == "e"
+
+
+def test_kinds_made_of_what_peers_say_do_not_grow() -> None:
+    teller = Teller()
+    for n in range(10 * MAX_KINDS):
+        teller.tell(n, "x", float(n))
+    assert len(teller._told) == MAX_KINDS
