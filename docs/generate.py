@@ -13,8 +13,8 @@ import cv2
 
 from gateway import configdoc
 from gateway.modbus import export
-from gateway.modbus.exports import FORMATS
 from gateway.modbus.exports import reference as plc_reference
+from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.target import Target
 from gateway.mqtt import reference
 from gateway.ranger import cheader, protocol
@@ -52,7 +52,7 @@ def texts() -> Iterator[tuple[Path, str]]:
     for name, text in reference.schemas().items():
         yield DOCS / "schemas" / name, text
     for name in PLC_EXAMPLES:
-        for file, text in FORMATS[name].files(Target()).items():
+        for file, text in FORMATS[name](Target()).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
     yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", cheader.header()
 

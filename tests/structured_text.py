@@ -194,6 +194,8 @@ class Instance:
                 return "INT_LITERAL", int(str(node.value), 16)
             case tree.Integer(type_name=None):
                 return "INT_LITERAL", int(node.value)
+            case tree.Integer():
+                return str(node.type_name), _fit(("INT_LITERAL", int(node.value)), str(node.type_name))
             case tree.Real(type_name=None):
                 return "REAL_LITERAL", _f32(float(node.value))
             case tree.Boolean():

@@ -23,12 +23,12 @@ TEXT_FORMS = ("markdown", "csv", "json")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds this verb's arguments."""
-    from gateway.modbus.exports import FORMATS
+    from gateway.modbus.exports.names import SUMMARY
     from gateway.modbus.exports.target import Target
 
     default = Target()
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--format", choices=FORMATS, metavar="FORMAT", help="one of the formats below (default: text)")
+    form.add_argument("--format", choices=SUMMARY, metavar="FORMAT", help="one of the formats below (default: text)")
     for name in TEXT_FORMS:
         form.add_argument(f"--{name}", dest="format", action="store_const", const=name, help=f"--format {name}")
     parser.add_argument("--bay", default=default.bay, metavar="NAME", help=f"of the bay (default: {default.bay})")
@@ -51,22 +51,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="write there instead of stdout: a file, a folder that exists, or a new one with a / at its end; files of"
         " an earlier export are replaced",
     )
-    width = max(map(len, FORMATS))
-    formats = "\n".join(f"  {name.ljust(width)}  {made.summary}" for name, made in FORMATS.items())
+    width = max(map(len, SUMMARY))
+    formats = "\n".join(f"  {name.ljust(width)}  {what}" for name, what in SUMMARY.items())
     parser.epilog = f"formats:\n{formats}"
 
 
 def main(args: argparse.Namespace) -> int:
     """Prints to stdout, or writes files and says which."""
     from gateway.modbus import export
-    from gateway.modbus.exports import FORMATS
+    from gateway.modbus.exports.formats import FORMATS
     from gateway.modbus.exports.target import Target
 
     if args.format is None:
         files = {"registers.txt": export.plain_text()}
     else:
         target = Target(args.bay, args.host, args.port, args.unit_id, args.word_order)
-        files = FORMATS[args.format].files(target)
+        files = FORMATS[args.format](target)
     if args.out is not None:
         _write(files, args.out)
     elif len(files) == 1:

@@ -16,7 +16,6 @@ import pytest
 from gateway.cli import registers as verb
 from gateway.errors import ConfigError
 from gateway.modbus.exports import (
-    FORMATS,
     kepware,
     l5x,
     logic,
@@ -29,6 +28,8 @@ from gateway.modbus.exports import (
 )
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, Diagnosis
 from gateway.modbus.exports.fields import fields
+from gateway.modbus.exports.formats import FORMATS
+from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, decode, encode
 from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
@@ -65,7 +66,7 @@ def unpack(words: list[int], letter: str) -> Any:
 
 
 def ignition_tags(target: Target) -> list[dict[str, Any]]:
-    (text,) = FORMATS["ignition"].files(target).values()
+    (text,) = FORMATS["ignition"](target).values()
     whole = json.loads(text)
     assert whole["tagType"] == "Provider"
     (folder,) = whole["tags"]
@@ -258,7 +259,7 @@ def test_logix_checks_what_structured_text_checks() -> None:
 
 
 def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
-    files = FORMATS["openplc"].files(TARGET)
+    files = FORMATS["openplc"](TARGET)
     assert set(files) == {openplc.PROGRAM, openplc.DEVICES}
     lines = [line for line in files[openplc.DEVICES].splitlines() if not line.startswith("#")]
     entries = {found[1]: found[2] for line in lines if (found := re.fullmatch(r'(\S+) = "(.*)"', line))}
@@ -410,7 +411,7 @@ def test_each_format_comes_out_of_the_command(name: str, tmp_path: Path, capsys:
     folder = tmp_path / "new"
     argv = ["--bay", "bay-2", "--host", "10.1.2.3", "--port", "5020", "--unit-id", "7"]
     assert run("--format", name, *argv, "--out", f"{folder}/") == 0
-    files = FORMATS[name].files(TARGET)
+    files = FORMATS[name](TARGET)
     written = {path.name: path.read_bytes().decode() for path in folder.iterdir()}
     assert written == files
     assert capsys.readouterr().err.split() == [str(folder / file) for file in files]
@@ -454,5 +455,6 @@ def test_every_reason_and_diagnosis_says_what_to_do() -> None:
     assert all(reference.REMEDY.values())
     shown = reference.diagnoses()
     assert [int(n) for n in re.findall(r"^\| (\d+) \|", shown, re.MULTILINE)] == list(Diagnosis)
+    assert list(SUMMARY) == list(FORMATS)
     for name in FORMATS:
         assert f"| `{name}` |" in reference.formats()

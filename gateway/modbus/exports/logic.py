@@ -17,13 +17,13 @@ from gateway.model import StateVector
 _PLAIN = {"×": "x", "–": "-", "°": "deg", "±": "+-", "µ": "u"}
 
 UDINT_BODY = """\
-#LG_UDInt := WORD_TO_UDINT(#High) * 65536 + WORD_TO_UDINT(#Low);
+#LG_UDInt := WORD_TO_UDINT(#High) * UDINT#65536 + WORD_TO_UDINT(#Low);
 """
 
 # Sign, 8 bits of exponent with a bias of 127, 23 bits of fraction; an exponent of 255 is no number.
 REAL_BODY = """\
 #Exponent := WORD_TO_DINT(#High AND 16#7F80) / 128;
-#Value := UDINT_TO_REAL(WORD_TO_UDINT(#High AND 16#007F) * 65536 + WORD_TO_UDINT(#Low));
+#Value := UDINT_TO_REAL(WORD_TO_UDINT(#High AND 16#007F) * UDINT#65536 + WORD_TO_UDINT(#Low));
 IF #Exponent = 0 THEN
   #Exponent := 1;
 ELSE

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from gateway.modbus.exports import FORMATS
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
+from gateway.modbus.exports.formats import FORMATS
+from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
 from gateway.model import REASON_MEANING, Reason
 
@@ -35,8 +36,8 @@ REMEDY: dict[Reason, str] = {
 def formats() -> str:
     """Every format with its files."""
     target = Target()
-    lines = [(name, ", ".join(made.files(target)), made.summary) for name, made in FORMATS.items()]
-    return _table(("--format", "files", "what it is"), ((f"`{name}`", files, what) for name, files, what in lines))
+    rows = ((f"`{name}`", ", ".join(FORMATS[name](target)), what) for name, what in SUMMARY.items())
+    return _table(("--format", "files", "what it is"), rows)
 
 
 def diagnoses() -> str:
