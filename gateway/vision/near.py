@@ -2,31 +2,27 @@
 
 Every measurement comes out of the same evidence, the same gates and the same refinement at full resolution, whether
 the search was in a window or in the whole frame; the window only leaves out candidates that lie elsewhere. So that a
-track can't hold on to a wrong thing, those are heard again and again:
+track can't hold on to a wrong thing, the whole frame is searched, too
 
-- every CONTEST frames the whole frame is searched once more, reduced to about REDUCED_PX of diagonal. Whatever it takes
-  for the marker in another place calls for a search of the whole frame at full resolution, in the same frame;
-- every WHOLE frames that search comes anyway: for a rival too small to be seen in the reduced picture;
-- it comes at once when the window holds nothing, or nothing that the track's gate admits.
+- at once, in the same frame, when the window holds nothing, or nothing that the track's gate admits;
+- when something red has come into the picture elsewhere: a cheap look every LOOK frames tells;
+- every WHOLE frames, whatever has been seen.
 
-Where the two then disagree, the one with more evidence stands, as among the candidates of any search.
+Where window and whole frame then disagree, the one with more evidence stands, as among the candidates of any search.
 """
 
 import math
 from dataclasses import replace
 
-import cv2
-import numpy as np
-
 from gateway.config import VisionConfig
 from gateway.model import Circle, Detection
 from gateway.vision.pipeline import NowNs
 from gateway.vision.pixels import Image
+from gateway.vision.rivals import Spots, spots
 from gateway.vision.robust.detect import Window, detect
 from gateway.vision.tracking import Prediction
 
-CONTEST, WHOLE = 8, 64  # frames
-REDUCED_PX = 400  # diagonal of the picture in which rivals are looked for
+LOOK, WHOLE = 8, 64  # frames
 ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
 SAME_PLACE = 0.5  # of two circles: their centres are closer than so many radii
 
@@ -37,11 +33,12 @@ class NearSearch:
     def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
         self._params = params
         self._now_ns = now_ns
-        self._near = 0  # frames in a row that were searched in a window
+        self._near = 0  # frames in a row that were searched in a window only
+        self._spots: Spots | None = None  # other red things, when they were last looked at
 
     def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
         if expected is None:
-            return self._whole(image)
+            return self._remembered(image, self._whole(image))
         window = window_round(expected, image.shape[1], image.shape[0])
         found = detect(image, self._params, self._now_ns, window=window, expected=expected.circle)
         if found.circle is None or not expected.admits(found.circle):
@@ -49,11 +46,11 @@ class NearSearch:
         self._near += 1
         if self._near % WHOLE == 0:
             return self._also_whole(image, found)
-        if self._near % CONTEST == 0:
+        if self._near % LOOK == 0:
             start_ns = self._now_ns()
-            contested = self._rival(image, found.circle)
-            found = replace(found, stage_ns=(*found.stage_ns, ("contest", self._now_ns() - start_ns)))
-            if contested:
+            news = self._news(image, found.circle)
+            found = replace(found, stage_ns=(*found.stage_ns, ("rivals", self._now_ns() - start_ns)))
+            if news:
                 return self._also_whole(image, found)
         return found
 
@@ -65,15 +62,17 @@ class NearSearch:
         """`before`: what the window gave; its time is told, too."""
         whole = self._whole(image)
         spent_ns = sum(ns for _, ns in before.stage_ns)
-        return replace(_better(whole, before), stage_ns=(("window", spent_ns), *whole.stage_ns))
+        better = self._remembered(image, _better(whole, before))
+        return replace(better, stage_ns=(("window", spent_ns), *whole.stage_ns))
 
-    def _rival(self, image: Image, holder: Circle) -> bool:
-        """Is something in another place taken for the marker when the whole frame is looked at coarsely?"""
-        times = int(math.hypot(*image.shape[:2]) // REDUCED_PX)
-        if times < 2:
-            return True  # the whole frame itself is as small
-        rival = detect(reduce(image, times), self._params).circle
-        return rival is not None and not same_place(scaled(rival, times), holder)
+    def _remembered(self, image: Image, found: Detection) -> Detection:
+        """The whole frame has been searched: the red things that are in it now have been heard."""
+        self._spots = None if found.circle is None else spots(image, found.circle)
+        return found
+
+    def _news(self, image: Image, followed: Circle) -> bool:
+        before, self._spots = self._spots, spots(image, followed)
+        return before is None or self._spots.news(before)
 
 
 def _better(whole: Detection, held: Detection) -> Detection:
@@ -95,20 +94,6 @@ def window_round(expected: Prediction, width: int, height: int) -> Window:
     x0, y0 = (min(max(0, math.floor(at - half)), size - 1) for at, size in ((u, width), (v, height)))
     x1, y1 = (max(min(math.ceil(at + half) + 1, size), low + 1) for at, size, low in ((u, width, x0), (v, height, y0)))
     return x0, y0, x1, y1
-
-
-def reduce(image: Image, times: int) -> Image:
-    """The picture with each side `times` as small: means of `times` x `times` pixels."""
-    if times == 1:
-        return image
-    height, width = image.shape[0] // times, image.shape[1] // times
-    part = image[: height * times, : width * times]
-    return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def scaled(circle: Circle, by: float) -> Circle:
-    """The same circle in a picture that is `by` times as large; pixel centres lie at integers in both."""
-    return Circle((circle.u_px + 0.5) * by - 0.5, (circle.v_px + 0.5) * by - 0.5, circle.radius_px * by)
 
 
 def same_place(one: Circle, other: Circle) -> bool:

@@ -18,7 +18,7 @@ KEYS = [
     *("file", "found", "u", "v", "r", "area", "circularity", "fill", "ellipse", "confidence", "visible"),
     *("candidates", "rejected", "width", "height", "ms"),
 ]
-STAGES = ["gaussian", "hsv", "threshold", "opening", "closing", "contours", "select", "circle", "normalise", "total"]
+STAGES = ["scan", "look", "select", "circle", "normalise", "total"]
 PANELS = ["fig3", "fig3a-hsv", "fig3b-mask", "fig3c-clean", "fig3d-circle", "fig4", "fig4a-canny", "fig4b-contour"]
 
 

@@ -23,9 +23,8 @@ import pytest
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.errors import ConfigError
-from gateway.model import Quality, VisionReading
+from gateway.model import Quality, Tracking, VisionReading
 from gateway.vision.jobs import DetectorSpec
-from gateway.vision.pipeline import STAGES
 from gateway.vision.service import VisionService
 from gateway.vision.sources import SourceSpec
 from gateway.vision.specs import source_spec
@@ -180,7 +179,8 @@ def test_a_folder_of_pictures_becomes_circles_with_the_real_pipeline(tmp_path: P
             assert reading.circle.u_px == pytest.approx(100 + 20 * ((reading.frame_id - 1) % 3), abs=0.5)
             assert (reading.circle.v_px, reading.circle.radius_px) == pytest.approx((120, 40), abs=1.5)
             assert 0 < reading.stats.latency_ms < 1000
-            assert [stage for stage, _ in reading.stage_ns] == [stage for stage, _, _ in STAGES]
+            assert len(reading.stage_ns) >= 2
+            assert reading.tracking is Tracking.MEASURED
             spent_ns = [ns for _, ns in reading.stage_ns]
             assert min(spent_ns) >= 0
             assert 0 < sum(spent_ns) < reading.stats.latency_ms * 1e6  # the same clock

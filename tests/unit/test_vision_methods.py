@@ -1,6 +1,7 @@
 """Which detector a configuration names, and that each is built where the vision processes build theirs."""
 
 import itertools
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 from gateway.config import VisionConfig
 from gateway.model import Tracking
 from gateway.vision import jobs, methods, pipeline
+from gateway.vision.exact import search
+from gateway.vision.robust import detect as robust
 
 NS_PER_MS = 1_000_000
 PLAIN = VisionConfig(method="paper", tracking=False)
@@ -23,11 +26,31 @@ def disc(u: float, v: float, r: float) -> NDArray[np.uint8]:
 
 def test_the_papers_method_by_name() -> None:
     image = disc(100, 90, 40)
-    assert methods.detector(PLAIN)(image) == pipeline.detect(image, PLAIN)
+    plain = pipeline.detect(image, PLAIN)
+    assert replace(methods.detector(PLAIN)(image), stage_ns=()) == replace(plain, stage_ns=())
     ticks = itertools.count(0, 10)
-    assert methods.detector(PLAIN, lambda: next(ticks))(image).stage_ns[0] == ("gaussian", 10)
-    built = jobs.DetectorSpec(PLAIN).build(lambda: next(ticks))
-    assert [ns for _, ns in built(image).stage_ns] == [10] * len(pipeline.STAGES)
+    stages = [*search.STAGES, *pipeline.STAGES[-3:]]  # the first six by a shortcut, to the same bits
+    for built in (methods.detector(PLAIN, lambda: next(ticks)), jobs.DetectorSpec(PLAIN).build(lambda: next(ticks))):
+        assert built(image).stage_ns == tuple((name, 10) for name, _, _ in stages)
+
+
+def test_where_no_shortcut_is_exact_every_stage_runs() -> None:
+    open_ended = VisionConfig(method="paper", tracking=False, morph_iterations=0)
+    image = disc(100, 90, 40)
+    for tracking in (False, True):
+        found = methods.detector(open_ended.model_copy(update={"tracking": tracking}))(image)
+        assert replace(found, tracking=Tracking.OFF) == pipeline.detect(image, open_ended)
+
+
+def test_the_robust_method_by_name() -> None:
+    plain = VisionConfig(method="robust", tracking=False)
+    image = disc(100, 90, 40)
+    alone = robust.detect(image, plain)
+    assert alone.circle is not None
+    assert methods.detector(plain)(image) == alone
+    followed = methods.detector(VisionConfig(method="robust", tracking=True))
+    assert followed(image) == replace(alone, tracking=Tracking.MEASURED)
+    assert [name for name, _ in followed(image, 33 * NS_PER_MS).stage_ns] == ["expected", "normalise"]
 
 
 def test_a_followed_marker_has_the_papers_circle_and_a_label() -> None:
