@@ -1,0 +1,164 @@
+"""A write through the control task: published at once, told with who and what, and no sign of life by itself."""
+
+import asyncio
+
+import pytest
+
+from gateway.audit import BURST
+from gateway.bay import BayControl
+from gateway.config import parse
+from gateway.hub import EventQueue, Hub
+from gateway.model import Circle, Event, EventKind, FunctionCheck, Quality, RangeReading, Reason, VisionReading
+from gateway.plc import Change, Control, PlcLink, PlcWrite, Writer
+from tests import virtual_time
+from tests.virtual_time import LoopClock
+
+MS = 1_000_000
+WHO = Writer("10.0.0.9", "plc1", "operator")
+CONFIG = parse({"modbus": {"writes": True}, "recipes": [{"id": 7, "name": "small"}], "fusion": {"latch_stop": True}})
+
+
+class HandClock(LoopClock):
+    t_ns = 10_000 * MS
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.clock = HandClock()
+        self.hub = Hub(["bay1"])
+        self.events: EventQueue = self.hub.subscribe()
+        self.bay = BayControl(CONFIG.bays[0], self.hub, self.clock, (), CONFIG)
+        self.events.drain()
+
+    def see(self, distance_mm: float) -> None:
+        self.bay.on_vision(VisionReading(self.clock.t_ns, Quality.GOOD, Circle(1, 2, 200.0)))
+        self.bay.on_range(RangeReading(self.clock.t_ns, Quality.GOOD, distance_mm))
+
+    def told(self) -> list[tuple[EventKind, str]]:
+        return [(event.kind, event.detail) for event in self.events.drain()]
+
+
+def test_a_write_is_there_when_the_answer_goes_out() -> None:
+    bench = Bench()
+    assert bench.bay.on_write(PlcWrite(WHO, 17, 1 << Control.ENABLE, 7))
+    plc = bench.hub.state("bay1").plc
+    assert (plc.heartbeat, plc.control, plc.recipe_asked, plc.link) == (17, 1, 7, PlcLink.ALIVE)
+
+
+def test_who_wrote_what() -> None:
+    bench = Bench()
+    bench.bay.on_write(PlcWrite(WHO, 1, 3, 0))
+    first, second = bench.events.drain()
+    assert (first.kind, first.writer, first.change) == (EventKind.PLC_WRITE, WHO, Change("plc_control", 0, 3))
+    assert first.detail == "10.0.0.9 (plc1, role operator): plc_control 0 -> 3"
+    assert (second.kind, second.detail) == (EventKind.PLC_RETURNED, "plc_heartbeat is 1")
+
+
+def test_heartbeats_are_counted_and_only_their_loss_and_return_are_told() -> None:
+    bench = Bench()
+    for beat in range(500):
+        bench.clock.t_ns += 100 * MS
+        bench.bay._ticked_ns = bench.clock.t_ns
+        bench.bay.on_write(PlcWrite(WHO, beat, 0, 0))
+    about_the_plc = [told for told in bench.told() if told[0] is not EventKind.SENSOR_FAULT]
+    assert about_the_plc == [(EventKind.PLC_RETURNED, "plc_heartbeat is 0")]
+    assert bench.hub.state("bay1").plc.writes == 500
+    bench.clock.t_ns += 1001 * MS
+    bench.see(900.0)
+    lost = bench.told()
+    assert (EventKind.PLC_LOST, "plc_heartbeat stands at 499") in lost
+    assert bench.hub.state("bay1").reason is Reason.PLC_LOST
+    bench.bay._ticked_ns = bench.clock.t_ns
+    bench.bay.on_write(PlcWrite(WHO, 1))
+    assert (EventKind.PLC_RETURNED, "plc_heartbeat is 1") in bench.told()
+
+
+def test_a_chattering_plc_can_not_flood() -> None:
+    bench = Bench()
+    for n in range(1000):
+        bench.bay.on_write(PlcWrite(WHO, control=n & 1))
+        bench.bay.on_refused(WHO, "register 4 is read only")
+    assert len(bench.told()) <= BURST
+    bench.clock.t_ns += 250 * MS
+    bench.bay.on_refused(WHO, "register 4 is read only")
+    ((kind, detail),) = bench.told()
+    assert kind is EventKind.WRITE_REFUSED
+    assert detail.startswith("10.0.0.9 (plc1, role operator): register 4 is read only (and 19")
+
+
+def test_a_chattering_plc_does_not_hide_a_stop() -> None:
+    bench = Bench()
+    for n in range(100):
+        bench.bay.on_write(PlcWrite(WHO, n, control=n & 1))
+    bench.see(900.0)
+    bench.bay.on_write(PlcWrite(WHO, control=0))
+    bench.bay.on_write(PlcWrite(WHO, control=1 << Control.RESET))
+    bench.see(200.0)
+    kinds = [kind for kind, _ in bench.told()]
+    assert EventKind.STOP_CLEARED in kinds
+    assert kinds[-1] is EventKind.STOP_RAISED
+    assert EventKind.LATCH_RELEASED in kinds
+
+
+def test_what_became_of_the_plcs_wishes() -> None:
+    bench = Bench()
+    bench.see(900.0)
+    bench.bay.on_write(PlcWrite(WHO, 1, recipe=7))
+    assert (EventKind.WRITE_REFUSED, "recipe 7: stop_stands") in bench.told()
+    bench.bay.on_write(PlcWrite(WHO, control=1 << Control.RESET))
+    assert (EventKind.LATCH_RELEASED, "reset by the PLC") in bench.told()
+    bench.bay.on_write(PlcWrite(WHO, recipe=7))
+    assert bench.told() == [(EventKind.RECIPE_CHANGED, "recipe 0 -> 7")]
+    bench.bay.on_write(PlcWrite(WHO, recipe=8))
+    assert (EventKind.WRITE_REFUSED, "recipe 8: unknown") in bench.told()
+
+
+def test_a_technician_comes_and_goes() -> None:
+    bench = Bench()
+    bench.bay.check_function(FunctionCheck.PERMIT_OFF)
+    bench.bay.check_function(FunctionCheck.PERMIT_KEPT)
+    bench.bay.check_function(FunctionCheck.OFF)
+    assert [kind for kind, _ in bench.told()] == [EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED]
+
+
+def test_a_write_does_not_make_a_dead_bay_look_alive() -> None:
+    bench = Bench()
+    for _ in range(10):
+        bench.clock.t_ns += 100 * MS  # nobody ticks
+        bench.bay.on_write(PlcWrite(WHO, control=0))
+    assert bench.bay.state().reason is Reason.GATEWAY_FAULT
+    assert not bench.bay.on_write(PlcWrite(WHO, control=1))
+    assert bench.hub.state("bay1").plc.control == 0
+
+
+def test_while_it_ticks_writes_are_taken_and_after_the_last_word_no_more() -> None:
+    async def scene() -> None:
+        hub = Hub(["bay1"])
+        clock = LoopClock()
+        bay = BayControl(CONFIG.bays[0], hub, clock, (), CONFIG)
+        task = asyncio.get_running_loop().create_task(bay.run())
+        for beat in range(100):
+            await clock.sleep(0.1)
+            assert bay.on_write(PlcWrite(WHO, beat))
+        bay.shut_down()
+        assert not bay.on_write(PlcWrite(WHO, 7))
+        assert bay.state().reason is Reason.SHUTDOWN
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    virtual_time.run(scene())
+
+
+@pytest.mark.parametrize("writes", [True, False])
+def test_without_writes_nothing_changes(writes: bool) -> None:
+    config = parse({"modbus": {"writes": writes}})
+    bay = BayControl(config.bays[0], hub := Hub(["bay1"]), HandClock(), (), config)
+    bay.on_write(PlcWrite(WHO, 1, 2, 0))
+    assert (hub.state("bay1").plc.writes, hub.state("bay1").plc.control) == ((1, 2) if writes else (0, 0))
+
+
+def test_events_carry_what_the_message_needs() -> None:
+    assert Event(EventKind.PLC_WRITE, "bay1", 0, Hub(["bay1"]).state("bay1"), writer=WHO).change is None

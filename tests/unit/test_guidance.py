@@ -1,0 +1,235 @@
+"""What the driver is told, in numbers and in one word."""
+
+import random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway import guidance
+from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
+from gateway.guidance import TRACK_MOST, closing_mm_s, to_go_mm, tracked
+from gateway.model import (
+    Circle,
+    FusionMemory,
+    Guidance,
+    GuidanceCode,
+    Quality,
+    RangeReading,
+    StateVector,
+    VisionReading,
+)
+
+MS = 1_000_000
+S = 1000 * MS
+T0 = 100 * S
+PAPER = FusionConfig()  # R_th 180 px, Z_th 300 mm
+AIM = GuidanceConfig(aim_u_px=320.0, aim_v_px=240.0, marker_radius_mm=100.0)
+
+
+def advise(
+    radius_px: float | None = 60.0,
+    distance_mm: float | None = 900.0,
+    *,
+    u_px: float = 320.0,
+    vision: Quality = Quality.GOOD,
+    rng: Quality = Quality.GOOD,
+    d: bool | None = False,
+    stop: bool = False,
+    memory: FusionMemory | None = None,
+    config: GuidanceConfig = AIM,
+    fusion: FusionConfig = PAPER,
+    **how: Any,
+) -> Guidance:
+    circle = Circle(u_px, 250.0, radius_px) if radius_px is not None and vision is Quality.GOOD else None
+    state = StateVector(
+        "bay1",
+        vision=VisionReading(T0, vision, circle),
+        range=RangeReading(T0, rng, distance_mm if rng is Quality.GOOD else None),
+        d=d if vision is rng is Quality.GOOD else None,
+        stop=stop or vision is not Quality.GOOD or rng is not Quality.GOOD,
+        memory=memory or FusionMemory(),
+    )
+    return guidance.advise(state, fusion, config, **({"in_use": True, "broken": False, "speed": 0.0} | how))
+
+
+def test_on_the_way() -> None:
+    told = advise()
+    # Z_th: 900 - 300 = 600 mm; R_th at 900 * 60 / 180 = 300 mm, which is 600 mm away, too.
+    assert told == Guidance(GuidanceCode.FORWARD, 600.0, 0.0, 10.0, 0.0, 0.0, 600.0)
+
+
+def test_to_go_is_where_the_later_of_both_conditions_comes_true() -> None:
+    assert to_go_mm(60.0, 900.0, PAPER) == pytest.approx(600.0)
+    assert to_go_mm(30.0, 900.0, PAPER) == pytest.approx(750.0), "a small marker: R_th comes at 150 mm"
+    assert to_go_mm(200.0, 900.0, PAPER) == pytest.approx(600.0)
+    assert to_go_mm(200.0, 200.0, PAPER) == pytest.approx(-22.22, abs=0.01), "R_th was reached last, 22 mm ago"
+
+
+@given(st.floats(1, 2000), st.floats(10, 4000))
+def test_to_go_is_nothing_exactly_where_d_turns(radius_px: float, distance_mm: float) -> None:
+    """Drive on by to_go: an exact pinhole is at the threshold then."""
+    go = to_go_mm(radius_px, distance_mm, PAPER)
+    there_mm = distance_mm - go
+    there_px = radius_px * distance_mm / there_mm
+    assert there_mm <= PAPER.distance_threshold_mm * (1 + 1e-9)
+    assert there_px >= PAPER.radius_threshold_px * (1 - 1e-9)
+    assert there_mm == pytest.approx(PAPER.distance_threshold_mm) or there_px == pytest.approx(
+        PAPER.radius_threshold_px
+    )
+
+
+@pytest.mark.parametrize(
+    ("u_px", "mirrored", "code"),
+    [
+        (341.0, False, GuidanceCode.LEFT),
+        (299.0, False, GuidanceCode.RIGHT),
+        (341.0, True, GuidanceCode.RIGHT),
+        (299.0, True, GuidanceCode.LEFT),
+        (340.0, False, GuidanceCode.FORWARD),
+        (300.0, True, GuidanceCode.FORWARD),
+    ],
+)
+def test_to_the_side(u_px: float, mirrored: bool, code: GuidanceCode) -> None:
+    told = advise(u_px=u_px, config=AIM.model_copy(update={"mirrored": mirrored}))
+    assert told.code is code
+    assert told.offset_mm == pytest.approx((u_px - 320) * 100 / 60)
+    if code is not GuidanceCode.FORWARD:
+        assert told.amount_mm == pytest.approx(21 * 100 / 60)
+
+
+def test_mm_to_the_side_need_the_markers_size() -> None:
+    bare = GuidanceConfig(aim_u_px=320.0)
+    assert (advise(u_px=400.0, config=bare).amount_mm, advise(u_px=400.0, config=bare).offset_u_px) == (None, 80.0)
+    checked = FusionConfig(cross_check=CrossCheck(focal_px=900, marker_radius_mm=60))
+    assert advise(u_px=400.0, config=bare, fusion=checked).amount_mm == pytest.approx(80.0)
+    none = advise(u_px=5000.0, config=GuidanceConfig())
+    assert (none.code, none.offset_u_px) == (GuidanceCode.FORWARD, None)
+
+
+@pytest.mark.parametrize(
+    ("distance_mm", "speed", "code"),
+    [
+        (801.0, 0.0, GuidanceCode.FORWARD),
+        (800.0, 0.0, GuidanceCode.SLOW),  # 500 mm to go
+        (1300.0, 499.0, GuidanceCode.FORWARD),
+        (1300.0, 501.0, GuidanceCode.SLOW),  # 1000 mm to go within 2 s
+        (1300.0, -501.0, GuidanceCode.FORWARD),
+        (1300.0, None, GuidanceCode.FORWARD),
+    ],
+)
+def test_slow(distance_mm: float, speed: float | None, code: GuidanceCode) -> None:
+    assert advise(180.0, distance_mm, speed=speed).code is code
+
+
+@pytest.mark.parametrize(
+    ("distance_mm", "u_px", "speed", "code", "amount"),
+    [
+        (280.0, 320.0, 0.0, GuidanceCode.OK, None),
+        (280.0, 320.0, 60.0, GuidanceCode.STOP, None),
+        (280.0, 320.0, None, GuidanceCode.STOP, None),  # not known to stand
+        (280.0, 345.0, 0.0, GuidanceCode.STOP, None),  # in place, but to the side of the aim
+        (150.0, 320.0, 60.0, GuidanceCode.TOO_FAR, 150.0),
+        (150.0, 320.0, None, GuidanceCode.TOO_FAR, 150.0),
+        (150.0, 320.0, 5.0, GuidanceCode.BACK, 150.0),
+        (200.0, 320.0, 5.0, GuidanceCode.OK, None),  # exactly overshoot_mm is still fine
+    ],
+)
+def test_in_place_and_past_it(
+    distance_mm: float, u_px: float, speed: float | None, code: GuidanceCode, amount: float | None
+) -> None:
+    told = advise(900.0, distance_mm, u_px=u_px, d=True, stop=True, speed=speed)
+    assert (told.code, told.amount_mm) == (code, amount)
+
+
+@pytest.mark.parametrize(
+    ("vision", "rng", "code"),
+    [
+        (Quality.WAITING, Quality.GOOD, GuidanceCode.WAIT),
+        (Quality.NO_TARGET, Quality.NO_ECHO, GuidanceCode.WAIT),
+        (Quality.NO_TARGET, Quality.TOO_FAR, GuidanceCode.WAIT),
+        (Quality.GOOD, Quality.TOO_FAR, GuidanceCode.WAIT),
+        (Quality.COASTED, Quality.GOOD, GuidanceCode.STOP),
+        (Quality.GOOD, Quality.TOO_NEAR, GuidanceCode.STOP),
+        (Quality.NO_TARGET, Quality.UNSTABLE, GuidanceCode.STOP),
+        (Quality.NO_TARGET, Quality.LINK_DOWN, GuidanceCode.FAULT),
+        (Quality.STALE, Quality.TOO_NEAR, GuidanceCode.FAULT),
+        (Quality.PROCESS_FAULT, Quality.GOOD, GuidanceCode.FAULT),
+        (Quality.GOOD, Quality.STUCK, GuidanceCode.FAULT),
+        (Quality.GOOD, Quality.WRONG_VERSION, GuidanceCode.FAULT),
+    ],
+)
+def test_without_a_good_sensor(vision: Quality, rng: Quality, code: GuidanceCode) -> None:
+    told = advise(vision=vision, rng=rng)
+    assert (told.code, told.amount_mm, told.to_go_mm) == (code, None, None)
+
+
+def test_what_else_holds_a_truck_back() -> None:
+    assert advise(broken=True).code is GuidanceCode.FAULT
+    assert advise(memory=FusionMemory(disagree=True)).code is GuidanceCode.FAULT
+    assert advise(in_use=False).code is GuidanceCode.WAIT
+    assert advise(memory=FusionMemory(latched=True), stop=True).code is GuidanceCode.STOP
+    assert advise(memory=FusionMemory(latched=True), in_use=False).code is GuidanceCode.STOP
+    assert advise(900.0, 280.0, memory=FusionMemory(latched=True), d=True, stop=True).code is GuidanceCode.OK
+    assert advise(stop=True).code is GuidanceCode.STOP
+
+
+# The speed.
+
+
+def approach(speed: float, *, count: int = 16, period_ms: int = 60, noise_mm: float = 0.0) -> list[RangeReading]:
+    chance = random.Random(7)
+    return [
+        RangeReading(
+            T0 + n * period_ms * MS,
+            Quality.GOOD,
+            round(2000 - speed * n * period_ms / 1000 + chance.uniform(-noise_mm, noise_mm)),
+        )
+        for n in range(count)
+    ]
+
+
+def follow(readings: list[RangeReading]) -> guidance.Track:
+    track: guidance.Track = ()
+    for reading in readings:
+        track = tracked(track, reading, reading.t_ns)
+    return track
+
+
+@pytest.mark.parametrize("speed", [-800.0, -20.0, 0.0, 20.0, 250.0, 1500.0])
+def test_speed_of_a_steady_truck(speed: float) -> None:
+    assert closing_mm_s(follow(approach(speed, noise_mm=2.0))) == pytest.approx(speed, abs=6.0)
+
+
+def test_a_quarter_of_wild_readings_does_not_move_the_speed() -> None:
+    readings = approach(300.0, noise_mm=2.0)
+    for n in (2, 7, 11, 14):
+        readings[n] = RangeReading(readings[n].t_ns, Quality.GOOD, 3900.0)
+    assert closing_mm_s(follow(readings)) == pytest.approx(300.0, abs=60.0)
+
+
+def test_too_little_is_no_speed() -> None:
+    assert closing_mm_s(()) is None
+    assert closing_mm_s(follow(approach(100.0, count=3))) is None
+    assert closing_mm_s(follow(approach(100.0, count=10, period_ms=10))) is None, "over 90 ms"
+    assert closing_mm_s(follow(approach(100.0, count=4))) == pytest.approx(100.0, abs=15)
+    stamp = [RangeReading(T0, Quality.GOOD, 5.0)] * 9
+    assert closing_mm_s(follow(stamp)) is None
+
+
+def test_the_track_ends_with_its_sensor_and_forgets() -> None:
+    readings = approach(100.0, count=40)
+    track = follow(readings)
+    assert len(track) == TRACK_MOST
+    assert track[-1] == (readings[-1].t_ns, readings[-1].distance_mm)
+    later = RangeReading(readings[-1].t_ns + 3 * S, Quality.GOOD, 5.0)
+    assert tracked(track, later, later.t_ns) == ((later.t_ns, 5.0),)
+    assert tracked(track, RangeReading(later.t_ns, Quality.NO_ECHO), later.t_ns) == ()
+    assert tracked(track, readings[-1], readings[-1].t_ns) == track, "the same reading again"
+
+
+@given(st.lists(st.tuples(st.integers(0, 10**10), st.floats(-1e9, 1e9)), max_size=16))
+def test_any_track_has_a_finite_speed_or_none(points: list[tuple[int, float]]) -> None:
+    speed = closing_mm_s(sorted(points))
+    assert speed is None or abs(speed) <= 2e9 * 1e9

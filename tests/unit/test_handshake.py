@@ -1,0 +1,309 @@
+"""The triggered measurement, the heartbeat and the recipe, as one PLC could drive them and as none ever should."""
+
+from dataclasses import replace
+from itertools import product
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway import handshake
+from gateway.config import HandshakeConfig
+from gateway.handshake import TRANSITIONS, Signal
+from gateway.model import Circle, FusionMemory, Quality, RangeReading, StateVector, VisionReading
+from gateway.plc import (
+    Acquired,
+    Change,
+    Control,
+    Handshake,
+    Outcome,
+    Phase,
+    PlcLink,
+    PlcWrite,
+    RecipeVerdict,
+    Writer,
+)
+
+MS = 1_000_000
+S = 1000 * MS
+T0 = 100 * S
+CONFIG = HandshakeConfig()
+PLC = Writer("10.0.0.9")
+FRESH = handshake.initial(T0, writes=True)
+
+
+def write(*bits: Control, heartbeat: int | None = None) -> PlcWrite:
+    return PlcWrite(PLC, heartbeat=heartbeat, control=sum(1 << bit for bit in bits))
+
+
+def state(
+    now_ns: int,
+    *,
+    vision: VisionReading | None = None,
+    rng: RangeReading | None = None,
+    d: bool | None = False,
+    memory: FusionMemory | None = None,
+) -> StateVector:
+    return StateVector(
+        "bay1",
+        t_ns=now_ns,
+        vision=vision or VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 90)),
+        range=rng or RangeReading(now_ns, Quality.GOOD, 900.0),
+        d=d,
+        memory=memory or FusionMemory(),
+    )
+
+
+def old(now_ns: int) -> StateVector:
+    """Nothing new from either sensor since T0."""
+    return state(
+        now_ns,
+        vision=VisionReading(T0 - MS, Quality.GOOD, Circle(320, 240, 90)),
+        rng=RangeReading(T0 - MS, Quality.GOOD, 900.0),
+    )
+
+
+def play(*moves: tuple[PlcWrite | None, StateVector], start: Handshake = FRESH) -> Handshake:
+    plc = start
+    for written, seen in moves:
+        plc = handshake.step(plc, written, seen, CONFIG)
+    return plc
+
+
+# The round of a triggered measurement.
+
+
+def test_one_whole_round() -> None:
+    triggered = play((write(Control.TRIGGER), old(T0)))
+    assert (triggered.phase, triggered.acquisition, triggered.trigger_ack) == (Phase.ACQUIRING, 1, True)
+    assert triggered.result is None
+
+    waiting = play((None, old(T0 + 50 * MS)), start=triggered)
+    assert waiting.phase is Phase.ACQUIRING
+
+    valid = play((None, state(T0 + 60 * MS)), start=waiting)
+    assert valid.phase is Phase.VALID
+    assert valid.result == Acquired(1, T0 + 60 * MS, Outcome.NOT_IN_PLACE, 320, 240, 90, 900.0)
+
+    later = play((None, state(T0 + 900 * MS, rng=RangeReading(T0 + 900 * MS, Quality.GOOD, 500.0))), start=valid)
+    assert later.result == valid.result, "it is held as it is"
+
+    acknowledged = play((write(Control.RESULTS_ACK), state(T0 + S)), start=later)
+    assert (acknowledged.phase, acknowledged.result, acknowledged.trigger_ack) == (Phase.CLEARING, None, False)
+    assert play((None, state(T0 + 2 * S)), start=acknowledged).phase is Phase.CLEARING, "until the bit goes back"
+
+    ready = play((write(), state(T0 + 2 * S)), start=acknowledged)
+    assert (ready.phase, ready.acquisition) == (Phase.READY, 1)
+    assert play((write(Control.TRIGGER), old(T0 + 3 * S)), start=ready).acquisition == 2
+
+
+@pytest.mark.parametrize(
+    ("phase", "signal"), [pair for pair in product(Phase, Signal) if pair not in TRANSITIONS], ids=str
+)
+def test_what_is_not_in_the_table_changes_nothing(phase: Phase, signal: Signal) -> None:
+    """The pairs left out are the harmless ones: none of them may start, hold or drop anything."""
+    assert (phase, signal) not in {(Phase.READY, Signal.TRIGGER), (Phase.ACQUIRING, Signal.RESULT)}
+    assert signal is not Signal.TRIGGER
+    if phase is Phase.VALID:
+        assert signal in {Signal.ACK_GONE, Signal.RESULT, Signal.TIMEOUT}
+
+
+def test_a_trigger_that_stays_on_triggers_once() -> None:
+    held = [(write(Control.TRIGGER), state(T0 + n * MS)) for n in range(1, 20)]
+    assert play(*held).acquisition == 1
+
+
+def test_a_trigger_while_one_is_at_work_is_an_overrun_and_takes_no_number() -> None:
+    plc = play((write(Control.TRIGGER), old(T0)), (write(), old(T0 + MS)), (write(Control.TRIGGER), old(T0 + 2 * MS)))
+    assert (plc.phase, plc.acquisition, plc.overrun, plc.trigger_ack) == (Phase.ACQUIRING, 1, True, False)
+
+
+def test_a_trigger_before_the_result_was_read_does_not_touch_it() -> None:
+    valid = play((write(Control.TRIGGER), old(T0)), (write(), state(T0 + MS)))
+    plc = play((write(Control.TRIGGER), state(T0 + 2 * MS)), start=valid)
+    assert (plc.phase, plc.result, plc.overrun) == (Phase.VALID, valid.result, True)
+
+
+def test_acknowledge_and_trigger_in_one_request() -> None:
+    """The acknowledge comes first; the trigger must wait until its bit is back at 0."""
+    valid = play((write(Control.TRIGGER), old(T0)), (write(), state(T0 + MS)))
+    both = play((write(Control.RESULTS_ACK, Control.TRIGGER), state(T0 + 2 * MS)), start=valid)
+    assert (both.phase, both.overrun, both.acquisition) == (Phase.CLEARING, True, 1)
+
+    cleared = play((write(Control.RESULTS_ACK), state(T0 + 2 * MS)), start=valid)
+    again = play((write(Control.TRIGGER), old(T0 + 3 * MS)), start=cleared)
+    assert (again.phase, again.acquisition, again.overrun) == (Phase.ACQUIRING, 2, False)
+
+
+def test_an_acknowledge_that_was_on_before_the_result_does_not_count() -> None:
+    plc = play((write(Control.TRIGGER, Control.RESULTS_ACK), old(T0)), (None, state(T0 + MS)))
+    assert plc.phase is Phase.VALID
+
+
+def test_no_result_in_time() -> None:
+    triggered = play((write(Control.TRIGGER), old(T0)))
+    limit = int(CONFIG.trigger_timeout_s * S)
+    assert play((None, old(T0 + limit)), start=triggered).phase is Phase.ACQUIRING
+    late = play((None, old(T0 + limit + 1)), start=triggered)
+    assert (late.phase, late.timed_out, late.result) == (Phase.READY, True, None)
+    assert not play((write(), old(T0 + 2 * S)), (write(Control.TRIGGER), old(T0 + 2 * S)), start=late).timed_out
+
+
+def test_acquisition_ids_go_round_without_zero() -> None:
+    plc = replace(FRESH, acquisition=0xFFFF)
+    assert play((write(Control.TRIGGER), old(T0)), start=plc).acquisition == 1
+
+
+@pytest.mark.parametrize(
+    ("seen", "outcome"),
+    [
+        (state(T0, d=True), Outcome.IN_PLACE),
+        (state(T0, d=False), Outcome.NOT_IN_PLACE),
+        (state(T0, d=None, vision=VisionReading(T0, Quality.NO_TARGET)), Outcome.NO_TARGET),
+        (state(T0, d=None, vision=VisionReading(T0, Quality.COASTED)), Outcome.SENSOR_FAULT),
+        (state(T0, d=None, rng=RangeReading(T0, Quality.NO_ECHO)), Outcome.SENSOR_FAULT),
+        (state(T0, d=True, memory=FusionMemory(disagree=True)), Outcome.SENSOR_FAULT),
+    ],
+)
+def test_outcomes(seen: StateVector, outcome: Outcome) -> None:
+    result = handshake.acquired(replace(FRESH, phase=Phase.ACQUIRING, acquisition=5, trigger_ns=T0), seen)
+    assert result is not None
+    assert (result.number, result.outcome) == (5, outcome)
+
+
+@pytest.mark.parametrize("quality", [Quality.WAITING, Quality.STALE])
+def test_silence_is_no_result(quality: Quality) -> None:
+    plc = replace(FRESH, phase=Phase.ACQUIRING, trigger_ns=T0)
+    assert handshake.acquired(plc, state(T0, d=None, vision=VisionReading(T0, quality))) is None
+    assert handshake.acquired(plc, state(T0, d=None, rng=RangeReading(T0, quality))) is None
+
+
+def test_both_sensors_must_be_younger_than_the_trigger() -> None:
+    plc = replace(FRESH, phase=Phase.ACQUIRING, trigger_ns=T0)
+    before = T0 - 1
+    assert handshake.acquired(plc, state(T0, rng=RangeReading(before, Quality.GOOD, 1.0))) is None
+    assert handshake.acquired(plc, state(T0, vision=VisionReading(before, Quality.GOOD, Circle(1, 2, 3)))) is None
+
+
+# The heartbeat.
+
+
+def test_heartbeat_found_lost_and_found_again() -> None:
+    deadline = int(CONFIG.heartbeat_deadline_s * S)
+    assert FRESH.link is PlcLink.WAITING
+    alive = play((write(heartbeat=0), old(T0)))
+    assert (alive.link, alive.missed) == (PlcLink.ALIVE, False)
+
+    same = play((write(heartbeat=0), old(T0 + deadline)), start=alive)
+    assert (same.link, same.beat_ns) == (PlcLink.ALIVE, T0), "the same number again is no beat"
+    lost = play((write(heartbeat=0), old(T0 + deadline + 1)), start=same)
+    assert (lost.link, lost.missed) == (PlcLink.LOST, True)
+
+    back = play((write(heartbeat=1), old(T0 + 5 * S)), start=lost)
+    assert (back.link, back.missed, back.beat_ns) == (PlcLink.ALIVE, False, T0 + 5 * S)
+
+
+def test_a_plc_that_never_comes_is_missed_after_the_deadline() -> None:
+    deadline = int(CONFIG.heartbeat_deadline_s * S)
+    assert not play((None, old(T0 + deadline))).missed
+    never = play((None, old(T0 + deadline + 1)))
+    assert (never.link, never.missed) == (PlcLink.WAITING, True)
+
+
+def test_where_it_is_not_required_it_is_never_missed() -> None:
+    relaxed = HandshakeConfig(heartbeat_required=False)
+    lost = handshake.step(replace(FRESH, link=PlcLink.ALIVE), None, old(T0 + 60 * S), relaxed)
+    assert (lost.link, lost.missed) == (PlcLink.LOST, False)
+
+
+@pytest.mark.parametrize("phase", Phase)
+def test_a_lost_plc_finds_no_result_when_it_comes_back(phase: Phase) -> None:
+    held = Acquired(3, T0, Outcome.IN_PLACE) if phase is Phase.VALID else None
+    busy = replace(FRESH, link=PlcLink.ALIVE, beat_ns=T0, phase=phase, acquisition=3, trigger_ns=T0, result=held)
+    lost = play((None, old(T0 + 2 * S)), start=busy)
+    assert (lost.phase, lost.result) == (Phase.READY, None)
+    assert lost.timed_out == (phase is Phase.ACQUIRING)
+
+
+# The recipe.
+
+
+def test_recipes_are_taken_refused_and_left() -> None:
+    known = {0, 1, 2}
+    one = handshake.select(FRESH, 1, state(T0), known)
+    assert (one.recipe, one.recipe_verdict) == (1, RecipeVerdict.ACTIVE)
+    unknown = handshake.select(one, 9, state(T0), known)
+    assert (unknown.recipe, unknown.recipe_asked, unknown.recipe_verdict) == (1, 9, RecipeVerdict.UNKNOWN)
+    assert handshake.select(unknown, 0, state(T0), known).recipe == 0
+    busy = handshake.select(replace(one, phase=Phase.ACQUIRING), 2, state(T0), known)
+    assert (busy.recipe, busy.recipe_verdict) == (1, RecipeVerdict.BUSY)
+
+
+@pytest.mark.parametrize("memory", [FusionMemory(d=True), FusionMemory(latched=True)])
+def test_no_recipe_while_a_stop_by_d_stands(memory: FusionMemory) -> None:
+    held = handshake.select(FRESH, 1, state(T0, d=None, memory=memory), {0, 1})
+    assert (held.recipe, held.recipe_verdict) == (0, RecipeVerdict.STOP_STANDS)
+
+
+# The audit.
+
+
+def test_what_a_write_changes() -> None:
+    plc = replace(FRESH, control=1, recipe_asked=2, heartbeat=5)
+    assert handshake.changes(plc, PlcWrite(PLC, heartbeat=6, control=1, recipe=2)) == []
+    assert handshake.changes(plc, PlcWrite(PLC, control=9, recipe=3)) == [
+        Change("plc_control", 1, 9),
+        Change("recipe_select", 2, 3),
+    ]
+
+
+# Anything at all.
+
+WORD = st.integers(0, 0xFFFF)
+CONTROLS = st.none() | WORD | st.sampled_from([1 << bit for bit in Control])
+READINGS = st.sampled_from(list(Quality))
+
+
+@st.composite
+def moves(draw: st.DrawFn) -> list[tuple[PlcWrite | None, StateVector]]:
+    now_ns = T0
+    made: list[tuple[PlcWrite | None, StateVector]] = []
+    for _ in range(draw(st.integers(1, 15))):
+        now_ns += draw(st.sampled_from([0, MS, 40 * MS, 700 * MS, 3 * S]))
+        age_ns = draw(st.sampled_from([0, 1, 50 * MS, 5 * S]))
+        quality = draw(READINGS)
+        vision = VisionReading(now_ns - age_ns, quality, Circle(1, 2, now_ns / S) if quality is Quality.GOOD else None)
+        d = draw(st.booleans()) if quality is Quality.GOOD else None
+        written = draw(st.none() | st.builds(PlcWrite, st.just(PLC), st.none() | WORD, CONTROLS, st.none()))
+        made.append((written, state(now_ns, vision=vision, d=d)))
+    return made
+
+
+@given(moves())
+@settings(max_examples=150, deadline=None)
+def test_invariants(played: list[tuple[PlcWrite | None, StateVector]]) -> None:
+    plc, control, started = FRESH, 0, 0
+    for written, seen in played:
+        before = plc
+        plc = handshake.step(plc, written, seen, CONFIG)
+        rising = written is not None and written.control is not None and bool(written.control & ~control & 8)
+        if written is not None and written.control is not None:
+            control = written.control
+        # A result stands if and only if it may be read; it is the newest acquisition's, made after its trigger.
+        assert (plc.result is not None) == (plc.phase is Phase.VALID)
+        if plc.result is not None:
+            assert plc.result.number == plc.acquisition != 0
+            assert plc.result.t_ns >= plc.trigger_ns
+        # Only a rising trigger takes a number, and each takes at most one.
+        if plc.acquisition != before.acquisition:
+            assert rising
+            started += 1
+        assert plc.acquisition == started
+        # A held result is never exchanged for another one.
+        if before.phase is Phase.VALID and plc.phase is Phase.VALID:
+            assert plc.result == before.result
+        # What was refused is told.
+        if rising and plc.acquisition == before.acquisition:
+            assert plc.overrun
+        assert plc.control == control
+        assert (plc.link is PlcLink.ALIVE) <= (seen.t_ns - plc.beat_ns <= CONFIG.heartbeat_deadline_s * S)

@@ -1,0 +1,198 @@
+"""Registers 60 to 68 and 80 to 95, and what a write to the first three of the block does."""
+
+from dataclasses import replace
+
+import pytest
+
+from gateway import fusion
+from gateway.modbus.answers import Access, Peer
+from gateway.modbus.block import BLOCK, HANDSHAKE_MEANING, HandshakeBit
+from gateway.modbus.exceptions import ModbusException
+from gateway.modbus.registers import REGISTERS, decode, encode
+from gateway.modbus.writes import WRITABLE, writer
+from gateway.model import (
+    Circle,
+    FusionMemory,
+    Guidance,
+    GuidanceCode,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+)
+from gateway.plc import (
+    CONTROL_MEANING,
+    Acquired,
+    Control,
+    Handshake,
+    Outcome,
+    Phase,
+    PlcLink,
+    PlcWrite,
+    RecipeVerdict,
+    ResetVerdict,
+    Writer,
+)
+
+S = 1_000_000_000
+HELD = Acquired(41, 99 * S, Outcome.IN_PLACE, 640.27, -3.06, 181.26, 298.6)
+STATE = StateVector(
+    "bay1",
+    t_ns=100 * S,
+    vision=VisionReading(100 * S, Quality.GOOD, Circle(1, 2, 3)),
+    range=RangeReading(100 * S, Quality.TOO_NEAR),
+    memory=FusionMemory(latched=True, wear_ns=99 * S),
+    plc=Handshake(
+        link=PlcLink.ALIVE,
+        heartbeat=0xBEEF,
+        beat_ns=100 * S - 123_456_789,
+        control=0b1011,
+        recipe_asked=9,
+        recipe=7,
+        recipe_verdict=RecipeVerdict.UNKNOWN,
+        reset_verdict=ResetVerdict.CAUSE_STANDS,
+        phase=Phase.VALID,
+        acquisition=41,
+        trigger_ack=True,
+        overrun=True,
+        result=HELD,
+        writes=0x1_0002,
+    ),
+    guidance=Guidance(GuidanceCode.LEFT, 123.6, 45.67, -8.9, 76.4, -250.4, -33.6),
+)
+
+
+def words(state: StateVector) -> dict[int, int]:
+    return dict(enumerate(encode(state, 0, "big")))
+
+
+def test_every_word() -> None:
+    found = words(STATE)
+    assert [found[address] for address in range(60, 70)] == [
+        3,  # out of specification
+        0b1100,  # and maintenance
+        3,  # left
+        124,
+        457,
+        0x1_0000 - 89,
+        76,
+        0x1_0000 - 250,
+        0x1_0000 - 34,
+        0,
+    ]
+    assert [found[address] for address in range(80, 96)] == [
+        0xBEEF,
+        0b1011,
+        9,
+        0b01_1010_1011,  # overrun, results valid, trigger ack, latched, alive, writes on
+        7,
+        2,
+        2,
+        41,
+        41,
+        1,
+        6403,
+        0x1_0000 - 31,
+        1813,
+        299,
+        123,
+        2,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("plc", "bits"),
+    [
+        (Handshake(), set()),
+        (Handshake(link=PlcLink.WAITING), {HandshakeBit.WRITES_ON, HandshakeBit.TRIGGER_READY}),
+        (
+            Handshake(link=PlcLink.LOST, timed_out=True),
+            {HandshakeBit.WRITES_ON, HandshakeBit.PLC_LOST, HandshakeBit.TRIGGER_READY, HandshakeBit.TIMED_OUT},
+        ),
+        (
+            Handshake(link=PlcLink.ALIVE, phase=Phase.ACQUIRING),
+            {HandshakeBit.WRITES_ON, HandshakeBit.PLC_ALIVE, HandshakeBit.ACQUIRING},
+        ),
+        (Handshake(link=PlcLink.ALIVE, phase=Phase.CLEARING), {HandshakeBit.WRITES_ON, HandshakeBit.PLC_ALIVE}),
+    ],
+)
+def test_status_bits(plc: Handshake, bits: set[HandshakeBit]) -> None:
+    status = words(replace(STATE, memory=FusionMemory(), plc=plc))[83]
+    assert {bit for bit in HandshakeBit if status >> bit & 1} == bits
+
+
+@pytest.mark.parametrize("phase", [phase for phase in Phase if phase is not Phase.VALID])
+def test_no_result_register_holds_anything_while_none_may_be_read(phase: Phase) -> None:
+    told = decode(encode(replace(STATE, plc=replace(STATE.plc, phase=phase)), 0, "big"))
+    assert (told["result_id"], told["result_outcome"]) == (0, 0)
+    assert {told[name] for name in ("result_u", "result_v", "result_radius", "result_distance")} == {None}
+
+
+@pytest.mark.parametrize("reason", [Reason.GATEWAY_FAULT, Reason.SHUTDOWN])
+def test_a_dead_gateway_offers_no_result_and_no_trigger(reason: Reason) -> None:
+    told = decode(encode(fusion.forced_stop(STATE, reason, 101 * S), 0, "big"))
+    status = int(told["handshake_status"] or 0)
+    for bit in (HandshakeBit.RESULTS_VALID, HandshakeBit.TRIGGER_READY, HandshakeBit.ACQUIRING):
+        assert not status >> bit & 1
+    assert (told["result_id"], told["guidance"], told["distance_to_go"]) == (0, GuidanceCode.FAULT, None)
+
+
+@pytest.mark.parametrize("link", [PlcLink.UNUSED, PlcLink.WAITING])
+def test_age_of_a_heartbeat_that_never_came(link: PlcLink) -> None:
+    assert decode(encode(replace(STATE, plc=Handshake(link=link)), 0, "big"))["plc_age"] is None
+
+
+def test_bits_and_words_have_names() -> None:
+    assert set(CONTROL_MEANING) == set(Control)
+    assert set(HANDSHAKE_MEANING) == set(HandshakeBit)
+    assert [register for register in REGISTERS if register.writable] == list(BLOCK[:3])
+    assert WRITABLE == {80: "heartbeat", 81: "control", 82: "recipe"}
+
+
+# Writing.
+
+
+class Bay:
+    def __init__(self, *, dead: bool = False) -> None:
+        self.taken: list[PlcWrite] = []
+        self.refused: list[tuple[Writer, str]] = []
+        self._dead = dead
+        self.write = writer(self._take, lambda who, why: self.refused.append((who, why)))
+
+    def _take(self, write: PlcWrite) -> bool:
+        if not self._dead:
+            self.taken.append(write)
+        return not self._dead
+
+
+PEER = Peer("10.0.0.9", Access.WRITE, "operator", "plc1")
+WHO = Writer("10.0.0.9", "plc1", "operator")
+
+
+@pytest.mark.parametrize(
+    ("address", "sent", "taken"),
+    [
+        (80, (5,), PlcWrite(WHO, heartbeat=5)),
+        (81, (6,), PlcWrite(WHO, control=6)),
+        (82, (7,), PlcWrite(WHO, recipe=7)),
+        (80, (5, 6, 7), PlcWrite(WHO, 5, 6, 7)),
+        (81, (6, 7), PlcWrite(WHO, None, 6, 7)),
+    ],
+)
+def test_what_is_written_where(address: int, sent: tuple[int, ...], taken: PlcWrite) -> None:
+    bay = Bay()
+    assert bay.write(address, sent, PEER) is None
+    assert (bay.taken, bay.refused) == ([taken], [])
+
+
+@pytest.mark.parametrize(("address", "sent"), [(79, (1, 2)), (82, (1, 2)), (83, (1,)), (0, (1,)), (4, (0,))])
+def test_the_rest_is_read_only_and_nothing_of_such_a_write_is_taken(address: int, sent: tuple[int, ...]) -> None:
+    bay = Bay()
+    assert bay.write(address, sent, PEER) is ModbusException.ILLEGAL_ADDRESS
+    first = address if address not in WRITABLE else 83
+    assert (bay.taken, bay.refused) == ([], [(WHO, f"register {first} is read only")])
+
+
+def test_a_write_to_a_bay_that_nobody_runs_fails() -> None:
+    assert Bay(dead=True).write(80, (1,), Peer("10.0.0.9")) is ModbusException.DEVICE_FAILURE

@@ -1,0 +1,110 @@
+"""The status signals of NAMUR NE 107."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway import fusion
+from gateway.model import (
+    Circle,
+    FunctionCheck,
+    FusionMemory,
+    Quality,
+    RangeReading,
+    RangeStats,
+    Reason,
+    StateVector,
+    VisionReading,
+    VisionStats,
+)
+from gateway.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, status, wear
+from gateway.plc import Handshake
+
+T0 = 1_000_000_000_000
+GOOD = StateVector(
+    "bay1",
+    t_ns=T0,
+    vision=VisionReading(T0, Quality.GOOD, Circle(1, 2, 3)),
+    range=RangeReading(T0, Quality.GOOD, 500.0),
+    stop=False,
+    permit=True,
+    reason=Reason.NONE,
+)
+F, C, S, M = Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED
+
+
+def with_(vision: Quality = Quality.GOOD, rng: Quality = Quality.GOOD) -> StateVector:
+    return replace(GOOD, vision=VisionReading(T0, vision), range=RangeReading(T0, rng))
+
+
+@pytest.mark.parametrize(
+    ("vision", "rng", "expected"),
+    [
+        (Quality.GOOD, Quality.GOOD, Ne107.GOOD),
+        (Quality.NO_TARGET, Quality.GOOD, Ne107.GOOD),
+        (Quality.NO_TARGET, Quality.NO_ECHO, Ne107.GOOD),  # an empty bay
+        (Quality.NO_TARGET, Quality.TOO_FAR, Ne107.GOOD),
+        (Quality.GOOD, Quality.NO_ECHO, S),
+        (Quality.GOOD, Quality.TOO_FAR, S),
+        (Quality.GOOD, Quality.TOO_NEAR, S),
+        (Quality.GOOD, Quality.UNSTABLE, S),
+        (Quality.COASTED, Quality.GOOD, S),
+        (Quality.WAITING, Quality.GOOD, C),
+        (Quality.GOOD, Quality.WAITING, C),
+        (Quality.STALE, Quality.WAITING, F),
+        (Quality.LINK_DOWN, Quality.GOOD, F),
+        (Quality.PROCESS_FAULT, Quality.GOOD, F),
+        (Quality.GOOD, Quality.STUCK, F),
+        (Quality.TOO_NEAR, Quality.WRONG_VERSION, F),
+    ],
+)
+def test_sensors(vision: Quality, rng: Quality, expected: Ne107) -> None:
+    assert status(with_(vision, rng)) is expected
+
+
+def test_what_is_no_sensor() -> None:
+    assert status(replace(GOOD, plc=Handshake(missed=True))) is F
+    assert status(replace(GOOD, memory=FusionMemory(disagree=True))) is S
+    assert status(fusion.forced_stop(GOOD, Reason.GATEWAY_FAULT, T0)) is F
+    assert status(fusion.forced_stop(GOOD, Reason.SHUTDOWN, T0)) is C
+
+
+@pytest.mark.parametrize("mode", [FunctionCheck.PERMIT_OFF, FunctionCheck.PERMIT_KEPT])
+def test_a_technician_at_work_explains_everything_but_a_dead_gateway(mode: FunctionCheck) -> None:
+    working = replace(with_(Quality.LINK_DOWN, Quality.TOO_NEAR), function_check=mode)
+    assert status(working) is C
+    assert active(working) == {F, C, S}
+    assert status(fusion.forced_stop(working, Reason.GATEWAY_FAULT, T0)) is F
+
+
+def test_maintenance_after_a_repair_by_itself() -> None:
+    noted = replace(GOOD, memory=FusionMemory(wear=1, wear_ns=T0 - MAINTENANCE_NS + 1))
+    assert status(noted) is M
+    assert status(replace(noted, t_ns=T0 + 1)) is Ne107.GOOD
+    stats = VisionStats(restarts=1, reopens=2, lost=4, skipped=100)
+    busy = replace(
+        GOOD, vision=replace(GOOD.vision, stats=stats), range=replace(GOOD.range, stats=RangeStats(reopens=8))
+    )
+    assert wear(busy) == 15
+
+
+@pytest.mark.parametrize(("lines", "damaged", "expected"), [(99, 1, Ne107.GOOD), (98, 2, M), (50, 20, Ne107.GOOD)])
+def test_maintenance_for_a_noisy_cable(lines: int, damaged: int, expected: Ne107) -> None:
+    stats = RangeStats(lines=lines, damaged=damaged)
+    assert status(replace(GOOD, range=replace(GOOD.range, stats=stats))) is expected
+
+
+@given(st.sampled_from(Quality), st.sampled_from(Quality), st.sampled_from(FunctionCheck), st.booleans())
+def test_the_status_is_one_of_the_signals_that_hold(
+    vision: Quality, rng: Quality, check: FunctionCheck, missed: bool
+) -> None:
+    state = replace(with_(vision, rng), function_check=check, plc=Handshake(missed=missed))
+    assert (status(state) is Ne107.GOOD) == (not active(state))
+    assert status(state) in active(state) | {Ne107.GOOD}
+
+
+def test_every_signal_has_words_and_a_rank() -> None:
+    assert set(NE107_MEANING) == set(Ne107)
+    assert {*ORDER, Ne107.GOOD} == set(Ne107)
