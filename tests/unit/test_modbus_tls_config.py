@@ -1,0 +1,120 @@
+"""What is said of the files of [modbus.tls] before anybody connects."""
+
+import os
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from gateway import app
+from gateway.config import parse
+from gateway.errors import ConfigError
+from gateway.modbus import tls
+from gateway.modbus.answers import Access
+from tests.plant_certs import NOW, Plant
+
+NS = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    made = Plant(tmp_path_factory.mktemp("certs"))
+    made.client("plc1")
+    return made
+
+
+def wall_ns(days: float) -> int:
+    return round((NOW + timedelta(days=days)).timestamp() * NS)
+
+
+def test_good_files(plant: Plant) -> None:
+    context = tls.server_context(plant.config())
+    assert context.verify_mode.name == "CERT_REQUIRED"
+    assert context.minimum_version.name == "TLSv1_2"
+    assert tls.warnings(plant.config(), wall_ns(0)) == []
+    tls.server_context(plant.config(crl=None))
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("cert", None, "modbus.tls.cert: cannot read "),
+        ("key", None, "modbus.tls.key: cannot read "),
+        ("ca", None, "modbus.tls.ca: cannot read "),
+        ("crl", None, "modbus.tls.crl: cannot read "),
+        ("cert", "nonsense", "not a certificate and its private key"),
+        ("key", "nonsense", "not a certificate and its private key"),
+        ("ca", "nonsense", "modbus.tls.ca: "),
+        ("crl", "nonsense", "modbus.tls.crl: "),
+        ("key", "other key", "key values mismatch"),
+        ("ca", "a client", "holds no certificate of an authority"),
+        ("crl", "a client", "holds no revocation list"),
+    ],
+)
+def test_bad_files(plant: Plant, tmp_path: Path, key: str, text: str | None, said: str) -> None:
+    path = tmp_path / "file.pem"
+    if text is not None:
+        known = {"other key": plant.folder.key_path("plc1"), "a client": plant.folder.certificate_path("plc1")}
+        path.write_bytes(known[text].read_bytes() if text in known else text.encode())
+    with pytest.raises(ConfigError) as caught:
+        tls.server_context(plant.config(**{key: str(path)}))
+    assert said in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_a_key_with_a_passphrase_is_no_key_for_a_service(plant: Plant, tmp_path: Path) -> None:
+    locked = tmp_path / "locked.key"
+    os.system(
+        f"openssl ec -aes128 -passout pass:secret -in {plant.folder.key_path('gateway')} -out {locked} 2>/dev/null"
+    )
+    with pytest.raises(ConfigError, match="the key has a passphrase"):
+        tls.server_context(plant.config(key=str(locked)))
+
+
+def test_warnings(plant: Plant, tmp_path: Path) -> None:
+    (soon,) = tls.warnings(plant.config(), wall_ns(10.5))
+    assert soon.startswith("modbus.tls.cert: ")
+    assert soon.endswith("in 19 days")
+    (late,) = tls.warnings(plant.config(), wall_ns(31))
+    assert "expired on" in late
+    assert "no client will connect; renew it" in late
+    key = tmp_path / "open.key"
+    key.write_bytes(plant.folder.key_path("gateway").read_bytes())
+    key.chmod(0o644)
+    (open_key,) = tls.warnings(plant.config(key=str(key)), wall_ns(0))
+    assert open_key == f"modbus.tls.key: {key} can be read by others; chmod 600"
+
+
+def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
+    text = '[modbus.tls]\nport = 0\ncert = "no.pem"\nkey = "no.key"\nca = "no.pem"\n'
+    config = parse({"modbus": {"tls": {"port": 0, "cert": "no.pem", "key": "no.key", "ca": "no.pem"}}}, text=text)
+    with pytest.raises(ConfigError) as caught:
+        app.check(config, source="g.toml", text=text)
+    assert str(caught.value) == "g.toml:1: modbus.tls: cert: cannot read no.pem: No such file or directory"
+
+
+@pytest.mark.parametrize(
+    ("modbus", "said"),
+    [
+        ({"plain": False}, "modbus.plain = false: nothing would be served: plain = false needs [modbus.tls]"),
+        ({"port": 802, "tls": {"cert": "a", "key": "b", "ca": "c"}}, "802 is modbus.port, too"),
+        ({"tls": {"cert": "a", "key": "b"}}, "modbus.tls.ca: is missing"),
+    ],
+)
+def test_what_can_not_be_configured(modbus: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse({"modbus": modbus})
+    assert said in str(caught.value)
+
+
+def test_roles(plant: Plant) -> None:
+    roles = tls.Roles(plant.config(read_roles=["viewer", "both"], write_roles=["operator", "both"]))
+    found = {role: roles.access(role) for role in ("viewer", "operator", "both", "Viewer", "", None)}
+    assert found == {
+        "viewer": Access.READ,
+        "operator": Access.WRITE,
+        "both": Access.WRITE,
+        "Viewer": Access.NONE,
+        "": Access.NONE,
+        None: Access.NONE,
+    }
