@@ -64,7 +64,7 @@ class Supervisor:
         """Raises ConfigError or CrashLoopError (in an ExceptionGroup) when a task can't go on."""
         async with asyncio.TaskGroup() as group:
             for task in self._tasks:
-                group.create_task(self._keep(task), name=task.name)
+                group.create_task(self._keep(task), name=f"keep {task.name}")
 
     async def _keep(self, task: Task) -> None:
         record = self.records[task.name]
@@ -107,7 +107,9 @@ class Supervisor:
         record.starts += 1
         record.running = True
         try:
-            await task.factory()
+            # In an asyncio task of its own: in Python before 3.13 a task group whose children fail at the same time may
+            # leave its task counted as cancelled for ever, and here that count must mean that all is over.
+            await asyncio.create_task(_start(task), name=task.name)  # noqa: TID251
         except ConfigError:
             raise
         except asyncio.CancelledError as error:
@@ -122,6 +124,10 @@ class Supervisor:
         finally:
             record.running = False
         return None
+
+
+async def _start(task: Task) -> None:
+    await task.factory()
 
 
 def _all_over() -> bool:

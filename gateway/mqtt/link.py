@@ -184,6 +184,12 @@ class _Client(aiomqtt.Client):
         elif not self._disconnected.done():
             self._disconnected.set_exception(aiomqtt.MqttError(f"a message was refused: {reason_code}"))
 
+    def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
+        """Also before the greeting, which the library would wait for all the same."""
+        if not self._connected.done():
+            self._connected.set_exception(aiomqtt.MqttError("the connection was closed before a greeting came"))
+        super()._on_disconnect(client, userdata, flags, reason_code, properties)
+
     async def greet(self) -> None:
         """Returns when the broker has accepted us. Raises MqttError."""
         try:

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -34,8 +34,14 @@ class Mosquitto:
     """
 
     def __init__(
-        self, folder: Path, *, users: Mapping[str, str] | None = None, tls: tuple[Path, Path] | None = None
+        self,
+        folder: Path,
+        *,
+        users: Mapping[str, str] | None = None,
+        tls: tuple[Path, Path] | None = None,
+        lines: Sequence[str] = (),
     ) -> None:
+        self.lines = list(lines)  # more of mosquitto.conf
         self._folder = folder
         self._users = users
         self._tls = tls
@@ -98,6 +104,13 @@ class Mosquitto:
         assert self._process is not None
         self._process.send_signal(signal.SIGSTOP)
 
+    def reload(self, *lines: str) -> None:
+        """With these lines of configuration instead of those given before."""
+        assert self._process is not None
+        self.lines = list(lines)
+        (self._folder / "mosquitto.conf").write_text("\n".join(self._lines()) + "\n")
+        self._process.send_signal(signal.SIGHUP)
+
     def resume(self) -> None:
         assert self._process is not None
         self._process.send_signal(signal.SIGCONT)
@@ -130,7 +143,7 @@ class Mosquitto:
             for name, password in self._users.items():
                 subprocess.run([program("mosquitto_passwd"), "-b", str(passwords), name, password], check=True)
             lines.append(f"password_file {passwords}")
-        return lines
+        return lines + self.lines
 
 
 @dataclass(frozen=True)

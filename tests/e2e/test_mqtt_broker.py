@@ -512,7 +512,7 @@ def test_the_process_ends_in_time_whatever_it_waits_for(scheme: str, accepts: bo
         gateway.terminate()
         begun = time.monotonic()
         out, err = gateway.communicate(timeout=10)
-        assert time.monotonic() - begun < 1.6
+        assert time.monotonic() - begun < 4.0  # the farewell has 1 s; waiting for the broker would take 5
     assert (out, gateway.returncode) == ("False\n", 0)
     assert "Traceback" not in err
 
@@ -534,7 +534,7 @@ def test_the_process_ends_in_time_when_no_name_server_answers() -> None:
         gateway.terminate()
         begun = time.monotonic()
         out, _ = gateway.communicate(timeout=20)
-        assert time.monotonic() - begun < 1.6
+        assert time.monotonic() - begun < 4.0  # the farewell has 1 s; waiting for the broker would take 5
     assert (out, gateway.returncode) == ("False\n", 0)
 
 

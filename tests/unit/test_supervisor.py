@@ -392,3 +392,24 @@ def test_chance_is_the_machine_s_own_unless_given(seed: int | None) -> None:
 
     assert len(starts_s[0]) > 20
     assert (starts_s[0] == starts_s[1]) is (seed is not None)
+
+
+def test_a_task_group_that_miscounts_cancellations_does_not_end_a_task_for_good() -> None:
+    """Python before 3.13 leaves `cancelling()` above 0 when two nested groups of a task lose a child at once."""
+
+    async def fails() -> None:
+        await asyncio.sleep(0.1)
+        raise LinkError("lost")
+
+    async def link() -> None:
+        try:
+            async with asyncio.TaskGroup() as outer:
+                outer.create_task(fails())
+                async with asyncio.TaskGroup() as inner:
+                    inner.create_task(fails())
+        except BaseExceptionGroup:
+            raise LinkError("lost") from None
+
+    sup = supervisor(Task("link", link, BACKOFF))
+    virtual_time.run(run_for(sup, 100.0))
+    assert sup.records["link"].starts > 10

@@ -1,0 +1,100 @@
+"""Secrets come from where the configuration says, and are never quoted when something is wrong with them."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from gateway.config import MqttConfig, MqttTls
+from gateway.mqtt.credentials import CredentialsError, broker_of, tls_context
+
+SECRET = "p@ss/wörd"
+
+
+def config(**values: Any) -> MqttConfig:
+    return MqttConfig(**{"url": "mqtt://broker", "username": "gw", **values})
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\r\n"])
+def test_a_password_from_a_file(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "secret"
+    path.write_bytes((SECRET + end).encode())
+    broker = broker_of(config(password_file=str(path)))
+    assert (broker.username, broker.password) == ("gw", SECRET)
+    assert SECRET not in repr(broker) + str(broker)
+
+
+def test_a_password_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLANT_SECRET", SECRET)
+    assert broker_of(config(password_env="PLANT_SECRET")).password == SECRET
+    monkeypatch.delenv("PLANT_SECRET")
+    with pytest.raises(CredentialsError, match=r'mqtt\.password_env = "PLANT_SECRET": no such variable'):
+        broker_of(config(password_env="PLANT_SECRET"))
+
+
+def test_without_any_there_is_none() -> None:
+    assert broker_of(config()).password is None
+    assert broker_of(config(url="mqtt://u:p@broker", username=None)).password == "p"
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "one line of 1 to 65535"),
+        (b"\n", "one line"),
+        (b"two\nlines", "one line"),
+        (b"x" * 65_536, "one line"),
+        (b"\xff\xfe", "not UTF-8"),
+        (None, "No such file"),
+    ],
+)
+def test_a_bad_password_file_is_named_and_not_quoted(tmp_path: Path, data: bytes | None, said: str) -> None:
+    path = tmp_path / "secret"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(CredentialsError, match=said) as caught:
+        broker_of(config(password_file=str(path)))
+    assert caught.value.place == ("mqtt", "password_file")
+    assert "two" not in caught.value.said
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "key"),
+    [
+        ({"url": "mqtt://other@broker"}, "mqtt.username"),
+        ({"url": "mqtt://u:hunter2@broker", "username": None, "password_env": "HOME"}, "mqtt.url"),
+        ({"username": None, "password_env": "HOME"}, "mqtt.username"),
+    ],
+)
+def test_two_sources_are_one_too_many(values: dict[str, Any], key: str) -> None:
+    with pytest.raises(CredentialsError) as caught:
+        broker_of(config(**values))
+    assert ".".join(caught.value.place) == key
+    assert "hunter2" not in str(caught.value)
+
+
+def test_certificates_need_an_encrypted_url_and_each_other() -> None:
+    plain = config(tls=MqttTls(ca_file="x"))
+    with pytest.raises(CredentialsError, match="mqtts://"):
+        tls_context(plain, broker_of(plain))
+    assert tls_context(config(), broker_of(config())) is None
+    with pytest.raises(ValidationError, match="key_file"):
+        MqttTls(cert_file="x")
+    with pytest.raises(ValidationError, match="keep one of them"):
+        config(password_file="x", password_env="Y")
+
+
+@pytest.mark.parametrize("key", ["ca_file", "cert_file"])
+@pytest.mark.parametrize("damage", [None, b"", b"no certificate"])
+def test_a_bad_certificate_file_is_named(tmp_path: Path, key: str, damage: bytes | None) -> None:
+    path = tmp_path / "pem"
+    if damage is not None:
+        path.write_bytes(damage)
+    tls = MqttTls(ca_file=str(path)) if key == "ca_file" else MqttTls(cert_file=str(path), key_file=str(path))
+    bad = config(url="mqtts://broker", tls=tls)
+    with pytest.raises(CredentialsError) as caught:
+        tls_context(bad, broker_of(bad))
+    assert caught.value.place == ("mqtt", "tls", key)
+    assert str(path) in str(caught.value)
