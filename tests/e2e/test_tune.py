@@ -1,0 +1,99 @@
+"""`gateway tune` from labels, from clicks and from nothing, to a configuration that loads."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from gateway import config
+from gateway.cli.main import main
+
+WOOD = (90, 105, 140)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Red discs on wood, which Table I takes for red as a whole."""
+    y, x = np.mgrid[0:240, 0:320]
+    rows = []
+    for n in range(4):
+        u, v, r = 120.0 + 20 * n, 110.0, 40.0 + 3 * n
+        cover = np.clip(r + 0.5 - np.hypot(x - u, y - v), 0, 1)[..., None]
+        clean = cv2.GaussianBlur((1 - cover) * np.array(WOOD) + cover * np.array((40, 35, 190)), (0, 0), 0.8)
+        noisy = clean + np.random.default_rng(n).normal(0, 2, clean.shape)
+        cv2.imwrite(str(tmp_path / f"d{n}.png"), np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+        rows.append({"file": f"d{n}.png", "found": True, "u": u, "v": v, "r": r})
+    (tmp_path / "labels.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((240, 320, 3), 128, np.uint8))
+    (tmp_path / "broken.png").write_bytes(b"")
+    return tmp_path
+
+
+def test_from_labels_to_the_configuration(folder: Path) -> None:
+    command = [sys.executable, "-m", "gateway", "tune", "--labels", "labels.jsonl", "--out", "red.toml"]
+    done = subprocess.run(
+        [*command, "--report", "tune.html"], cwd=folder, capture_output=True, timeout=100, check=False, encoding="utf-8"
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines() == ["written: red.toml", "written: tune.html"]
+    assert "too broad: 100 % of the surroundings" in done.stdout
+    assert "S >= 43 admits wood, rust and warm light" in done.stdout
+    rows = {
+        line.split("│")[1].strip(): line.split("│")[2:6] for line in done.stdout.splitlines() if line.startswith("│")
+    }
+    assert [cell.strip() for cell in rows["now"]] == ["0.0 %", "0.0 %", "4", "0"]
+    assert [cell.strip() for cell in rows["proposed thresholds and gates"]] == ["100 %", "100 %", "0", "0"]
+    vision = config.load(folder / "red.toml").bays[0].vision
+    assert vision.red_low_1[1] > 43 or vision.red_high_1[0] < 9
+    assert vision.red_low_1[1:] == vision.red_low_2[1:]
+    assert (folder / "red.toml").read_text() in done.stdout
+    assert (folder / "tune.html").read_text("utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_one_click_is_enough(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["tune", "d1.png", "--at", "140,110,43"]) == 0
+    one = capsys.readouterr().out
+    assert "# Proposed from 1 marker;" in one
+    assert main(["tune", "--at", "d1.png:140,110,43"]) == 0
+    assert capsys.readouterr().out == one
+
+
+def test_without_labels_it_says_whose_answers_it_took(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["tune", "d0.png", "d1.png", "grey.png"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the robust method's own confident answers in 2 of 3 pictures were taken for the truth" in said
+    assert "# Proposed from 2 markers" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "gateway tune: no example with a marker; name pictures with --labels or --at"),
+        (["grey.png"], "gateway tune: no marker was found with confidence in 1 pictures; say where it is with --at"),
+        (["d0.png", "--at", "1,2"], "--at 1,2: expected FILE:U,V,R, as bay.png:412.5,300,96"),
+        (["d0.png", "--at", "1,2,x"], "--at 1,2,x: expected FILE:U,V,R"),
+        (["d0.png", "--at", "1,2,0"], "--at 1,2,0: the radius must be 0.5 px or more"),
+        (["d0.png", "--at", "nan,2,9"], "--at nan,2,9: the radius must be 0.5 px or more, and the centre a number"),
+        (["d0.png", "d1.png", "--at", "1,2,3"], "--at 1,2,3: with 2 pictures name the one that is meant"),
+        (["--at", "d0.png:9,9,9", "--at", "./d0.png:8,8,8"], "--at ./d0.png:8,8,8: d0.png was named before"),
+        (["--at", "d0.png:900,9,9"], "d0.png: u = 900, v = 9, r = 9: lies outside the picture"),
+        (["--at", "no.png:9,9,9"], "no.png: no such file"),
+        (["--at", "broken.png:9,9,9"], "broken.png: the file is empty"),
+        (["--labels", "none.jsonl"], "none.jsonl: no such file"),
+        (["d0.png", "--bay", "north"], "--bay needs --config"),
+    ],
+)
+def test_what_must_be_changed(
+    folder: Path, arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["tune", *arguments]) == 2
+    assert capsys.readouterr().err.startswith(says)
