@@ -221,6 +221,7 @@ class _Simulation:
             self._json.started(
                 modbus_host=now.modbus_host,
                 modbus_port=now.modbus_port,
+                modbus_tls_port=now.modbus_tls_port,
                 mqtt=broker,
                 instance=self._settings.instance,
                 speed=self._args.speed,
