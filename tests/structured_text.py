@@ -49,7 +49,7 @@ class Ton:
         self.Q = now_ms - self.since_ms >= preset_ms
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def parse(source: str) -> Any:
     """blark's tree. Raises what its grammar refuses. Takes seconds: an Earley parser, hence the cache."""
     return blark.parse.parse_source_code(source).transform()

@@ -6,7 +6,6 @@ import io
 import json
 import re
 import struct
-import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, decode, encode
 from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from tests.node_function import run_function
 
 TARGET = Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7)
 LITTLE = Target(word_order="little")
@@ -281,42 +281,11 @@ def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
 
 # ---- Node-RED
 
-HARNESS = """
-const steps = JSON.parse(require('fs').readFileSync(0, 'utf8'));
-const code = steps.code;
-let clock = 1000000, stored = {};
-const context = { get: key => stored[key], set: (key, value) => { stored[key] = JSON.parse(JSON.stringify(value)); } };
-const statuses = [];
-const node = { status: status => statuses.push(status.text) };
-const FakeDate = { now: () => clock };
-const judge = new Function('msg', 'context', 'node', 'Date', code);
-const out = [];
-for (const [ms, msg] of steps.messages) {
-    clock += ms;
-    out.push([judge(msg, context, node, FakeDate), statuses.at(-1)]);
-}
-console.log(JSON.stringify(out));
-"""
-
 
 def function_node(messages: list[tuple[int, Any]], target: Target = TARGET) -> list[Any]:
-    """Runs the flow's function node in Node.js: [(ms later, words | "tick" | "")] -> [[outputs, status]]."""
-    flow = json.loads(node_red.text(target))
-    (judge,) = (node for node in flow if node["type"] == "function")
-    made = [
-        (ms, {"topic": "tick", "payload": 0} if sent == "tick" else {"topic": "poll", "payload": sent})
-        for ms, sent in messages
-    ]
-    done = subprocess.run(
-        ["node", "-e", HARNESS],
-        input=json.dumps({"code": judge["func"], "messages": made}),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return list(json.loads(done.stdout))
+    """Runs the flow's function node: [(ms later, words | "tick" | "")] -> [[outputs, status]]."""
+    (judge,) = (node for node in json.loads(node_red.text(target)) if node["type"] == "function")
+    return run_function(judge["func"], messages)
 
 
 def test_node_red_nodes_are_wired_to_each_other_and_to_the_bay() -> None:
