@@ -22,33 +22,23 @@ exit codes: 0 all inputs were read, 1 an input failed, 2 nothing to read, or an 
 
 import argparse
 import json
-import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from gateway.cli.detectlook import Look, Row
+from gateway.cli.visionargs import bay_vision, quiet_opencv
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
     from gateway.config import VisionConfig
-    from gateway.model import Circle, Detection
-    from gateway.vision.inputs import Picture
 
 NAME = "detect"
 HELP = "find the marker in pictures and videos"
 
-Row = dict[str, Any]
-
-# Read by OpenCV when it is loaded, so set before; what the user has set stands. The pixel limit keeps a few bytes of
-# hostile or broken file from asking for gigabytes; the decoders' own words would stand between our lines.
-_OPENCV = {
-    "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 28),
-    "OPENCV_LOG_LEVEL": "SILENT",
-    "OPENCV_FFMPEG_LOGLEVEL": "-8",
-}
 _LONG_BATCH = 8  # inputs; a progress bar for fewer is only flicker
 
 
@@ -82,13 +72,12 @@ def _pace(text: str) -> float:
 
 def main(args: argparse.Namespace) -> int:
     """Prints a line for each picture as soon as it is known. Raises ConfigError for wrong arguments."""
-    for name, value in _OPENCV.items():
-        os.environ.setdefault(name, value)
+    quiet_opencv()
     from gateway.vision import inputs
 
     params = _params(args)
     paths = inputs.expand(_names(args.inputs))
-    look = _Look(params, args)
+    look = Look(params, args)
     show = _show_json if args.json else _table(paths)
     pictures = found = failed = 0
     with _progress(len(paths)) as advance:
@@ -108,18 +97,10 @@ def _params(args: argparse.Namespace) -> "VisionConfig":
     """The bay's settings, or the paper's, with the command line's over them."""
     from pydantic import ValidationError
 
-    from gateway.config import VisionConfig, load
+    from gateway.config import VisionConfig
     from gateway.strict.faults import explain
 
-    params = VisionConfig()
-    if args.config is not None:
-        bays = {bay.name: bay for bay in load(args.config).bays}
-        name = next(iter(bays)) if args.bay is None else args.bay
-        if name not in bays:
-            raise ConfigError(f"{args.config}: no bay {name}; there is: {', '.join(bays)}")
-        params = bays[name].vision
-    elif args.bay is not None:
-        raise ConfigError("--bay needs --config")
+    params = bay_vision(args.config, args.bay)
     asked = {
         "method": args.method,
         "min_area_px2": args.min_area,
@@ -145,126 +126,6 @@ def _names(arguments: Sequence[str]) -> list[str]:
         else:
             names.append(argument)
     return names
-
-
-class _Names:
-    """Names in a folder, one for each picture, that no two pictures share."""
-
-    def __init__(self, folder: Path) -> None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"{folder}: cannot be made: {error.strerror}") from error
-        self.folder = folder
-        self._taken: set[str] = set()
-
-    def of(self, path: Path, picture: "Picture") -> str:
-        stem = os.fsdecode(os.fsencode(path.stem)[:180])  # a file name has at most 255 bytes
-        base = stem if picture.frame is None else f"{stem}-frame{picture.frame:06d}"
-        name, number = base, 1
-        while name.casefold() in self._taken:
-            number += 1
-            name = f"{base}-{number}"
-        self._taken.add(name.casefold())
-        return name
-
-
-class _Look:
-    """Looks at one picture after the other, and writes what was asked for."""
-
-    def __init__(self, params: "VisionConfig", args: argparse.Namespace) -> None:
-        from gateway.clock import SystemClock
-        from gateway.vision import methods
-
-        self._params = params
-        self._fps: float | None = args.track
-        # Without --track the pictures are no sequence: each is looked at by itself.
-        self._find = methods.detector(
-            params.model_copy(update={"tracking": self._fps is not None}), SystemClock().now_ns
-        )
-        self._looked = 0
-        self._stages = None if args.stages is None else _Names(args.stages)
-        self._drawn = None if args.draw is None else _Names(args.draw)
-
-    def rows(self, path: Path) -> Iterator[Row]:
-        """One row for each picture of the input, and one for what stopped it, if anything did."""
-        import cv2
-
-        from gateway.vision import inputs
-
-        wrong = ""
-        try:
-            for picture in inputs.read(path):
-                found = self._find(picture.image, self._next_ns())
-                row = _row(path, picture, found, known_lens=self._params.intrinsics is not None)
-                if self._fps is not None:
-                    row["tracking"] = found.tracking.name.lower()
-                    row["predicted"] = found.predicted and _circle(found.predicted)
-                if self._stages is not None:
-                    row["stages"] = str(self._write_stages(self._stages, path, picture))
-                if self._drawn is not None:
-                    row["drawn"] = str(self._write_drawn(self._drawn, path, picture, found))
-                yield row
-        except inputs.InputError as error:
-            wrong = str(error)
-        except MemoryError:
-            wrong = "not enough memory for a picture of this size"
-        except cv2.error as error:
-            wrong = f"cannot be worked on: {' '.join(str(error).split())}"
-        if wrong:
-            yield {"file": str(path), "found": False, "u": None, "v": None, "r": None, "error": wrong}
-
-    def _next_ns(self) -> int:
-        self._looked += 1
-        return round(self._looked * 1e9 / (self._fps or 1.0))
-
-    def _write_stages(self, names: _Names, path: Path, picture: "Picture") -> Path:
-        """Returns the beginning of the names of what was written."""
-        from gateway.vision import drawing, figures, pipeline
-
-        name = names.of(path, picture)
-        trace = pipeline.trace(picture.image, self._params)
-        drawing.save(names.folder, name, figures.figure3(trace) | figures.figure4(trace))
-        return names.folder / name
-
-    def _write_drawn(self, names: _Names, path: Path, picture: "Picture", found: "Detection") -> Path:
-        from gateway.vision import drawing, overlay
-
-        (path,) = drawing.save(names.folder, names.of(path, picture), {"found": overlay.overlay(picture.image, found)})
-        return path
-
-
-def _row(path: Path, picture: "Picture", found: "Detection", *, known_lens: bool) -> Row:
-    circle, ellipse = found.circle, found.ellipse
-    row: Row = {"file": str(path)}
-    if picture.frame is not None:
-        row["frame"] = picture.frame
-    row["found"] = circle is not None
-    row |= _circle(circle) if circle else {"u": None, "v": None, "r": None}
-    row["area"] = found.area_px2 if circle else None
-    row["circularity"] = found.circularity if circle else None
-    row["fill"] = found.fill if circle else None
-    row["ellipse"] = ellipse and {
-        "u": ellipse.u_px,
-        "v": ellipse.v_px,
-        "semi_major": ellipse.semi_major_px,
-        "semi_minor": ellipse.semi_minor_px,
-        "angle_deg": math.degrees(ellipse.angle_rad),
-    }
-    row["confidence"] = found.confidence
-    row["visible"] = found.visible
-    row["candidates"] = found.candidates
-    row["rejected"] = [_circle(rejection.circle) | {"why": rejection.why} for rejection in found.rejected]
-    if known_lens:
-        row["x_n"], row["y_n"] = found.x_n, found.y_n
-    row["width"], row["height"] = picture.image.shape[1], picture.image.shape[0]
-    row["ms"] = {stage: round(ns / 1e6, 3) for stage, ns in found.stage_ns}
-    row["ms"]["total"] = round(sum(ns for _, ns in found.stage_ns) / 1e6, 3)
-    return row
-
-
-def _circle(circle: "Circle") -> Row:
-    return {"u": circle.u_px, "v": circle.v_px, "r": circle.radius_px}
 
 
 def _show_json(row: Row) -> None:
