@@ -1,0 +1,209 @@
+"""Clients that we did not write: libmodbus (a C program built here), mbpoll, pymodbus. And bytes cut anywhere."""
+
+import asyncio
+import random
+import shlex
+import socket
+import subprocess
+from collections.abc import Callable, Coroutine, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymodbus.client import AsyncModbusTcpClient
+
+from gateway import loop
+from gateway.config import ModbusConfig
+from gateway.modbus import identity
+from gateway.modbus.adu import frame_bytes
+from gateway.modbus.answers import Peer, Unit
+from gateway.modbus.exceptions import ModbusException
+from gateway.modbus.server import ModbusServer
+from tests import modbus_oracle as oracle
+
+SOURCE = Path(__file__).parents[1] / "modbus_clients" / "libmodbus_client.c"
+WRITABLE = frozenset(range(80, 83))
+OBJECTS = identity.objects("site1/bay1")
+
+
+@pytest.fixture(scope="module")
+def libmodbus_client(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    program = tmp_path_factory.mktemp("libmodbus") / "client"
+    flags = subprocess.run(
+        ["pkg-config", "--cflags", "--libs", "libmodbus"], check=True, capture_output=True, text=True
+    )
+    command = ["gcc", "-O1", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(SOURCE), *shlex.split(flags.stdout)]
+    subprocess.run(command, check=True)
+    return program
+
+
+class Bay:
+    """A unit whose registers can be written, and its twin for the oracle."""
+
+    def __init__(self, writes_on: bool) -> None:
+        self.words = [1000 + n for n in range(100)]
+        self.unit = Unit(lambda: tuple(self.words), self._write if writes_on else None, OBJECTS)
+        self.server = oracle.Server({1: oracle.Bay(list(self.words), WRITABLE, writes_on, dict(OBJECTS))})
+
+    def _write(self, address: int, words: Sequence[int], _: Peer) -> ModbusException | None:
+        if not WRITABLE.issuperset(range(address, address + len(words))):
+            return ModbusException.ILLEGAL_ADDRESS
+        self.words[address : address + len(words)] = words
+        return None
+
+
+def serve(bay: Bay, use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **keys: Any) -> None:
+    async def main() -> None:
+        async with ModbusServer(ModbusConfig(port=0, **keys), {1: bay.unit}) as server:
+            await use(server)
+
+    loop.run(main())
+
+
+EVERY_WORD = " ".join(str(1000 + n) for n in range(100))
+READS = f"""\
+holding 0 100: {EVERY_WORD}
+input 0 100: {EVERY_WORD}
+holding 0 1: 1000
+holding 33 1: 1033
+holding 66 1: 1066
+holding 99 1: 1099
+holding 99 1: 1099
+holding 99 2: error Illegal data address
+input 100 1: error Illegal data address
+holding 65535 125: error Illegal data address
+discrete 0 16: 1101011111000000
+coils 1 9: 101011111
+coils 15 2: error Illegal data address
+"""
+WRITES_ON = """\
+write 80 3: done
+write 81: done
+write 4: Illegal data address
+read-write 82 79: 1079 1 77 1
+"""
+WRITES_OFF = """\
+write 80 3: Illegal function
+write 81: Illegal function
+write 4: Illegal function
+read-write 82 79: error Illegal function
+"""
+NEVER = """\
+coil 0: Illegal function
+mask 80: Illegal function
+status: 87 01
+count 0: 83 03
+holding 3 2: 1003 1004
+"""
+
+
+@pytest.mark.parametrize("writes_on", [False, True])
+def test_libmodbus(libmodbus_client: Path, writes_on: bool) -> None:
+    bay = Bay(writes_on)
+
+    async def use(server: ModbusServer) -> None:
+        for unit in (1, 255, 0):
+            process = await asyncio.create_subprocess_exec(
+                str(libmodbus_client), "127.0.0.1", str(server.port), str(unit), stdout=asyncio.subprocess.PIPE
+            )
+            out, _ = await process.communicate()
+            bay.words[80:83] = [1080, 1081, 1082]
+            assert out.decode() == READS + (WRITES_ON if writes_on else WRITES_OFF) + NEVER
+            assert process.returncode == 0
+
+    serve(bay, use)
+
+
+def test_mbpoll_reads_bits_and_writes() -> None:
+    bay = Bay(writes_on=True)
+
+    async def poll(line: str) -> str:
+        process = await asyncio.create_subprocess_exec(
+            *shlex.split(line), stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+        )
+        return (await process.communicate())[0].decode()
+
+    async def use(server: ModbusServer) -> None:
+        common = f"mbpoll -m tcp -0 -1 -a 1 -p {server.port}"
+        for table in (0, 1):
+            told = await poll(f"{common} -t {table} -r 0 -c 16 127.0.0.1")
+            values = [line.split()[1] for line in told.splitlines() if line.startswith("[")]
+            assert "".join(values) == "1101011111000000"
+        assert "Written 2 references." in await poll(f"{common} -t 4 -r 80 127.0.0.1 17 18")
+        assert bay.words[80:83] == [17, 18, 1082]
+        assert "Illegal data address" in await poll(f"{common} -t 4 -r 4 127.0.0.1 1")
+        assert bay.words[4] == 1004
+
+    serve(bay, use)
+
+
+def test_pymodbus_pipelines_bits_and_writes() -> None:
+    bay = Bay(writes_on=True)
+
+    async def use(server: ModbusServer) -> None:
+        client = AsyncModbusTcpClient("127.0.0.1", port=server.port)
+        assert await client.connect()
+        bits = await client.read_discrete_inputs(0, count=16)
+        assert "".join(str(int(bit)) for bit in bits.bits) == "1101011111000000"
+        assert not (await client.write_registers(80, [5, 6])).isError()
+        both = await client.readwrite_registers(read_address=79, read_count=4, write_address=82, values=[7])
+        assert both.registers == [1079, 5, 6, 7]
+        assert (await client.write_register(83, 1)).exception_code == 2
+        client.close()
+
+    serve(bay, use)
+
+
+def a_request(rng: random.Random) -> bytes:
+    """A frame of a client that is mostly, not always, in its right mind. Its length is always possible."""
+    function = rng.choice([1, 2, 3, 3, 3, 4, 4, 5, 6, 7, 8, 15, 16, 22, 23, 43, rng.randrange(256)])
+    address, count = rng.choice([(0, 100), (0, 1), (80, 1), (99, 1), (99, 2), (3, 20), (0, 126), (7, 0)])
+    pdu = bytes([function, 0, address, 0, count])
+    if function in (16, 23):
+        pdu = bytes([16, 0, 80, 0, 2, 4, rng.randrange(256), 1, 2, 3]) if function == 16 else pdu
+        pdu = bytes([23, 0, 79, 0, 4, 0, 81, 0, 1, 2, 7, rng.randrange(256)]) if function == 23 else pdu
+    if function == 43:
+        pdu = bytes([43, 14, rng.choice([1, 2, 3, 4, 9]), rng.randrange(8)])
+    if rng.random() < 0.1:
+        pdu = pdu[: rng.randrange(1, len(pdu) + 1)]
+    frame = frame_bytes(rng.randrange(65536), rng.choice([1, 1, 1, 0, 255, 2]), pdu)
+    return frame[:2] + b"\0\7" + frame[4:] if rng.random() < 0.05 else frame
+
+
+@pytest.mark.parametrize("pieces", ["one by one", "ragged", "all at once"])
+def test_pipelined_requests_are_all_answered_in_order_wherever_the_bytes_are_cut(pieces: str) -> None:
+    """Some hundred requests without waiting for an answer; then whatever must have come back, to the last byte."""
+    bay = Bay(writes_on=True)
+    rng = random.Random(f"cut {pieces}")
+    requests = [a_request(rng) for _ in range(150 if pieces == "one by one" else 600)]
+    answers = [oracle.answer_frame(bay.server, frame) for frame in requests]
+    expected = b"".join(told for told in answers if isinstance(told, bytes))
+    stream = b"".join(requests)
+
+    def exchange(port: int) -> bytes:
+        came = b""
+        with socket.create_connection(("127.0.0.1", port), timeout=20) as raw:
+            raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            raw.setblocking(False)
+            at = 0
+            while at < len(stream):
+                size = {"one by one": 1, "all at once": len(stream)}.get(pieces) or rng.randrange(1, 40)
+                try:
+                    at += raw.send(stream[at : at + size])
+                except BlockingIOError:
+                    raw.settimeout(20)
+                    came += raw.recv(65536)
+                    raw.setblocking(False)
+            raw.settimeout(20)
+            raw.shutdown(socket.SHUT_WR)  # what is owed comes all the same
+            while chunk := raw.recv(65536):
+                came += chunk
+        return came
+
+    async def use(server: ModbusServer) -> None:
+        came = await asyncio.get_running_loop().run_in_executor(None, exchange, server.port)
+        assert came == expected
+        assert bay.words == bay.server.bays[1].words
+        assert server.stats.requests == len([told for told in answers if told != oracle.NOTHING])
+
+    serve(bay, use)

@@ -1,0 +1,212 @@
+"""Bad neighbours on real sockets. The PLC connects from 127.0.0.2, everybody else from 127.0.0.1."""
+
+import asyncio
+import random
+import socket
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import pytest
+
+from gateway import loop
+from gateway.config import ModbusConfig
+from gateway.modbus.adu import MAX_FRAME_BYTES, frame_bytes
+from gateway.modbus.answers import Unit
+from gateway.modbus.connection import TURN_FRAMES, WRITE_HIGH_BYTES
+from gateway.modbus.limits import Refusal
+from gateway.modbus.server import ModbusServer
+from gateway.modbus.sockets import RECEIVE_BYTES
+
+PLC = "127.0.0.2"
+IMAGE = tuple(range(1000, 1100))
+ASK = bytes([3, 0, 0, 0, 100])
+TOLD = bytes([3, 200]) + b"".join(word.to_bytes(2, "big") for word in IMAGE)
+PATIENCE_S = 30.0
+
+
+@pytest.fixture(params=["uvloop", "asyncio"])
+def serve(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Runs `use(server)` against a server with these keys of [modbus], on either event loop."""
+    factory = loop.factory() if request.param == "uvloop" else asyncio.new_event_loop
+
+    def run(use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **keys: Any) -> None:
+        async def main() -> None:
+            async with ModbusServer(ModbusConfig(port=0, **keys), {1: Unit(lambda: IMAGE)}) as server:
+                await use(server)
+            assert server.stats.open == 0
+
+        with asyncio.Runner(loop_factory=factory) as runner:
+            runner.run(main())
+
+    return run
+
+
+@contextmanager
+def connected(server: ModbusServer, source: str = "127.0.0.1") -> Iterator[socket.socket]:
+    with socket.create_connection(("127.0.0.1", server.port), PATIENCE_S, (source, 0)) as raw:
+        yield raw
+
+
+async def until(true: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not true():  # noqa: ASYNC110 - counters, not events
+            await asyncio.sleep(0.02)
+
+
+async def in_thread(work: Callable[..., Any], *args: Any) -> Any:
+    return await asyncio.get_running_loop().run_in_executor(None, work, *args)
+
+
+def poll(raw: socket.socket, transaction: int = 1) -> bool:
+    """One answered poll; False: the connection has been closed."""
+    try:
+        raw.sendall(frame_bytes(transaction, 1, ASK))
+        came = b""
+        while len(came) < 7 + len(TOLD):
+            chunk = raw.recv(1000)
+            if not chunk:
+                return False
+            came += chunk
+    except ConnectionError:
+        return False
+    assert came == frame_bytes(transaction, 1, TOLD)
+    return True
+
+
+def test_who_is_not_on_the_list_is_not_answered(serve: Callable[..., None]) -> None:
+    async def use(server: ModbusServer) -> None:
+        with connected(server) as stranger, connected(server, PLC) as plc, connected(server, "127.0.0.3") as known:
+            assert not await in_thread(poll, stranger)
+            assert await in_thread(poll, plc)
+            assert await in_thread(poll, known)
+        assert server.stats.refused == {Refusal.NOT_ALLOWED: 1}
+        assert server.stats.connections == 2
+
+    serve(use, allow=["127.0.0.3"], plc_addresses=[PLC])
+
+
+def test_the_cap_keeps_room_for_the_plc(serve: Callable[..., None]) -> None:
+    async def use(server: ModbusServer) -> None:
+        with ExitStack() as crowd:
+            there = [crowd.enter_context(connected(server)) for _ in range(20)]
+            await until(lambda: server.stats.refused[Refusal.FULL] == 14)
+            assert server.stats.open == 6
+            plcs = [crowd.enter_context(connected(server, PLC)) for _ in range(4)]
+            assert all([await in_thread(poll, plc) for plc in plcs])
+            assert server.stats.open == 10
+            # A fifth of the PLC's takes a place from the others, a sixth too.
+            more = [crowd.enter_context(connected(server, PLC)) for _ in range(2)]
+            assert all([await in_thread(poll, plc) for plc in [*plcs, *more]])
+            assert server.stats.refused == {Refusal.FULL: 14, Refusal.MADE_ROOM: 2}
+            assert [await in_thread(poll, raw) for raw in there].count(True) == 4
+
+    serve(use, max_connections=10, plc_connections=4, plc_addresses=[PLC])
+
+
+def test_idle_and_half_frames_end_and_a_quiet_plc_does_not(serve: Callable[..., None]) -> None:
+    async def use(server: ModbusServer) -> None:
+        with connected(server) as idle, connected(server) as half, connected(server, PLC) as plc:
+            half.sendall(frame_bytes(1, 1, ASK)[:5])
+            assert await in_thread(half.recv, 10) == b""
+            assert await in_thread(idle.recv, 10) == b""
+            assert server.stats.refused == {Refusal.HALF_FRAME: 1, Refusal.IDLE: 1}
+            assert await in_thread(poll, plc)
+            assert server.stats.open == 1
+
+    serve(use, idle_timeout_s=1.5, frame_timeout_s=0.3, plc_addresses=[PLC])
+
+
+def test_a_client_that_does_not_read_costs_little_and_is_cut(serve: Callable[..., None]) -> None:
+    async def use(server: ModbusServer) -> None:
+        assert server._listener is not None
+        with connected(server) as greedy, connected(server) as fair:
+            greedy.setblocking(False)
+            most = 0
+            asked = frame_bytes(1, 1, ASK) * 50
+            async with asyncio.timeout(PATIENCE_S):
+                while not server.stats.refused[Refusal.NOT_READING]:
+                    try:
+                        greedy.send(asked)
+                    except BlockingIOError:
+                        await asyncio.sleep(0.01)
+                    except ConnectionError:
+                        break
+                    assert await in_thread(poll, fair)
+                    waiting = [end.get_write_buffer_size() for end in server._listener._everybody]
+                    held = [guest._framer.held for guest in server._listener._guests]
+                    most = max(most, *waiting)
+                    assert max(waiting) <= WRITE_HIGH_BYTES + TURN_FRAMES * MAX_FRAME_BYTES
+                    assert max(held) <= 4 * RECEIVE_BYTES
+            await until(lambda: server.stats.refused[Refusal.NOT_READING] == 1)
+            assert most > WRITE_HIGH_BYTES  # it did come to back-pressure
+            assert await in_thread(poll, fair)
+
+    serve(use, send_timeout_s=0.5)
+
+
+def test_an_impossible_length_ends_that_connection_and_no_other(serve: Callable[..., None]) -> None:
+    async def use(server: ModbusServer) -> None:
+        with connected(server) as bad, connected(server) as good:
+            bad.sendall(frame_bytes(1, 1, ASK) + b"\0\2\0\0\xff\xff\1\3\0\0\0\1")
+            came = b""
+            while chunk := await in_thread(bad.recv, 1000):
+                came += chunk
+            assert came == frame_bytes(1, 1, TOLD)
+            assert await in_thread(poll, good)
+        assert server.stats.refused == {Refusal.BAD_LENGTH: 1}
+
+    serve(use)
+
+
+def misbehave(port: int, kind: str, seed: int, over: Callable[[], bool]) -> None:
+    """One bad neighbour, who comes back whenever it is thrown out."""
+    rng = random.Random(f"{kind} {seed}")
+    while not over():
+        try:
+            with socket.socket() as raw:
+                raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                raw.settimeout(1)
+                raw.connect(("127.0.0.1", port))
+                while not over():
+                    if kind == "random":
+                        raw.sendall(rng.randbytes(rng.randrange(1, 300)))
+                    elif kind == "half":
+                        raw.sendall(frame_bytes(1, 1, ASK)[: rng.randrange(1, 11)])
+                        raw.recv(10)
+                    else:
+                        raw.sendall(frame_bytes(1, 1, ASK) * 20)
+                        if kind == "flood":
+                            raw.recv(65536)
+        except OSError:
+            continue
+
+
+def test_a_plc_polls_on_among_all_of_them(serve: Callable[..., None]) -> None:
+    """Idle ones up to the cap and beyond, random bytes, half frames, floods and clients that never read."""
+
+    async def use(server: ModbusServer) -> None:
+        ended = False
+        kinds = ["random", "half", "flood", "deaf"]
+
+        def plc_polls() -> int:
+            with connected(server, PLC) as plc:
+                return sum(poll(plc, n) for n in range(300))
+
+        with ExitStack() as crowd:
+            for _ in range(60):
+                crowd.enter_context(connected(server))
+            async with asyncio.TaskGroup() as group:
+                for seed, kind in enumerate(kinds):
+                    group.create_task(in_thread(misbehave, server.port, kind, seed, lambda: ended))
+                try:
+                    assert await in_thread(plc_polls) == 300
+                    wanted = {Refusal.FULL, Refusal.BAD_PROTOCOL, Refusal.HALF_FRAME, Refusal.NOT_READING}
+                    # Those that had no place while the idle ones were there get theirs when these have gone.
+                    crowd.close()
+                    await until(lambda: wanted <= set(server.stats.refused))
+                    assert await in_thread(plc_polls) == 300
+                finally:
+                    ended = True
+
+    serve(use, max_connections=24, plc_connections=2, plc_addresses=[PLC], frame_timeout_s=0.2, send_timeout_s=0.2)
