@@ -65,6 +65,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bay", metavar="NAME", help="which bay of it (default: the first)")
     parser.add_argument("--tracking", action="store_true", help="follow the frames of each sequence in order")
     parser.add_argument("--fps", type=float, default=25.0, metavar="HZ", help="frames a second of sequences (25)")
+    parser.add_argument(
+        "--radius",
+        choices=("rim", "mean"),
+        default="rim",
+        help="of a tilted rim compare R with a (the circle round it, as the stop does), or the mean radii with r",
+    )
     parser.add_argument("--series", metavar="REGEX", help="part of a file's name that tells its series")
     parser.add_argument(
         "--split",
@@ -100,7 +106,8 @@ def main(args: argparse.Namespace) -> int:
         print(f"{found.source}: keys not used here: {', '.join(found.unused_keys)}", file=sys.stderr)
     with visionargs.progress("evaluate", len(chosen)) as advance:
         follow = series if args.tracking else None
-        outcomes = trial.run(found, chosen, methods, SystemClock(), follow=follow, fps=args.fps, advance=advance)
+        how = {"follow": follow, "fps": args.fps, "mean_radius": args.radius == "mean", "advance": advance}
+        outcomes = trial.run(found, chosen, methods, SystemClock(), **how)
     results = [
         result.result(name, rows, series, split=args.split == "both", followed=args.tracking)
         for name, rows in outcomes.items()
@@ -204,6 +211,8 @@ def _about(args: argparse.Namespace, results: "list[Result]", unmet: tuple[str, 
     if args.split in ("tuning", "reporting"):
         facts.insert(1, f"Only the {args.split} half of the set, chosen by a hash of the file's name.")
     notes = []
+    if args.radius == "mean":
+        notes.append("--radius mean: here radii are geometric means of the semi-axes, compared with the label's r.")
     if whole.vague_labels:
         notes.append(f"{whole.vague_labels} labels may themselves be off by more than 5 % of R (tol_px).")
     if args.split == "both":

@@ -3,6 +3,7 @@
 import re
 import tomllib
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from gateway.vision.calibration import picture, report
 from gateway.vision.calibration.boards import Board, parse
 from gateway.vision.calibration.snippet import focal_px, toml
 from gateway.vision.calibration.solve import Calibration, View, calibrate
+from gateway.vision.intrinsics import normalise
 from gateway.vision.reports.page import fetches_nothing
 from tests.unit.board_pictures import FRONTAL, POSES, Camera, Pose, truth
 
@@ -51,6 +53,17 @@ def test_the_camera_comes_back(solved: Calibration) -> None:
     assert solved.views[0].distance_mm == pytest.approx(420, rel=0.005)
     assert solved.views[3].rms_px <= solved.views[3].largest_px < 0.3
     assert solved.rejected == ()
+
+
+def test_equation_11_reads_the_lens_as_it_was_solved(solved: Calibration) -> None:
+    """A pixel becomes the direction it came from, everywhere the board was seen."""
+    camera = Camera()
+    for x_n, y_n in ((0.0, 0.0), (0.2, -0.15), (-0.25, 0.2), (0.3, 0.1)):
+        pixel, _ = cv2.projectPoints(
+            np.array([[x_n, y_n, 1.0]]), np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
+        )
+        u_px, v_px = (float(value) for value in pixel.ravel())
+        assert normalise(u_px, v_px, solved.lens) == pytest.approx((x_n, y_n), abs=3e-3)
 
 
 def test_without_noise_it_is_exact() -> None:

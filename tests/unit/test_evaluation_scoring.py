@@ -54,6 +54,9 @@ def test_errors_are_those_of_the_circle_round_the_rim() -> None:
     assert outcome.mean_radius_share == pytest.approx(math.sqrt(51 * 30) / 40 - 1)
     assert outcome.verdict is Verdict.LOOSE  # 5 px of 50: beyond 5 %
     assert judge(label, Detection(Circle(100, 50, 40))).mean_radius_share == pytest.approx(0)
+    mean = judge(label, Detection(Circle(100, 50, 51), ellipse=Ellipse(100, 50, 51, 25, 0)), mean=True)
+    assert (mean.verdict, mean.radius_share) == (Verdict.LOOSE, mean.mean_radius_share)
+    assert judge(label, Detection(Circle(100, 50, 51), ellipse=Ellipse(100, 50, 51, 25, 0))).verdict is Verdict.CLOSE
 
 
 def test_figures_by_hand() -> None:

@@ -49,7 +49,9 @@ class Outcome:
     took_ns: int
     size_px: tuple[int, int]  # width, height
     centre_px: float | None = None  # distance of the centres
-    radius_share: float | None = None  # (R - true R) / true R, signed; true R is the semi-major axis where labelled
+    radius_share: float | None = (
+        None  # (R - true R) / true R, signed; true R is the semi-major axis where labelled, or mean
+    )
     mean_radius_share: float | None = None  # the same for the geometric means of the axes, where both are known
 
     @property
@@ -57,8 +59,10 @@ class Outcome:
         return self.verdict in ON
 
 
-def judge(label: Label, detection: Detection, took_ns: int = 0, size_px: tuple[int, int] = (0, 0)) -> Outcome:
-    """Compares one answer with the truth."""
+def judge(
+    label: Label, detection: Detection, took_ns: int = 0, size_px: tuple[int, int] = (0, 0), *, mean: bool = False
+) -> Outcome:
+    """Compares one answer with the truth. `mean`: the verdict is on the geometric mean radius, not on R."""
     circle = detection.circle
     if label.u is None or label.v is None or label.r is None or label.major_px is None:
         verdict = Verdict.CLEAR if circle is None else Verdict.FALSE
@@ -69,9 +73,11 @@ def judge(label: Label, detection: Detection, took_ns: int = 0, size_px: tuple[i
     radius_share = (circle.radius_px - label.major_px) / label.major_px
     rim = detection.ellipse
     mean_px = math.sqrt(rim.semi_major_px * rim.semi_minor_px) if rim else circle.radius_px
-    worst = max(centre_px / label.major_px, abs(radius_share))
+    mean_share = mean_px / label.r - 1
+    share, true_px = (mean_share, label.r) if mean else (radius_share, label.major_px)
+    worst = max(centre_px / true_px, abs(share))
     verdict = Verdict.CLOSE if worst <= CLOSE else Verdict.LOOSE if worst <= ON_TARGET else Verdict.WRONG
-    return Outcome(label, detection, verdict, took_ns, size_px, centre_px, radius_share, mean_px / label.r - 1)
+    return Outcome(label, detection, verdict, took_ns, size_px, centre_px, share, mean_share)
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,9 +28,11 @@ def run(
     *,
     follow: SeriesOf | None = None,
     fps: float = 25.0,
+    mean_radius: bool = False,
     advance: Callable[[], None] = lambda: None,
 ) -> dict[str, list[Outcome]]:
     """Outcomes by method, in the order of `chosen`. `follow` names the sequence of a label; None: nothing is followed.
+    `mean_radius`: radii are compared as geometric means of the semi-axes.
 
     Raises ConfigError for a picture that cannot be decoded, and a label outside of it.
     """
@@ -46,7 +48,8 @@ def run(
                 began_ns = clock.now_ns()
                 detection = detector(image, t_ns)
                 took_ns = clock.now_ns() - began_ns
-                found[name][id(label)] = judge(label, detection, took_ns, (image.shape[1], image.shape[0]))
+                size_px = (image.shape[1], image.shape[0])
+                found[name][id(label)] = judge(label, detection, took_ns, size_px, mean=mean_radius)
             advance()
     return {name: [outcomes[id(label)] for label in chosen] for name, outcomes in found.items()}
 
