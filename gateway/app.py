@@ -20,7 +20,7 @@ from gateway.modbus import identity, tls
 from gateway.modbus.answers import Unit
 from gateway.modbus.service import serving
 from gateway.modbus.showing import image_of
-from gateway.modbus.writes import writer
+from gateway.modbus.writes import writer, writer_of
 from gateway.mqtt import address, credentials
 from gateway.mqtt.durable import outbox_of
 from gateway.mqtt.publisher import MqttPublisher
@@ -149,6 +149,7 @@ async def run(
                 image_of(control, config.modbus.word_order, clock),
                 write,
                 identity.objects(f"{config.site}/{control.name}"),
+                lambda peer, why: control.on_refused(writer_of(peer), why),
             )
 
         units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}

@@ -37,7 +37,7 @@ class BayControl:
         self._mirrors = mirrors
         self._over = False
         self._rules = interlock.Rules.of(config, gateway)
-        self._audit = audit.Bucket()
+        self._audit = {kind: audit.Bucket() for kind in WRITE_EVENTS}
         self._ticked_ns = clock.now_ns()
         self._dead_after_ns = int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * config.fusion.period_s) * NS_PER_S)
         state = interlock.initial(self.name, clock.now_ns(), self._rules)
@@ -66,7 +66,8 @@ class BayControl:
         now_ns = self._clock.now_ns()
         detail = f"{writer}: {why}"
         refused = Event(EventKind.WRITE_REFUSED, self.name, now_ns, state, detail=detail, writer=writer)
-        self._publish(state, self._bearable([refused]))
+        if told := self._bearable([refused]):  # a scanner's thousands of tries cost nothing but their count
+            self._publish(state, told)
 
     def check_function(self, mode: FunctionCheck) -> None:
         """A technician begins to work on the bay, or has finished."""
@@ -119,7 +120,7 @@ class BayControl:
             if event.kind not in WRITE_EVENTS:
                 kept.append(event)
                 continue
-            self._audit, untold = audit.take(self._audit, event.t_ns)
+            self._audit[event.kind], untold = audit.take(self._audit[event.kind], event.t_ns)
             if untold is not None:
                 more = f" (and {untold} before it that were not told)" if untold else ""
                 kept.append(replace(event, detail=event.detail + more))

@@ -57,6 +57,7 @@ class Unit:
     read: ReadImage
     write: Write | None = None
     identity: Mapping[int, bytes] = field(default_factory=identity.objects)  # FC 43/14, by object id
+    refused: Callable[[Peer, str], None] | None = None  # told of writes that the peer may not make, for the audit
 
 
 class RefusedError(Exception):
@@ -75,6 +76,8 @@ def answer(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     try:
         function = FUNCTIONS.get(pdu[0])
         if function is None or peer.access < function.access or (function.writes and unit.write is None):
+            if function is not None and function.writes and unit.refused is not None:
+                unit.refused(peer, "writes are off" if unit.write is None else "it may not write")
             raise RefusedError(ModbusException.ILLEGAL_FUNCTION)
         return function.work(unit, pdu, peer)
     except RefusedError as refused:

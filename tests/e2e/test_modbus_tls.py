@@ -68,6 +68,10 @@ class Bay:
 
     def __init__(self) -> None:
         self.written: list[tuple[int, tuple[int, ...], Peer]] = []
+        self.refused: list[tuple[str, str]] = []
+
+    def refuse(self, peer: Peer, why: str) -> None:
+        self.refused.append((peer.subject, why))
 
     def write(self, address: int, words: Any, peer: Peer) -> ModbusException | None:
         self.written.append((address, tuple(words), peer))
@@ -76,8 +80,9 @@ class Bay:
 
 @asynccontextmanager
 async def gateway(plant: Plant, bay: Bay, **modbus: object) -> AsyncIterator[Listening]:
+    units = {1: Unit(lambda: COUNTING, bay.write, refused=bay.refuse)}
     config = ModbusConfig.model_validate({"port": 0, "writes": True, "tls": plant.config()} | modbus)
-    async with serving(config, {1: Unit(lambda: COUNTING, bay.write)}, wall_ns=0) as listening:
+    async with serving(config, units, wall_ns=0) as listening:
         yield listening
 
 
@@ -151,6 +156,7 @@ def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expected: 
     play(scene())
     writers = [(peer.address, peer.subject, peer.role) for _, _, peer in bay.written]
     assert writers == ([("127.0.0.1", "operator", "operator")] if name == "operator" else [])
+    assert bay.refused == ([] if name == "operator" else [(name, "it may not write")])
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ class TlsPlc:
         pdu = struct.pack(">BHHHHB3H", 23, 0, BLOCK_WORDS, 80, 3, 6, *words)
         answer = self.ask(pdu)
         image = decode(struct.unpack(f">{BLOCK_WORDS}H", answer[2:]))
-        assert (image["plc_heartbeat"], image["plc_control"], image["recipe_select"]) == words
+        assert [image[name] for name in ("plc_heartbeat", "plc_control", "recipe_select")] == list(words)
         self.image = image
         return image
 
