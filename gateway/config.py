@@ -357,6 +357,10 @@ class MqttConfig(Section):
     event_expiry_h: float = Field(
         168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event that nobody fetched for so long"
     )
+    home_assistant: bool = Field(False, description="every bay appears in Home Assistant by itself (MQTT discovery)")
+    home_assistant_prefix: str = Field(
+        "homeassistant", pattern=r"^[^#+/\s]+$", description="discovery prefix, as set in Home Assistant"
+    )
     tls: MqttTls | None = Field(None, description="certificates for mqtts://")
     state_period_s: float = Field(
         0.5, ge=0.02, le=60, description="retained state at most so often; changes of stop at once"

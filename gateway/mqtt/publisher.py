@@ -22,7 +22,7 @@ from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.model import Event, Quality, Reason, StateVector
-from gateway.mqtt import credentials, payloads
+from gateway.mqtt import credentials, homeassistant, payloads
 from gateway.mqtt.durable import DurableOutbox, limits
 from gateway.mqtt.link import Message, NotGreetedError, connect
 from gateway.mqtt.outbox import Entry, MemoryOutbox, Outbox
@@ -176,6 +176,8 @@ class MqttPublisher:
 
         async def first(bay: str) -> None:
             sent[bay] = await self._send_state(link, bay)
+            if self._config.home_assistant:
+                await self._publish(link, self._discovery_message(bay))
 
         async with asyncio.TaskGroup() as group:
             for bay in self._hub.bays:
@@ -264,6 +266,10 @@ class MqttPublisher:
         expiry_s = None if state.reason is Reason.SHUTDOWN else math.ceil(self._stale_after_ms / 1000)
         payload = payloads.state_payload(state, self._gateway, self._offset_ns(), self._stale_after_ms)
         return Message(self._topics.state(state.bay), payloads.encode(payload), retain=True, expiry_s=expiry_s)
+
+    def _discovery_message(self, bay: str) -> Message:
+        topic = homeassistant.topic(self._config.home_assistant_prefix, self._gateway, bay)
+        return Message(topic, homeassistant.discovery(self._gateway, bay, self._stale_after_ms), retain=True)
 
     def _status_message(self, cause: payloads.Cause) -> Message:
         payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats)

@@ -21,7 +21,7 @@ from gateway.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.mqtt import payloads, topics
+from gateway.mqtt import homeassistant, payloads, topics
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 MODELS: dict[str, type[BaseModel]] = {
@@ -103,5 +103,6 @@ def _example(name: str) -> str:
 BLOCKS: dict[str, Callable[[], str]] = {
     "topics": topics.markdown,
     "events": events_markdown,
+    "home assistant": homeassistant.markdown,
     **{f"example {name}": partial(_example, name) for name in ("status", "will", "state", "event")},
 }

@@ -177,6 +177,7 @@ def run(
                     gateway = _start(proxy.port, name, file, per_s, told)
                 elif left_b:
                     broker.kill()
+                    records.connected.clear()  # it hears of it later, and must not be taken for subscribed till then
                     proxy.weather = Weather(refuse=True)
                     proxy.cut()
                     report.broker_kills += 1

@@ -215,3 +215,19 @@ def test_a_network_that_swallows_everything_is_noticed_and_nothing_is_lost(broke
     with Subscriber(broker, "loading/#") as subscriber, Proxy(broker.port) as proxy:
         asyncio.run(scenario(proxy))
         subscriber.wait_until(lambda: len(ids(subscriber)) == 5)
+
+
+def test_home_assistant_finds_every_bay_retained(broker: Mosquitto) -> None:
+    async def scenario() -> None:
+        plant = Plant(broker.url, "bay1", "bay2", home_assistant=True, home_assistant_prefix="ha")
+        async with plant.running():
+            await plant.until(lambda: plant.publisher.stats.published >= 5, 30)
+
+    asyncio.run(scenario())
+    with Subscriber(broker, "ha/#", "loading/#") as late:
+        found = [
+            late.wait_for(lambda m, b=bay: m.topic == f"ha/device/loading_site1_{b}/config") for bay in ("bay1", "bay2")
+        ]
+        states = {late.wait_for(lambda m, b=bay: m.topic.endswith(f"{b}/state")).topic for bay in ("bay1", "bay2")}
+    assert all(message.retained for message in found)
+    assert {message.json["state_topic"] for message in found} == states
