@@ -5,7 +5,7 @@ import contextlib
 import socket
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import pytest
 
 from gateway.config import MqttTls
 from gateway.model import EventKind
-from tests.e2e.brokers import Mosquitto, Subscriber, program
+from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
 from tests.e2e.tcp_proxy import Proxy, Weather
 
@@ -224,10 +224,12 @@ def test_home_assistant_finds_every_bay_retained(broker: Mosquitto) -> None:
             await plant.until(lambda: plant.publisher.stats.published >= 5, 30)
 
     asyncio.run(scenario())
+
+    def at(topic: str) -> Callable[[Received], bool]:
+        return lambda message: message.topic == topic
+
     with Subscriber(broker, "ha/#", "loading/#") as late:
-        found = [
-            late.wait_for(lambda m, b=bay: m.topic == f"ha/device/loading_site1_{b}/config") for bay in ("bay1", "bay2")
-        ]
-        states = {late.wait_for(lambda m, b=bay: m.topic.endswith(f"{b}/state")).topic for bay in ("bay1", "bay2")}
-    assert all(message.retained for message in found)
-    assert {message.json["state_topic"] for message in found} == states
+        found = [late.wait_for(at(f"ha/device/loading_site1_{bay}/config")) for bay in ("bay1", "bay2")]
+        for message, bay in zip(found, ("bay1", "bay2"), strict=True):
+            assert message.retained
+            assert late.wait_for(at(f"loading/site1/{bay}/state")).topic == message.json["state_topic"]
