@@ -177,6 +177,13 @@ def test_the_checks_stand_in_the_order_of_their_numbers() -> None:
     assert [check.diagnosis for check in CHECKS] == [d for d in Diagnosis if d]
 
 
+def test_the_plcs_own_heartbeat_beats_whatever_comes_and_wraps(scan: Scan) -> None:
+    scan.run([0] * BLOCK_WORDS, ok=False, cycles=3)
+    assert scan.block["PlcHeartbeat"] == 3
+    scan.block.values["PlcHeartbeat"] = 0xFFFE
+    assert [scan.run(words(permitted())) and scan.block["PlcHeartbeat"] for _ in range(3)] == [0xFFFF, 0, 1]
+
+
 def test_swapped_words_are_called_so(scan: Scan) -> None:
     for heartbeat in (6, 7):
         found = scan.run(encode(permitted(heartbeat), 0, "little"))

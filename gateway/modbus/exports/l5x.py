@@ -10,6 +10,7 @@ from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, MEANING
 from gateway.modbus.exports.fields import Field, fields
 from gateway.modbus.exports.logic import ascii_only
 from gateway.modbus.exports.logix import OFF, body
+from gateway.modbus.exports.structured_text import HEARTBEAT_ADDRESS
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, MAP_VERSION
 
@@ -100,6 +101,7 @@ def _instruction(target: Target) -> list[str]:
         *_parameter("Alive", "Output", "BOOL", "1: Data is of a live gateway"),
         *_parameter("Diagnostic", "Output", "DINT", "0, or the check that failed", 1),
         *_parameter("Reason", "Output", "DINT", "Register reason: why the gateway says stop"),
+        *_parameter("PlcHeartbeat", "Output", "DINT", f"Write it to register {HEARTBEAT_ADDRESS}; [modbus] writes"),
         "</Parameters>",
         "<LocalTags>",
         _local("Raw", DATA),

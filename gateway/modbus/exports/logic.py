@@ -79,6 +79,13 @@ ELSE
 END_IF;
 #MustStop := #Data.stop <> 0;
 #Reason := #Data.reason;
+
+(* The PLC's own heartbeat, for gateways that take writes. *)
+IF #PlcHeartbeat >= 65535 THEN
+  #PlcHeartbeat := 0;
+ELSE
+  #PlcHeartbeat := #PlcHeartbeat + 1;
+END_IF;
 """
 
 

@@ -44,6 +44,13 @@ ELSE
 END_IF;
 MustStop := (Data.stop <> 0);
 Reason := Data.reason;
+
+// The PLC's own heartbeat, for gateways that take writes.
+IF PlcHeartbeat >= 65535 THEN
+  PlcHeartbeat := 0;
+ELSE
+  PlcHeartbeat := PlcHeartbeat + 1;
+END_IF;
 """
 
 # Runs when the instruction's rung is false or the controller starts: outputs would else stand as they were.

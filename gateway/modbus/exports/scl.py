@@ -8,7 +8,7 @@ import re
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, MEANING
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.logic import REAL_BODY, UDINT_BODY, ascii_only, body
-from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
+from gateway.modbus.exports.structured_text import FUNCTION_BLOCK, HEARTBEAT_ADDRESS
 from gateway.modbus.exports.target import EXAMPLE_HOST, Target
 from gateway.modbus.registers import BLOCK_WORDS, MAP_VERSION
 
@@ -107,6 +107,7 @@ VERSION : 0.1
     Alive : Bool;   // TRUE: Data is of a live gateway
     Diagnostic : UInt := 1;   // 0, or the check that failed
     Reason : UInt;   // register reason: why the gateway says stop
+    PlcHeartbeat : UInt;   // write it to register {HEARTBEAT_ADDRESS} where [modbus] writes is on
     Data : "{DATA}";   // the block in engineering units; a dead gateway's while not Alive
   END_VAR
   VAR_IN_OUT

@@ -7,10 +7,11 @@ from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, MEANING
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.logic import REAL_BODY, UDINT_BODY, ascii_only, body, iec
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, MAP_VERSION
+from gateway.modbus.registers import BLOCK_WORDS, MAP_VERSION, REGISTERS
 
 BLOCK = "LG_Block"
 DATA = "ST_LoadingGateway"
+HEARTBEAT_ADDRESS = next(register.address for register in REGISTERS if register.name == "plc_heartbeat")
 FUNCTION_BLOCK = "FB_LoadingGateway"
 
 
@@ -91,6 +92,7 @@ VAR_OUTPUT
   Alive : BOOL; (* TRUE: Data is of a live gateway *)
   Diagnostic : UINT := 1; (* 0, or the check that failed *)
   Reason : UINT; (* register reason: why the gateway says stop *)
+  PlcHeartbeat : UINT; (* write it to register {HEARTBEAT_ADDRESS} where [modbus] writes is on *)
   Data : {DATA}; (* the block in engineering units; a dead gateway's while not Alive *)
 END_VAR
 VAR
