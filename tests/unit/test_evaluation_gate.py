@@ -71,6 +71,15 @@ def test_r_times_z_is_gated_by_the_worst_series() -> None:
     assert gate.parse(["rz=0.98"])[0].unmet(found) == "rz <= 0.98 % required, measured 0.9901"
 
 
+def test_acquisition_is_gated_by_the_worst_sequence() -> None:
+    good = [picture(n, Detection(Circle(100, 100, 50)), frame=n, series="good") for n in range(4)]
+    half = [
+        picture(4 + n, Detection(Circle(100, 100, 50) if n % 2 == 0 else None), frame=n, series="bad") for n in range(4)
+    ]
+    found = result("m", good + half, series_by(None), split=False, followed=True)
+    assert gate.parse(["acquired=0.9"])[0].unmet(found) == "acquired >= 0.9 share required, measured 0.5"
+
+
 def test_several_in_one_or_in_many() -> None:
     found = gate.parse(["detected=0.9, false=0", "centre_p95 = 2.5"])
     assert [(one.figure.name, one.limit) for one in found] == [("detected", 0.9), ("false", 0), ("centre_p95", 2.5)]

@@ -87,6 +87,7 @@ def parse(texts: Sequence[str]) -> tuple[Requirement, ...]:
     return tuple(found)
 
 
-def table() -> str:
-    """For `--help`."""
-    return "\n".join(f"  {g.name:14} at {'least' if g.at_least else 'most '}  {g.unit:5}  {g.meaning}" for g in GATES)
+def markdown() -> str:
+    """The table for docs/commissioning-vision.md."""
+    rows = [f"| `{g.name}` | {'at least' if g.at_least else 'at most'} | {g.unit} | {g.meaning} |" for g in GATES]
+    return "\n".join(["| name | limit is | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

@@ -39,6 +39,12 @@ VERDICT_MEANING: dict[Verdict, str] = {
 ON = frozenset((Verdict.CLOSE, Verdict.LOOSE))
 
 
+def markdown() -> str:
+    """The verdicts for docs/commissioning-vision.md."""
+    rows = [f"| {verdict} | {meaning} |" for verdict, meaning in VERDICT_MEANING.items()]
+    return "\n".join(["| verdict | meaning |", "|---|---|", *rows]) + "\n"
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """One picture, its truth, and what a method said of it. Errors are None where there is nothing to compare."""
