@@ -47,7 +47,7 @@ _HINTS = 3  # pictures looked at for a board of another size
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("inputs", nargs="+", metavar="IMAGE", help="file, folder, pattern or video")
+    parser.add_argument("inputs", nargs="+", metavar="IMAGE", help="file, folder or pattern")
     parser.add_argument("--board", required=True, metavar="SPEC", help="checkerboard:9x6:25mm; see above")
     parser.add_argument(
         "--distortion",

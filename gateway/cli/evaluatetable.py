@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gateway.vision.evaluation.report import number, share
+from gateway.vision.evaluation.report import ALL_FRAMES, number, share
 from gateway.vision.evaluation.result import Result
 from gateway.vision.evaluation.scoring import Figures
 
@@ -74,7 +74,7 @@ def _sequences(result: Result) -> Table:
     for column in ("frames", "acquired after", "detected since", "within 5 %", "wrong", "coasted", "centre p95 px"):
         table.add_column(column, justify="right")
     for found in result.sequences:
-        name = Text(found.series or "(all frames)")
+        name = Text(found.series or ALL_FRAMES)
         if found.after is None:
             table.add_row(name, str(found.frames), Text("never", style="bold red"), *["–"] * 5)
             continue

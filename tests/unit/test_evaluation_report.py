@@ -109,7 +109,7 @@ def test_a_set_with_nothing_to_draw_still_gives_a_page() -> None:
     assert "0 of 1" in page.text
     for draw in (plots.centre_errors, plots.radius_errors, plots.radius_against_truth):
         assert draw([empty]) == ""
-    assert plots.r_times_z([empty], EVERY) == plots.sequence([empty], "", EVERY) == ""
+    assert plots.r_times_z([empty], EVERY) == plots.sequence(empty, "", EVERY) == ""
 
 
 def test_the_worst_hold_some_of_every_fault(outcomes: list[Outcome]) -> None:
@@ -184,6 +184,20 @@ def test_ticks_are_round_and_inside() -> None:
     assert round_ticks(0.03, 0.07) == [0.03, 0.04, 0.05, 0.06, 0.07]
     assert log_ticks(0.01, 1000) == [0.01, 0.1, 1, 10, 100, 1000]
     assert log_ticks(15, 300) == [20, 50, 100, 200]
+    assert log_ticks(12, 26) == [12, 14, 16, 18, 20, 22, 24, 26], "less than three of 1, 2, 5"
+
+
+def test_a_sequence_has_a_gap_and_a_mark_where_nothing_was_answered() -> None:
+    answers = [Circle(60, 50, 20), Circle(61, 50, 20), None, Circle(60, 54, 20)]
+    rows = [outcome(n, circle, series="s", frame=10 + n) for n, circle in enumerate(answers)]
+    svg = plots.sequence(result("m", rows[::-1], EVERY, split=False, followed=True), "s", EVERY)
+    lines = re.findall(r'<polyline points="([^"]+)"', svg)
+    assert [len(line.split()) for line in lines] == [2, 1]
+    assert svg.count("no answer") == 1
+    assert "frame 12: no answer" in svg
+    (x0, y0), (x1, y1) = (map(float, place.split(",")) for place in lines[0].split())
+    assert (x0, y0) == (58, 186)
+    assert [x1, y1] == pytest.approx([58 + (940 - 72) / 3, 186 - 158 / 4.4], abs=0.1)
 
 
 def test_a_chart_puts_points_where_the_axes_say() -> None:

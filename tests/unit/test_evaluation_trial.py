@@ -68,6 +68,15 @@ def test_sequences_are_followed_in_order_by_detectors_of_their_own(labels: Label
     assert [outcome.label.file for outcome in found["n"]] == [f"{n}.png" for n in range(7)], "in the order of the file"
 
 
+def test_two_sequences_that_are_not_told_apart(labels: Labels) -> None:
+    mixed = [label.model_copy(update={"series": None, "frame": (label.frame or 0) % 9}) for label in labels.labels]
+    set_ = Labels(labels.folder, "labels.jsonl", tuple(mixed), labels.lines)
+    with pytest.raises(
+        ConfigError, match=r"labels\.jsonl:7: frame = 0: 2\.png has it, too; two frames without a series"
+    ):
+        run(set_, mixed, {"m": Recorder()}, SystemClock(), follow=series_by(None))
+
+
 def test_a_label_needs_a_picture_of_its_own(labels: Labels) -> None:
     frames = [np.full((10, 12, 3), n, np.uint8) for n in (10, 200)]
     cv2.imwritemulti(str(labels.folder / "pages.tif"), frames)

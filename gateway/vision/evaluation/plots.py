@@ -93,31 +93,26 @@ def r_times_z(results: Sequence[Result], series: SeriesOf) -> str:
     return chart.svg()
 
 
-def sequence(results: Sequence[Result], name: str, series: SeriesOf) -> str:
+def sequence(result: Result, name: str, series: SeriesOf) -> str:
     """Centre error against the frame number of one sequence; what is missed leaves a gap and a mark at the top."""
-    top, low, high = 1.0, float("inf"), float("-inf")
-    runs: list[tuple[Result, list[tuple[int, float | None]]]] = []
-    for result in results:
-        frames = [(o.label.frame, o.centre_px) for o in result.outcomes if series(o.label) == name and o.label.found]
-        rows = sorted((frame, error) for frame, error in frames if frame is not None)
-        if rows:
-            low, high = min(low, rows[0][0]), max(high, rows[-1][0])
-            top = max([top, *(min(error, 100.0) for _, error in rows if error is not None)])
-            runs.append((result, rows))
-    if not runs or low == high:
+    frames = [(o.label.frame, o.centre_px) for o in result.outcomes if series(o.label) == name and o.label.found]
+    rows = sorted(
+        ((frame, error) for frame, error in frames if frame is not None), key=lambda row: row[0]
+    )  # not by the error, which may be None
+    if len({frame for frame, _ in rows}) < 2:
         return ""
-    chart = Chart(Axis("frame", low, high), Axis("centre error, px", 0, top * 1.1), width=940, height=230, title=name)
-    for style, (result, rows) in enumerate(runs):
-        piece: list[tuple[float, float]] = []
-        for frame, error in rows:
-            if error is not None:
-                piece.append((frame, error))
-            elif piece:
-                chart.line(piece, style)
-                piece = []
-        chart.line(piece or [(low, 0.0)], style, result.method)
-        missed = [(float(frame), top * 1.08) for frame, error in rows if error is None]
-        chart.points(missed, style, "", [f"frame {frame:.0f}: no answer" for frame, _ in missed])
+    top = max([1.0, *(error for _, error in rows if error is not None)])
+    y = Axis("centre error, px", 0, top * 1.1)
+    chart = Chart(Axis("frame", rows[0][0], rows[-1][0]), y, width=940, height=230, title=name)
+    piece: list[tuple[float, float]] = []
+    for frame, error in [*rows, (0, None)]:
+        if error is not None:
+            piece.append((frame, error))
+        elif piece:
+            chart.line(piece, 0)
+            piece = []
+    missed = [(float(frame), top * 1.05) for frame, error in rows if error is None]
+    chart.points(missed, 1, "", [f"frame {frame:.0f}: no answer" for frame, _ in missed])
     return chart.svg()
 
 

@@ -14,6 +14,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.reports.page import Cell, figure, page, plain, table, tile
 
 Look = Callable[[Label], Image]
+ALL_FRAMES = "(all frames)"  # a sequence without a name
 SHOWN = frozenset((Verdict.FALSE, Verdict.WRONG, Verdict.MISSED, Verdict.LOOSE, Verdict.CLOSE))
 
 
@@ -48,7 +49,7 @@ def html(
     body.append(_how_to_read(about.notes))
     body += _charts(results, series)
     for result in results:
-        body += _followed(result, results, series)
+        body += _followed(result, series)
     body += _constancy(results)
     for result in results:
         body += _cases(result, worst, look, reasons, advance, named=len(results) > 1)
@@ -154,7 +155,7 @@ def _charts(results: Sequence[Result], series: SeriesOf) -> list[str]:
     return ["<h2>Errors</h2>", f'<div class="charts">{"".join(figures)}</div>'] if figures else []
 
 
-def _followed(result: Result, results: Sequence[Result], series: SeriesOf) -> list[str]:
+def _followed(result: Result, series: SeriesOf) -> list[str]:
     if not result.sequences:
         return []
     heads = (
@@ -169,7 +170,7 @@ def _followed(result: Result, results: Sequence[Result], series: SeriesOf) -> li
     )
     rows: list[tuple[str, Sequence[Cell]]] = []
     for found in result.sequences:
-        name = plain(found.series or "(all frames)")
+        name = plain(found.series or ALL_FRAMES)
         if found.after is None:
             rows.append(("", [name, str(found.frames), ("never", "bad"), *["–"] * 5]))
             continue
@@ -191,9 +192,11 @@ def _followed(result: Result, results: Sequence[Result], series: SeriesOf) -> li
         )
     body = [f"<h2>Followed from frame to frame: {plain(result.method)}</h2>", table(heads, rows)]
     for found in result.sequences:
-        svg = plots.sequence(results, found.series, series)
+        svg = plots.sequence(result, found.series, series)
         if svg:
-            body.append(figure(svg, f"{plain(found.series)}: centre error by frame; marks at the top: no answer."))
+            body.append(
+                figure(svg, f"{plain(found.series or ALL_FRAMES)}: centre error by frame; marks at the top: no answer.")
+            )
     return body
 
 

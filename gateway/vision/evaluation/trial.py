@@ -5,6 +5,7 @@ asked for, to a detector of their own, with times that follow from their numbers
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 
 import cv2
 
@@ -34,10 +35,12 @@ def run(
     """Outcomes by method, in the order of `chosen`. `follow` names the sequence of a label; None: nothing is followed.
     `mean_radius`: radii are compared as geometric means of the semi-axes.
 
-    Raises ConfigError for a picture that cannot be decoded, and a label outside of it.
+    Raises ConfigError for a picture that cannot be decoded, a label outside of it, and a frame that a sequence has twice.
     """
     found: dict[str, dict[int, Outcome]] = {name: {} for name in methods}
     sequences = in_sequence(chosen, follow) if follow else {}
+    for name, frames in sequences.items():
+        _distinct(labels, name, frames)
     single = [label for label in chosen if follow is None or label.frame is None]
     for members, following in ((single, False), *((frames, True) for frames in sequences.values())):
         detectors = {name: make(following) for name, make in methods.items()} if members else {}
@@ -67,6 +70,17 @@ def picture(labels: Labels, label: Label) -> Image:
     if wrong := outside(label, image.shape[1], image.shape[0]):
         raise ConfigError(f"{labels.where(label)}: {label.file}: {wrong}")
     return image
+
+
+def _distinct(labels: Labels, name: str, frames: Sequence[Label]) -> None:
+    """Two sequences in one folder need names; mixed up, they would be one that jumps to and fro."""
+    for before, label in pairwise(frames):
+        if before.frame == label.frame:
+            of = f"of series {name}" if name else "without a series"
+            raise ConfigError(
+                f"{labels.where(label)}: frame = {label.frame}: {before.file} has it, too; two frames {of}: "
+                "name the sequences by the key series, or by --series"
+            )
 
 
 def _pictures(labels: Labels, members: Sequence[Label]) -> Iterator[tuple[Label, Image]]:

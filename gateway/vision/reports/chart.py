@@ -169,11 +169,12 @@ def round_ticks(low: float, high: float, most: int = 7) -> list[float]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Powers of ten inside [low, high], with 2 and 5 of each where there are few of them."""
+    """Powers of ten inside [low, high], with 2 and 5 of each where there are few; over less than that, round steps."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     fine = (1, 2, 5) if len(powers) <= 4 else (1,)
     ticks = [round(m * 10.0**p, 12) for p in powers for m in fine]
-    return [tick for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+    inside = [tick for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+    return inside if len(inside) >= 3 else round_ticks(low, high)
 
 
 def _colour(style: int) -> str:
