@@ -11,7 +11,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
@@ -49,13 +49,20 @@ class Child:
 
 
 class Pool:
-    """Use as `async with`: at the end no process is left. Not for more than one event loop."""
+    """Use as `async with`: at the end no process is left. Not for more than one event loop.
 
-    def __init__(self, bay: str, clock: Clock) -> None:
+    `on_news` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without it,
+    `wait` tells. A frame crosses the main process twice: each round of the event loop that is spared is spared twice.
+    """
+
+    def __init__(self, bay: str, clock: Clock, on_news: Callable[[], None] | None = None) -> None:
         self._bay = bay
         self._clock = clock
         self._children: dict[int, Child] = {}
         self._news = asyncio.Event()
+        self._on_news = on_news or self._news.set
+        self._spoke: set[int] = set()  # whose sockets can be read
+        self._ended: set[int] = set()  # whose processes are no more
 
     def start(self, token: int, job: CameraJob | WorkerJob, affinity: tuple[int, ...] | None) -> None:
         """Start a process for the job; it inherits the ring's descriptor. Takes a few ms. Raises LinkError."""
@@ -77,8 +84,8 @@ class Pool:
         child = Child(process, link, os.pidfd_open(process.pid))
         self._children[token] = child
         loop = asyncio.get_running_loop()
-        loop.add_reader(link.sock, self._news.set)
-        loop.add_reader(child.pidfd, self._news.set)
+        loop.add_reader(link.sock, self._arrived, self._spoke, token)
+        loop.add_reader(child.pidfd, self._arrived, self._ended, token)
         self.send(token, job)
 
     def send(self, token: int, message: ToChild) -> None:
@@ -92,11 +99,27 @@ class Pool:
         if (child := self._children.get(token)) is not None:
             child.process.kill()
 
-    def messages(self) -> Iterator[tuple[int, FromChild | Gone]]:
-        """All that has arrived; `Gone` comes once for each process, as its last. Never waits."""
-        self._news.clear()
+    def wake(self) -> None:
+        """Let `wait` return."""
+        self._news.set()
+
+    def _arrived(self, where: set[int], token: int) -> None:
+        where.add(token)
+        self._on_news()
+
+    def messages(self, *, everybody: bool = True) -> Iterator[tuple[int, FromChild | Gone]]:
+        """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
+
+        Without `everybody` only from those that the event loop has seen speak or end, which spares some system calls.
+        """
+        ended, heard = set(self._ended), self._spoke | self._ended
+        self._spoke.clear()  # not replaced: the event loop's readers hold these very sets
+        self._ended.clear()
         for token, child in list(self._children.items()):
-            status = child.process.poll()  # before reading, so that the last words are not missed
+            if not everybody and token not in heard:
+                continue
+            asked = everybody or token in ended
+            status = child.process.poll() if asked else None  # before reading, so that the last words are not missed
             for message in child.link.received():
                 yield token, message
             if status is not None:
@@ -110,12 +133,13 @@ class Pool:
         """Until something arrives, at most so long (in seconds of the pool's clock)."""
         if seconds is None:
             await self._news.wait()
-            return
-        try:
-            async with self._clock.timeout(seconds):
-                await self._news.wait()
-        except TimeoutError:
-            pass
+        else:
+            try:
+                async with self._clock.timeout(seconds):
+                    await self._news.wait()
+            except TimeoutError:
+                pass
+        self._news.clear()
 
     async def __aenter__(self) -> Self:
         return self
@@ -124,6 +148,7 @@ class Pool:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """SIGTERM, a short grace, SIGKILL; every process is reaped."""
+        self._on_news = self._news.set
         try:
             for child in self._children.values():
                 child.process.terminate()
@@ -132,7 +157,7 @@ class Pool:
                     for _ in self.messages():
                         pass
                     if self._children:
-                        await self._news.wait()
+                        await self.wait(None)
         except TimeoutError:
             pass
         finally:

@@ -66,16 +66,10 @@ class VisionService:
         slots = self._vision.workers + 2
         ring = shm.create(slots, self._camera.max_megapixels)
         try:
-            async with Pool(self._bay, self._clock) as pool:
-                dispatcher = Dispatcher(self._spec.label, self._camera, self._vision, slots, self._rng)
-                while True:
-                    for token, message in pool.messages():
-                        _report(dispatcher, token, message, self._clock.now_ns())
-                    for action in dispatcher.settle(self._clock.now_ns()):
-                        self._carry_out(action, pool, ring)
-                    deadline_ns = dispatcher.next_deadline_ns()
-                    now_ns = self._clock.now_ns()
-                    await pool.wait(None if deadline_ns is None else max(0, deadline_ns - now_ns) / NS_PER_S)
+            dispatcher = Dispatcher(self._spec.label, self._camera, self._vision, slots, self._rng)
+            turns = _Turns(dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring))
+            async with Pool(self._bay, self._clock, turns.on_news) as pool:
+                await turns.run(pool)
         finally:
             os.close(ring.fd)
 
@@ -97,6 +91,55 @@ class VisionService:
                 pool.kill(token)
             case actions.GiveUp(why):
                 raise ConfigError(f"{self._bay}: {why}")
+
+
+class _Turns:
+    """Takes a turn when something arrives, and when a deadline comes: report, settle, carry out.
+
+    What arrives is dealt with in the event loop's own call, since a frame waits for it; the task wakes only for
+    deadlines, and for what went wrong.
+    """
+
+    def __init__(self, dispatcher: Dispatcher, clock: Clock, carry_out: Callable[[actions.Action, Pool], None]) -> None:
+        self._dispatcher = dispatcher
+        self._clock = clock
+        self._carry_out = carry_out
+        self._pool: Pool | None = None
+        self._armed_ns: int | None = None  # when the task wakes by itself; None: not
+        self._failure: BaseException | None = None
+
+    async def run(self, pool: Pool) -> None:
+        """Until cancelled, or something raises."""
+        self._pool = pool
+        while True:
+            self._take(pool, everybody=True)
+            self._armed_ns = self._dispatcher.next_deadline_ns()
+            left_ns = None if self._armed_ns is None else max(0, self._armed_ns - self._clock.now_ns())
+            await pool.wait(None if left_ns is None else left_ns / NS_PER_S)
+            if self._failure is not None:
+                raise self._failure
+
+    def on_news(self) -> None:
+        if self._pool is None or self._failure is not None:
+            return
+        try:
+            self._take(self._pool, everybody=False)
+        except BaseException as error:  # noqa: BLE001 - raised again in the task, whose failure it is
+            self._failure = error
+            self._pool.wake()
+            return
+        deadline_ns = self._dispatcher.next_deadline_ns()
+        if deadline_ns is not None and (self._armed_ns is None or deadline_ns < self._armed_ns):
+            self._pool.wake()
+
+    def _take(self, pool: Pool, *, everybody: bool) -> None:
+        now_ns, deadline_ns = self._clock.now_ns(), self._dispatcher.next_deadline_ns()
+        # A result that lies waiting is not late: when a deadline is past, everybody is heard before it is judged.
+        late = deadline_ns is not None and now_ns >= deadline_ns
+        for token, message in pool.messages(everybody=everybody or late):
+            _report(self._dispatcher, token, message, self._clock.now_ns())
+        for action in self._dispatcher.settle(self._clock.now_ns() if everybody or late else now_ns):
+            self._carry_out(action, pool)
 
 
 def _report(dispatcher: Dispatcher, token: int, message: FromChild | Gone, now_ns: int) -> None:
