@@ -27,7 +27,7 @@ from gateway.modbus.words import (
     UINT32,
     UINT64,
     WordOrder,
-    pack,
+    packer,
     unpack,
 )
 from gateway.model import (
@@ -305,16 +305,29 @@ def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
     """
     image = [0] * BLOCK_WORDS
     clamped = False
-    for register in REGISTERS:
-        words, cut = pack(register.kind, register.read(state, unix_ns), register.scale, word_order)
-        image[register.address : register.address + register.words] = words
-        clamped |= cut and register.name in _CLAMP_TOLD
+    for begin, end, read, packed, told in _PLANS[word_order]:
+        image[begin:end], cut = packed(read(state, unix_ns))
+        clamped |= cut and told
     image[_ADDRESS["status"]] |= clamped << StatusBit.CLAMPED
     return tuple(image)
 
 
 # Ages, rates and counters at their limit are no news; a position at its limit is.
 _CLAMP_TOLD = frozenset({"u", "v", "radius", "distance", "z_vision"})
+_ORDERS: tuple[WordOrder, ...] = ("big", "little")
+_PLANS = {
+    order: tuple(
+        (
+            register.address,
+            register.address + register.words,
+            register.read,
+            packer(register.kind, register.scale, order),
+            register.name in _CLAMP_TOLD,
+        )
+        for register in REGISTERS
+    )
+    for order in _ORDERS
+}
 
 
 def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOrder) -> Image:

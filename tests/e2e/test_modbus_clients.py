@@ -20,6 +20,7 @@ from gateway.modbus.answers import Peer, Unit
 from gateway.modbus.exceptions import ModbusException
 from gateway.modbus.server import ModbusServer
 from tests import modbus_oracle as oracle
+from tests.modbus_fuzzing import fuzz
 
 SOURCE = Path(__file__).parents[1] / "modbus_clients" / "libmodbus_client.c"
 WRITABLE = frozenset(range(80, 83))
@@ -207,3 +208,14 @@ def test_pipelined_requests_are_all_answered_in_order_wherever_the_bytes_are_cut
         assert server.stats.requests == len([told for told in answers if told != oracle.NOTHING])
 
     serve(bay, use)
+
+
+def test_thirty_thousand_frames_right_and_wrong() -> None:
+    """A share of bench/modbus_fuzz.py; another seed than its default."""
+    seen = loop.run(fuzz(30_000, seed=20261121))
+    assert seen["frames"] == 30_000
+    for what in [*(f"function {code} answered" for code in (1, 2, 3, 4, 6, 16, 23, 43)), "another protocol"]:
+        assert seen[what] >= 5, what
+    for code in ("01", "02", "03", "0B"):
+        assert seen[f"exception {code}"] > 1000
+    assert seen["exception 04"] == 0

@@ -18,6 +18,7 @@ from gateway.modbus.words import (
     WireType,
     WordOrder,
     pack,
+    packer,
     unpack,
 )
 
@@ -102,3 +103,13 @@ def test_floats_are_the_nearest_float32(value: float, order: WordOrder) -> None:
     else:
         assert abs(back) > 3.39e38
         assert (back > 0) == (value > 0)
+
+
+@given(
+    st.sampled_from([*SCALED, *PLAIN, (FLOAT32, 1), (MEASURED_FLOAT32, 1)]),
+    st.none() | NUMBERS | st.booleans(),
+    st.sampled_from(ORDERS),
+)
+def test_what_is_prepared_packs_the_same(wire: tuple[WireType, float], value: float | None, order: WordOrder) -> None:
+    kind, scale = wire
+    assert packer(kind, scale, order)(value) == pack(kind, value, scale, order)
