@@ -91,6 +91,11 @@ class Mosquitto:
             time.sleep(0.02)
         raise AssertionError(f"mosquitto does not listen: {self.log}")
 
+    @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
     def stop(self) -> None:
         """The proper end: SIGTERM."""
         self._end(signal.SIGTERM)
