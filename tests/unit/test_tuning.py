@@ -265,6 +265,16 @@ def test_motion_blur_is_measured_along_its_direction(angle_deg: float) -> None:
     assert moved.edge_px == pytest.approx(still.edge_px, abs=2)
 
 
+def test_a_shadow_on_one_side_is_no_motion() -> None:
+    sharp = bay()
+    shaded = sharp.copy()
+    shaded[:, 80:] = cv2.GaussianBlur(sharp, (0, 0), 5)[:, 80:]
+    found, plain = measure(shaded, DISC), measure(sharp, DISC)
+    assert found.smear_px is not None
+    assert found.smear_px < 2
+    assert found.edge_px == pytest.approx(plain.edge_px, abs=0.5)
+
+
 def test_focus_is_the_same_all_round() -> None:
     circle = Circle(80, 60, 30)
     for sigma in (1.5, 2.5, 3.5):

@@ -35,7 +35,7 @@ def run(
     """Outcomes by method, in the order of `chosen`. `follow` names the sequence of a label; None: nothing is followed.
     `mean_radius`: radii are compared as geometric means of the semi-axes.
 
-    Raises ConfigError for a picture that cannot be decoded, a label outside of it, and a frame that a sequence has twice.
+    Raises ConfigError for a picture that can't be decoded, a label outside of it, and a frame that stands there twice.
     """
     found: dict[str, dict[int, Outcome]] = {name: {} for name in methods}
     sequences = in_sequence(chosen, follow) if follow else {}
