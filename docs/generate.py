@@ -20,11 +20,17 @@ from gateway.mqtt import reference
 from gateway.ranger import cheader, protocol
 from gateway.sim import gallery, scenariodoc
 from gateway.vision import example, parameters
+from gateway.vision.evaluation import gate, labels, scoring
 
 DOCS = Path(__file__).resolve().parent
 BLOCK = re.compile(r"(?<=<!-- generated: )([a-z][a-z ]*)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
+    "commissioning-vision.md": {
+        "labels": labels.markdown,
+        "requirements": gate.markdown,
+        "verdicts": scoring.markdown,
+    },
     "config.md": {"keys": configdoc.markdown},
     "mqtt.md": reference.BLOCKS,
     "plc-integration.md": plc_reference.BLOCKS,
