@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 
 from gateway import configdoc
-from gateway.modbus import export
+from gateway.modbus import export, timing
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.target import Target
@@ -60,6 +60,8 @@ def texts() -> Iterator[tuple[Path, str]]:
     for name in PLC_EXAMPLES:
         for file, text in FORMATS[name](Target()).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
+    for name, text in timing.figures().items():
+        yield DOCS / "images" / f"{name}.svg", text
     yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", cheader.header()
 
 

@@ -1,0 +1,188 @@
+"""Timing diagrams for docs/handshake.md, played by the gateway's own state machine: nobody draws them by hand.
+
+Each is a little story (what the sensors see and what the PLC writes, at which millisecond) run through
+gateway/interlock.py; the signals that come out are drawn as SVG. Pure.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+from gateway import interlock
+from gateway.config import parse
+from gateway.fusion import Observation
+from gateway.interlock import Rules
+from gateway.modbus.block import HandshakeBit
+from gateway.modbus.registers import decode, encode
+from gateway.model import Circle, Quality, RangeReading, Tick, VisionReading
+from gateway.plc import Control, PlcWrite, Writer
+
+MS = 1_000_000
+T0 = 1_000_000 * MS
+STEP_MS = 5
+PLC = Writer("10.0.0.9")
+WIDTH, ROW, LEFT, TOP = 860, 34, 150, 14
+STYLE = (
+    "text{font:13px sans-serif;fill:#222}.t{font-size:11px;fill:#666}.n{font-size:11px;text-anchor:middle}"
+    ".s{fill:none;stroke:#1f5fa8;stroke-width:2}.p{stroke:#a85a1f}.g{stroke:#ddd;stroke-width:1}"
+)
+
+Image = Mapping[str, Any]
+Signal = Callable[[Image], Any]
+
+
+@dataclass(frozen=True)
+class Story:
+    """`writes` and `distances` (mm): from that millisecond on. Signals: name -> (whose, value)."""
+
+    title: str
+    until_ms: int
+    config: dict[str, Any]
+    writes: dict[int, tuple[Control, ...]]
+    signals: dict[str, tuple[str, Signal]]
+    distances: dict[int, float]
+    silent_ms: int = 10**9
+    again_ms: int = 10**9
+    frame_ms: int = 60
+
+
+def _bit(which: HandshakeBit) -> Signal:
+    return lambda image: int(image["handshake_status"]) >> which & 1
+
+
+def _control(which: Control) -> Signal:
+    return lambda image: int(image["plc_control"]) >> which & 1
+
+
+def _word(name: str) -> Signal:
+    return lambda image: int(image[name])
+
+
+BIT, PLC_SIDE, NUMBER = "gateway", "plc", "number"
+MEASUREMENT = Story(
+    "One triggered measurement, and a trigger that came too early",
+    900,
+    {},
+    {100: (Control.TRIGGER,), 300: (Control.TRIGGER, Control.RESULTS_ACK), 380: (), 500: (Control.TRIGGER,), 560: (),
+     600: (Control.TRIGGER,), 700: (Control.RESULTS_ACK,), 780: ()},
+    {
+        "trigger": (PLC_SIDE, _control(Control.TRIGGER)),
+        "trigger_ready": (BIT, _bit(HandshakeBit.TRIGGER_READY)),
+        "trigger_ack": (BIT, _bit(HandshakeBit.TRIGGER_ACK)),
+        "acquiring": (BIT, _bit(HandshakeBit.ACQUIRING)),
+        "acquisition_id": (NUMBER, _word("acquisition_id")),
+        "results_valid": (BIT, _bit(HandshakeBit.RESULTS_VALID)),
+        "result_id": (NUMBER, _word("result_id")),
+        "results_ack": (PLC_SIDE, _control(Control.RESULTS_ACK)),
+        "overrun": (BIT, _bit(HandshakeBit.OVERRUN)),
+    },
+    {0: 900.0},
+)  # fmt: skip
+LATCH = Story(
+    "A latched stop: a reset while its cause stands is refused, a later one ends it",
+    1500,
+    {"fusion": {"latch_stop": True}},
+    {100: (Control.RESET,), 200: (), 700: (Control.RESET,), 800: (), 1200: (Control.RESET,), 1300: ()},
+    {
+        "D": (BIT, lambda image: int(image["d"] or 0)),
+        "stop_latched": (BIT, _bit(HandshakeBit.STOP_LATCHED)),
+        "reset": (PLC_SIDE, _control(Control.RESET)),
+        "reset_verdict": (NUMBER, _word("reset_verdict")),
+        "stop": (BIT, _word("stop")),
+        "permit": (BIT, _word("permit")),
+        "reason": (NUMBER, _word("reason")),
+    },
+    {0: 900.0, 400: 250.0, 1000: 900.0},
+)
+HEARTBEAT = Story(
+    "The PLC's heartbeat stops and comes back (heartbeat_deadline_s = 0.5)",
+    1800,
+    {"modbus": {"writes": True, "handshake": {"heartbeat_deadline_s": 0.5}}},
+    {},
+    {
+        "plc_heartbeat": (PLC_SIDE, lambda image: int(image["plc_heartbeat"]) & 1),
+        "plc_alive": (BIT, _bit(HandshakeBit.PLC_ALIVE)),
+        "stop": (BIT, _word("stop")),
+        "permit": (BIT, _word("permit")),
+        "reason": (NUMBER, _word("reason")),
+    },
+    {0: 900.0},
+    silent_ms=400,
+    again_ms=1300,
+)
+STORIES = {"handshake-measurement": MEASUREMENT, "handshake-latch": LATCH, "handshake-heartbeat": HEARTBEAT}
+
+
+def figures() -> dict[str, str]:
+    """File name without its ending -> SVG."""
+    return {name: _svg(story, _played(story)) for name, story in STORIES.items()}
+
+
+def _played(story: Story) -> list[Image]:
+    """The image after every STEP_MS."""
+    config = parse({"modbus": {"writes": True}} | story.config)
+    rules = Rules.of(config.bays[0], config)
+    state = interlock.initial("bay1", T0 - MS, rules)
+    images: list[Image] = []
+    beat = 0
+    for now_ms in range(-200, story.until_ms, STEP_MS):
+        now_ns = T0 + now_ms * MS
+        distance = story.distances[max(at for at in story.distances if at <= max(0, now_ms))]
+        seen: list[Observation] = [Tick()]
+        if now_ms % story.frame_ms == 0:
+            seen.append(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200)))
+            seen.append(RangeReading(now_ns, Quality.GOOD, distance))
+        if now_ms % 100 == 0 and not story.silent_ms <= now_ms < story.again_ms:
+            beat += 1
+            seen.append(PlcWrite(PLC, heartbeat=beat))
+        if now_ms in story.writes:
+            seen.append(PlcWrite(PLC, control=sum(1 << bit for bit in story.writes[now_ms])))
+        for observation in seen:
+            state = interlock.step(state, observation, now_ns, rules)
+        if now_ms >= 0:
+            images.append(decode(encode(state, 0, "big")))
+    return images
+
+
+def _svg(story: Story, images: list[Image]) -> str:
+    height = TOP + ROW * len(story.signals) + 34
+    scale = (WIDTH - LEFT - 20) / story.until_ms
+    out = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img">',
+        f"<title>{escape(story.title)}</title><style>{STYLE}</style>",
+        f'<rect width="{WIDTH}" height="{height}" fill="#fff"/>',
+    ]
+    foot = TOP + ROW * len(story.signals)
+    for at_ms in range(0, story.until_ms + 1, 100):
+        x = LEFT + at_ms * scale
+        out.append(f'<path class="g" d="M{x:.1f} {TOP}V{foot}"/>')
+        if at_ms % 200 == 0:
+            out.append(f'<text class="t" x="{x:.1f}" y="{foot + 16}" text-anchor="middle">{at_ms}</text>')
+    out.append(f'<text class="t" x="{LEFT - 12}" y="{foot + 16}" text-anchor="end">ms</text>')
+    for n, (name, (whose, value)) in enumerate(story.signals.items()):
+        low, high = TOP + ROW * (n + 1) - 8, TOP + ROW * n + 8
+        out.append(f'<text x="{LEFT - 12}" y="{low - 3}" text-anchor="end">{escape(name)}</text>')
+        out.append(_row([value(image) for image in images], scale, low, high, whose))
+    return "\n".join([*out, "</svg>"]) + "\n"
+
+
+def _row(values: list[Any], scale: float, low: int, high: int, whose: str) -> str:
+    runs: list[tuple[int, int, Any]] = []  # begin and end in ms, value
+    for n, value in enumerate(values):
+        if runs and runs[-1][2] == value:
+            runs[-1] = (runs[-1][0], (n + 1) * STEP_MS, value)
+        else:
+            runs.append((n * STEP_MS, (n + 1) * STEP_MS, value))
+    if whose == NUMBER:
+        shapes = []
+        for begin, end, value in runs:
+            x, width = LEFT + begin * scale, (end - begin) * scale
+            shapes.append(f'<rect class="s" x="{x:.1f}" y="{high}" width="{width:.1f}" height="{low - high}"/>')
+            shapes.append(f'<text class="n" x="{x + width / 2:.1f}" y="{low - 4}">{value}</text>')
+        return "".join(shapes)
+    path = ""
+    for begin, end, value in runs:
+        y = high if value else low
+        path += f"{'V' if path else f'M{LEFT + begin * scale:.1f} '}{y}H{LEFT + end * scale:.1f}"
+    return f'<path class="s{" p" if whose == PLC_SIDE else ""}" d="{path}"/>'
