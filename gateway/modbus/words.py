@@ -71,7 +71,7 @@ def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | 
         return ((first, second) if high_first else (second, first)), False
 
     def whole_word(value: float | None) -> Packed:
-        if type(value) is int and low <= value <= high:
+        if isinstance(value, int) and low <= value <= high:
             return (value & 0xFFFF,), False
         return nothing if value is None else pack(kind, value, scale, order)
 
