@@ -12,14 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.exports import node_red, structured_text
+from gateway.modbus.exports import node_red, openplc, structured_text
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, Diagnosis
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
 from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
 from tests.node_function import run_function
-from tests.structured_text import Instance, Program, RefusedError
+from tests.structured_text import Instance, Program, RefusedError, parse
 
 ADDRESS = {register.name: register.address for register in REGISTERS}
 # Elementary types, keywords and standard functions of IEC 61131-3, SCL and Logix that a field must not be called.
@@ -286,6 +286,15 @@ def test_names_are_plain_distinct_and_no_keyword() -> None:
     assert all(re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) for name in names)
     assert not set(RESERVED.split()) & set(names)
     assert max(map(len, names)) <= 40  # what Logix takes
+
+
+def test_the_openplc_program_around_the_block_is_structured_text_too() -> None:
+    """All but its CONFIGURATION, which TwinCAT and so this parser do not have."""
+    text = openplc.files(Target())[openplc.PROGRAM]
+    whole = text[text.index("PROGRAM loading_bay") : text.index("CONFIGURATION")]
+    (made,) = parse(whole).items
+    assert str(made.name) == "loading_bay"
+    assert len(made.body.statements) == BLOCK_WORDS + 6  # the copies, the call, five outputs
 
 
 def test_the_text_is_plain_ascii_and_names_its_target() -> None:
