@@ -197,6 +197,14 @@ DECOYS: Mapping[str, Painter] = {
 """Things that are not the marker, by name."""
 
 
+def beside(s: Sheet, paint: Painter, marker: Circle) -> None:
+    """A decoy of a drawn size near the marker, partly behind it perhaps: paint the marker afterwards."""
+    turn = s.chance.uniform(0, 2 * np.pi)
+    apart = s.chance.uniform(1.2, 2.2) * marker.radius_px + 0.22 * s.height
+    size = s.chance.uniform(0.1, 0.25) * s.height
+    paint(s, marker.u_px + apart * float(np.cos(turn)), marker.v_px + apart * float(np.sin(turn)), float(size))
+
+
 def marker_at(s: Sheet, radius_share: float) -> Circle:
     """A place for a disc of `radius_share` of the shorter side, off the middle by a quarter of the room at most."""
     radius = radius_share * min(s.width, s.height)

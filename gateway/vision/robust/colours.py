@@ -10,7 +10,7 @@ from gateway.model import Ellipse
 from gateway.vision.pixels import Image
 from gateway.vision.robust.rim import Rim, refine
 
-GOOD = 0.7  # quality from which on nothing better is looked for
+GOOD = 0.6  # quality from which on nothing better is looked for
 SEARCH_PX, SEARCH = (
     3.0,
     0.08,
@@ -18,14 +18,14 @@ SEARCH_PX, SEARCH = (
 AROUND = 1.4  # of the semi-major axis: part of the picture that is looked at
 
 
-def rough(rim: Rim) -> float:
-    """Scatter of the edges about the rim, in what a real one has at most: half a pixel and 1 % of the radius."""
-    return rim.rms_px / (0.5 + 0.01 * rim.ellipse.semi_minor_px)
+def roundness(rim: Rim) -> float:
+    """1 where all edges lie on the ellipse, a half where they scatter by half a pixel and 1 % of the radius."""
+    return 1 / (1 + (rim.rms_px / (0.5 + 0.01 * rim.ellipse.semi_minor_px)) ** 2)
 
 
 def quality(rim: Rim) -> float:
     """0 to 1: how much of the rim in the picture is an edge, and how well these edges lie on one ellipse."""
-    return rim.support / (1 + rough(rim) ** 2)
+    return rim.support * roundness(rim)
 
 
 def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | None:

@@ -5,16 +5,30 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gateway.model import Circle, Ellipse
-from gateway.vision.robust.colours import quality
+from gateway.vision.robust.colours import roundness
 from gateway.vision.robust.evidence import Evidence
 from gateway.vision.robust.rim import Rim
 
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
-FULL_ASPECT = 0.85  # of a disc tilted by 32 degrees: flatter ones are believed less
-MIN_CONTRAST = 0.12  # log units
-MIN_REDNESS, MAX_BLUE = 0.12, 0.92  # log units above grey; blue as a share of red: more is magenta
-MIN_COVERAGE, MAX_LEAK, MIN_FILL = 0.5, 0.4, 0.55
-MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.5
+MIN_CONTRAST, MIN_REDNESS = 0.25, 0.13  # log units in clear air; a veil makes both smaller
+MAX_BLUE = 0.95  # of the red: more is magenta
+MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.5, 0.4, 0.5, 0.75
+MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
+
+FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they speak for a disc as loudly as they can
+FULL_REDNESS = 0.7  # log units: red paint in good light
+ODDS = 70.0  # for a disc where nothing speaks against it
+POWERS = {
+    "support": 5.0,
+    "round": 3.0,
+    "coverage": 1.5,
+    "sealed": 4.0,
+    "clear": 1.5,
+    "fill": 2.0,
+    "aspect": 3.0,
+    "contrast": 2.0,
+}
+"""How much each kind of evidence weighs: a logistic regression on half of a set of pictures, in round numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +38,7 @@ class Limits:
     min_radius_px: float
     max_radius_px: float
     min_confidence: float
+    haze: float = 0.0  # share of veil in the picture's darkest parts: so much less contrast is asked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +58,16 @@ Gate = Callable[[Candidate, Limits], bool]
 GATES: tuple[tuple[str, Gate], ...] = (
     ("radius", lambda c, limits: limits.min_radius_px <= c.rim.ellipse.semi_major_px <= limits.max_radius_px),
     ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
-    ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST),
-    (
-        "colour",
-        lambda c, _: c.evidence.redness >= MIN_REDNESS and c.evidence.colour[0] < MAX_BLUE * c.evidence.colour[2],
-    ),
+    ("contrast", lambda c, limits: c.evidence.contrast >= MIN_CONTRAST * (1 - limits.haze)),
+    ("colour", lambda c, limits: c.evidence.redness >= MIN_REDNESS * (1 - limits.haze)),
+    ("colour", lambda c, _: c.evidence.colour[0] <= MAX_BLUE * c.evidence.colour[2]),
     ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
     ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
+    ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
-    ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
+    ("confidence", lambda c, limits: confidence(c, limits) >= limits.min_confidence),
 )
 """Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`."""
 
@@ -70,26 +84,28 @@ def promise(found: Evidence) -> float:
     return float(found.coverage * clear * aspect * found.fill * math.sqrt(found.visible))
 
 
-def confidence(found: Candidate) -> float:
-    """0 to 1: how much of the rim is an edge, how round it is, how red inside, and how little outside; a product."""
+def confidence(found: Candidate, limits: Limits) -> float:
+    """0 to 1, the probability of a disc: the odds are a product of powers of shares, each 1 where nothing is amiss."""
     e = found.evidence
-    clear = e.contrast / (e.contrast + e.noise + 0.1)
-    shape = min(1.0, found.aspect / FULL_ASPECT) ** 2
-    return float(
-        max(
-            0.0,
-            min(
-                1.0,
-                (quality(found.rim) * shape * e.coverage * (1 - e.leak) ** 2 * max(0.0, clear) ** 0.5 * e.fill**0.5)
-                ** 0.46,
-            ),
-        )
-    )
+    contrast = max(e.contrast, 1e-3)
+    shares = {
+        "support": found.rim.support,
+        "round": roundness(found.rim),
+        "coverage": e.coverage,
+        "sealed": 1 - e.leak,
+        "clear": contrast / (contrast + e.noise + 0.03),
+        "fill": e.fill,
+        "aspect": min(1.0, found.aspect / FULL_ASPECT),
+        "contrast": min(1.0, contrast / (FULL_CONTRAST * (1 - limits.haze))),
+    }
+    odds = float(ODDS * math.prod(share ** POWERS[name] for name, share in shares.items()))
+    return odds / (1 + odds)
 
 
-def weight(found: Candidate) -> float:
-    """Which of several discs is the marker: the surer one, and of equals the larger, as in equation 9."""
-    return float(confidence(found) * found.rim.ellipse.semi_major_px**0.3)
+def weight(found: Candidate, limits: Limits) -> float:
+    """Which of several discs is the marker: the surer and redder one, and of equals the larger, as in equation 9."""
+    redness = min(1.0, max(0.0, found.evidence.redness) / FULL_REDNESS)
+    return float(confidence(found, limits) * math.sqrt(redness) * found.rim.ellipse.semi_major_px**0.3)
 
 
 def circle_of(ellipse: Ellipse) -> Circle:

@@ -20,9 +20,11 @@ LOOK_PX = 14.0  # radius, px of its level, from which on a candidate is looked a
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
 CLOSE = np.arange(0.6, 1.46, 0.04, dtype=np.float32)
 HALF = 2  # samples on either side of an edge
+CORE = slice(1, 4)  # of DISC: 0.2 to 0.4 of the way to the rim
 DISC = np.arange(0.1, 0.95, 0.1, dtype=np.float32)
 INSIDE = np.arange(0.72, 0.94, 0.04, dtype=np.float32)  # compared, ray by ray, with
 OUTSIDE = np.arange(1.08, 1.31, 0.04, dtype=np.float32)
+NEAR = 3  # samples of these next to the rim
 RINGS = np.concatenate([DISC, INSIDE, OUTSIDE])
 STEP = 0.3  # of the usual change of colour across the rim: so much is an edge, between two reds, too
 SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim
@@ -39,6 +41,7 @@ class Evidence:
     contrast: float  # median fall of redness across the rim, log units
     noise: float  # scatter of that fall from ray to ray where the rim shows, log units
     fill: float  # share of the inside that is nearer to the inside's redness than to the outside's
+    hollow: float  # share of the rays that are not red near the centre: 1 for a ring or the letter O
     redness: float  # median inside, log units
     colour: tuple[float, float, float]  # median BGR inside
 
@@ -140,8 +143,9 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     around = masked_median(beyond, used)
     red_from = (around + SHOWN * contrast)[:, None]
     red_within = np.asarray(within > red_from, np.bool_)
-    red_beyond = np.asarray(beyond > red_from, np.bool_)
-    steps = _steps(rays.bgr[..., m - 3 : m, :], rays.bgr[..., m : m + 3, :])
+    # Just outside: a square's corner, a fold or a tube goes on there, though farther out it may have ended.
+    red_beyond = np.asarray(np.median(rays.red[..., m : m + NEAR], axis=2) > red_from, np.bool_)
+    steps = _steps(rays.bgr[..., m - NEAR : m, :], rays.bgr[..., m : m + NEAR, :])
     falls = np.asarray((gap > SHOWN * contrast[:, None]) & (contrast[:, None] > 0), np.bool_)
     shown = used & red_within & ~red_beyond & falls
     edged = np.asarray(steps > STEP * masked_median(steps, shown)[:, None], np.bool_)
@@ -150,6 +154,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     noise = 1.48 * masked_median(np.abs(gap - contrast[:, None]), shown)
     red_enough = rays.red[..., :n] > red_from[..., None]
     inner_redness = masked_median(within, used & red_within)
+    hollow = (red_enough[..., CORE].mean(axis=2) < 0.5).mean(axis=1)
     area = np.where(rays.seen[..., :n], DISC, 0)
     fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)
     for row, k in enumerate(good):
@@ -168,6 +173,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
             contrast=float(contrast[row]),
             noise=float(noise[row]),
             fill=float(fill[row]),
+            hollow=float(hollow[row]),
             redness=float(inner_redness[row]),
             colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         )
