@@ -120,7 +120,7 @@ class VisionConfig(Section):
     intrinsics: Intrinsics | None = Field(None, description="for equation 11")
     workers: int = Field(1, ge=1, le=16, description="vision processes for this bay")
     affinity: Cpus | None = Field(None, description="CPUs the vision processes may use")
-    deadline_s: float = Field(0.5, ge=0.01, le=60, description="a frame may take so long before its worker is replaced")
+    deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long before its worker is replaced")
 
     @field_validator("gaussian_kernel_px", "morph_kernel_px")
     @classmethod
