@@ -70,7 +70,7 @@ def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | 
         first, second = _TWO_WORDS.unpack(_ONE_FLOAT.pack(value))
         return ((first, second) if high_first else (second, first)), False
 
-    def whole_word(value: float | None) -> Packed:
+    def whole_word(value: int | float | None) -> Packed:
         if isinstance(value, int) and low <= value <= high:
             return (value & 0xFFFF,), False
         return nothing if value is None else pack(kind, value, scale, order)
