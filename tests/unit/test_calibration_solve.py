@@ -113,6 +113,16 @@ def test_all_from_the_front_is_warned_of() -> None:
     assert any(said.startswith("0 views are tilted by 15 degrees or more") for said in found.warnings)
 
 
+def test_a_focal_length_that_is_left_open_is_no_result() -> None:
+    """Both come out precise-looking and wrong by up to a factor of four."""
+    flat = tuple(Pose(p.x_mm, p.y_mm, p.z_mm, (0, 0, p.turn_deg[2])) for p in POSES)
+    for noise in (0.0, 0.02):
+        with pytest.raises(ConfigError, match="seen from the front alone"):
+            calibrate(BOARD, views(flat, noise), SIZE)
+    with pytest.raises(ConfigError, match=r"too few or too alike to tell|seen from the front alone"):
+        calibrate(BOARD, views((POSES[1],) * 3, 0.2), SIZE)
+
+
 def test_what_is_warned_of(solved: Calibration) -> None:
     assert any("% of the frame" in said for said in solved.warnings)
     assert not any("tilted" in said or "only" in said or "differ" in said for said in solved.warnings)

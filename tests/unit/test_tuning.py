@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gateway import config
 from gateway.config import VisionConfig
+from gateway.errors import ConfigError
 from gateway.model import Circle
 from gateway.vision import stages
 from gateway.vision.evaluation.labels import Label
@@ -176,6 +177,12 @@ def test_a_study_says_what_the_method_finds_before_and_after() -> None:
     few = study(labels(2), look, PAPER)
     assert "thresholds from the other half" not in few.effect
     assert list(few.gates) == ["min_area_px2"], "two markers say nothing of the shape of others"
+
+
+def test_markers_without_a_pixel_are_no_examples() -> None:
+    outside = [Label(file="a.png", found=True, u=-30, v=60, r=31)]
+    with pytest.raises(ConfigError, match="no example has a pixel well inside its marker"):
+        study(outside, lambda _: bay(), PAPER)
 
 
 def test_gates_leave_room() -> None:

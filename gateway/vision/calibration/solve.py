@@ -16,6 +16,8 @@ from gateway.vision.calibration.boards import Board, Points
 FEWEST_VIEWS = 3  # a plane seen once or twice does not fix focal length, centre and distortion
 GOOD_VIEWS = 10
 TILTED_DEG = 15.0
+FRONTAL_DEG = 8.0  # if no view is tilted by more, any focal length fits nearly as well, and sigma does not show it
+UNKNOWN = 0.1  # a focal length with a larger standard deviation is not known
 CELLS = (8, 6)  # of the coverage map, across and down
 DISTORTIONS = {
     0: cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
@@ -73,7 +75,8 @@ def calibrate(
     """`coefficients` of distortion: 0, 4, 5 or 8; None: 5, or 4 where k3 cannot be told from 0.
 
     Views that fit far worse than the others are left out, one at a time, the worst first. Raises ConfigError where
-    there are too few, or where no camera fits.
+    there are too few, where no camera fits, and where the views leave the focal length open: a precise-looking number
+    that may be off by a factor would be worse than none.
     """
     kept = list(views)
     _enough(len(kept))
@@ -87,6 +90,7 @@ def calibrate(
     if coefficients is None and abs(solved.values[8]) < 3 * solved.sigmas[8]:
         chosen = 4
         solved = _solve(board, kept, size_px, DISTORTIONS[4])
+    _determined(solved)
     lens = _lens(solved.values, chosen)
     coverage = _coverage(solved.fits, size_px)
     sigma = tuple(zip(NAMES[: 4 + chosen], solved.sigmas, strict=False))
@@ -117,6 +121,20 @@ def _enough(count: int) -> None:
             f"{count} {pictures} the whole board; at least {FEWEST_VIEWS} are needed, from different angles, and "
             f"{GOOD_VIEWS} or more are good"
         )
+
+
+def _determined(solved: "_Solved") -> None:
+    steepest = max(fit.tilt_deg for fit in solved.fits)
+    if steepest < FRONTAL_DEG:
+        raise ConfigError(
+            f"the board was seen from the front alone (steepest view {steepest:.0f} degrees): the focal length can't "
+            "be told from that; tilt the board by 20 to 45 degrees, left, right, up and down"
+        )
+    for name, value, sigma in zip(NAMES[:2], solved.values, solved.sigmas, strict=False):
+        if sigma > UNKNOWN * value:
+            raise ConfigError(
+                f"{name} is {value:.0f} px, give or take {sigma:.0f}: these pictures are too few or too alike to tell"
+            )
 
 
 def _solve(board: Board, views: Sequence[View], size_px: tuple[int, int], flags: int) -> _Solved:

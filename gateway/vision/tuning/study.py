@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.config import VisionConfig
+from gateway.errors import ConfigError
 from gateway.model import Circle
 from gateway.vision import pipeline
 from gateway.vision.evaluation.labels import Label
@@ -40,13 +41,16 @@ def study(
     params: VisionConfig,
     advance: Callable[[], None] = lambda: None,
 ) -> Study:
-    """At least one label must have a marker. `advance` is called three times for each label."""
+    """At least one label must have a marker; raises ConfigError where none of them has a pixel inside. `advance` is
+    called three times for each label."""
     examples, lights = [], []
     for label in labels:
         image = look(label)
         examples.append(samples.example(label.file, image, circle_of(label), params))
         lights.append(exposure.measure(image, circle_of(label)))
         advance()
+    if not any(e.marked for e in examples):
+        raise ConfigError("no example has a pixel well inside its marker: are the radii right?")
     now = thresholds.current(params)
     proposed, margins = thresholds.propose(examples)
     trials = {"now": params, "proposed thresholds": proposed.apply(params)}
