@@ -120,8 +120,9 @@ def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: Han
         plc = _written(plc, write, state.t_ns)
     plc = _aged(plc, state.t_ns, config)
     for signal in _signals(before, plc, state, config):
-        phase, work = TRANSITIONS.get((plc.phase, signal), (plc.phase, _nothing))
-        plc = replace(work(plc, state), phase=phase)
+        if (found := TRANSITIONS.get((plc.phase, signal))) is not None:
+            phase, work = found
+            plc = replace(work(plc, state), phase=phase)
     return plc
 
 
@@ -179,7 +180,10 @@ def _written(plc: Handshake, write: PlcWrite, now_ns: int) -> Handshake:
 def _aged(plc: Handshake, now_ns: int, config: HandshakeConfig) -> Handshake:
     late = now_ns - plc.beat_ns > config.heartbeat_deadline_s * NS_PER_S
     link = PlcLink.LOST if late and plc.link is PlcLink.ALIVE else plc.link
-    return replace(plc, link=link, missed=late and config.heartbeat_required)
+    missed = late and config.heartbeat_required
+    if link is plc.link and missed == plc.missed:
+        return plc
+    return replace(plc, link=link, missed=missed)
 
 
 def _signals(before: Handshake, now: Handshake, state: StateVector, config: HandshakeConfig) -> Iterator[Signal]:
