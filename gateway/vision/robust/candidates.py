@@ -77,7 +77,7 @@ def _peaks(sheets: NDArray[np.float32], level: Level) -> list[Seed]:
     seeds = []
     for row, column in zip(rows[order], columns[order], strict=True):
         radius = float(RADII[int(smooth[:, row, column].argmax())])
-        u, v = ((at - MARGIN + 0.5) * CELL - 0.5 for at in (column, row))
+        u, v = ((float(at) - MARGIN + 0.5) * CELL - 0.5 for at in (column, row))
         weight = float(best[row, column])
         seeds.append(Seed(level.to_full(u), level.to_full(v), radius * level.factor, weight))
     return seeds
