@@ -140,8 +140,8 @@ def machine() -> str:
     except OSError:
         pass
     return (
-        f"{model}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}, Python {platform.python_version()}, "
-        f"OpenCV {cv2.__version__} (one thread), NumPy {np.__version__}"
+        f"{model}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}, "
+        f"Python {platform.python_version()}, OpenCV {cv2.__version__} (one thread), NumPy {np.__version__}"
     )
 
 

@@ -153,3 +153,47 @@ def scene(chance: Chance, image: Image) -> Image:
 KINDS: tuple[Callable[[Chance, Image], Image], ...] = (
     *(discs, bars, lines, rings, equals, all_red, edges, colour_noise, threshold_noise, speckles, scene),
 )
+
+
+class Things:
+    """Red discs, bars and rings that move, turn round at the edges, come, go, jump and flicker."""
+
+    def __init__(self, chance: Chance) -> None:
+        self._chance = chance
+        self._size = (int(chance.integers(60, 300)), int(chance.integers(60, 300)))
+        self._noise = float(chance.choice([0, 0, 3, 8]))
+        self._things = [self._thing() for _ in range(int(chance.integers(1, 6)))]
+
+    def _thing(self) -> dict[str, float]:
+        width, height = self._size
+        x, y, vx, vy = (*self._chance.uniform(0, (width, height)), *self._chance.normal(0, 3, 2))
+        kind, size, grow = self._chance.integers(3), self._chance.uniform(4, 40), self._chance.normal(0, 0.2)
+        return {"x": x, "y": y, "vx": vx, "vy": vy, "kind": kind, "size": size, "grow": grow}
+
+    def frame(self) -> Image:
+        chance, (width, height) = self._chance, self._size
+        if chance.random() < 0.04:
+            self._things.append(self._thing())
+        if self._things and chance.random() < 0.03:
+            self._things.pop(int(chance.integers(len(self._things))))
+        if self._things and chance.random() < 0.03:
+            self._things[int(chance.integers(len(self._things)))] |= {"x": chance.uniform(0, width)}
+        image = np.full((height, width, 3), 110, np.uint8)
+        for thing in self._things:
+            thing["x"], thing["y"] = thing["x"] + thing["vx"], thing["y"] + thing["vy"]
+            thing["size"] = max(2, thing["size"] + thing["grow"])
+            for axis, end in (("x", width), ("y", height)):
+                if not 0 < thing[axis] < end:
+                    thing["v" + axis] *= -1
+            if chance.random() < 0.02:
+                continue  # flickers
+            x, y, size = int(thing["x"]), int(thing["y"]), int(thing["size"])
+            match int(thing["kind"]):
+                case 0:
+                    cv2.circle(image, (x, y), size, red(chance), -1)
+                case 1:
+                    cv2.rectangle(image, (x, y), (x + 2 * size, y + 6), red(chance), -1)
+                case _:
+                    cv2.circle(image, (x, y), size, red(chance), 5)
+        noisy = image + chance.normal(0, self._noise, image.shape)
+        return np.asarray(np.clip(noisy, 0, 255), np.uint8)

@@ -1,23 +1,21 @@
 """The tracked search against the plain pipeline, frame by frame: what it promises, and no silent error beyond."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from gateway.model import Detection
-from gateway.vision import methods, pipeline, stages
+from gateway.vision import methods, pipeline
 from gateway.vision.exact import build
 from gateway.vision.exact.kernel import Kernel, load
 from gateway.vision.exact.tracker import ROUND, ExactTracker
 from gateway.vision.follow import Follower
 from gateway.vision.pixels import Image
-from tests.vision_frames import PAPER, Chance, Colour, red
+from tests.vision_frames import PAPER, Colour, Things
+from tests.vision_promise import FRAME_NS, check_promise, searched_whole, told
 
-FRAME_NS = 33_000_000
 WIDTH, HEIGHT = 320, 240
 RED: Colour = (40, 35, 190)
 
@@ -46,15 +44,6 @@ def picture(*discs: tuple[float, float, float], size: tuple[int, int] = (WIDTH, 
     for u, v, radius in discs:
         cv2.circle(image, (round(u), round(v)), round(radius), RED, -1)
     return image
-
-
-def told(detection: Detection) -> Detection:
-    """What the promise is about."""
-    return replace(detection, stage_ns=(), candidates=0)
-
-
-def searched_whole(detection: Detection) -> bool:
-    return any(stage == "scan" for stage, _ in detection.stage_ns)
 
 
 def follow(tracker: ExactTracker, images: Iterator[Image] | list[Image]) -> tuple[list[bool], list[bool]]:
@@ -162,71 +151,6 @@ def longest_error(same: list[bool]) -> int:
         run = 0 if right else run + 1
         longest = max(longest, run)
     return longest
-
-
-class Things:
-    """Red discs, bars and rings that move, turn round at the edges, come, go, jump and flicker."""
-
-    def __init__(self, chance: Chance) -> None:
-        self._chance = chance
-        self._size = (int(chance.integers(60, 300)), int(chance.integers(60, 300)))
-        self._noise = float(chance.choice([0, 0, 3, 8]))
-        self._things = [self._thing() for _ in range(int(chance.integers(1, 6)))]
-
-    def _thing(self) -> dict[str, float]:
-        width, height = self._size
-        x, y, vx, vy = (*self._chance.uniform(0, (width, height)), *self._chance.normal(0, 3, 2))
-        kind, size, grow = self._chance.integers(3), self._chance.uniform(4, 40), self._chance.normal(0, 0.2)
-        return {"x": x, "y": y, "vx": vx, "vy": vy, "kind": kind, "size": size, "grow": grow}
-
-    def frame(self) -> Image:
-        chance, (width, height) = self._chance, self._size
-        if chance.random() < 0.04:
-            self._things.append(self._thing())
-        if self._things and chance.random() < 0.03:
-            self._things.pop(int(chance.integers(len(self._things))))
-        if self._things and chance.random() < 0.03:
-            self._things[int(chance.integers(len(self._things)))] |= {"x": chance.uniform(0, width)}
-        image = np.full((height, width, 3), 110, np.uint8)
-        for thing in self._things:
-            thing["x"], thing["y"] = thing["x"] + thing["vx"], thing["y"] + thing["vy"]
-            thing["size"] = max(2, thing["size"] + thing["grow"])
-            for axis, end in (("x", width), ("y", height)):
-                if not 0 < thing[axis] < end:
-                    thing["v" + axis] *= -1
-            if chance.random() < 0.02:
-                continue  # flickers
-            x, y, size = int(thing["x"]), int(thing["y"]), int(thing["size"])
-            match int(thing["kind"]):
-                case 0:
-                    cv2.circle(image, (x, y), size, red(chance), -1)
-                case 1:
-                    cv2.rectangle(image, (x, y), (x + 2 * size, y + 6), red(chance), -1)
-                case _:
-                    cv2.circle(image, (x, y), size, red(chance), 5)
-        noisy = image + chance.normal(0, self._noise, image.shape)
-        return np.asarray(np.clip(noisy, 0, 255), np.uint8)
-
-
-def check_promise(tracker: ExactTracker, things: Things, frames: int) -> tuple[int, int]:
-    """Frames in which the answer was not the plain one, all of them within the promise; and frames searched whole."""
-    wrong = errors = whole = 0
-    for n in range(frames):
-        image = things.frame()
-        found = tracker(image, n * FRAME_NS)
-        plain = pipeline.detect(image, PAPER)
-        whole += searched_whole(found)
-        if told(found) == told(plain):
-            wrong = 0
-            continue
-        wrong, errors = wrong + 1, errors + 1
-        assert wrong < ROUND, "a larger component stood elsewhere for longer than a round"
-        assert not searched_whole(found)
-        assert found.circle is not None
-        assert found.area_px2 <= plain.area_px2
-        components = pipeline.trace(image, PAPER).contours
-        assert found.circle in [stages.enclosing_circle(contour) for contour in components]
-    return errors, whole
 
 
 def test_wild_sequences_stay_within_the_promise(kernel: Kernel) -> None:

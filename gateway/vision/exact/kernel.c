@@ -23,6 +23,7 @@
 #define EACH_CPU
 #endif
 
+#define TILE 512 /* pixels of a row that are blurred at once: five rows of them stay in the nearest cache */
 #define HALO 2 /* pixels that a kernel of side 5 needs beyond each end of a row */
 
 /* Checksum of the source that this was built from: a stale library is told from a fresh one. */
@@ -95,7 +96,8 @@ void gateway_scan(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrd
     for (ptrdiff_t i = 0; i < rows; i++) {
         uint8_t *out = cells + i * columns;
         ptrdiff_t j = 0, clear = 0; /* columns left of `clear` have been dealt with */
-        blur_row(image, stride, height, width, ys[i], 0, width, w, sums, row);
+        for (ptrdiff_t x = 0; x < width; x += TILE)
+            blur_row(image, stride, height, width, ys[i], x, x + TILE < width ? x + TILE : width, w, sums, row + 3 * x);
         while (j < columns) {
             ptrdiff_t a = xs[j], b = a;
             if (!red(row + 3 * a, tables)) {

@@ -1,0 +1,79 @@
+"""What the latency benchmark runs in the gateway's child processes: frames in memory as a source, and the baseline."""
+
+import mmap
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.config import VisionConfig
+from gateway.vision import pipeline
+from gateway.vision.pixels import Image
+from gateway.vision.shm import Ring
+from gateway.vision.sources import Frame
+
+LONGEST = 100_000  # frames in the log
+
+
+class Log:
+    """Two times of every frame, written by the camera process: frame in hand, frame in the ring. A file, mapped."""
+
+    def __init__(self, path: Path) -> None:
+        with path.open("r+b") as file:
+            self._memory = mmap.mmap(file.fileno(), 0)
+        self.times = np.frombuffer(self._memory, np.int64).reshape(LONGEST, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplaySpec:
+    """Frames of a file in memory, one every period, as a camera gives them."""
+
+    frames: Path
+    log: Path
+    fps: float
+    label: str = "frames in memory"
+
+    def open(self, clock: Clock) -> "Replay":
+        return Replay(self, clock)
+
+
+class Replay:
+    lossless = False
+
+    def __init__(self, spec: ReplaySpec, clock: Clock) -> None:
+        self._frames = np.load(spec.frames)
+        self._clock = clock
+        self._period_ns = round(NS_PER_S / spec.fps)
+        self._log = Log(spec.log)
+        self._n = 0
+        self._due_ns = clock.now_ns() + self._period_ns
+        self._stamp_writes()
+
+    def _stamp_writes(self) -> None:
+        """This process's ring tells the log when a frame is whole in it."""
+        write = Ring.write
+
+        def stamped(ring: Ring, slot: int, image: Image) -> int:
+            generation = write(ring, slot, image)
+            self._log.times[self._n, 1] = self._clock.now_ns()
+            return generation
+
+        Ring.write = stamped  # type: ignore[method-assign, assignment]
+
+    def read(self) -> Frame:
+        self._clock.block(max(0, self._due_ns - self._clock.now_ns()) / NS_PER_S)
+        self._due_ns += self._period_ns
+        image = self._frames[self._n % len(self._frames)]
+        self._n += 1
+        now_ns = self._clock.now_ns()
+        self._log.times[self._n, 0] = now_ns
+        return Frame(image, now_ns)
+
+    def close(self) -> None:
+        pass
+
+
+def plain(params: VisionConfig, now_ns: pipeline.NowNs) -> pipeline.Detector:
+    """The detector that vision processes build for the baseline."""
+    return lambda image, t_ns=0: pipeline.detect(image, params, now_ns)
