@@ -216,6 +216,15 @@ def _show(study: "Study", notes: Sequence[str]) -> None:
             console.print(
                 f"  what cuts it most: {thresholds.bound_that_cuts(red, worst)}", markup=False, soft_wrap=True
             )
+    background = Table(title="Background and surroundings by colour, % of their pixels", title_justify="left")
+    background.add_column("hue")
+    for low, high in histograms.S_BANDS:
+        background.add_column(f"S {low} to {high}", justify="right")
+    for (name, low, high), row in zip(
+        histograms.HUE_BANDS, histograms.background_by_colour(study.examples), strict=True
+    ):
+        background.add_row(f"{name} ({low} to {high})", *(f"{value:.2f}" for value in row))
+    console.print(background)
     table = Table(title="What the paper's method finds in these examples", title_justify="left")
     table.add_column("setting")
     for column in ("found", "within 5 %", "wrong", "missed", "false", "centre px", "radius %"):

@@ -45,6 +45,8 @@ def test_from_labels_to_the_configuration(folder: Path) -> None:
     rows = {
         line.split("│")[1].strip(): line.split("│")[2:6] for line in done.stdout.splitlines() if line.startswith("│")
     }
+    wood = [float(cell) for cell in rows["orange, brown (4 to 10)"]]
+    assert wood[2] > 90, "H 9, S 91"
     assert [cell.strip() for cell in rows["now"]] == ["0.0 %", "0.0 %", "4", "0"]
     assert [cell.strip() for cell in rows["proposed thresholds and gates"]] == ["100 %", "100 %", "0", "0"]
     vision = config.load(folder / "red.toml").bays[0].vision
