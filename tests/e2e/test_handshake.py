@@ -1,13 +1,25 @@
-"""The handshake as a PLC drives it: a real gateway over a simulated bay, TLS with a role, events at a real broker."""
+"""The handshake as a PLC drives it over TLS: once with a real gateway and a broker, once with sensors in our hands."""
 
+import asyncio
 import os
 import struct
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from gateway.bay import BayControl
+from gateway.clock import SystemClock
+from gateway.config import parse
+from gateway.hub import Hub
+from gateway.modbus.answers import Unit
 from gateway.modbus.block import HandshakeBit
-from gateway.model import GuidanceCode, Reason
+from gateway.modbus.registers import CurrentImage
+from gateway.modbus.service import serving
+from gateway.modbus.writes import writer, writer_of
+from gateway.model import Circle, EventKind, GuidanceCode, Quality, RangeReading, Reason, VisionReading
 from gateway.plc import Control, Outcome, RecipeVerdict, ResetVerdict
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Plc
@@ -16,16 +28,7 @@ from tests.e2e.test_modbus_tls import context_of
 from tests.e2e.tls_plc import Image, RefusedError, TlsPlc
 from tests.plant_certs import Plant
 
-SCENARIO = """
-seed = 7
-duration_s = 600
-start = { distance_cm = 60 }
-legs = [
-  { distance_cm = 60, hold_s = 9 },
-  { distance_cm = 24, speed_cm_s = 20, hold_s = 6 },
-  { distance_cm = 60, speed_cm_s = 30, hold_s = 500 },
-]
-"""
+STANDING = "seed = 7\nduration_s = 600\nstart = { distance_cm = 60 }\n"
 SETTINGS = """
 instance = "{instance}"
 [modbus]
@@ -33,7 +36,7 @@ port = 0
 writes = true
 [modbus.handshake]
 heartbeat_deadline_s = 2.0
-trigger_timeout_s = 10.0
+trigger_timeout_s = 20.0
 [modbus.tls]
 port = 0
 cert = "{certs}/gateway.pem"
@@ -41,14 +44,11 @@ key = "{certs}/gateway.key"
 ca = "{certs}/ca.pem"
 [fusion]
 latch_stop = true
-vision_deadline_s = 2.0
-range_deadline_s = 2.0
+vision_deadline_s = 5.0
+range_deadline_s = 5.0
 [fusion.cross_check]
 focal_px = 600.0
 marker_radius_mm = 90.0
-[guidance]
-aim_u_px = 319.5
-tolerance_px = 60.0
 [[recipes]]
 id = 7
 name = "half way"
@@ -56,14 +56,19 @@ fusion = {{ distance_threshold_mm = 150.0 }}
 """
 
 
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    made = Plant(tmp_path_factory.mktemp("certs"))
+    made.client("plc1", "operator")
+    return made
+
+
 def bit(image: Image, which: HandshakeBit) -> bool:
     return bool(image["handshake_status"] >> which & 1)
 
 
-def test_a_shift_of_the_plc(tmp_path: Path) -> None:
-    plant = Plant(tmp_path / "certs")
-    plant.client("plc1", "operator")
-    (tmp_path / "scenario.toml").write_text(SCENARIO)
+def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
+    (tmp_path / "scenario.toml").write_text(STANDING)
     (tmp_path / "settings.toml").write_text(
         SETTINGS.format(instance=f"handshake-{os.getpid()}", certs=plant.folder.path)
     )
@@ -77,61 +82,149 @@ def test_a_shift_of_the_plc(tmp_path: Path) -> None:
     ):
         started = gateway.started()
         with Plc(started["modbus_port"]) as onlooker:
-            onlooker.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["permit"] == 0)
-
-            with TlsPlc(started["modbus_tls_port"], context_of(plant, "plc1")) as plc:
-                # It lives; the latch of the start stands until it is reset.
-                latched = plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED)
-                assert bit(latched, HandshakeBit.PLC_ALIVE)
-                assert bit(latched, HandshakeBit.STOP_LATCHED)
-                plc.control = 1 << Control.RESET
-                plc.wait_for(lambda image: image["reset_verdict"] == ResetVerdict.DONE and image["permit"] == 1)
-                plc.control = 0
-                on_its_way = plc.wait_for(lambda image: image["guidance"] in (GuidanceCode.FORWARD, GuidanceCode.SLOW))
-                assert on_its_way["distance_to_go"] > 0
-
-                # One triggered measurement.
-                plc.control = 1 << Control.TRIGGER
-                held = plc.wait_for(lambda image: bit(image, HandshakeBit.RESULTS_VALID))
-                assert (held["acquisition_id"], held["result_id"]) == (1, 1)
-                assert held["result_outcome"] == Outcome.NOT_IN_PLACE
-                assert 550 < held["result_distance"] < 650
-                plc.control = 1 << Control.RESULTS_ACK
-                plc.wait_for(lambda image: not bit(image, HandshakeBit.RESULTS_VALID))
-                plc.control = 0
-                plc.wait_for(lambda image: bit(image, HandshakeBit.TRIGGER_READY))
-
-                # What is not the PLC's to write.
-                for pdu in (struct.pack(">BHH", 6, 4, 0), struct.pack(">BHHB2H", 16, 82, 2, 4, 0, 0)):
-                    with pytest.raises(RefusedError) as refused:
-                        plc.ask(pdu)
-                    assert refused.value.args == (2,)
-
-                # In place: neither reset nor recipe ends the stop.
-                plc.wait_for(lambda image: image["reason"] == Reason.TARGET_REACHED)
-                plc.control, plc.recipe = 1 << Control.RESET, 7
-                plc.wait_for(lambda image: image["reset_verdict"] == ResetVerdict.CAUSE_STANDS)
-                still = plc.wait_for(lambda image: image["recipe_verdict"] == RecipeVerdict.STOP_STANDS)
-                assert (still["stop"], still["recipe_active"]) == (1, 0)
-                plc.control = 0
-
-                # It backs off: latched until reset; then the recipe is taken.
-                plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED, timeout_s=60)
-                plc.control = 1 << Control.RESET
-                plc.wait_for(lambda image: image["permit"] == 1 and image["recipe_active"] == 7)
-
-                # Its program stops, its communication does not.
-                plc.stand_still()
-                plc.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["permit"] == 0)
+            onlooker.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["permit"] == 0, 60)
+        with TlsPlc(started["modbus_tls_port"], context_of(plant, "plc1")) as plc:
+            # It lives; the latch of the start stands until it is reset.
+            latched = plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED, 60)
+            assert bit(latched, HandshakeBit.PLC_ALIVE)
+            assert bit(latched, HandshakeBit.STOP_LATCHED)
+            plc.control = 1 << Control.RESET
+            plc.wait_for(lambda image: image["reset_verdict"] == ResetVerdict.DONE and image["permit"] == 1)
+            plc.control = 0
+            # One triggered measurement.
+            plc.wait_for(lambda image: image["plc_control"] == 0)
+            plc.control = 1 << Control.TRIGGER
+            held = plc.wait_for(lambda image: bit(image, HandshakeBit.RESULTS_VALID))
+            assert (held["acquisition_id"], held["result_id"]) == (1, 1)
+            assert held["result_outcome"] == Outcome.NOT_IN_PLACE
+            assert 550 < held["result_distance"] < 650
+            # Its program stops, its communication does not.
+            plc.stand_still()
+            plc.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["permit"] == 0)
+            dropped = plc.wait_for(lambda image: bit(image, HandshakeBit.PLC_LOST))
+            assert (dropped["result_id"], bit(dropped, HandshakeBit.RESULTS_VALID)) == (0, False)
         gateway.end()
         scada.wait_for(lambda message: message.topic.endswith("/status") and message.json["status"] == "offline")
 
         told = [message.json for message in scada.on("/event")]
-        writes = [event["write"] for event in told if event["kind"] == "plc_write"]
         who = {"address": "127.0.0.1", "subject": "plc1", "role": "operator"}
-        assert writes[0] == who | {"name": "plc_control", "old": 0, "new": 1 << Control.RESET}
-        assert who | {"name": "recipe_select", "old": 0, "new": 7} in writes
+        writes = [event["write"] for event in told if event["kind"] == "plc_write"]
+        assert writes == [
+            who | {"name": "plc_control", "old": old, "new": new} for old, new in ((0, 4), (4, 0), (0, 8))
+        ]
         kinds = [event["kind"] for event in told]
-        for kind in ("plc_returned", "latch_released", "recipe_changed", "write_refused", "plc_lost"):
+        for kind in ("plc_returned", "latch_released", "plc_lost"):
             assert kind in kinds, kind
-        assert len(kinds) < 60, "a heartbeat of 20 a second is no flood"
+        assert len(kinds) < 40, "a heartbeat of 20 a second is no flood"
+
+
+class Yard:
+    """A bay whose sensors the test holds in its hands."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.config = parse(
+            {
+                "modbus": {
+                    "writes": True,
+                    "port": 0,
+                    "tls": plant.config().model_dump(),
+                    "handshake": {"heartbeat_deadline_s": 20.0, "trigger_timeout_s": 20.0},
+                },
+                "fusion": {
+                    "latch_stop": True,
+                    "latch_leave_s": 0.0,
+                    "vision_deadline_s": 5.0,
+                    "range_deadline_s": 5.0,
+                },
+                "recipes": [{"id": 7, "name": "half way", "fusion": {"distance_threshold_mm": 150.0}}],
+            }
+        )
+        self.distance_mm = 900.0
+        self.clock = SystemClock()
+        self.hub = Hub(["bay1"])
+        self.events = self.hub.subscribe()
+        self.bay = BayControl(self.config.bays[0], self.hub, self.clock, (), self.config)
+
+    async def look(self) -> None:
+        while True:
+            now_ns = self.clock.now_ns()
+            self.bay.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200.0)))
+            self.bay.on_range(RangeReading(now_ns, Quality.GOOD, self.distance_mm))
+            await asyncio.sleep(0.03)
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[int]:
+        """The TLS port."""
+        image = CurrentImage("big")
+        unit = Unit(
+            lambda: image.of(self.bay.state(), self.clock.now_ns(), self.clock.wall_ns()),
+            writer(self.bay.on_write, self.bay.on_refused),
+            refused=lambda peer, why: self.bay.on_refused(writer_of(peer), why),
+        )
+        async with serving(self.config.modbus, {1: unit}, self.clock.wall_ns()) as bound, asyncio.TaskGroup() as group:
+            tasks = [group.create_task(self.bay.run()), group.create_task(self.look())]
+            assert bound.tls is not None
+            yield bound.tls
+            for task in tasks:
+                task.cancel()
+
+
+def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
+    yard = Yard(plant)
+
+    def shift(port: int) -> None:
+        with TlsPlc(port, context_of(plant, "plc1")) as plc:
+
+            def pulse(which: Control, wanted: Callable[[Image], bool]) -> Image:
+                plc.control = 0
+                plc.wait_for(lambda image: image["plc_control"] == 0)
+                plc.control = 1 << which
+                return plc.wait_for(wanted)
+
+            pulse(Control.RESET, lambda image: image["permit"] == 1)
+            assert plc.wait_for(lambda image: image["closing_speed"] == 0)["guidance"] == GuidanceCode.FORWARD
+
+            yard.distance_mm = 250.0
+            plc.wait_for(lambda image: image["reason"] == Reason.TARGET_REACHED)
+            plc.recipe = 7
+            still = plc.wait_for(lambda image: image["recipe_verdict"] == RecipeVerdict.STOP_STANDS)
+            assert (still["stop"], still["recipe_active"]) == (1, 0)
+            still = pulse(Control.RESET, lambda image: image["reset_verdict"] == ResetVerdict.CAUSE_STANDS)
+            assert (still["stop"], still["permit"]) == (1, 0)
+            plc.wait_for(lambda image: image["guidance"] == GuidanceCode.OK)
+
+            # One triggered measurement, acknowledged, and the next.
+            for number in (1, 2):
+                held = pulse(Control.TRIGGER, lambda image: bit(image, HandshakeBit.RESULTS_VALID))
+                assert (held["acquisition_id"], held["result_id"]) == (number, number)
+                assert (held["result_outcome"], held["result_distance"]) == (Outcome.IN_PLACE, 250)
+                pulse(Control.RESULTS_ACK, lambda image: not bit(image, HandshakeBit.RESULTS_VALID))
+            plc.control = 0
+            plc.wait_for(lambda image: bit(image, HandshakeBit.TRIGGER_READY))
+
+            for pdu in (struct.pack(">BHH", 6, 4, 0), struct.pack(">BHHB2H", 16, 82, 2, 4, 0, 0)):
+                with pytest.raises(RefusedError) as refused:
+                    plc.ask(pdu)
+                assert refused.value.args == (2,)
+
+            yard.distance_mm = 900.0
+            plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED)
+            plc.wait_for(lambda image: image["d"] == 0)
+            pulse(Control.RESET, lambda image: image["permit"] == 1)
+            plc.wait_for(lambda image: image["recipe_active"] == 7)
+            yard.distance_mm = 250.0
+            plc.wait_for(lambda image: image["distance"] == 250)
+            assert plc.wait_for(lambda image: image["d"] == 0)["stop"] == 0, "this recipe stops at 150 mm"
+            plc.control = 0
+
+    async def scene() -> None:
+        async with yard.open() as port:
+            await asyncio.get_running_loop().run_in_executor(None, shift, port)
+
+    asyncio.run(scene())
+    told: list[Any] = [(event.kind, event.detail) for event in yard.events.drain()]
+    who = "127.0.0.1 (plc1, role operator)"
+    assert (EventKind.WRITE_REFUSED, f"{who}: register 4 is read only") in told
+    assert (EventKind.WRITE_REFUSED, f"{who}: register 83 is read only") in told
+    assert (EventKind.PLC_WRITE, f"{who}: recipe_select 0 -> 7") in told
+    assert (EventKind.RECIPE_CHANGED, "recipe 0 -> 7") in told
