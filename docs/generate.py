@@ -13,6 +13,7 @@ import cv2
 
 from gateway import configdoc
 from gateway.modbus import export, timing
+from gateway.modbus import reference as modbus_reference
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.target import Target
@@ -32,6 +33,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "verdicts": scoring.markdown,
     },
     "config.md": {"keys": configdoc.markdown},
+    "modbus-server.md": modbus_reference.BLOCKS,
     "mqtt.md": reference.BLOCKS,
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},

@@ -1,7 +1,7 @@
 """Modbus TCP: answers for every bay under its unit id. The only file that imports pymodbus.
 
 pymodbus has the life cycle of listener and connections; the bytes are ours: `connection` takes them from the transport,
-`desk` and `answers` say what is answered, `limits` who may be connected. Why: docs/decisions, "Modbus data path".
+`desk` and `answers` say what is answered, `limits` who may be connected. Why: docs/decisions/0009.
 """
 
 import asyncio
