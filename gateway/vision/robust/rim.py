@@ -3,7 +3,7 @@
 1. Coarse: about a hundred rays over a wide window; per ray the steepest change from the disc's colour to what lies
    outside there; the ellipse most rays agree on, found from fixed random subsets (RANSAC), then by reweighted least
    squares.
-2. Fine: up to 256 rays over a narrow window round it; per ray the shift of a blurred step, maximum likelihood over the
+2. Fine: up to 320 rays over a narrow window round it; per ray the shift of a blurred step, maximum likelihood over the
    three colour channels at once with level and height free, so that another background behind every ray, a veil of dust
    or a gradient do no harm; then the robust ellipse fit of `support`. Again, until the rim stands still.
 3. Blur moves the edge of a disc inward, by half the tangential variance of the blur times the curvature. The variance
@@ -79,7 +79,7 @@ def refine(
     seed: Ellipse,
     *,
     search_px: float | None = None,
-    rays: int = 256,
+    rays: int = 320,
     doubt: float = 4.0,
     least_visible: float = 0.15,
 ) -> Rim | None:
@@ -216,7 +216,8 @@ def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
     weight = np.where(rays.inside & (top > 0.3 * usual), np.minimum(top / usual, 1.5), 0.0)
     # Round its peak the answer to a blurred step is a Gaussian: of the blur's variance and the filter's together.
     variance = (_quantile(top[weight > 0] / bend[weight > 0], 0.5) - _FILTER_SIGMA**2) * step * step
-    sigma = min(max(round(sqrt(max(variance, 0.0)), 1), 0.7), 4.0)
+    coarse = 1.0 if step <= 1.0 else 0.4  # wide steps can't tell sharp from soft
+    sigma = min(max(round(coarse * sqrt(max(variance, 0.0)), 1), 0.8), 3.0)
     return shift.astype(np.float64), weight.astype(np.float64), sigma
 
 
@@ -230,7 +231,7 @@ def _fine(image: Image, oval: Oval, sigma: float, first: int, opt: _Options) -> 
         count = whole if turn else min(first, whole)
         room = 0.75 * oval.minor_px
         step = min(max(0.75, 0.6 * sigma), room / 4)
-        half_steps = ceil(min(max(3.2 * sigma + 1.5, 4.0), room) / step)
+        half_steps = ceil(min(max(2.5 * sigma + 1.0, 3.0), room) / step)
         seen = profile(round(10 * sigma), half_steps, round(100 * step))
         rays = sample(image, oval, count, seen.offsets_px, min(2.0 + sigma, room))
         if rays is None:
@@ -254,7 +255,7 @@ def _fine(image: Image, oval: Oval, sigma: float, first: int, opt: _Options) -> 
             return None
         oval = found.oval
         was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * oval.minor_px, 1.0))
-        still = found.step_px < _STILL_SIGMAS * sigma and abs(sigma - was) <= 0.4 * sigma
+        still = found.step_px < _STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
         if count == whole and (still or turn == _ROUNDS - 1):
             return _rim(rays, edges, found, sigma, opt.least_visible)
     return None
@@ -286,7 +287,7 @@ def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
     inner = level + height
     strange = (np.square(inner - _median3(inner, inside)).sum(axis=0)) / (0.4 * power + 200.0)
     weight = np.minimum(power / usual, 2.0) / (1.0 + strange * strange)
-    weight *= np.square(np.minimum(2.0 * quiet / noise, 1.0))
+    weight *= np.minimum(1.4 * quiet / noise, 1.0) ** 4  # specks, and what else is no plain step
     weight[(clear == 0) | (own < 9.0) | (np.abs(shift) > 1.5 * sigma + 1.0)] = 0.0
     return _Edges(shift.astype(np.float64), np.sqrt(own), variance.astype(np.float64), weight.astype(np.float64))
 

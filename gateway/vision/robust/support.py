@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gateway.vision.robust.conic import Oval
 from gateway.vision.robust.rays import Floats, directions
 
-_TUKEY = 4.685  # 95 % efficient for Gaussian residuals
+_TUKEY = 4.0  # some 90 % efficient for Gaussian residuals
 _QUANTILE_40 = 0.5244  # of the absolute values of a standard Gaussian
 _NO_CUT = 1e30
 _FEWEST = 8
