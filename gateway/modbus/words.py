@@ -17,6 +17,7 @@ WordOrder = Literal["big", "little"]
 _FLOAT32_MAX = 3.4028234663852886e38
 _FLOAT32_NAN = 0x7FC0_0000
 _ONE_FLOAT, _TWO_WORDS = struct.Struct(">f"), struct.Struct(">HH")
+_INTEGERS = {2: (struct.Struct(">I"), _TWO_WORDS), 4: (struct.Struct(">Q"), struct.Struct(">HHHH"))}
 _BEYOND = 1e30  # larger than any register at any scale, small enough to be divided by one
 
 
@@ -75,12 +76,22 @@ def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | 
             return (value & 0xFFFF,), False
         return nothing if value is None else pack(kind, value, scale, order)
 
+    whole, parts = _INTEGERS.get(kind.words, (_ONE_FLOAT, _TWO_WORDS))
+
+    def whole_words(value: int | float | None) -> Packed:
+        if isinstance(value, int) and 0 <= low <= value <= high:
+            words = parts.unpack(whole.pack(value))
+            return (words if high_first else words[::-1]), False
+        return pack(kind, value, scale, order)
+
     def anything(value: float | None) -> Packed:
         return nothing if value is None else pack(kind, value, scale, order)
 
     if kind.is_float:
         return float32
-    return whole_word if kind.words == 1 and scale == 1 else anything
+    if scale != 1:
+        return anything
+    return whole_word if kind.words == 1 else whole_words
 
 
 def unpack(kind: WireType, words: Sequence[int], scale: float, order: WordOrder) -> float | None:
