@@ -1,28 +1,45 @@
 """The tables of `gateway evaluate` on a terminal."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gateway.vision.evaluation.report import ALL_FRAMES, number, share
+from gateway.vision.evaluation.report import ALL_FRAMES, number
 from gateway.vision.evaluation.result import Result
 from gateway.vision.evaluation.scoring import Figures
 
-WIDTH = 132  # where the output is no terminal
-_COLUMNS = (
-    "pictures", "detected", "within 5 %", "wrong", "missed", "false",
-    "centre px", "p95", "radius %", "p95", "bias", "ms",
-)  # fmt: skip
+WIDTH = 124  # where the output is no terminal
+_ONE_TABLE = 122  # a narrower terminal gets two
+
+_Cell = str | Text
+_RATES: tuple[tuple[str, Callable[[Figures], _Cell]], ...] = (
+    ("pictures", lambda f: str(f.pictures)),
+    ("found %", lambda f: _percent(f.detected_share)),
+    ("in 5 %", lambda f: _percent(f.close_share)),
+    ("wrong", lambda f: _alarm(f.wrong) if f.with_marker else "–"),
+    ("missed", lambda f: str(f.missed) if f.with_marker else "–"),
+    ("false", lambda f: _alarm(f.false) if f.without else "–"),
+)
+_ERRORS: tuple[tuple[str, Callable[[Figures], _Cell]], ...] = (
+    ("centre px", lambda f: number(f.centre_median_px)),
+    ("p95", lambda f: number(f.centre_p95_px)),
+    ("radius %", lambda f: number(f.radius_median_pct)),
+    ("p95", lambda f: number(f.radius_p95_pct)),
+    ("bias", lambda f: number(f.radius_bias_pct)),
+    ("ms", lambda f: number(f.ms_median)),
+)
 
 
-def show(results: Sequence[Result]) -> None:
-    """Prints everything that was measured of every method."""
-    console = Console() if sys.stdout.isatty() else Console(width=WIDTH)
+def show(results: Sequence[Result], width: int | None = None) -> None:
+    """Prints everything that was measured of every method; `width` in characters, the terminal's by default."""
+    console = Console(width=width) if width or sys.stdout.isatty() else Console(width=WIDTH)
     for result in results:
-        console.print(_parts(result))
+        for columns in (_RATES + _ERRORS,) if console.width >= _ONE_TABLE else (_RATES, _ERRORS):
+            console.print(_parts(result, columns))
         if result.sequences:
             console.print(_sequences(result))
         if result.constancy:
@@ -33,35 +50,30 @@ def show(results: Sequence[Result]) -> None:
     console.print("centre and radius: median, p95 and bias of the answers on the target", style="dim")
 
 
-def _parts(result: Result) -> Table:
-    table = Table(title=f"Method {result.method}", title_justify="left")
-    table.add_column("part")
-    for column in _COLUMNS:
-        table.add_column(column, justify="right")
-    table.add_row("whole set", *_row(result.whole), style="bold", end_section=True)
+def _parts(result: Result, columns: Sequence[tuple[str, Callable[[Figures], _Cell]]]) -> Table:
+    table = _table(f"Method {result.method}", "part", *(name for name, _ in columns))
+
+    def add(name: str, part: Figures, style: str = "", *, last: bool = False) -> None:
+        table.add_row(Text(name), *(cell(part) for _, cell in columns), style=style, end_section=last)
+
+    add("whole set", result.whole, "bold", last=True)
     for n, (name, part) in enumerate(result.halves.items(), start=1):
-        table.add_row(name, *_row(part), end_section=n == len(result.halves))
+        add(name, part, last=n == len(result.halves))
     for name, part in result.groups.items():
-        table.add_row(Text(name), *_row(part))
+        add(name, part)
     return table
 
 
-def _row(f: Figures) -> list[str | Text]:
-    marked = f.with_marker > 0
-    return [
-        str(f.pictures),
-        share(f.detected_share),
-        share(f.close_share),
-        _alarm(f.wrong) if marked else "–",
-        str(f.missed) if marked else "–",
-        _alarm(f.false) if f.without else "–",
-        number(f.centre_median_px),
-        number(f.centre_p95_px),
-        number(f.radius_median_pct),
-        number(f.radius_p95_pct),
-        number(f.radius_bias_pct),
-        number(f.ms_median),
-    ]
+def _table(title: str, first: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column(first, no_wrap=True, max_width=22)
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    return table
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f}"
 
 
 def _alarm(count: int) -> Text:
@@ -69,36 +81,26 @@ def _alarm(count: int) -> Text:
 
 
 def _sequences(result: Result) -> Table:
-    table = Table(title=f"Followed from frame to frame, method {result.method}", title_justify="left")
-    table.add_column("sequence")
-    for column in ("frames", "acquired after", "detected since", "within 5 %", "wrong", "coasted", "centre p95 px"):
-        table.add_column(column, justify="right")
+    columns = ("frames", "after", "found %", "in 5 %", "wrong", "coasted", "p95 px")
+    table = _table(
+        f"Followed from frame to frame, method {result.method}: since the first on target", "sequence", *columns
+    )
     for found in result.sequences:
         name = Text(found.series or ALL_FRAMES)
         if found.after is None:
             table.add_row(name, str(found.frames), Text("never", style="bold red"), *["–"] * 5)
             continue
         f = found.after
-        rates = (share(f.detected_share), share(f.close_share), _alarm(f.wrong), str(f.coasted))
-        table.add_row(name, str(found.frames), f"{found.acquired_after} frames", *rates, number(f.centre_p95_px))
+        rates = (_percent(f.detected_share), _percent(f.close_share), _alarm(f.wrong), str(f.coasted))
+        table.add_row(name, str(found.frames), str(found.acquired_after), *rates, number(f.centre_p95_px))
     return table
 
 
 def _constancy(result: Result) -> Table:
-    table = Table(title=f"R times Z, method {result.method}: deviation from the median, %", title_justify="left")
-    table.add_column("series")
-    for column in (
-        "pictures",
-        "R Z px cm",
-        "typical",
-        "largest",
-        "of the labels",
-        "best offset of Z",
-        "largest with it",
-    ):
-        table.add_column(column, justify="right")
+    columns = ("pictures", "px cm", "typical", "largest", "labels", "offset cm", "with it")
+    table = _table(f"R times Z, method {result.method}: deviation from the median, %", "series", *columns)
     for part in result.constancy:
-        shift = "–" if part.offset_cm is None else f"{part.offset_cm:+.1f} cm"
+        shift = "–" if part.offset_cm is None else f"{part.offset_cm:+.1f}"
         row = (str(part.pictures), f"{part.median_px_cm:.0f}", f"{part.typical_pct:.2f}", f"{part.largest_pct:.2f}")
         rest = (f"{part.label_largest_pct:.2f}", shift, number(part.largest_with_offset_pct))
         table.add_row(Text(part.series or "(all)"), *row, *rest)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.cli import evaluatetable
 from gateway.errors import ConfigError
 from gateway.model import Circle, Detection, Ellipse, Rejection
 from gateway.vision.evaluation import casebook, plots
@@ -220,3 +221,21 @@ def test_a_report_that_cannot_be_written(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "a.html").read_text() == "x"
     with pytest.raises(ConfigError, match="cannot be written: Is a directory"):
         write(tmp_path, "x")
+
+
+@pytest.mark.parametrize(("width", "tables"), [(122, 1), (80, 2)])
+def test_the_table_fits_the_terminal(
+    outcomes: list[Outcome], width: int, tables: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outcomes.append(judge(Label(file="g.png", found=False, group="a_group_of_22_letters_"), Detection(None)))
+    evaluatetable.show([result("paper", outcomes, EVERY, split=True, followed=True)], width)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    assert not any("…" in line for line in lines), "nothing is cut"
+    whole = [line.split()[2:] for line in lines if line.strip().startswith("whole set")]
+    assert len(whole) == tables
+    cells = [cell for row in whole for cell in row]
+    assert cells[:6] == ["11", "75.0", "75.0", "1", "1", "1"]
+    assert len(cells) == 12
+    named = [line.split()[:2] for line in lines if line.strip().startswith("<b>&")]
+    assert named[-1] == ["<b>&", "6"], "R times Z, by the group's name as it is written"
