@@ -36,7 +36,7 @@ def server_context(config: TlsConfig) -> ssl.SSLContext:
     context.set_ciphers(CIPHERS)
     context.verify_mode = ssl.CERT_REQUIRED
     # A resumed session would not look at the certificate again, which may have expired or been taken back since.
-    context.options |= ssl.OP_NO_TICKET
+    context.options |= ssl.OP_NO_TICKET | ssl.OP_NO_RENEGOTIATION
     context.num_tickets = 0
     for key, name in (("cert", config.cert), ("key", config.key), ("ca", config.ca), ("crl", config.crl)):
         if name is not None:

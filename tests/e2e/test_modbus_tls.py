@@ -18,7 +18,7 @@ from gateway import loop
 from gateway.config import ModbusConfig
 from gateway.modbus.answers import Peer, Unit
 from gateway.modbus.exceptions import ModbusException
-from gateway.modbus.porch import AT_ONCE
+from gateway.modbus.porch import AT_ONCE, PLC_AT_ONCE
 from gateway.modbus.registers import BLOCK_WORDS
 from gateway.modbus.service import Listening, serving
 from tests.plant_certs import LONG_AGO, Plant
@@ -400,5 +400,128 @@ def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: 
             expected = struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP
             for _ in range(5):
                 assert await threaded(pipelined, listening.tls) == expected * 50
+
+    play(scene())
+
+
+class Slicer:
+    """A TLS client of our own on a plain socket: what it sends leaves in slices of `size` bytes."""
+
+    def __init__(self, port: int, context: ssl.SSLContext, size: int) -> None:
+        self._tcp = socket.create_connection(("127.0.0.1", port), timeout=10)
+        self._tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._in, self._out, self._size = ssl.MemoryBIO(), ssl.MemoryBIO(), size
+        self._tls = context.wrap_bio(self._in, self._out, server_hostname="127.0.0.1")
+        self._all(self._tls.do_handshake)
+
+    def send(self, data: bytes) -> None:
+        self._tls.write(data)
+        self._push()
+
+    def receive(self, count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            data += self._all(self._tls.read)
+        assert len(data) == count
+        return data
+
+    def close(self) -> None:
+        self._tcp.close()
+
+    def _all(self, work: Callable[[], Any]) -> Any:
+        while True:
+            try:
+                done = work()
+            except ssl.SSLWantReadError:
+                self._push()
+                more = self._tcp.recv(4096)
+                if not more:
+                    raise ConnectionResetError("closed") from None
+                self._in.write(more)
+                continue
+            self._push()
+            return done
+
+    def _push(self) -> None:
+        data = self._out.read()
+        for at in range(0, len(data), self._size):
+            self._tcp.sendall(data[at : at + self._size])
+
+
+@pytest.mark.parametrize("size", [1, 7, 1400])
+def test_tls_records_and_requests_in_any_slices(plant: Plant, size: int) -> None:
+    """The cable cuts where it likes, and a client may put every byte into a record of its own."""
+
+    def talk(port: int) -> None:
+        client = Slicer(port, context_of(plant, "viewer"), size)
+        expected = struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP
+        client.send(FRAME * 3)
+        assert client.receive(3 * len(expected)) == expected * 3
+        for n in range(len(FRAME)):
+            client.send(FRAME[n : n + 1])
+        assert client.receive(len(expected)) == expected
+        client.close()
+
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            await threaded(talk, listening.tls)
+
+    play(scene())
+
+
+def test_a_frame_of_an_impossible_length_ends_the_connection_with_a_goodbye(plant: Plant) -> None:
+    def talk(port: int) -> bytes:
+        with dialled(port, context_of(plant, "viewer")) as tls:
+            tls.sendall(FRAME + struct.pack(">HHHB", 1, 0, 9999, 1))
+            return _exactly(tls, 11) + tls.recv(100)  # an end without close_notify would raise SSLEOFError
+
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            assert (await threaded(talk, listening.tls))[7:] == ANSWER_STOP
+
+    play(scene())
+
+
+def test_a_client_that_does_not_read_is_cut_and_the_others_do_not_notice(
+    plant: Plant, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = struct.pack(">HHHB", 1, 0, 6, 1) + bytes((3,)) + struct.pack(">HH", 0, BLOCK_WORDS)
+
+    def flood(port: int) -> int:
+        with socket.socket() as tcp:
+            for buffer in (socket.SO_RCVBUF, socket.SO_SNDBUF):  # the kernel's megabytes would hide the end
+                tcp.setsockopt(socket.SOL_SOCKET, buffer, 16384)
+            tcp.settimeout(20)
+            tcp.connect(("127.0.0.1", port))
+            sent = 0
+            with context_of(plant, "viewer").wrap_socket(tcp, server_hostname="127.0.0.1") as tls:
+                try:
+                    while True:
+                        tls.sendall(whole * 100)
+                        sent += 100
+                except OSError:
+                    return sent
+
+    async def scene() -> None:
+        async with gateway(plant, Bay(), send_timeout_s=0.5) as listening:
+            flooding = threaded(flood, listening.tls)
+            task = asyncio.get_running_loop().create_task(flooding)
+            while not task.done():
+                assert await threaded(ask, listening.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
+                await asyncio.sleep(0.3)  # strangers may begin a few handshakes a second
+            assert await task < 20_000
+
+    with caplog.at_level(logging.WARNING):
+        play(scene())
+    assert "it did not read its answers" in caplog.text
+
+
+def test_nobody_is_left_behind(plant: Plant) -> None:
+    """Clients that come, ask and go leave neither connections nor waiting places."""
+
+    async def scene() -> None:
+        async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"]) as listening:
+            for _ in range(PLC_AT_ONCE + 2):
+                assert await threaded(ask, listening.tls, context_of(plant, "viewer"), READ_STOP) == [ANSWER_STOP]
 
     play(scene())
