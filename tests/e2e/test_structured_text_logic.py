@@ -21,6 +21,8 @@ from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, Vi
 from tests.node_function import run_function
 from tests.structured_text import Instance, Program, RefusedError, parse
 
+pytestmark = pytest.mark.timeout(300)  # the parser takes its time on a busy machine
+
 ADDRESS = {register.name: register.address for register in REGISTERS}
 # Elementary types, keywords and standard functions of IEC 61131-3, SCL and Logix that a field must not be called.
 RESERVED = """
