@@ -19,8 +19,9 @@ AROUND = 1.4  # of the semi-major axis: part of the picture that is looked at
 
 
 def roundness(rim: Rim) -> float:
-    """1 where all edges lie on the ellipse, a half where they scatter by half a pixel and 1 % of the radius."""
-    return 1 / (1 + (rim.rms_px / (0.5 + 0.01 * rim.ellipse.semi_minor_px)) ** 2)
+    """1 where all edges lie on the ellipse; a half where they scatter by 1 % of it and half a pixel (small: 3 %)."""
+    size_px = rim.ellipse.semi_minor_px
+    return 1 / (1 + (rim.rms_px / (min(0.5, 0.03 * size_px) + 0.01 * size_px)) ** 2)
 
 
 def quality(rim: Rim) -> float:

@@ -12,17 +12,18 @@ from gateway.vision.robust.rim import Rim
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_REDNESS = 0.25, 0.13  # log units in clear air; a veil makes both smaller
 MAX_BLUE = 0.95  # of the red: more is magenta
-MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.5, 0.4, 0.5, 0.75
+MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
+MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
 
 FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they speak for a disc as loudly as they can
-FULL_REDNESS = 0.7  # log units: red paint in good light
-ODDS = 70.0  # for a disc where nothing speaks against it
+FULL_REDNESS = 1.2  # log units: red paint in good light; more is only darker
+ODDS = 80.0  # for a disc where nothing speaks against it
 POWERS = {
     "support": 5.0,
     "round": 3.0,
     "coverage": 1.5,
-    "sealed": 4.0,
+    "sealed": 6.0,
     "clear": 1.5,
     "fill": 2.0,
     "aspect": 3.0,
@@ -53,6 +54,10 @@ class Candidate:
         return self.rim.ellipse.semi_minor_px / self.rim.ellipse.semi_major_px
 
 
+def _sharp(c: Candidate) -> bool:
+    return c.rim.blur_px <= MAX_BLUR * c.rim.ellipse.semi_minor_px and c.evidence.contrast >= MIN_STEP * c.evidence.rise
+
+
 Gate = Callable[[Candidate, Limits], bool]
 
 GATES: tuple[tuple[str, Gate], ...] = (
@@ -67,6 +72,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
     ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
+    ("blur", lambda c, _: _sharp(c)),
     ("confidence", lambda c, limits: confidence(c, limits) >= limits.min_confidence),
 )
 """Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`."""
@@ -104,8 +110,8 @@ def confidence(found: Candidate, limits: Limits) -> float:
 
 def weight(found: Candidate, limits: Limits) -> float:
     """Which of several discs is the marker: the surer and redder one, and of equals the larger, as in equation 9."""
-    redness = min(1.0, max(0.0, found.evidence.redness) / FULL_REDNESS)
-    return float(confidence(found, limits) * math.sqrt(redness) * found.rim.ellipse.semi_major_px**0.3)
+    redness = min(FULL_REDNESS, max(0.0, found.evidence.redness))
+    return float(confidence(found, limits) * redness * found.rim.ellipse.semi_major_px**0.3)
 
 
 def circle_of(ellipse: Ellipse) -> Circle:

@@ -20,7 +20,7 @@ LOOK_PX = 14.0  # radius, px of its level, from which on a candidate is looked a
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
 CLOSE = np.arange(0.6, 1.46, 0.04, dtype=np.float32)
 HALF = 2  # samples on either side of an edge
-CORE = slice(1, 4)  # of DISC: 0.2 to 0.4 of the way to the rim
+CORE, CORE_END = slice(1, 4), 5  # of DISC: 0.2 to 0.4 of the way to the rim; up to 0.5
 DISC = np.arange(0.1, 0.95, 0.1, dtype=np.float32)
 INSIDE = np.arange(0.72, 0.94, 0.04, dtype=np.float32)  # compared, ray by ray, with
 OUTSIDE = np.arange(1.08, 1.31, 0.04, dtype=np.float32)
@@ -39,6 +39,7 @@ class Evidence:
     leak: float  # share of it where the red goes on outside as if there were no rim; the rest is hidden: not red
     visible: float  # share of the whole rim that is red inside and not outside
     contrast: float  # median fall of redness across the rim, log units
+    rise: float  # redness of the core less that outside: much more than the contrast where there is no rim but a glow
     noise: float  # scatter of that fall from ray to ray where the rim shows, log units
     fill: float  # share of the inside that is nearer to the inside's redness than to the outside's
     hollow: float  # share of the rays that are not red near the centre: 1 for a ring or the letter O
@@ -155,6 +156,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     red_enough = rays.red[..., :n] > red_from[..., None]
     inner_redness = masked_median(within, used & red_within)
     hollow = (red_enough[..., CORE].mean(axis=2) < 0.5).mean(axis=1)
+    core = np.median(rays.red[..., :CORE_END], axis=(1, 2))
     area = np.where(rays.seen[..., :n], DISC, 0)
     fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)
     for row, k in enumerate(good):
@@ -171,6 +173,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
             leak=float(leak[row].sum() / used[row].sum()),
             visible=float(seen[row].sum() / RAYS),
             contrast=float(contrast[row]),
+            rise=float(core[row] - around[row]),
             noise=float(noise[row]),
             fill=float(fill[row]),
             hollow=float(hollow[row]),

@@ -12,6 +12,7 @@ REJECTION_MEANING: dict[str, str] = {
     "fill": "too little of the inside is red: an arc, a letter, a half of something",
     "hollow": "not red round the centre: a ring, the letter O",
     "support": "too few edges lie on the rim",
+    "blur": "a glow, not a disc: no rim that is sharp for its size",
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not whole",
     "weaker": "a red disc, but another one in this picture has more evidence",
 }

@@ -1,0 +1,155 @@
+"""No marker, no answer; and no picture of any kind makes the robust method raise, hang or grow."""
+
+import math
+import tracemalloc
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from gateway.config import VisionConfig
+from gateway.model import Circle
+from gateway.sim import decoys
+from gateway.vision.pixels import Image
+from gateway.vision.robust.detect import detect
+from gateway.vision.robust.rejections import REJECTION_MEANING
+
+PARAMS = VisionConfig()
+WIDTH, HEIGHT = 320, 240
+chance = np.random.default_rng
+
+
+@pytest.mark.parametrize("ground", ["concrete", "wood", "leaves"])
+@pytest.mark.parametrize("name", [name for name in decoys.DECOYS if name != "text"])
+def test_a_decoy_alone_is_no_marker(name: str, ground: str):
+    sheet = decoys.sheet(WIDTH, HEIGHT, ground, 5)
+    decoys.DECOYS[name](sheet, 158.0, 122.0, 44.0)
+    found = detect(sheet.finished(), PARAMS)
+
+    assert found.circle is None, found.confidence
+    assert found.ellipse is None
+    assert found.confidence is None
+    assert {rejection.why for rejection in found.rejected} <= set(REJECTION_MEANING)
+
+
+@pytest.mark.parametrize("ground", ["concrete", "wood", "leaves"])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_empty_ground_has_no_marker(ground: str, seed: int):
+    assert detect(decoys.sheet(WIDTH, HEIGHT, ground, 30 + seed).finished(), PARAMS).circle is None
+
+
+def _plain(colour: tuple[int, int, int]) -> Image:
+    return np.full((HEIGHT, WIDTH, 3), colour, np.uint8)
+
+
+def _stripes() -> Image:
+    image = _plain((110, 110, 110))
+    image[:, (np.arange(WIDTH) // 12) % 2 == 0] = (40, 35, 190)
+    return image
+
+
+def _checks() -> Image:
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH] // 16
+    return np.where(((x + y) % 2 == 0)[..., None], (40, 35, 190), (110, 110, 110)).astype(np.uint8)
+
+
+def _gradient() -> Image:
+    x = np.linspace(0, 255, WIDTH, dtype=np.float32)
+    return np.broadcast_to(np.stack([40 + 0 * x, 40 + 0 * x, x], 1), (HEIGHT, WIDTH, 3)).astype(np.uint8)
+
+
+def _glow() -> Image:
+    """A red light in fog: as round as can be, but without a rim."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    share = np.exp(-((x - 160.0) ** 2 + (y - 120.0) ** 2) / (2 * 40.0**2))
+    return (np.array([60, 60, 60]) + share[..., None] * np.array([-20, -20, 150])).astype(np.uint8)
+
+
+PICTURES = {
+    "black": lambda: _plain((0, 0, 0)),
+    "white": lambda: _plain((255, 255, 255)),
+    "all red": lambda: _plain((30, 25, 200)),
+    "noise": lambda: chance(1).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8),
+    "dark noise": lambda: chance(2).integers(0, 12, (HEIGHT, WIDTH, 3)).astype(np.uint8),
+    "red noise": lambda: chance(3).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8) // (4, 4, 1),
+    "blotches": lambda: cv2.resize(chance(5).integers(0, 256, (12, 16, 3)).astype(np.uint8), (WIDTH, HEIGHT)),
+    "blocks": lambda: np.kron(chance(5).integers(0, 256, (15, 20, 3)), np.ones((16, 16, 1))).astype(np.uint8),
+    "stripes": _stripes,
+    "checks": _checks,
+    "gradient": _gradient,
+    "glow": _glow,
+}
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_of_nothing_has_no_marker(name: str):
+    assert detect(np.asarray(PICTURES[name](), np.uint8), PARAMS).circle is None
+
+
+sides = st.integers(1, 48)
+coordinates = st.floats(-1e6, 1e6) | st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1e300])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.tuples(sides, sides).flatmap(lambda shape: arrays(np.uint8, (*shape, 3))))
+def test_any_picture_gives_an_answer_that_is_whole(image: Image):
+    found = detect(image, PARAMS)
+
+    assert (found.circle is None) == (found.ellipse is None) == (found.confidence is None) == (found.visible is None)
+    if found.circle is not None and found.confidence is not None:
+        assert math.isfinite(found.circle.u_px + found.circle.v_px)
+        assert found.circle.radius_px > 0
+        assert PARAMS.min_confidence <= found.confidence <= 1
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    window=st.tuples(*[st.integers(-500, 500)] * 4),
+    expected=st.builds(Circle, coordinates, coordinates, coordinates),
+)
+def test_no_window_and_no_prediction_is_too_wild(window: tuple[int, int, int, int], expected: Circle):
+    sheet = decoys.sheet(96, 72, "wood", 3)
+    sheet.disc(47.0, 36.0, 14.0)
+    found = detect(sheet.finished(), PARAMS, window=window, expected=expected)
+
+    if found.circle is not None:
+        assert (found.circle.u_px, found.circle.v_px) == pytest.approx((47.0, 36.0), abs=1.0)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (500, 1), (2, 2), (3, 700), (7, 7), (8, 8), (9, 33)])
+def test_tiny_and_thin_pictures_are_searched_in_vain(shape: tuple[int, int]):
+    for seed in range(3):
+        assert detect(chance(seed).integers(0, 256, (*shape, 3)).astype(np.uint8), PARAMS).circle is None
+
+
+def test_something_else_than_a_picture_is_refused():
+    for wrong in (np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8)):
+        with pytest.raises(ValueError, match="not a"):
+            detect(wrong, PARAMS)  # type: ignore[arg-type]
+
+
+def test_a_picture_that_is_a_view_of_another_is_searched_too():
+    sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 1)
+    sheet.disc(160.0, 120.0, 40.0)
+    image = sheet.finished()
+    flipped = detect(image[::-1, ::-1], PARAMS).circle
+
+    assert flipped is not None
+    assert (flipped.u_px, flipped.v_px) == pytest.approx((WIDTH - 1 - 160.0, HEIGHT - 1 - 120.0), abs=0.1)
+
+
+def test_memory_stays_below_half_of_a_large_picture():
+    image = np.full((4000, 6000, 3), (120, 122, 121), np.uint8)
+    cv2.circle(image, (3100, 2050), 700, (40, 35, 190), -1)
+    detect(image, PARAMS)
+    tracemalloc.start()
+    found = detect(image, PARAMS)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    assert found.circle is not None
+    assert found.circle.radius_px == pytest.approx(700.5, abs=1.0)
+    assert peak < image.nbytes / 2
