@@ -18,6 +18,7 @@ _FLOAT32_MAX = 3.4028234663852886e38
 _FLOAT32_NAN = 0x7FC0_0000
 _ONE_FLOAT, _TWO_WORDS = struct.Struct(">f"), struct.Struct(">HH")
 _INTEGERS = {2: (struct.Struct(">I"), _TWO_WORDS), 4: (struct.Struct(">Q"), struct.Struct(">HHHH"))}
+_WITHIN = 1e9  # no one-word register reaches so far at any scale
 _BEYOND = 1e30  # larger than any register at any scale, small enough to be divided by one
 
 
@@ -66,32 +67,33 @@ def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | 
     low, high, high_first = kind.low, kind.high, order == "big"
 
     def float32(value: float | None) -> Packed:
-        if value is None or not -_FLOAT32_MAX <= value <= _FLOAT32_MAX:
+        if value is None:
+            return nothing
+        if not -_FLOAT32_MAX <= value <= _FLOAT32_MAX:
             return pack(kind, value, scale, order)
         first, second = _TWO_WORDS.unpack(_ONE_FLOAT.pack(value))
         return ((first, second) if high_first else (second, first)), False
 
-    def whole_word(value: int | float | None) -> Packed:
-        if isinstance(value, int) and low <= value <= high:
-            return (value & 0xFFFF,), False
-        return nothing if value is None else pack(kind, value, scale, order)
+    def one_word(value: int | float | None) -> Packed:
+        if value is None:
+            return nothing
+        if -_WITHIN < value < _WITHIN:  # false for NaN
+            raw = value if scale == 1 and isinstance(value, int) else round(value / scale)
+            if low <= raw <= high:
+                return (raw & 0xFFFF,), False
+        return pack(kind, value, scale, order)
 
     whole, parts = _INTEGERS.get(kind.words, (_ONE_FLOAT, _TWO_WORDS))
 
     def whole_words(value: int | float | None) -> Packed:
-        if isinstance(value, int) and 0 <= low <= value <= high:
+        if isinstance(value, int) and scale == 1 and 0 <= low <= value <= high:
             words = parts.unpack(whole.pack(value))
             return (words if high_first else words[::-1]), False
         return pack(kind, value, scale, order)
 
-    def anything(value: float | None) -> Packed:
-        return nothing if value is None else pack(kind, value, scale, order)
-
     if kind.is_float:
         return float32
-    if scale != 1:
-        return anything
-    return whole_word if kind.words == 1 else whole_words
+    return one_word if kind.words == 1 else whole_words
 
 
 def unpack(kind: WireType, words: Sequence[int], scale: float, order: WordOrder) -> float | None:
