@@ -170,7 +170,7 @@ def _revoke(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
 
     by, found = folder.authority(), folder.certificate(args.name)
     folder.replace_crl(issue.revocations(by, folder.crl(), found.serial_number, now, args.days))
-    print(f"{args.name}: taken back. Copy {folder.crl_path} to the gateway (modbus.tls.crl) and restart it")
+    print(f"{args.name}: taken back. Copy {folder.crl_path} to the gateway (modbus.tls.crl)")
     return 0
 
 

@@ -36,15 +36,24 @@ class Porch:
     """`tlsstream.House`. `admit` gives the protocol for a client that has come in."""
 
     def __init__(
-        self, context: ssl.SSLContext, deadline_s: float, host: Host, admit: Callable[[], asyncio.Protocol]
+        self,
+        contexts: Callable[[], ssl.SSLContext],
+        deadline_s: float,
+        host: Host,
+        admit: Callable[[], asyncio.Protocol],
     ) -> None:
-        self.context = context
+        self._contexts = contexts
         self.deadline_s = deadline_s
         self._host = host
         self._admit = admit
         self._waiting = 0
         self._tokens = float(BURST)
         self._counted_s = 0.0
+
+    @property
+    def context(self) -> ssl.SSLContext:
+        """For the next connection."""
+        return self._contexts()
 
     def newcomer(self) -> TlsStream:
         """The protocol of a connection that was just accepted."""

@@ -57,7 +57,7 @@ class ServerStats(DeskStats):
 class ModbusServer:
     """`async with ModbusServer(config.modbus, {1: unit1}) as server:` listens until the block is left.
 
-    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `ssl_context` it speaks TLS, and
+    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `tls_contexts` it speaks TLS, and
     `peer_of` reads the role from the certificate. Entering raises ConfigError where the operator must act (name,
     privilege, open files) and LinkError where waiting may help (port in use, address not yet there). Leaving cuts every
     connection within CLOSE_TIMEOUT_S. May be entered again.
@@ -69,7 +69,7 @@ class ModbusServer:
         units: Mapping[int, Unit],
         *,
         port: int | None = None,
-        ssl_context: ssl.SSLContext | None = None,
+        tls_contexts: Callable[[], ssl.SSLContext] | None = None,
         handshake_deadline_s: float = 5.0,
         peer_of: PeerOf = plain_peer,
     ) -> None:
@@ -77,7 +77,7 @@ class ModbusServer:
         self._config = config
         self._units = units
         self._wanted_port = config.port if port is None else port
-        self._ssl_context = ssl_context
+        self._tls_contexts = tls_contexts
         self._handshake_deadline_s = handshake_deadline_s
         self._peer_of = peer_of
         self._listener: _Listener | None = None
@@ -92,9 +92,9 @@ class ModbusServer:
     async def __aenter__(self) -> Self:
         allow_open_files(self._config)
         listener = _Listener(self._config, self._units, self.stats, self._wanted_port, self._peer_of)
-        if self._ssl_context is not None:
+        if self._tls_contexts is not None:
             admit = cast(Callable[[], asyncio.Protocol], listener.handle_new_connection)  # pymodbus's base has no base
-            listener.porch = Porch(self._ssl_context, self._handshake_deadline_s, listener, admit)
+            listener.porch = Porch(self._tls_contexts, self._handshake_deadline_s, listener, admit)
         try:
             await listener.serve_forever(background=True)
         except (OSError, ValueError) as error:

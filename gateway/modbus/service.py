@@ -1,17 +1,15 @@
 """What listens for Modbus: plain TCP, Modbus/TCP Security, or both beside each other, on the same units."""
 
-import logging
 from asyncio import Transport
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 
+from gateway.clock import Clock
 from gateway.config import ModbusConfig
 from gateway.modbus import tls
 from gateway.modbus.answers import Access, Peer, Unit
 from gateway.modbus.server import ModbusServer, plain_peer
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +26,8 @@ class Listening:
 
 
 @asynccontextmanager
-async def serving(config: ModbusConfig, units: Mapping[int, Unit], wall_ns: int) -> AsyncIterator[Listening]:
-    """Listens until the block is left. Raises ConfigError and LinkError as `ModbusServer` and `tls.server_context` do.
+async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock) -> AsyncIterator[Listening]:
+    """Listens until the block is left. Raises ConfigError and LinkError as `ModbusServer` and `tls.Contexts` do.
 
     Where there is TLS, plain TCP only reads: whoever wants to write must show who it is.
     """
@@ -37,14 +35,11 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], wall_ns: int)
         plain: int | None = None
         secure: int | None = None
         if config.tls is not None:
-            context = tls.server_context(config.tls)
-            for line in tls.warnings(config.tls, wall_ns):
-                log.warning("%s", line)
             server = ModbusServer(
                 config,
                 units,
                 port=config.tls.port,
-                ssl_context=context,
+                tls_contexts=tls.Contexts(config.tls, clock).current,
                 handshake_deadline_s=config.tls.handshake_deadline_s,
                 peer_of=tls.Roles(config.tls).peer_of,
             )

@@ -15,6 +15,7 @@ from cryptography import x509
 from cryptography.x509.oid import NameOID
 
 from gateway.certs.role import role_of
+from gateway.clock import Clock
 from gateway.config import TlsConfig
 from gateway.errors import ConfigError
 from gateway.modbus.answers import Access, Peer
@@ -24,6 +25,8 @@ log = logging.getLogger(__name__)
 
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
 WARN_DAYS = 30
+LOOK_NS = 1_000_000_000  # between two looks at the files, at most so often
+WARN_NS = 24 * 3600 * 1_000_000_000  # a gateway runs for years
 
 
 def server_context(config: TlsConfig) -> ssl.SSLContext:
@@ -79,6 +82,62 @@ def warnings(config: TlsConfig, wall_ns: int) -> list[str]:
             elif (end - now).days < WARN_DAYS:
                 found.append(f"modbus.tls.{key}: {name} expires on {end:%Y-%m-%d}, in {(end - now).days} days")
     return found
+
+
+class Contexts:
+    """The context for the next connection: its files are looked at anew when they have changed.
+
+    So a renewed certificate or a newer revocation list holds without a restart, for every connection made from then
+    on. Files that are no good any more are told, and the last good ones go on.
+    """
+
+    def __init__(self, config: TlsConfig, clock: Clock) -> None:
+        """Raises ConfigError as `server_context` does."""
+        self._config = config
+        self._clock = clock
+        self._context = server_context(config)
+        self._stamps = self._look()
+        self._looked_ns = self._warned_ns = clock.now_ns()
+        self._warn()
+
+    def current(self) -> ssl.SSLContext:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._looked_ns >= LOOK_NS:
+            self._looked_ns = now_ns
+            self._renew()
+            if now_ns - self._warned_ns >= WARN_NS:
+                self._warned_ns = now_ns
+                self._warn()
+        return self._context
+
+    def _renew(self) -> None:
+        stamps = self._look()
+        if stamps == self._stamps:
+            return
+        self._stamps = stamps
+        try:
+            self._context = server_context(self._config)
+        except ConfigError as error:
+            log.error("%s; the files read before stay in force", error)
+        else:
+            log.info("modbus: the files of [modbus.tls] were read anew")
+
+    def _look(self) -> list[tuple[int, int] | None]:
+        found: list[tuple[int, int] | None] = []
+        for name in (self._config.cert, self._config.key, self._config.ca, self._config.crl):
+            try:
+                stat = Path(name or "").stat()
+                found.append((stat.st_mtime_ns, stat.st_ino))
+            except OSError:
+                found.append(None)
+        return found
+
+    def _warn(self) -> None:
+        try:
+            for line in warnings(self._config, self._clock.wall_ns()):
+                log.warning("%s", line)
+        except (OSError, ValueError) as error:  # told by _renew, if it matters
+            log.debug("no look at the certificates' ends: %s", error)
 
 
 class Roles:

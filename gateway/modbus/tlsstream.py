@@ -17,8 +17,11 @@ READ_BYTES = 16 * 1024  # the largest TLS record
 class House(Protocol):
     """What a connection needs of the place it comes to."""
 
-    context: ssl.SSLContext
     deadline_s: float
+
+    @property
+    def context(self) -> ssl.SSLContext:
+        """For a new connection."""
 
     def knock(self, stream: "TlsStream", tcp: asyncio.Transport) -> bool:
         """A TCP connection has been made. False: it was refused, and is cut."""

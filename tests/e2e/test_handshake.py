@@ -161,7 +161,7 @@ class Yard:
             writer(self.bay.on_write, self.bay.on_refused),
             refused=lambda peer, why: self.bay.on_refused(writer_of(peer), why),
         )
-        async with serving(self.config.modbus, {1: unit}, self.clock.wall_ns()) as bound, asyncio.TaskGroup() as group:
+        async with serving(self.config.modbus, {1: unit}, self.clock) as bound, asyncio.TaskGroup() as group:
             tasks = [group.create_task(self.bay.run()), group.create_task(self.look())]
             assert bound.tls is not None
             yield bound.tls

@@ -2,26 +2,32 @@
 
 import asyncio
 import logging
+import random
 import socket
 import ssl
 import struct
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography import x509
 from pymodbus.client import AsyncModbusTlsClient
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU
 
 from gateway import loop
+from gateway.certs import issue
+from gateway.clock import SystemClock
 from gateway.config import ModbusConfig
+from gateway.modbus import tls
 from gateway.modbus.answers import Peer, Unit
 from gateway.modbus.exceptions import ModbusException
 from gateway.modbus.porch import AT_ONCE, PLC_AT_ONCE
 from gateway.modbus.registers import BLOCK_WORDS
 from gateway.modbus.service import Listening, serving
-from tests.plant_certs import LONG_AGO, Plant
+from tests.plant_certs import LONG_AGO, NOW, Plant
 
 COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))
 READ_STOP = bytes((3,)) + struct.pack(">HH", 4, 1)
@@ -82,7 +88,7 @@ class Bay:
 async def gateway(plant: Plant, bay: Bay, **modbus: object) -> AsyncIterator[Listening]:
     units = {1: Unit(lambda: COUNTING, bay.write, refused=bay.refuse)}
     config = ModbusConfig.model_validate({"port": 0, "writes": True, "tls": plant.config()} | modbus)
-    async with serving(config, units, wall_ns=0) as listening:
+    async with serving(config, units, SystemClock()) as listening:
         yield listening
 
 
@@ -523,5 +529,76 @@ def test_nobody_is_left_behind(plant: Plant) -> None:
         async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"]) as listening:
             for _ in range(PLC_AT_ONCE + 2):
                 assert await threaded(ask, listening.tls, context_of(plant, "viewer"), READ_STOP) == [ANSWER_STOP]
+
+    play(scene())
+
+
+def test_what_is_renewed_and_taken_back_holds_without_a_restart(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tls, "LOOK_NS", 0)  # look at the files at every connection
+    own = Plant(tmp_path)
+    client = own.client("plc1")
+    good = context_of(own, "plc1")
+
+    async def scene() -> None:
+        async with gateway(own, Bay()) as listening:
+            assert await threaded(ask, listening.tls, good, READ_STOP) == [ANSWER_STOP]
+            # A damaged file is told, and what was read before stays in force.
+            crl = own.folder.crl_path.read_bytes()
+            own.folder.crl_path.write_text("nonsense")
+            assert await threaded(ask, listening.tls, good, READ_STOP) == [ANSWER_STOP]
+            assert "crl.pem: nothing in PEM form in it" in caplog.text
+            assert "the files read before stay in force" in caplog.text
+            own.folder.crl_path.write_bytes(crl)
+            # Another certificate for the gateway.
+            old = own.folder.certificate("gateway")
+            own.folder.replace_certificate("gateway", issue.renewed(own.by, old, own.folder.key("gateway"), NOW, 60))
+
+            def shown(port: int) -> int:
+                with dialled(port, good) as connection:
+                    der = connection.getpeercert(binary_form=True)
+                    assert der is not None
+                    return x509.load_der_x509_certificate(der).serial_number
+
+            assert await threaded(shown, listening.tls) == own.folder.certificate("gateway").serial_number
+            # The client's is taken back.
+            own.revoke(client)
+            with pytest.raises(OSError, match=r"."):
+                await threaded(ask, listening.tls, good, READ_STOP)
+
+    with caplog.at_level(logging.INFO):
+        play(scene())
+    assert "its certificate was refused: certificate revoked" in caplog.text
+
+
+def test_any_bytes_at_any_moment_leave_the_server_well(plant: Plant) -> None:
+    """Seeded noise: before the handshake, in it, and in the middle of an encrypted connection."""
+    chance = random.Random(20)
+
+    def noise(port: int) -> None:
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as tcp:
+            start = chance.choice([b"", b"\x16\x03\x01", b"\x16\x03\x03\x00\x05", b"\x80\x2e\x01"])
+            with suppress(OSError):
+                tcp.sendall(start + chance.randbytes(chance.randrange(600)))
+                if chance.random() < 0.5:
+                    tcp.shutdown(socket.SHUT_WR)
+                tcp.recv(100)
+
+    def spoiled(port: int) -> None:
+        client = Slicer(port, context_of(plant, "viewer"), 1400)
+        with suppress(OSError):
+            client._tcp.sendall(b"\x17\x03\x03\x00\x20" + chance.randbytes(32))  # a record that nobody encrypted
+            while client._tcp.recv(1000):
+                pass
+        client.close()
+
+    async def scene() -> None:
+        async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"], tls=plant.config(handshake_deadline_s=0.5)) as it:
+            for _ in range(60):
+                await threaded(noise, it.tls)
+            for _ in range(10):
+                await threaded(spoiled, it.tls)
+            assert await threaded(ask, it.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
 
     play(scene())
