@@ -34,6 +34,7 @@ CLOSE_TIMEOUT_S = 0.5
 ACCEPT_TURNS = 3  # of the event loop, from accept() to connection_made(); asyncio loses a socket closed in between
 ACCEPT_AT_ONCE = 8  # asyncio accepts as many before it looks at anybody else
 SWEEP_S = 0.25  # how often deadlines are looked at
+SUMMARY_S = 60.0  # how often the counters of refusals are logged, if they have grown
 
 PeerOf = Callable[[asyncio.Transport], Peer | None]
 """Who is at the other end; None: nobody who may be answered, or it is gone already."""
@@ -137,6 +138,8 @@ class _Listener(ModbusTcpServer):
         self._guests: dict[Connection, int] = {}  # -> how many answers it had at the last sweep
         self._everybody: set[asyncio.Transport] = set()  # those refused too, until they are gone
         self._sweeping: asyncio.TimerHandle | None = None
+        self._summary_due_s = self.loop.time() + SUMMARY_S
+        self._refusals_told = 0
         self._all_gone = asyncio.Event()
         self._all_gone.set()
 
@@ -216,7 +219,20 @@ class _Listener(ModbusTcpServer):
             if why is not None:
                 guest.end(why)
                 self.gone(guest)
+        if now_s >= self._summary_due_s:
+            self._summary_due_s = now_s + SUMMARY_S
+            self._summarise()
         self._sweeping = self.loop.call_later(SWEEP_S, self._sweep)
+
+    def _summarise(self) -> None:
+        """All counters in one line: the lines about single refusals hold most of them back."""
+        total = self._stats.refused.total()
+        if total != self._refusals_told:
+            self._refusals_told = total
+            counts = ", ".join(f"{why.name.lower()} {count}" for why, count in self._stats.refused.items())
+            log.info(
+                "modbus: %d connected, %d requests so far; refused: %s", self._stats.open, self._stats.requests, counts
+            )
 
     def _image_fault(self, error: Exception) -> None:
         if type(error) not in self._told_faults:  # a PLC polls on and on; one traceback of each kind is enough
@@ -241,9 +257,7 @@ class _Listener(ModbusTcpServer):
                 await self._all_gone.wait()
         except TimeoutError:
             log.warning("modbus: %d connections did not close", len(self._everybody))
-        if self._stats.refused:
-            counts = ", ".join(f"{why.name.lower()} {count}" for why, count in self._stats.refused.items())
-            log.info("modbus: %d requests; refused: %s", self._stats.requests, counts)
+        self._summarise()
         if ModbusBaseServer.active_server is self:  # a class-level reference would keep us alive
             ModbusBaseServer.active_server = None
 

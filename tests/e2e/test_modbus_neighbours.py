@@ -1,6 +1,7 @@
 """Bad neighbours on real sockets. The PLC connects from 127.0.0.2, everybody else from 127.0.0.1."""
 
 import asyncio
+import logging
 import random
 import socket
 from collections.abc import Callable, Coroutine, Iterator
@@ -84,6 +85,24 @@ def test_who_is_not_on_the_list_is_not_answered(serve: Callable[..., None]) -> N
         assert server.stats.connections == 2
 
     serve(use, allow=["127.0.0.3"], plc_addresses=[PLC])
+
+
+def test_the_log_has_one_line_of_a_kind_and_now_and_then_all_the_counters(
+    serve: Callable[..., None], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gateway.modbus.server.SUMMARY_S", 0.3)
+
+    async def use(server: ModbusServer) -> None:
+        for _ in range(30):
+            with connected(server) as stranger:
+                assert not await in_thread(poll, stranger)
+        await until(lambda: any("not_allowed 30" in record.message for record in caplog.records))
+        assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == [
+            f"modbus: 127.0.0.1: {Refusal.NOT_ALLOWED.value}"
+        ]
+
+    with caplog.at_level(logging.INFO, "gateway.modbus.server"):
+        serve(use, allow=["127.0.0.3"])
 
 
 def test_the_cap_keeps_room_for_the_plc(serve: Callable[..., None]) -> None:
