@@ -62,8 +62,10 @@ def where_expected(image: Image, expected: Circle, limits: Limits) -> Candidate 
 
 def _seeds(levels: Sequence[Level], limits: Limits) -> list[Seed]:
     """Votes and blobs in turn, the strongest first."""
-    voting = levels if levels[0].factor == 1 else levels[1:]  # otherwise the finest is for looking closely
     smallest, largest = limits.min_radius_px, limits.max_radius_px
+    # Levels finer than the smallest disc asks for are only there for looking closely: most of the time would go there.
+    finer = sum(level.factor * candidates.RADII[0] <= smallest for level in levels) - 1
+    voting = levels[max(0, finer) :]
     voted = [seed for level in voting for seed in candidates.votes(level)]
     voted = [seed for seed in voted if 0.75 * smallest <= seed.radius_px <= 1.3 * largest]
     blobs = candidates.blobs(voting[0], (smallest, largest)) if voting else []
