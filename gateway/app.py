@@ -13,7 +13,7 @@ from functools import partial
 
 from gateway.bay import BayControl
 from gateway.clock import Clock
-from gateway.config import SHARED_SECTIONS, GatewayConfig
+from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
 from gateway.errors import ConfigError, GatewayError
 from gateway.hub import Hub
 from gateway.modbus import identity, tls
@@ -24,6 +24,7 @@ from gateway.modbus.writes import writer, writer_of
 from gateway.mqtt import address, credentials
 from gateway.mqtt.durable import outbox_of
 from gateway.mqtt.publisher import MqttPublisher
+from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
 from gateway.mqtt.topics import Topics
 from gateway.ranger.port import check_url
 from gateway.ranger.service import RangerService
@@ -117,11 +118,16 @@ async def run(
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
         # Publisher and companions subscribe before the first state, or the start events would be missed.
-        publisher = None
+        voices: list[tuple[str, MqttPublisher | SparkplugPublisher]] = []
         if config.mqtt is not None:
             outbox = shared.enter_context(outbox_of(config.mqtt, config.site, config.instance))
             publisher = MqttPublisher(config.mqtt, config.site, config.instance, hub, clock, outbox=outbox)
-        tasks: list[Task] = list(companions(hub))
+            voices.append(("mqtt.deliver", publisher))
+            if config.mqtt.sparkplug is not None:
+                edge_node = SparkplugPublisher(config.mqtt, config.site, config.instance, hub, clock)
+                voices.append(("mqtt.sparkplug", edge_node))
+        backoff = config.mqtt.reconnect if config.mqtt is not None else Reconnect()
+        tasks = [*companions(hub), *(Task(name, voice.deliver, backoff) for name, voice in voices)]
         controls = {
             bay.name: BayControl(
                 bay, hub, clock, (shared.enter_context(SharedStateWriter(config.instance, bay.name)).write,), config
@@ -136,10 +142,6 @@ async def run(
                 Task(f"{bay.name}.control", control.run, vital=True),
                 Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
                 Task(f"{bay.name}.ranger", ranger.run, bay.ranger.reconnect),
-            ]
-        if publisher is not None and config.mqtt is not None:
-            tasks += [
-                Task("mqtt.deliver", publisher.deliver, config.mqtt.reconnect),
             ]
         supervisor = Supervisor(tasks, clock)
 
@@ -163,8 +165,7 @@ async def run(
                     for control in controls.values():
                         control.shut_down()
                     last_words: list[Awaitable[object]] = [asyncio.sleep(LAST_WORD_S)]
-                    if publisher is not None:
-                        last_words.append(publisher.farewell(FAREWELL_S))
+                    last_words += [voice.farewell(FAREWELL_S) for _, voice in voices]
                     await asyncio.gather(*last_words)
                 supervised.cancel()
         except BaseExceptionGroup as group_error:

@@ -326,6 +326,22 @@ class ModbusConfig(Section):
         return self
 
 
+class SparkplugConfig(Section):
+    """The gateway as a Sparkplug B 3.0 edge node, on a connection of its own beside the plain topics."""
+
+    group_id: str | None = Field(
+        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="first level after the namespace; default: `site`"
+    )
+    edge_node_id: str | None = Field(
+        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="unique in its group; default: `instance`"
+    )
+    primary_host_id: str | None = Field(
+        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="births wait until this host is online; absent: for none"
+    )
+    period_s: float = Field(0.5, ge=0.05, le=60, description="data at most so often; changes of stop at once")
+    history: int = Field(1000, ge=0, le=100_000, description="changes of stop kept while nobody can be told")
+
+
 class MqttTls(Section):
     """With `url = "mqtts://..."`. Absent: the system's certificate authorities, and no certificate of our own."""
 
@@ -361,6 +377,7 @@ class MqttConfig(Section):
     home_assistant_prefix: str = Field(
         "homeassistant", pattern=r"^[^#+/\s]+$", description="discovery prefix, as set in Home Assistant"
     )
+    sparkplug: SparkplugConfig | None = Field(None, description="absent: no Sparkplug")
     tls: MqttTls | None = Field(None, description="certificates for mqtts://")
     state_period_s: float = Field(
         0.5, ge=0.02, le=60, description="retained state at most so often; changes of stop at once"

@@ -15,7 +15,7 @@ import logging
 import math
 import socket
 import ssl
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -31,8 +31,10 @@ from gateway.mqtt.dial import dial
 from gateway.mqtt.versions import Protocol
 
 CONNECT_S = 5.0  # for the socket, and again for the broker's greeting
+MAX_INCOMING = 100  # messages that came and were not fetched yet
 MAX_IN_FLIGHT = 8  # messages on their way at once; more wait their turn
 
+REFUSED_SUBSCRIPTION = 128  # SUBACK codes from here on are failures
 UNKNOWN_PROTOCOL = (1, 132)  # CONNACK of MQTT 3.1.1 and of MQTT 5
 
 _VERSION = {Protocol.V5: aiomqtt.ProtocolVersion.V5, Protocol.V311: aiomqtt.ProtocolVersion.V311}
@@ -50,12 +52,22 @@ class NotGreetedError(LinkError):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """`expiry_s` (MQTT 5): the broker forgets it after so long, retained or not; None: never."""
+    """`expiry_s` (MQTT 5): the broker forgets it after so long, retained or not; None: never. `text`: JSON in UTF-8."""
 
     topic: str
     payload: bytes
     retain: bool
     expiry_s: int | None = None
+    qos: int = 1
+    text: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Incoming:
+    """Something that came on a topic we subscribed to."""
+
+    topic: str
+    payload: bytes
 
 
 class BrokerLink:
@@ -69,17 +81,42 @@ class BrokerLink:
         self._turns = asyncio.Semaphore(MAX_IN_FLIGHT)
 
     async def publish(self, message: Message) -> None:
-        """Returns when the broker has acknowledged it (QoS 1). Raises LinkError: the link is of no more use."""
+        """Returns when the broker has acknowledged it (QoS 1), or when it is on its way (QoS 0).
+
+        Raises LinkError: the link is of no more use.
+        """
         try:
             async with self._turns, asyncio.timeout(self._ack_s):
                 properties = None if self.protocol is Protocol.V311 else _properties(message)
                 await self._client.publish(
-                    message.topic, message.payload, qos=1, retain=message.retain, properties=properties
+                    message.topic, message.payload, qos=message.qos, retain=message.retain, properties=properties
                 )
         except TimeoutError:
             raise LinkError(f"{self._broker}: no acknowledgement within {self._ack_s:g} s") from None
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: cannot publish: {error}") from error
+
+    async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
+        """Topics with their QoS; returns when the broker has granted them all. Raises LinkError."""
+        try:
+            async with asyncio.timeout(self._ack_s):
+                granted = await self._client.subscribe([(topic, qos) for topic, qos in topics])
+        except TimeoutError:
+            raise LinkError(f"{self._broker}: no answer to a subscription within {self._ack_s:g} s") from None
+        except aiomqtt.MqttError as error:
+            raise LinkError(f"{self._broker}: cannot subscribe: {error}") from error
+        if any(int(code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION for code in granted):
+            raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
+
+    async def incoming(self) -> AsyncIterator[Incoming]:
+        """What comes, until the connection is gone: then LinkError. What nobody fetches is dropped, newest first."""
+        try:
+            async for message in self._client.messages:
+                payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
+                yield Incoming(str(message.topic), payload)
+        except aiomqtt.MqttError as error:
+            raise LinkError(f"{self._broker}: connection lost: {error.__cause__ or error}") from error
+        raise LinkError(f"{self._broker}: connection lost")
 
     async def lost(self) -> NoReturn:
         """Waits until the connection is gone, then raises LinkError."""
@@ -97,8 +134,9 @@ def _code(error: MqttConnectError) -> int | None:
 
 def _properties(message: Message) -> Properties:
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
-    properties.PayloadFormatIndicator = 1  # UTF-8
-    properties.ContentType = "application/json"
+    if message.text:
+        properties.PayloadFormatIndicator = 1  # UTF-8
+        properties.ContentType = "application/json"
     if message.expiry_s is not None:
         properties.MessageExpiryInterval = max(1, message.expiry_s)
     return properties
@@ -159,11 +197,11 @@ class _Client(aiomqtt.Client):
             password=broker.password,
             identifier=client_id,
             protocol=_VERSION[protocol],
-            will=aiomqtt.Will(will.topic, will.payload, qos=1, retain=will.retain),
+            will=aiomqtt.Will(will.topic, will.payload, qos=will.qos, retain=will.retain),
             # Its own time limits lose a cancellation that comes together with an answer (Python 3.11's wait_for).
             timeout=math.inf,
             keepalive=keepalive_s,
-            max_queued_incoming_messages=1,
+            max_queued_incoming_messages=MAX_INCOMING,
             logger=_log,
         )
         self._client._create_socket_connection = lambda: sock  # type: ignore[method-assign]  # it would open its own

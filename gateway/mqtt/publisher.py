@@ -10,7 +10,7 @@ import contextlib
 import logging
 import math
 import secrets
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from functools import partial
@@ -24,6 +24,7 @@ from gateway.hub import Hub
 from gateway.model import Event, Quality, Reason, StateVector
 from gateway.mqtt import credentials, homeassistant, payloads
 from gateway.mqtt.durable import DurableOutbox, limits
+from gateway.mqtt.faults import plain_link_error
 from gateway.mqtt.link import Message, NotGreetedError, connect
 from gateway.mqtt.outbox import Entry, MemoryOutbox, Outbox
 from gateway.mqtt.topics import Topics
@@ -162,7 +163,7 @@ class MqttPublisher:
     @contextlib.asynccontextmanager
     async def _connected(self) -> AsyncIterator[Link]:
         """A connection; when it is lost, the body ends at once, and all that failed with it is one LinkError."""
-        with _plain_link_error():
+        with plain_link_error():
             async with self._connect() as link, asyncio.TaskGroup() as group:
                 self._connections += 1
                 log.info("%s: connected", self._broker)
@@ -294,21 +295,3 @@ class MqttPublisher:
 def _marks(state: StateVector) -> Marks:
     """What a subscriber must hear of at once."""
     return state.stop, state.permit, state.reason, state.vision.quality, state.range.quality
-
-
-@contextlib.contextmanager
-def _plain_link_error() -> Iterator[None]:
-    """A task group wraps what its tasks raise; a lost link is told as the one LinkError it is."""
-    try:
-        yield
-    except BaseExceptionGroup as group:
-        links, others = group.split(LinkError)
-        if links is None or others is not None:
-            raise
-        raise LinkError(str(_first(links))) from _first(links)
-
-
-def _first(error: BaseException) -> BaseException:
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error

@@ -1,0 +1,114 @@
+"""The metrics of a bay and of the gateway: one table, from which births, data and docs/sparkplug.md come. Pure."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gateway.model import REASON_MEANING, Circle, Quality, StateVector
+from gateway.mqtt.sparkplug.wire import DataType, Metric, QualityCode, Value
+
+NODE_REBIRTH = "Node Control/Rebirth"
+BD_SEQ = "bdSeq"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """`read` gives (value, quality); None: null. `digits`: a change smaller than their last one is none."""
+
+    name: str
+    datatype: DataType
+    meaning: str
+    read: Callable[[StateVector], tuple[Value, QualityCode]]
+    unit: str = ""
+    digits: int | None = None
+
+
+def _always(read: Callable[[StateVector], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
+    return lambda state: (read(state), QualityCode.GOOD)
+
+
+def quality_code(quality: Quality) -> QualityCode:
+    """STALE: was good, and is too old or gone; BAD: never was, or is known to be wrong."""
+    if quality is Quality.GOOD:
+        return QualityCode.GOOD
+    return QualityCode.STALE if quality in (Quality.STALE, Quality.LINK_DOWN) else QualityCode.BAD
+
+
+def _of_vision(read: Callable[[StateVector, Circle], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
+    def value(state: StateVector) -> tuple[Value, QualityCode]:
+        circle = state.vision.circle if state.vision.quality is Quality.GOOD else None
+        found = None if circle is None else read(state, circle)
+        code = quality_code(state.vision.quality)
+        return found, code if found is not None or code is not QualityCode.GOOD else QualityCode.BAD
+
+    return value
+
+
+def _distance(state: StateVector) -> tuple[Value, QualityCode]:
+    return state.range.distance_mm, quality_code(state.range.quality)
+
+
+def _d(state: StateVector) -> tuple[Value, QualityCode]:
+    return state.d, QualityCode.BAD if state.d is None else QualityCode.GOOD
+
+
+_B, _D, _S, _U = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.UINT32
+
+DEVICE: tuple[Row, ...] = (
+    Row("Stop", _B, "the truck must stop; also on whenever the gateway can't know", _always(lambda s: s.stop)),
+    Row("Permit", _B, "everything is healthy and fresh, and stop is off", _always(lambda s: s.permit)),
+    Row("D", _B, "D(t), equation 14; null: unknowable", _d),
+    Row("Reason/Code", _U, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
+    Row("Reason/Name", _S, "the same by name", _always(lambda s: s.reason.name)),
+    Row("Reason/Text", _S, "the same in words", _always(lambda s: REASON_MEANING[s.reason])),
+    Row("Marker/U", _D, "marker centre, to the right", _of_vision(lambda s, c: c.u_px), "px", 1),
+    Row("Marker/V", _D, "marker centre, downwards", _of_vision(lambda s, c: c.v_px), "px", 1),
+    Row("Marker/Radius", _D, "marker radius R", _of_vision(lambda s, c: c.radius_px), "px", 1),
+    Row("Marker/Confidence", _D, "0 to 1; null where the method gives none",
+        _of_vision(lambda s, c: s.vision.confidence), digits=2),
+    Row("Marker/Tracking", _S, "how the position was come by", _always(lambda s: s.vision.tracking.name)),
+    Row("Distance", _D, "distance Z from the ranger", _distance, "mm", 0),
+    Row("Distance Vision", _D, "distance from the camera, where configured",
+        _of_vision(lambda s, c: s.z_vision_mm), "mm", 0),
+    Row("Camera/Quality", _S, "may the marker's values be used", _always(lambda s: s.vision.quality.name)),
+    Row("Camera/Rate", _D, "results a second", _always(lambda s: s.vision.stats.rate_hz), "Hz", 0),
+    Row("Ranger/Quality", _S, "may the distance be used", _always(lambda s: s.range.quality.name)),
+    Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
+)  # fmt: skip
+
+HISTORY = ("Stop", "Permit", "Reason/Code", "Reason/Name")
+"""What is kept of a change that happened while nobody could be told."""
+
+Reading = tuple[Value, QualityCode]
+
+
+def readings(state: StateVector) -> dict[str, Reading]:
+    """Every device metric as it would be sent now."""
+    found: dict[str, Reading] = {}
+    for row in DEVICE:
+        value, quality = row.read(state)
+        if row.digits is not None and isinstance(value, float):
+            value = round(value, row.digits)
+        if isinstance(value, float) and not -1e300 < value < 1e300:  # NaN too: no number that a host could show
+            value, quality = None, QualityCode.BAD
+        found[row.name] = (value, quality)
+    return found
+
+
+def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) -> tuple[Metric, ...]:
+    """`now` as metrics, in the table's order. Births carry units; the datatype goes out always."""
+    return tuple(
+        Metric(row.name, timestamp_ms, row.datatype, *_split(now[row.name]), unit=row.unit if birth else "")
+        for row in DEVICE
+        if row.name in now
+    )
+
+
+def _split(reading: Reading) -> tuple[Value, bool, QualityCode]:
+    value, quality = reading
+    return value, False, quality
+
+
+def markdown() -> str:
+    """The device metrics as a table."""
+    rows = (f"| `{r.name}` | {r.datatype.name.capitalize()} | {r.unit or '–'} | {r.meaning} |" for r in DEVICE)
+    return "\n".join(["| metric | datatype | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

@@ -1,0 +1,199 @@
+"""The edge node's connection: births, data, commands, and a proper end. IO.
+
+A connection of its own beside the plain topics', because a connection has one last will, and here that is the NDEATH.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from functools import partial
+from typing import NoReturn, Protocol
+
+from gateway import __version__
+from gateway.clock import Clock
+from gateway.config import MqttConfig
+from gateway.errors import LinkError
+from gateway.hub import Hub
+from gateway.model import Event, EventKind, Reason, StateVector
+from gateway.mqtt import credentials, payloads
+from gateway.mqtt.faults import plain_link_error
+from gateway.mqtt.link import Incoming, Message, NotGreetedError, connect
+from gateway.mqtt.publisher import ACK_SHARE
+from gateway.mqtt.sparkplug.node import EdgeNode, Identity, Publish
+from gateway.mqtt.sparkplug.numbers import next_bd_seq
+from gateway.mqtt.versions import Versions
+
+log = logging.getLogger(__name__)
+
+NS_PER_MS = 1_000_000
+URGENT = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
+
+
+class Link(Protocol):
+    """What is needed of a connection; see gateway.mqtt.link.BrokerLink."""
+
+    async def publish(self, message: Message) -> None: ...
+
+    async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None: ...
+
+    def incoming(self) -> AsyncIterator[Incoming]: ...
+
+
+Connect = Callable[[Message], AbstractAsyncContextManager[Link]]
+
+
+class HostOfflineError(LinkError):
+    """The primary host has gone; the session ends, and the next one waits for it."""
+
+
+class SparkplugPublisher:
+    """One gateway as one edge node. `deliver` is a row of the task table."""
+
+    def __init__(
+        self,
+        config: MqttConfig,
+        site: str,
+        instance: str,
+        hub: Hub,
+        clock: Clock,
+        *,
+        connector: Connect | None = None,
+        bd_seq: Callable[[], int] | None = None,
+    ) -> None:
+        if config.sparkplug is None:
+            raise ValueError("no [mqtt.sparkplug] in the configuration")
+        self._config = config
+        self._settings = config.sparkplug
+        self._hub = hub
+        self._clock = clock
+        self._bd_seq = bd_seq or partial(next_bd_seq, instance)
+        identity = Identity(
+            self._settings.group_id or site,
+            self._settings.edge_node_id or instance,
+            self._settings.primary_host_id or "",
+        )
+        doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
+        self.node = EdgeNode(identity, __version__, history_limit=self._settings.history, doubt_ms=doubt_ms)
+        self._client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
+        self._broker = credentials.broker_of(config)
+        self._versions = Versions(config.protocol)
+        self._connect = connector or self._connector()
+        self._urgent = asyncio.Event()
+        self._leaving = asyncio.Event()
+        self._alone = asyncio.Lock()
+        self._turn = asyncio.Lock()  # messages go out in the order of their sequence numbers
+        hub.listen(self._note)
+
+    async def deliver(self) -> None:
+        """One session, until the link breaks or the primary host goes offline (LinkError), or after `farewell`."""
+        async with self._alone:
+            if self._leaving.is_set():
+                return
+            will = self.node.will(self._bd_seq(), self._now_ms())
+            try:
+                with plain_link_error():
+                    await self._session(will)
+            finally:
+                self.node.lost()
+
+    async def farewell(self, timeout_s: float) -> None:
+        """NDEATH, then DISCONNECT, where there is a session. Takes at most `timeout_s` real seconds."""
+        self._leaving.set()
+        self._urgent.set()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s), self._alone:
+                pass
+
+    async def _session(self, will: Publish) -> None:
+        async with self._connect(_message(will)) as link:
+            await link.subscribe(self.node.identity.subscriptions)
+            log.info("%s: connected as Sparkplug edge node %s", self._broker, self.node.identity.node)
+            await self._send(link, lambda: self.node.connected(self._states(), self._now_ms()))
+            offline: HostOfflineError | None = None
+            try:
+                async with asyncio.TaskGroup() as group:
+                    tasks = [group.create_task(self._listen(link)), group.create_task(self._follow(link))]
+                    await self._leaving.wait()
+                    for task in tasks:
+                        task.cancel()
+            except* HostOfflineError:
+                offline = HostOfflineError(f"primary host {self._settings.primary_host_id} is offline")
+            if self.node.born:
+                await self._send(link, lambda: [self.node.death(self._now_ms())])
+        if offline is not None:  # after a proper DISCONNECT
+            raise offline
+
+    async def _listen(self, link: Link) -> None:
+        """Commands and the primary host's state, for ever."""
+        async for message in link.incoming():
+            ends = False
+
+            def answer(said: Incoming = message) -> list[Publish]:
+                nonlocal ends
+                out, ends = self.node.heard(said.topic, said.payload, self._states(), self._now_ms())
+                return out
+
+            await self._send(link, answer)
+            if ends:
+                raise HostOfflineError
+
+    async def _follow(self, link: Link) -> NoReturn:
+        """Changes: of stop at once, the rest once a period."""
+        while True:
+            self._urgent.clear()
+            await self._send(link, lambda: self.node.states(self._states(), self._now_ms()))
+            with contextlib.suppress(TimeoutError):
+                async with self._clock.timeout(self._settings.period_s):
+                    await self._urgent.wait()
+
+    async def _send(self, link: Link, made: Callable[[], list[Publish]]) -> None:
+        """Make and send in one turn: what is numbered first goes out first."""
+        async with self._turn:
+            for publish in made():
+                await link.publish(_message(publish))
+
+    def _note(self, event: Event) -> None:
+        if event.kind in URGENT:
+            self.node.changed(event.state, self._unix_ms(event.t_ns))
+            self._urgent.set()
+
+    def _states(self) -> Mapping[str, StateVector | None]:
+        """None: nothing computes this bay's state any more."""
+        now_ns = self._clock.now_ns()
+        shown = {bay: payloads.current(self._hub.state(bay), now_ns) for bay in self._hub.bays}
+        return {bay: None if s.reason is Reason.GATEWAY_FAULT else s for bay, s in shown.items()}
+
+    def _now_ms(self) -> int:
+        return self._clock.wall_ns() // NS_PER_MS
+
+    def _unix_ms(self, t_ns: int) -> int:
+        return (t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
+
+    def _connector(self) -> Connect:
+        tls = credentials.tls_context(self._config, self._broker)
+
+        @contextlib.asynccontextmanager
+        async def opened(will: Message) -> AsyncIterator[Link]:
+            try:
+                async with connect(
+                    self._broker,
+                    client_id=self._client_id,
+                    will=will,
+                    keepalive_s=self._config.keepalive_s,
+                    ack_s=ACK_SHARE * self._config.keepalive_s,
+                    tls=tls,
+                    protocol=self._versions.next,
+                ) as link:
+                    self._versions.greeted()
+                    yield link
+            except NotGreetedError as error:
+                self._versions.failed(certain=error.certain)
+                raise
+
+        return opened
+
+
+def _message(publish: Publish) -> Message:
+    return Message(publish.topic, publish.payload, retain=False, qos=publish.qos, text=False)
