@@ -41,7 +41,13 @@ def main(args: argparse.Namespace) -> int:
         return 0
     if not document:
         print(f"{args.config}: sets nothing, so every value is a default (gateway check --keys)")
-    print(f"{args.config}: good. Site {settings.site}, Modbus TCP on {settings.modbus.host}:{settings.modbus.port},")
+    modbus = settings.modbus
+    served = [f"Modbus TCP on {modbus.host}:{modbus.port}"] if modbus.plain else []
+    if modbus.tls is not None:
+        served.append(f"Modbus/TCP Security on {modbus.host}:{modbus.tls.port}")
+    print(f"{args.config}: good. Site {settings.site}, {', '.join(served)},")
+    if modbus.writes:
+        print(f"  writes to the handshake block: {'over TLS only' if modbus.tls else 'by everybody who may connect'}")
     print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}")
     for bay in settings.bays:
         camera = without_password(bay.camera.url)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from gateway import app
+from gateway.cli.main import main
 from gateway.config import parse
 from gateway.errors import ConfigError
 from gateway.modbus import tls
@@ -118,3 +119,20 @@ def test_roles(plant: Plant) -> None:
         "": Access.NONE,
         None: Access.NONE,
     }
+
+
+def test_gateway_check_says_what_would_be_served(
+    plant: Plant, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = plant.config().model_dump()
+    tls_keys = "\n".join(f'{key} = "{keys[key]}"' for key in ("cert", "key", "ca", "crl"))
+    path = tmp_path / "g.toml"
+    path.write_text(f"[modbus]\nplain = false\nwrites = true\n[modbus.tls]\n{tls_keys}\n")
+    assert main(["check", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "good. Site site1, Modbus/TCP Security on 127.0.0.1:802,\n" in said
+    assert "writes to the handshake block: over TLS only" in said
+    path.write_text("[modbus]\nwrites = true\n")
+    main(["check", str(path)])
+    said = capsys.readouterr().out
+    assert "Modbus TCP on 127.0.0.1:502,\n  writes to the handshake block: by everybody who may connect\n" in said
