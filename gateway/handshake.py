@@ -127,8 +127,8 @@ def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: Han
 
 
 def rose(before: Handshake, after: Handshake, bit: Control) -> bool:
-    """Did the PLC set that bit between the two?"""
-    return after.on(bit) and not before.on(bit)
+    """Did the PLC set that bit between the two? A bit that is on at the first write may have been so for hours."""
+    return before.control_known and after.on(bit) and not before.on(bit)
 
 
 def changes(before: Handshake, write: PlcWrite) -> list[Change]:
@@ -167,11 +167,9 @@ def _written(plc: Handshake, write: PlcWrite, now_ns: int) -> Handshake:
             plc = replace(plc, link=PlcLink.ALIVE, beat_ns=now_ns)
         plc = replace(plc, heartbeat=write.heartbeat)
     if write.control is not None:
-        old, plc = plc, replace(plc, control=write.control)
-        if rose(old, plc, Control.TRUCK_PRESENT):
-            plc = replace(plc, truck_left=False)
-        elif rose(plc, old, Control.TRUCK_PRESENT):
-            plc = replace(plc, truck_left=True)
+        was_there, plc = plc.on(Control.TRUCK_PRESENT), replace(plc, control=write.control, control_known=True)
+        if plc.on(Control.TRUCK_PRESENT) != was_there:
+            plc = replace(plc, truck_left=was_there)
         if not plc.on(Control.TRIGGER):
             plc = replace(plc, trigger_ack=False)
     return plc

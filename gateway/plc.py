@@ -174,6 +174,7 @@ class Handshake:
     beat_ns: int = 0  # it last changed then; before the first: the start
     missed: bool = False  # it is required, and has not come within its deadline: a fault
     control: int = 0  # as last written
+    control_known: bool = False  # it was written since the start; the first write sets levels and makes no edges
     recipe_asked: int = 0  # as last written
     recipe: int = 0  # in force; 0: the configuration as it stands
     recipe_verdict: RecipeVerdict = RecipeVerdict.NONE

@@ -125,6 +125,7 @@ def _played(story: Story) -> list[Image]:
     rules = Rules.of(config.bays[0], config)
     state = interlock.initial("bay1", T0 - MS, rules)
     images: list[Image] = []
+    state = interlock.step(state, PlcWrite(PLC, control=0), T0 - MS, rules)
     beat = 0
     for now_ms in range(-200, story.until_ms, STEP_MS):
         now_ns = T0 + now_ms * MS

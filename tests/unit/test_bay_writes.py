@@ -108,7 +108,7 @@ def test_a_chattering_plc_does_not_hide_a_stop() -> None:
 def test_what_became_of_the_plcs_wishes() -> None:
     bench = Bench()
     bench.see(900.0)
-    bench.bay.on_write(PlcWrite(WHO, 1, recipe=7))
+    bench.bay.on_write(PlcWrite(WHO, 1, control=0, recipe=7))
     assert (EventKind.WRITE_REFUSED, "recipe 7: stop_stands") in bench.told()
     bench.bay.on_write(PlcWrite(WHO, control=1 << Control.RESET))
     assert (EventKind.LATCH_RELEASED, "reset by the PLC") in bench.told()

@@ -29,7 +29,8 @@ S = 1000 * MS
 T0 = 100 * S
 CONFIG = HandshakeConfig()
 PLC = Writer("10.0.0.9")
-FRESH = handshake.initial(T0, writes=True)
+START = handshake.initial(T0, writes=True)
+FRESH = replace(START, control_known=True)
 
 
 def write(*bits: Control, heartbeat: int | None = None) -> PlcWrite:
@@ -106,6 +107,15 @@ def test_what_is_not_in_the_table_changes_nothing(phase: Phase, signal: Signal) 
     assert signal is not Signal.TRIGGER
     if phase is Phase.VALID:
         assert signal in {Signal.ACK_GONE, Signal.RESULT, Signal.TIMEOUT}
+
+
+def test_the_first_write_after_a_start_makes_no_edges() -> None:
+    every = (Control.TRIGGER, Control.RESET, Control.RESULTS_ACK)
+    first = play((write(*every), old(T0)), start=START)
+    assert (first.control, first.acquisition, first.phase) == (0b11100, 0, Phase.READY)
+    assert not any(handshake.rose(START, first, bit) for bit in every)
+    again = play((write(), old(T0)), (write(Control.TRIGGER), old(T0)), start=first)
+    assert again.acquisition == 1
 
 
 def test_a_trigger_that_stays_on_triggers_once() -> None:

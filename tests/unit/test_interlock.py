@@ -57,8 +57,9 @@ class Bay:
         self.rules = under
         self.now_ns = T0
         self.state = interlock.initial("bay1", T0, under)
-        self.control = 0
         self.beat = 0
+        if under.handshake is not None:
+            self.set()
 
     def step(self, *observations: Observation) -> StateVector:
         for observation in observations:
@@ -134,6 +135,19 @@ def test_a_latched_stop_stays_until_reset() -> None:
     assert bay.said == LATCHED
     bay.set(Control.RESET)
     assert bay.said == ON_ITS_WAY
+
+
+def test_a_reset_that_is_on_when_the_gateway_starts_resets_nothing() -> None:
+    under = rules(latch_stop=True)
+    state = interlock.initial("bay1", T0, under)
+    for observation in (
+        VisionReading(T0, Quality.GOOD, Circle(320, 240, 200.0)),
+        RangeReading(T0, Quality.GOOD, FAR),
+        PlcWrite(PLC, control=1 << Control.RESET),
+        PlcWrite(PLC, control=1 << Control.RESET),
+    ):
+        state = interlock.step(state, observation, T0 + MS, under)
+    assert (state.memory.latched, state.d, state.plc.reset_verdict) == (True, False, ResetVerdict.NONE)
 
 
 def test_a_reset_never_ends_a_stop_whose_cause_stands() -> None:
