@@ -20,7 +20,10 @@ class Search(Protocol):
     """Looks for the marker in one picture."""
 
     def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
-        """`expected`: where it should be, None where nobody knows. A hint of where to look first, not what to find."""
+        """`expected`: where it should be, None where nobody knows. A hint of where to look first, not what to find.
+
+        It may be a poor one: see `Prediction.useful`.
+        """
         ...
 
 
@@ -35,7 +38,7 @@ class Follower:
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         track = self._track
         expected = None if track is None else track.at(t_ns)
-        found = self._search(image, t_ns, expected if expected is not None and expected.useful else None)
+        found = self._search(image, t_ns, expected)
         if found.circle is not None and usable(found.circle):
             self._track = self._taught(found.circle, found.visible, t_ns, expected)
             return replace(found, tracking=Tracking.MEASURED, predicted=None)

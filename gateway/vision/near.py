@@ -5,7 +5,7 @@ the search was in a window or in the whole frame; the window only leaves out can
 track can't hold on to a wrong thing, the whole frame is searched, too
 
 - at once, in the same frame, when the window holds nothing, or nothing that the track's gate admits;
-- when something red has come into the picture elsewhere: a cheap look every LOOK frames tells;
+- when something red has come into the picture elsewhere: a cheap look tells, every LOOK frames and after a long gap;
 - every WHOLE frames, whatever has been seen.
 
 Where window and whole frame then disagree, the one with more evidence stands, as among the candidates of any search.
@@ -46,7 +46,7 @@ class NearSearch:
         self._near += 1
         if self._near % WHOLE == 0:
             return self._also_whole(image, found)
-        if self._near % LOOK == 0:
+        if self._near % LOOK == 0 or not expected.useful:
             start_ns = self._now_ns()
             news = self._news(image, found.circle)
             found = replace(found, stage_ns=(*found.stage_ns, ("rivals", self._now_ns() - start_ns)))
@@ -88,8 +88,12 @@ def _rank(found: Detection) -> float:
 
 
 def window_round(expected: Prediction, width: int, height: int) -> Window:
-    """All that an admitted circle and its surroundings can cover, cut to the picture; at least one pixel."""
-    half = expected.reach_px + ROUND_RIM * expected.largest_px + 2
+    """Round the prediction, as far as the gate reaches, but no farther than what is near: beyond, all must be searched.
+
+    With the surroundings of an admitted circle, cut to the picture; at least one pixel.
+    """
+    largest_px = min(expected.largest_px, expected.circle.radius_px + expected.near_px)
+    half = min(expected.reach_px, expected.near_px) + ROUND_RIM * largest_px + 2
     u, v = expected.circle.u_px, expected.circle.v_px
     x0, y0 = (min(max(0, math.floor(at - half)), size - 1) for at, size in ((u, width), (v, height)))
     x1, y1 = (max(min(math.ceil(at + half) + 1, size), low + 1) for at, size, low in ((u, width, x0), (v, height, y0)))

@@ -98,7 +98,12 @@ class Prediction:
     @property
     def useful(self) -> bool:
         """False when the marker may be anywhere by now: more than its own radius (or REACH) away."""
-        return self.sd_centre_px <= _scale(self.circle.radius_px)
+        return self.sd_centre_px <= self.near_px
+
+    @property
+    def near_px(self) -> float:
+        """What is near the predicted centre, whatever the uncertainty: its own radius (or REACH)."""
+        return _scale(self.circle.radius_px)
 
 
 @dataclass(frozen=True, slots=True)

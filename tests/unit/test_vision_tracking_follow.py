@@ -145,9 +145,13 @@ def test_frame_gaps_and_a_slow_camera() -> None:
     expected = drive.search.expected[-1]
     assert expected is not None
     assert expected.circle.u_px == pytest.approx(at(25).u_px, abs=1.0)
-    assert drive.frame(25 + 300, at(5)).tracking is Tracking.MEASURED  # ten seconds later
-    assert drive.search.expected[-1] is None  # it could be anywhere
-    assert drive.frame(25 + 301, at(6)).tracking is Tracking.MEASURED
+    assert drive.frame(25 + 100, at(5)).tracking is Tracking.MEASURED  # three seconds later
+    expected = drive.search.expected[-1]
+    assert expected is not None
+    assert not expected.useful  # it could be anywhere
+    assert drive.frame(25 + 500, at(6)).tracking is Tracking.MEASURED
+    assert drive.search.expected[-1] is None  # too long ago
+    assert drive.frame(25 + 501, at(7)).tracking is Tracking.MEASURED
 
 
 def test_frames_that_come_twice_or_late_break_nothing() -> None:

@@ -162,6 +162,22 @@ def test_gaps_and_a_wild_frame_rate_lose_nothing() -> None:
         assert math.hypot(one.circle.u_px - truth.u_px, one.circle.v_px - truth.v_px) < 0.3
 
 
+def test_a_machine_too_slow_for_whole_frames_still_gets_to_windows(searched: list[str]) -> None:
+    """One look in half a second, and no velocity known: the marker is looked for where it was first."""
+    frames = ((n * 500_000_000, picture(Circle(100 + 3 * n, 120.0, 30.0), seed=n)) for n in range(6))
+    assert [one.tracking for one in told(frames)] == [Tracking.MEASURED] * 6
+    assert searched == ["whole"] + ["window"] * 5
+
+
+def test_after_a_long_gap_what_has_come_is_heard_at_once(searched: list[str]) -> None:
+    lamp, marker = Circle(60.0, 60.0, 12.0), Circle(220.0, 150.0, 55.0)
+    frames = [(0, picture(lamp)), (33_000_000, picture(lamp, seed=1)), (2_000_000_000, picture(lamp, marker, seed=2))]
+    found = told(iter(frames))
+    assert same_place(found[1].circle or marker, lamp)
+    assert same_place(found[2].circle or lamp, marker)
+    assert searched == ["whole", "window", "window", "whole"]
+
+
 def test_a_track_does_not_hold_on_to_a_lamp_when_the_marker_comes(searched: list[str]) -> None:
     """A small red light is followed until the marker appears elsewhere: the full search prefers that one."""
     lamp, marker = Circle(60.0, 60.0, 12.0), Circle(220.0, 150.0, 55.0)
@@ -220,7 +236,7 @@ def test_a_rendered_drive_with_vibration_is_followed_to_the_end() -> None:
     sd_r=st.floats(0.1, 60),
     small=st.booleans(),
 )
-def test_a_window_holds_every_circle_that_would_be_admitted(
+def test_a_window_holds_every_near_circle_that_would_be_admitted(
     u: float, v: float, r: float, sd: float, sd_r: float, small: bool
 ) -> None:
     width, height = (5, 3) if small else (640, 480)
@@ -229,7 +245,7 @@ def test_a_window_holds_every_circle_that_would_be_admitted(
     assert 0 <= x0 < x1 <= width
     assert 0 <= y0 < y1 <= height
     for turn in np.linspace(0, 2 * np.pi, 16):
-        far = 0.999 * expected.reach_px
+        far = 0.999 * min(expected.reach_px, expected.near_px)
         at_u, at_v = u + far * math.cos(turn), v + far * math.sin(turn)
         if expected.admits(Circle(at_u, at_v, r)):
             assert x0 <= max(0, at_u - r)
