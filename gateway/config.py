@@ -272,6 +272,13 @@ class HandshakeConfig(Section):
     truck_required: bool = Field(False, description="permit needs the PLC's truck_present bit")
     trigger_timeout_s: float = Field(1.0, ge=0.05, le=60, description="a triggered measurement may take so long")
 
+    @model_validator(mode="after")
+    def _watched(self) -> Self:
+        for key in ("enable_required", "truck_required"):
+            if getattr(self, key) and not self.heartbeat_required:
+                raise PlacedError("needs heartbeat_required: the bit of a dead PLC would stand for ever", key)
+        return self
+
 
 class TlsConfig(Section):
     """Modbus/TCP Security (mbaps): TLS with certificates on both sides, and a role in the client's."""

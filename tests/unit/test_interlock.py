@@ -297,7 +297,8 @@ def test_what_somebody_must_repair_is_told_before_the_lost_plc() -> None:
     ("required", "bit"), [("enable_required", Control.ENABLE), ("truck_required", Control.TRUCK_PRESENT)]
 )
 def test_permit_waits_for_the_plcs_word(required: str, bit: Control) -> None:
-    bay = Bay(rules(required))
+    bay = Bay(rules(f"heartbeat_required {required}"))
+    bay.live()
     bay.see()
     assert bay.said == (False, False, Reason.NONE)
     assert bay.state.guidance.code is GuidanceCode.WAIT
@@ -387,7 +388,9 @@ def _observation(move: tuple[Any, ...], now_ns: int) -> Observation:
 @given(
     st.lists(st.tuples(st.sampled_from([1, 20, 400, 2500]), OBSERVATIONS), min_size=1, max_size=25),
     st.fixed_dictionaries({"latch_stop": BOOL, "fail_safe": BOOL}),
-    st.sampled_from(["", "heartbeat_required", "enable_required", "heartbeat_required truck_required"]),
+    st.sampled_from(
+        ["", "heartbeat_required", "heartbeat_required enable_required", "heartbeat_required truck_required"]
+    ),
 )
 @settings(max_examples=200, deadline=None)
 def test_invariants(moves: list[tuple[int, tuple[Any, ...]]], keys: dict[str, Any], required: str) -> None:

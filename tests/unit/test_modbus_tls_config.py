@@ -97,6 +97,10 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("modbus", "said"),
     [
+        (
+            {"handshake": {"heartbeat_required": False, "enable_required": True}},
+            "modbus.handshake.enable_required = true: needs heartbeat_required",
+        ),
         ({"plain": False}, "modbus.plain = false: nothing would be served: plain = false needs [modbus.tls]"),
         ({"port": 802, "tls": {"cert": "a", "key": "b", "ca": "c"}}, "802 is modbus.port, too"),
         ({"tls": {"cert": "a", "key": "b"}}, "modbus.tls.ca: is missing"),
