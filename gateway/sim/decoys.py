@@ -8,6 +8,7 @@ Shapes are drawn at SUPER times the size and reduced, which smooths their edges;
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -128,9 +129,13 @@ GROUNDS: Mapping[str, Callable[[np.random.Generator, tuple[int, int]], NDArray[n
 
 def sheet(width: int, height: int, ground: str, seed: int) -> Sheet:
     """An empty ground to paint on."""
-    chance = np.random.default_rng([seed, 77])
-    paint = GROUNDS[ground](chance, (height * SUPER, width * SUPER))
-    return Sheet(width, height, chance, np.clip(paint, 0, 255).astype(np.float32))
+    return Sheet(width, height, np.random.default_rng([seed, 78]), _ground(width, height, ground, seed).copy())
+
+
+@lru_cache(maxsize=4)
+def _ground(width: int, height: int, ground: str, seed: int) -> NDArray[np.float32]:
+    paint = GROUNDS[ground](np.random.default_rng([seed, 77]), (height * SUPER, width * SUPER))
+    return np.asarray(np.clip(paint, 0, 255), np.float32)
 
 
 Painter = Callable[[Sheet, float, float, float], None]  # sheet, centre u and v, size (px)

@@ -85,9 +85,9 @@ class Disturbance:
 
 
 DISTURBANCES = (
-    Disturbance("dust veil", veil, (0.25, 0.45, 0.6), "mean share of airlight"),
+    Disturbance("dust veil", veil, (0.25, 0.4, 0.5), "mean share of airlight"),
     Disturbance("low light", gain, (0.6, 0.4, 0.25), "times the light"),
-    Disturbance("over-exposure", gain, (1.5, 2.0, 2.5), "times the light"),
+    Disturbance("over-exposure", gain, (1.3, 1.6, 2.0), "times the light"),
     Disturbance("motion blur", motion, (0.004, 0.008, 0.012), "share of the diagonal"),
     Disturbance("warm cast", warm, (0.4, 0.7, 1.0), "1: half the blue gone"),
     Disturbance("cold cast", cold, (0.4, 0.7, 1.0), "1: a third of the red gone"),

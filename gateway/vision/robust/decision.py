@@ -10,8 +10,8 @@ from gateway.vision.robust.evidence import Evidence
 from gateway.vision.robust.rim import Rim
 
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
-MIN_CONTRAST, MIN_REDNESS = 0.25, 0.13  # log units in clear air; a veil makes both smaller
-MAX_BLUE = 0.95  # of the red: more is magenta
+MIN_CONTRAST, MIN_REDNESS = 0.15, 0.12  # log units in clear air; a veil makes both smaller
+MAX_BLUE, BRIGHTEST = 0.95, 250.0  # of the red: more is magenta; grey level that may be a clipped one
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
@@ -39,7 +39,6 @@ class Limits:
     min_radius_px: float
     max_radius_px: float
     min_confidence: float
-    haze: float = 0.0  # share of veil in the picture's darkest parts: so much less contrast is asked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +57,19 @@ def _sharp(c: Candidate) -> bool:
     return c.rim.blur_px <= MAX_BLUR * c.rim.ellipse.semi_minor_px and c.evidence.contrast >= MIN_STEP * c.evidence.rise
 
 
+def _not_magenta(bgr: tuple[float, float, float]) -> bool:
+    """Where red is as bright as it can be, nothing is said: light red that is over-exposed looks like that."""
+    return bgr[0] <= MAX_BLUE * bgr[2] or bgr[2] >= BRIGHTEST
+
+
 Gate = Callable[[Candidate, Limits], bool]
 
 GATES: tuple[tuple[str, Gate], ...] = (
     ("radius", lambda c, limits: limits.min_radius_px <= c.rim.ellipse.semi_major_px <= limits.max_radius_px),
     ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
-    ("contrast", lambda c, limits: c.evidence.contrast >= MIN_CONTRAST * (1 - limits.haze)),
-    ("colour", lambda c, limits: c.evidence.redness >= MIN_REDNESS * (1 - limits.haze)),
-    ("colour", lambda c, _: c.evidence.colour[0] <= MAX_BLUE * c.evidence.colour[2]),
+    ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * (1 - c.evidence.haze)),
+    ("colour", lambda c, _: c.evidence.redness >= MIN_REDNESS * (1 - c.evidence.haze)),
+    ("colour", lambda c, _: _not_magenta(c.evidence.colour)),
     ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
@@ -73,7 +77,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
     ("blur", lambda c, _: _sharp(c)),
-    ("confidence", lambda c, limits: confidence(c, limits) >= limits.min_confidence),
+    ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
 )
 """Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`."""
 
@@ -90,7 +94,7 @@ def promise(found: Evidence) -> float:
     return float(found.coverage * clear * aspect * found.fill * math.sqrt(found.visible))
 
 
-def confidence(found: Candidate, limits: Limits) -> float:
+def confidence(found: Candidate) -> float:
     """0 to 1, the probability of a disc: the odds are a product of powers of shares, each 1 where nothing is amiss."""
     e = found.evidence
     contrast = max(e.contrast, 1e-3)
@@ -102,16 +106,16 @@ def confidence(found: Candidate, limits: Limits) -> float:
         "clear": contrast / (contrast + e.noise + 0.03),
         "fill": e.fill,
         "aspect": min(1.0, found.aspect / FULL_ASPECT),
-        "contrast": min(1.0, contrast / (FULL_CONTRAST * (1 - limits.haze))),
+        "contrast": min(1.0, contrast / (FULL_CONTRAST * (1 - e.haze))),
     }
     odds = float(ODDS * math.prod(share ** POWERS[name] for name, share in shares.items()))
     return odds / (1 + odds)
 
 
-def weight(found: Candidate, limits: Limits) -> float:
+def weight(found: Candidate) -> float:
     """Which of several discs is the marker: the surer and redder one, and of equals the larger, as in equation 9."""
     redness = min(FULL_REDNESS, max(0.0, found.evidence.redness))
-    return float(confidence(found, limits) * redness * found.rim.ellipse.semi_major_px**0.3)
+    return float(confidence(found) * redness * found.rim.ellipse.semi_major_px**0.3)
 
 
 def circle_of(ellipse: Ellipse) -> Circle:

@@ -19,9 +19,6 @@ Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the whole picture, th
 
 SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is no rim
 
-SPARSE, DARKEST = 96, 2.0  # places looked at each way; percent of them that are its darkest parts
-VEIL, MOST_HAZE = 220.0, 0.75  # grey level of a full veil
-
 STAGES = (
     (
         "expected",
@@ -75,7 +72,7 @@ def detect(
         rejected=tuple(Rejection(Circle(c.u_px + x0, c.v_px + y0, c.radius_px), why) for _, c, why in told),
     )
     if taken is not None:
-        found = _filled(found, taken, limits, x0, y0)
+        found = _filled(found, taken, x0, y0)
     if found.circle is not None and params.intrinsics is not None:
         x_n, y_n = normalise(found.circle.u_px, found.circle.v_px, params.intrinsics) or (None, None)
         found = replace(found, x_n=x_n, y_n=y_n)
@@ -90,18 +87,7 @@ def _limits(image: Image, params: VisionConfig) -> Limits:
         min_radius_px=max(SMALLEST_PX, params.min_radius_share * diagonal_px),
         max_radius_px=params.max_radius_share * diagonal_px,
         min_confidence=params.min_confidence,
-        haze=_haze(image),
     )
-
-
-def _haze(image: Image) -> float:
-    """How much of a veil lies over the whole picture, 0 to MOST_HAZE: how bright the darkest of its parts are.
-
-    Something in a clear picture is nearly black in one of the channels: a shadow, a gap, red paint in blue.
-    """
-    rows, columns = (max(1, size // SPARSE) for size in image.shape[:2])
-    darkest = image[::rows, ::columns].min(axis=2)
-    return min(MOST_HAZE, float(np.percentile(darkest, DARKEST)) / VEIL)
 
 
 def _part(image: Image, window: Window | None) -> tuple[int, int, Image]:
@@ -113,7 +99,7 @@ def _part(image: Image, window: Window | None) -> tuple[int, int, Image]:
     return x0, y0, image[y0 : max(y0 + 1, window[3]), x0 : max(x0 + 1, window[2])]
 
 
-def _filled(found: Detection, taken: Candidate, limits: Limits, x0: int, y0: int) -> Detection:
+def _filled(found: Detection, taken: Candidate, x0: int, y0: int) -> Detection:
     e = taken.rim.ellipse
     ellipse = replace(e, u_px=e.u_px + x0, v_px=e.v_px + y0)
     return replace(
@@ -123,7 +109,7 @@ def _filled(found: Detection, taken: Candidate, limits: Limits, x0: int, y0: int
         area_px2=math.pi * e.semi_major_px * e.semi_minor_px,
         circularity=_circularity(e),
         fill=e.semi_minor_px / e.semi_major_px,
-        confidence=confidence(taken, limits),
+        confidence=confidence(taken),
         visible=taken.rim.visible,
     )
 

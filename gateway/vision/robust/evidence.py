@@ -30,6 +30,11 @@ STEP = 0.3  # of the usual change of colour across the rim: so much is an edge, 
 SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim
 
 
+# Something in clear air is nearly black in one of the channels: a shadow, a gap, red paint in blue.
+DARKEST = 5.0  # percent of a place that are its darkest parts
+VEIL, MOST_HAZE = 220.0, 0.75  # grey level of a full veil
+
+
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """Of one ellipse, in px of the whole picture."""
@@ -44,6 +49,7 @@ class Evidence:
     fill: float  # share of the inside that is nearer to the inside's redness than to the outside's
     hollow: float  # share of the rays that are not red near the centre: 1 for a ring or the letter O
     redness: float  # median inside, log units
+    haze: float  # 0 to MOST_HAZE: share of veil over the place, by the darkest of its parts
     colour: tuple[float, float, float]  # median BGR inside
 
 
@@ -178,6 +184,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
             fill=float(fill[row]),
             hollow=float(hollow[row]),
             redness=float(inner_redness[row]),
+            haze=min(MOST_HAZE, float(np.percentile(rays.bgr[row].min(axis=2)[rays.seen[row]], DARKEST)) / VEIL),
             colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         )
     return result

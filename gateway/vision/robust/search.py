@@ -110,9 +110,9 @@ def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | 
     passed: list[Candidate] = []
     for candidate in refined:
         if why := veto(candidate, limits):
-            told.append((1 + confidence(candidate, limits), circle_of(candidate.rim.ellipse), why))
+            told.append((1 + confidence(candidate), circle_of(candidate.rim.ellipse), why))
         else:
             passed.append(candidate)
-    best = max(passed, key=lambda c: weight(c, limits), default=None)
-    told += [(2 + confidence(c, limits), circle_of(c.rim.ellipse), "weaker") for c in passed if c is not best]
+    best = max(passed, key=weight, default=None)
+    told += [(2 + confidence(c), circle_of(c.rim.ellipse), "weaker") for c in passed if c is not best]
     return best, told
