@@ -277,9 +277,8 @@ def main() -> None:
             process.kill()
             process.wait()
     print(machine())
-    print(
-        f"{args.size}, {args.fps:g} frames a second, {burners} busy process(es) beside, {args.frames * args.repeats} frames"
-    )
+    count = args.frames * args.repeats
+    print(f"{args.size}, {args.fps:g} frames a second, {count} frames, {burners} busy process(es) beside")
     print()
     print(table_of(list(results.values()), args.markdown))
 

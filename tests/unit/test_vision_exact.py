@@ -81,6 +81,23 @@ def test_pictures_of_changing_size_and_with_gaps_between_rows(kernel_of: KernelO
         assert bare(search(image)) == bare(pipeline.detect(image, PAPER))
 
 
+@pytest.mark.parametrize("turns", range(4))
+def test_a_blob_at_every_distance_from_an_edge(turns: int, kernel_of: KernelOf) -> None:
+    """Near enough, the closing fills the gap to the edge: that is beyond what the blob's own lattice points tell. The
+    picture is whole lattice steps wide: only then is the blob's last point so far from the edge."""
+    search = ExactSearch(PAPER, kernel=kernel_of(PAPER))
+    filled = 0
+    for gap in range(14):
+        for size in (15, 16, 17, 18, 19):
+            image = np.full((61, 91, 3), 120, np.uint8)
+            image[20 : 20 + size, gap : gap + 2 * size] = (30, 30, 200)
+            image = np.ascontiguousarray(np.rot90(image, turns))
+            plain = pipeline.trace(image, PAPER)
+            filled += int(np.count_nonzero(plain.cleaned) > np.count_nonzero(plain.opened))
+            assert bare(search(image)) == bare(plain.detection), (gap, size)
+    assert filled
+
+
 def test_without_an_opening_there_is_no_shortcut() -> None:
     assert ExactSearch.knows(PAPER)
     assert not ExactSearch.knows(PAPER.model_copy(update={"morph_iterations": 0}))
