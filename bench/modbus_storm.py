@@ -27,6 +27,7 @@ from bench.modbus.programs import Load, Server, build, load, ours
 ASK = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 0, 100)
 KINDS = {"random": 20, "half": 20, "flood": 8, "deaf": 8}  # how many of each besides the idle ones
 PARTS = 6
+AT_ONCE = 30  # connections in one go: more than the server's backlog would be lost by the kernel, not refused
 
 
 class Neighbour:
@@ -79,8 +80,11 @@ def play(port: int, idle: int, seconds: float) -> None:
     crowd = [Neighbour(kind, seed) for kind, count in {"idle": idle, **KINDS}.items() for seed in range(count)]
     end_s = time.monotonic() + seconds
     while (now_s := time.monotonic()) < end_s:
+        arriving = 0
         for neighbour in crowd:
-            neighbour.connect(port, now_s)
+            if neighbour.sock is None and arriving < AT_ONCE:
+                neighbour.connect(port, now_s)
+                arriving += neighbour.sock is not None
             if neighbour.sock is None:
                 continue
             try:

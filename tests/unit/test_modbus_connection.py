@@ -144,6 +144,24 @@ def test_a_client_that_does_not_read_is_not_read_from_and_not_answered() -> None
     run(test)
 
 
+def test_one_poll_at_a_time_is_held_back_too_where_answers_are_not_taken() -> None:
+    async def test() -> None:
+        connection, wire = opened(House())
+        wire.blocks = True
+        connection.data_received(asks(1))
+        assert not wire.is_reading()
+        connection.data_received(asks(1, 1))  # was on its way
+        assert wire.sent == tells(1)
+        wire.blocks = False
+        connection.resume_writing()
+        assert wire.sent == tells(2)
+        assert wire.is_reading()
+        connection.data_received(asks(1, 2))
+        assert wire.sent == tells(3)
+
+    run(test)
+
+
 def test_blocking_again_and_again_does_not_multiply_its_turns() -> None:
     """However often it stops and starts, it gets one turn for each of the event loop's."""
 
