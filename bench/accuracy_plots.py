@@ -41,9 +41,9 @@ def percentiles(groups: dict[str, list[Shot]], path: Path) -> None:
         axis.grid(axis="x", alpha=0.3)
     axes[0].set_yticks(range(len(groups)), list(groups))
     axes[0].invert_yaxis()
-    axes[1].legend(loc="lower right", fontsize=8, framealpha=0.95)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncols=len(METHODS), fontsize=9)
     figure.suptitle("Every method on the same pictures; dotted: what is asked of 95 % of them", fontsize=11)
-    figure.tight_layout()
+    figure.tight_layout(rect=(0, 0.03, 1, 1))
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
