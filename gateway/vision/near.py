@@ -6,7 +6,7 @@ track can't hold on to a wrong thing, the whole frame is searched, too
 
 - at once, in the same frame, when the window holds nothing, or nothing that the track's gate admits;
 - when something red has come into the picture elsewhere: a cheap look tells, every LOOK frames and after a long gap;
-- every WHOLE frames, whatever has been seen.
+- every WHOLE frames, if anything in it is red but the marker.
 
 Where window and whole frame then disagree, the one with more evidence stands, as among the candidates of any search.
 """
@@ -22,7 +22,7 @@ from gateway.vision.rivals import Spots, spots
 from gateway.vision.robust.detect import Window, detect
 from gateway.vision.tracking import Prediction
 
-LOOK, WHOLE = 8, 64  # frames
+LOOK, WHOLE = 8, 64  # frames; the second a multiple of the first
 ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
 SAME_PLACE = 0.5  # of two circles: their centres are closer than so many radii
 
@@ -44,13 +44,11 @@ class NearSearch:
         if found.circle is None or not expected.admits(found.circle):
             return self._also_whole(image, found)
         self._near += 1
-        if self._near % WHOLE == 0:
-            return self._also_whole(image, found)
         if self._near % LOOK == 0 or not expected.useful:
             start_ns = self._now_ns()
-            news = self._news(image, found.circle)
+            contested = self._contested(image, found.circle)
             found = replace(found, stage_ns=(*found.stage_ns, ("rivals", self._now_ns() - start_ns)))
-            if news:
+            if contested:
                 return self._also_whole(image, found)
         return found
 
@@ -70,9 +68,11 @@ class NearSearch:
         self._spots = None if found.circle is None else spots(image, found.circle)
         return found
 
-    def _news(self, image: Image, followed: Circle) -> bool:
+    def _contested(self, image: Image, followed: Circle) -> bool:
+        """Has something red come, or has what is there not been heard for long?"""
         before, self._spots = self._spots, spots(image, followed)
-        return before is None or self._spots.news(before)
+        due = self._near % WHOLE == 0 and len(self._spots.boxes) > 0
+        return before is None or due or self._spots.news(before)
 
 
 def _better(whole: Detection, held: Detection) -> Detection:

@@ -82,7 +82,10 @@ def test_every_answer_is_the_full_searchs_and_most_come_from_a_window(searched: 
             assert getattr(one.circle, name) == pytest.approx(getattr(approach(n), name), abs=0.3)
 
 
-def test_the_whole_frame_comes_in_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("clutter", [True, False])
+def test_the_whole_frame_comes_in_its_turn_where_it_holds_anything_red(
+    monkeypatch: pytest.MonkeyPatch, clutter: bool
+) -> None:
     kinds: list[str] = []
 
     def stand_in(image: Image, *args: Any, window: Any = None, **more: Any) -> Detection:
@@ -91,10 +94,11 @@ def test_the_whole_frame_comes_in_its_turn(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(near, "detect", stand_in)
     find = methods.detector(FOLLOWED)
-    image = np.zeros((240, 320, 3), np.uint8)
+    image = picture(Circle(100.0, 100.0, 30.0), *[Circle(250.0, 150.0, 15.0)] * clutter)
     for n in range(2 * WHOLE + 2):
         find(image, n * PERIOD_NS)
-    assert [n for n, kind in enumerate(kinds) if kind == "whole"] == [0, WHOLE + 1, 2 * WHOLE + 2]
+    whole = [n for n, kind in enumerate(kinds) if kind == "whole"]
+    assert whole == ([0, WHOLE + 1, 2 * WHOLE + 2] if clutter else [0])
 
 
 @pytest.mark.parametrize(
