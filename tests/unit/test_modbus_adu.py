@@ -1,9 +1,11 @@
 """The byte stream: frames come out whole and in order, wherever it is cut, and faults are told where they stand."""
 
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.modbus.adu import MAX_FRAME_BYTES, Fault, Framer, frame_bytes
+
+CALM = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no finding
 
 PDUS = st.binary(min_size=1, max_size=253)
 FRAMES = st.builds(frame_bytes, st.integers(0, 65535), st.integers(0, 255), PDUS)
@@ -26,6 +28,7 @@ def test_a_frame_byte_by_byte() -> None:
     assert frame_bytes(0x1234, 7, b"\x03\x00\x01\x00\x02").hex() == "123400000006070300010002"
 
 
+@CALM
 @given(st.lists(FRAMES | FOREIGN, max_size=8), st.data())
 def test_any_cut_gives_the_same_frames(frames: list[bytes], data: st.DataObject) -> None:
     stream = b"".join(frames)
@@ -42,6 +45,7 @@ def test_any_cut_gives_the_same_frames(frames: list[bytes], data: st.DataObject)
     assert not framer.whole
 
 
+@CALM
 @given(st.lists(FRAMES, max_size=3), st.integers(0, 65535), st.sampled_from([0, 1, 255, 256, 65535]), PDUS)
 def test_an_impossible_length_ends_it_with_the_frames_before_it(
     frames: list[bytes], transaction: int, length: int, rest: bytes
@@ -69,6 +73,7 @@ def test_the_limits_of_length() -> None:
     assert len(frame_bytes(0, 0, bytes(253))) == MAX_FRAME_BYTES
 
 
+@CALM
 @given(st.binary(max_size=2000))
 def test_random_bytes_are_frames_or_faults_and_nothing_is_kept_for_ever(data: bytes) -> None:
     framer = Framer()

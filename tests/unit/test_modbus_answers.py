@@ -5,7 +5,7 @@ from functools import partial
 from itertools import product
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.modbus.adu import frame_bytes
@@ -156,7 +156,7 @@ def test_identity_in_parts_has_every_object_once() -> None:
     assert parts == 4
 
 
-@settings(max_examples=1500, deadline=None)
+@settings(max_examples=1500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(min_size=1, max_size=253), st.booleans())
 def test_any_bytes_at_all(request: bytes, writes_on: bool) -> None:
     Pair(writes_on).check(request)

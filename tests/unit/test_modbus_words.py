@@ -4,7 +4,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.modbus.words import (
@@ -21,6 +21,8 @@ from gateway.modbus.words import (
     packer,
     unpack,
 )
+
+CALM = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no finding
 
 NUMBERS = st.one_of(st.floats(), st.integers(), st.integers(-(10**400), 10**400), st.floats(-7000, 7000))
 SCALED = [(MEASURED_UINT16, 0.1), (MEASURED_UINT16, 1), (MEASURED_INT16, 0.1)]
@@ -65,6 +67,7 @@ def test_exact_words(kind: WireType, value: float | None, scale: float, words: t
     assert pack(kind, value, scale, "little") == (words[::-1], cut)
 
 
+@CALM
 @given(value=NUMBERS, case=st.sampled_from(SCALED + PLAIN), order=st.sampled_from(ORDERS))
 def test_integers_are_right_or_at_their_limit_or_nothing(
     value: float, case: tuple[WireType, float], order: WordOrder
@@ -87,6 +90,7 @@ def test_integers_are_right_or_at_their_limit_or_nothing(
         assert abs(back - value) <= scale * 0.5000001 + abs(value) * 1e-15
 
 
+@CALM
 @given(value=NUMBERS, order=st.sampled_from(ORDERS))
 def test_floats_are_the_nearest_float32(value: float, order: WordOrder) -> None:
     words, cut = pack(MEASURED_FLOAT32, value, 1, order)
@@ -105,6 +109,7 @@ def test_floats_are_the_nearest_float32(value: float, order: WordOrder) -> None:
         assert (back > 0) == (value > 0)
 
 
+@CALM
 @given(
     st.sampled_from([*SCALED, *PLAIN, (FLOAT32, 1), (MEASURED_FLOAT32, 1)]),
     st.none() | NUMBERS | st.booleans(),
