@@ -103,7 +103,7 @@ def context_of(plant: Plant, name: str | None, trust: Plant | None = None) -> ss
 def dialled(port: int, context: ssl.SSLContext) -> Iterator[ssl.SSLSocket]:
     with (
         socket.create_connection(("127.0.0.1", port), timeout=10) as tcp,
-        context.wrap_socket(tcp, server_hostname="127.0.0.1") as tls,
+        context.wrap_socket(tcp, server_hostname="127.0.0.1", suppress_ragged_eofs=False) as tls,
     ):
         yield tls
 
@@ -303,6 +303,19 @@ def test_a_client_that_never_begins_its_handshake_is_cut_in_time(plant: Plant) -
             assert await threaded(silent, listening.tls) == b""
 
     play(scene())
+
+
+def test_a_port_scanner_is_told_once(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
+    async def scene() -> None:
+        async with gateway(plant, Bay()) as listening:
+            for _ in range(3):
+                _, writer = await asyncio.open_connection("127.0.0.1", listening.tls)
+                writer.close()
+            await logged(caplog, "it ended the TLS handshake, or did not finish it in time")
+
+    with caplog.at_level(logging.WARNING):
+        play(scene())
+    assert caplog.text.count("it ended the TLS handshake") == 1
 
 
 def test_leaving_does_not_wait_for_handshakes(plant: Plant) -> None:
