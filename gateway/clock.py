@@ -41,8 +41,10 @@ class SystemClock:
     wall_origin_ns: int = field(default_factory=time.time_ns)
 
     def now_ns(self) -> int:
-        elapsed_ns = time.monotonic_ns() - self.origin_ns
-        return self.origin_ns + (elapsed_ns if self.speed == 1.0 else int(elapsed_ns * self.speed))
+        now_ns = time.monotonic_ns()
+        if self.speed == 1.0:
+            return now_ns
+        return self.origin_ns + int((now_ns - self.origin_ns) * self.speed)
 
     def wall_ns(self) -> int:
         # At true speed the published time follows the machine's, NTP corrections included.

@@ -12,13 +12,13 @@ from gateway.model import StateVector
 
 def image_of(bay: BayControl, word_order: WordOrder, clock: Clock) -> ReadImage:
     """Asks `bay` at every call, so that a dead one shows as dead; encodes when there is another state."""
-    image = CurrentImage(word_order)
+    image, ask = CurrentImage(word_order), bay.state
     last: StateVector | None = None
     shown: Sequence[int] = ()
 
     def read() -> Sequence[int]:
         nonlocal last, shown
-        state = bay.state()
+        state = ask()
         if state is not last:  # nearly every poll finds the state of the one before
             last, shown = state, image.of(state, clock.now_ns(), clock.wall_ns())
         return shown
