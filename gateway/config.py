@@ -86,9 +86,9 @@ class CameraConfig(Section):
 
 
 class VisionConfig(Section):
-    """The paper's Table I; every default is the paper's."""
+    """Method, tracking and the parameters of both methods; those of the paper's are its Table I."""
 
-    method: Literal["robust", "paper"] = Field("paper", description="how the marker is found in a picture")
+    method: Literal["robust", "paper"] = Field("robust", description="how the marker is found in a picture")
     tracking: bool = Field(
         True,
         description="follow the marker from frame to frame: the same answers, sooner; and say how each was come by",
@@ -99,17 +99,17 @@ class VisionConfig(Section):
         le=10,
         description="a followed marker that is not seen is predicted for so long, then lost; stop is on",
     )
-    gaussian_kernel_px: int = Field(5, ge=1, le=31, description="side of the Gaussian kernel, odd; 1: off")
-    gaussian_sigma_px: float = Field(0.0, ge=0, le=20, description="0: derived from the kernel, as OpenCV does")
-    red_low_1: Hsv = Field((0, 43, 46), description="threshold 1, lower corner (H 0-180, S, V 0-255)")
-    red_high_1: Hsv = Field((10, 255, 255), description="threshold 1, upper corner")
-    red_low_2: Hsv = Field((156, 43, 46), description="threshold 2, lower corner")
-    red_high_2: Hsv = Field((180, 255, 255), description="threshold 2, upper corner")
-    morph_kernel_px: int = Field(3, ge=1, le=31, description="side of the square structuring element, odd")
-    morph_iterations: int = Field(2, ge=0, le=10, description="of opening, then of closing; 0: off")
-    min_area_px2: float = Field(100.0, ge=0, le=1e8, description="S_min of equation 9")
-    min_circularity: float = Field(0.0, ge=0, le=1, description="4 pi area / perimeter^2 at least; 0: off, the paper")
-    min_fill: float = Field(0.0, ge=0, le=1, description="area / enclosing circle's area at least; 0: off, the paper")
+    gaussian_kernel_px: int = Field(5, ge=1, le=31, description="paper: side of the Gaussian kernel, odd; 1: off")
+    gaussian_sigma_px: float = Field(0.0, ge=0, le=20, description="paper: 0: derived from the kernel, as OpenCV does")
+    red_low_1: Hsv = Field((0, 43, 46), description="paper: threshold 1, lower corner (H 0-180, S, V 0-255)")
+    red_high_1: Hsv = Field((10, 255, 255), description="paper: threshold 1, upper corner")
+    red_low_2: Hsv = Field((156, 43, 46), description="paper: threshold 2, lower corner")
+    red_high_2: Hsv = Field((180, 255, 255), description="paper: threshold 2, upper corner")
+    morph_kernel_px: int = Field(3, ge=1, le=31, description="paper: side of the square structuring element, odd")
+    morph_iterations: int = Field(2, ge=0, le=10, description="paper: of opening, then of closing; 0: off")
+    min_area_px2: float = Field(100.0, ge=0, le=1e8, description="paper: S_min of equation 9")
+    min_circularity: float = Field(0.0, ge=0, le=1, description="paper: 4 pi area / perimeter^2 at least; 0: off")
+    min_fill: float = Field(0.0, ge=0, le=1, description="paper: area / enclosing circle's area at least; 0: off")
     min_radius_share: float = Field(
         0.012, ge=0.002, le=1, description="robust: smallest radius, as a share of the picture's diagonal"
     )
@@ -121,6 +121,14 @@ class VisionConfig(Section):
     workers: int = Field(1, ge=1, le=16, description="vision processes for this bay")
     affinity: Cpus | None = Field(None, description="CPUs the vision processes may use")
     deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long before its worker is replaced")
+
+    def idle(self) -> tuple[str, ...]:
+        """The keys that were set and belong to the other method: they have no effect."""
+        other = "robust: " if self.method == "paper" else "paper: "
+        fields = type(self).model_fields
+        return tuple(
+            key for key in fields if key in self.model_fields_set and (fields[key].description or "").startswith(other)
+        )
 
     @field_validator("gaussian_kernel_px", "morph_kernel_px")
     @classmethod

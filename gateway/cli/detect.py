@@ -7,7 +7,8 @@
   gateway detect run.mp4 --track 30               follow the marker through 30 frames a second, as the gateway does
   gateway detect bay.png --stages out/            the paper's stages as pictures: its Figures 3 and 4
   gateway detect bay.png --config gateway.toml --bay north     with a plant's own settings
-  gateway detect bay.png --min-circularity 0.7    refuse what is not round (a perfect disc has 0.90)
+  gateway detect bay.png --method paper           by the paper's own pipeline
+  gateway detect bay.png --method paper --min-circularity 0.7      refuse what is not round (a perfect disc has 0.90)
   find . -name '*.png' | gateway detect -         names from standard input, one a line
 
 An input that cannot be read gives a line with its error, and the rest goes on.
@@ -45,7 +46,7 @@ _LONG_BATCH = 8  # inputs; a progress bar for fewer is only flicker
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("inputs", nargs="+", metavar="IMAGE", help="file, folder or pattern; - reads names from stdin")
     parser.add_argument("--json", action="store_true", help="print one JSON object a line")
-    parser.add_argument("--method", metavar="NAME", help="detection method (default: the configuration's, else paper)")
+    parser.add_argument("--method", metavar="NAME", help="robust or paper (default: the configuration's, else robust)")
     parser.add_argument("--draw", metavar="DIR", type=Path, help="write every picture with what was found into DIR")
     parser.add_argument(
         "--stages", metavar="DIR", type=Path, help="write the paper's figures of every picture into DIR"
@@ -55,9 +56,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="take the settings from this configuration")
     parser.add_argument("--bay", metavar="NAME", help="which bay of it (default: the first)")
-    parser.add_argument("--min-area", metavar="PX2", type=float, help="S_min, px^2")
-    parser.add_argument("--min-circularity", metavar="C", type=float, help="0 to 1; 0: off")
-    parser.add_argument("--min-fill", metavar="F", type=float, help="0 to 1; 0: off")
+    parser.add_argument("--min-area", metavar="PX2", type=float, help="paper: S_min, px^2")
+    parser.add_argument("--min-circularity", metavar="C", type=float, help="paper: 0 to 1; 0: off")
+    parser.add_argument("--min-fill", metavar="F", type=float, help="paper: 0 to 1; 0: off")
 
 
 def _pace(text: str) -> float:
@@ -94,26 +95,23 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _params(args: argparse.Namespace) -> "VisionConfig":
-    """The bay's settings, or the paper's, with the command line's over them."""
+    """The bay's settings, or the defaults, with the command line's over them."""
     from pydantic import ValidationError
 
     from gateway.config import VisionConfig
     from gateway.strict.faults import explain
 
     params = bay_vision(args.config, args.bay)
-    asked = {
-        "method": args.method,
-        "min_area_px2": args.min_area,
-        "min_circularity": args.min_circularity,
-        "min_fill": args.min_fill,
-    }
+    gates = {"min_area_px2": args.min_area, "min_circularity": args.min_circularity, "min_fill": args.min_fill}
+    asked = {key: value for key, value in ({"method": args.method} | gates).items() if value is not None}
     try:
-        return VisionConfig.model_validate(
-            params.model_dump() | {key: value for key, value in asked.items() if value is not None}
-        )
+        params = VisionConfig.model_validate(params.model_dump() | asked)
     except ValidationError as error:
         lines = explain(error, source="command line", text="", model=VisionConfig)
         raise ConfigError("\n".join(lines)) from error
+    if params.method != "paper" and asked.keys() & gates.keys():
+        raise ConfigError("--min-area, --min-circularity and --min-fill are the paper's method's: add --method paper")
+    return params
 
 
 def _names(arguments: Sequence[str]) -> list[str]:

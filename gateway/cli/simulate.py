@@ -7,6 +7,7 @@ examples:
   gateway simulate                                    the default approach, watched in the terminal
   gateway simulate --modbus-port 5020 --duration 20   end after 20 s
   gateway simulate --scenario faults --speed 2        a scenario of config/scenarios/, twice as fast
+  gateway simulate --scenario rusty --method paper    where the paper's own method fails
   gateway simulate --trials 10                        the paper's Table II, its figures beside ours
   gateway simulate --bays 4 --modbus-port 0 --json    four bays, a free port, JSON lines for programs
   gateway simulate --ranger firmware                  the Arduino's compiled firmware in an emulated Uno
@@ -41,6 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mqtt-url", metavar="URL", help="publish to this broker: mqtt[s]://[user[:password]@]host[:port]"
     )
+    parser.add_argument("--method", metavar="NAME", help="robust or paper (default: as in the settings, robust)")
     parser.add_argument("--trials", type=int, metavar="N", help="run N alignment trials and print Table II (paper: 10)")
     parser.add_argument(
         "--ranger",

@@ -97,6 +97,8 @@ def _settings(args: argparse.Namespace) -> GatewayConfig:
     if args.config is None:
         taken = any(instance == "simulate" for instance, _ in attachable())
         over["instance"] = f"simulate-{os.getpid()}" if taken else "simulate"  # several may run side by side
+    if args.method is not None:
+        over["vision"] = {"method": args.method}
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
     return config.load(args.config or running.shipped("simulate.toml"), over)

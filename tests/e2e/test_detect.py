@@ -133,6 +133,7 @@ def test_the_table_for_people(folder: Path) -> None:
         (["empty"], "no picture or video in: empty"),
         (["a1.png", "--bay", "north"], "--bay needs --config"),
         (["a1.png", "--method", "magic"], "command line: method = \"magic\": Input should be 'robust' or 'paper'"),
+        (["a1.png", "--min-fill", "0.5"], "--min-area, --min-circularity and --min-fill are the paper's method's: add"),
         (["a1.png", "--min-fill", "2"], "command line: min_fill = 2.0: Input should be less than or equal to 1"),
         (["a1.png", "--config", "none.toml"], "none.toml: cannot read"),
         (["a1.png", "--config", "bays.toml", "--bay", "west"], "bays.toml: no bay west; there is: east, north"),

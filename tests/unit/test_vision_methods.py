@@ -75,3 +75,17 @@ def test_two_detectors_share_nothing() -> None:
     empty = np.zeros((240, 320, 3), np.uint8)
     assert one(empty, 5 * NS_PER_MS).tracking is Tracking.COASTED
     assert other(empty, 5 * NS_PER_MS).tracking is Tracking.LOST
+
+
+def test_keys_of_the_other_method_are_idle_and_told() -> None:
+    assert VisionConfig().idle() == ()
+    assert VisionConfig(method="paper", min_fill=0.5, red_low_1=(0, 60, 60), workers=2).idle() == ()
+    assert VisionConfig(method="robust", min_fill=0.5, red_low_1=(0, 60, 60), workers=2).idle() == (
+        "red_low_1",
+        "min_fill",
+    )
+    assert VisionConfig(method="paper", min_confidence=0.6, coast_s=0.1).idle() == ("min_confidence",)
+
+
+def test_the_default_is_robust_and_followed() -> None:
+    assert (VisionConfig().method, VisionConfig().tracking) == ("robust", True)
