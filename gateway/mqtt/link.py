@@ -17,6 +17,7 @@ import socket
 import ssl
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NoReturn
 
 import aiomqtt
@@ -152,8 +153,12 @@ async def connect(
     ack_s: float,
     tls: ssl.SSLContext | None,
     protocol: Protocol = Protocol.V311,
+    will_at_goodbye: bool = False,
 ) -> AsyncIterator[BrokerLink]:
-    """Raises LinkError when there is no broker, or it refuses us; NotGreetedError where the protocol may be why."""
+    """Raises LinkError when there is no broker, or it refuses us; NotGreetedError where the protocol may be why.
+
+    `will_at_goodbye`: an MQTT 5 broker publishes the will even when the connection ends properly.
+    """
     try:
         sock = await dial(broker.host, broker.port, tls, CONNECT_S)
     except LinkError as error:
@@ -170,6 +175,8 @@ async def connect(
             except aiomqtt.MqttError as error:
                 raise NotGreetedError(f"{broker}: {error}", certain=False) from error
             yield BrokerLink(client, broker, ack_s, protocol)
+            if will_at_goodbye and protocol is Protocol.V5:
+                client.keep_will()
             await client.say_goodbye()  # skipped when the body raises: then the broker must publish the will
         except aiomqtt.MqttError as error:
             raise LinkError(f"{broker}: {error}") from error
@@ -204,6 +211,8 @@ class _Client(aiomqtt.Client):
             max_queued_incoming_messages=MAX_INCOMING,
             logger=_log,
         )
+        for future in (self._connected, self._disconnected):  # nobody may be left who asks how it ended
+            future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         self._client._create_socket_connection = lambda: sock  # type: ignore[method-assign]  # it would open its own
         # Nothing in it blocks on an open socket, so it needs no thread; it only queues the greeting.
         super()._client_connect()
@@ -236,6 +245,11 @@ class _Client(aiomqtt.Client):
         except TimeoutError:
             raise aiomqtt.MqttError(f"connected, but no greeting within {CONNECT_S:g} s") from None
 
+    def keep_will(self) -> None:
+        """The goodbye to come will carry the reason `Disconnect with will message`; the library gives none."""
+        reason = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
+        self._client.disconnect = partial(self._client.disconnect, reason)  # type: ignore[method-assign]
+
     async def say_goodbye(self) -> None:
         """Disconnect: the broker forgets the last will."""
         with contextlib.suppress(TimeoutError):
@@ -250,5 +264,3 @@ class _Client(aiomqtt.Client):
             await asyncio.sleep(0)  # what the library has asked the loop to watch is being watched by now
         finally:
             self._client._sock_close()
-        if self._disconnected.done() and not self._disconnected.cancelled():
-            self._disconnected.exception()  # seen: else the loop reports it as forgotten

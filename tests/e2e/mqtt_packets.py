@@ -30,6 +30,7 @@ class Packet:
     connection: int
     topic: str = ""
     payload: bytes = b""
+    mid: int = 0  # of a PUBLISH above QoS 0, and of a PUBACK
     qos: int = 0
     retain: bool = False
     level: int = 0  # CONNECT: 4 is MQTT 3.1.1, 5 is 5
@@ -40,6 +41,7 @@ class Packet:
     will_qos: int = 0
     will_retain: bool = False
     filters: tuple[tuple[str, int], ...] = ()
+    reason: int = 0  # DISCONNECT, MQTT 5
 
 
 class _Reader:
@@ -71,7 +73,7 @@ class _Reader:
 
 
 @dataclass
-class _Stream:
+class Stream:
     """One direction of one connection."""
 
     out: bool
@@ -106,12 +108,11 @@ class _Stream:
             return self._connect(body, now)
         if kind == "PUBLISH":
             topic, qos = body.block().decode(), first >> 1 & 3
-            if qos:
-                body.take(2)
+            mid = body.number(2) if qos else 0
             if self.level[0] == 5:
                 body.take(body.varint())
             payload = body.data[body.at :]
-            return Packet(kind, self.out, now, self.connection, topic, payload, qos, bool(first & 1))
+            return Packet(kind, self.out, now, self.connection, topic, payload, mid, qos, bool(first & 1))
         if kind == "SUBSCRIBE":
             body.take(2)
             if self.level[0] == 5:
@@ -120,7 +121,9 @@ class _Stream:
             while body.left:
                 filters.append((body.block().decode(), body.number(1) & 3))
             return Packet(kind, self.out, now, self.connection, filters=tuple(filters))
-        return Packet(kind, self.out, now, self.connection)
+        mid = body.number(2) if kind == "PUBACK" else 0
+        reason = body.number(1) if kind == "DISCONNECT" and body.left else 0
+        return Packet(kind, self.out, now, self.connection, mid=mid, reason=reason)
 
     def _connect(self, body: _Reader, now: float) -> Packet:
         body.block()
@@ -216,11 +219,11 @@ class Tap:
             level = [4]
             for source, sink, out in ((near, far, True), (far, near, False)):
                 source.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                stream = _Stream(out, number, level)
+                stream = Stream(out, number, level)
                 threading.Thread(target=self._pump, args=(source, sink, stream), daemon=True).start()
             number += 1
 
-    def _pump(self, source: socket.socket, sink: socket.socket, stream: _Stream) -> None:
+    def _pump(self, source: socket.socket, sink: socket.socket, stream: Stream) -> None:
         try:
             while data := source.recv(65_536):
                 found = stream.feed(data)

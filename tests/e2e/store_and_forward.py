@@ -2,7 +2,8 @@
 
 A child process is a gateway less its sensors: two bays whose D flips as fast as asked, through the real fusion, hub,
 outbox and MQTT client. It tells each event's id on its standard output once the event has happened. The parent kills
-the child, and the broker, at random moments with SIGKILL, and compares what was told with what a subscriber received.
+the child, and the broker, at random moments with SIGKILL, and compares what was told with what a subscriber received
+and with what the broker acknowledged on the wire: what an acknowledging broker forgets is counted apart.
 
 The gateway reaches the broker through a proxy that lets it in only while the subscriber is connected: mosquitto hands a
 message on before it acknowledges it, but a killed one forgets what it held for a subscriber that was away.
@@ -35,6 +36,7 @@ from gateway.mqtt.outbox import Entry
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
+from tests.e2e.mqtt_packets import Stream
 from tests.e2e.tcp_proxy import Proxy, Weather
 
 Gateway = tuple[subprocess.Popen[str], threading.Thread]  # and who reads what it tells
@@ -88,7 +90,8 @@ class Report:
     events: int = 0  # all events that were told of
     received: int = 0  # different ones
     duplicates: int = 0
-    lost: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)  # told of, never acknowledged by a broker, never received
+    forgotten: int = 0  # acknowledged by a broker that was killed before it had passed them on
     out_of_order: list[str] = field(default_factory=list)
     broker_kills: int = 0
     gateway_kills: int = 0
@@ -114,6 +117,29 @@ class Told:
         return sum(precious for _, _, precious in self.ids)
 
 
+class Ledger:
+    """What the broker has acknowledged, read off the wire."""
+
+    def __init__(self) -> None:
+        self.acknowledged: set[str] = set()
+        self._streams: dict[tuple[int, bool], Stream] = {}
+        self._on_the_way: dict[tuple[int, int], str] = {}
+
+    def heard(self, connection: int, out: bool, data: bytes) -> None:
+        level = self._streams[connection, not out].level if (connection, not out) in self._streams else [4]
+        stream = self._streams.setdefault((connection, out), Stream(out, connection, level))
+        for packet in stream.feed(data):
+            key = (connection, packet.mid)
+            if packet.kind == "PUBLISH" and packet.topic.endswith("/event"):
+                self._on_the_way[key] = _id_of(packet.payload)
+            elif packet.kind == "PUBACK" and key in self._on_the_way:
+                self.acknowledged.add(self._on_the_way.pop(key))
+
+
+def _id_of(payload: bytes | bytearray) -> str:
+    return bytes(payload).split(b'"id":"', 1)[1].split(b'"', 1)[0].decode()
+
+
 class Records:
     """A subscriber with a session; connects again at once."""
 
@@ -133,8 +159,7 @@ class Records:
         client.subscribe("loading/+/+/event", qos=1)
 
     def _on_message(self, _: mqtt.Client, __: Any, message: mqtt.MQTTMessage) -> None:
-        name = message.payload.split(b'"id":"', 1)[1].split(b'"', 1)[0].decode()
-        self.got.append((name, message.topic.split("/")[2]))
+        self.got.append((_id_of(message.payload), message.topic.split("/")[2]))
 
     def close(self) -> None:
         self._client.disconnect()
@@ -156,7 +181,8 @@ def run(
     begun = time.monotonic()
     name, file = f"test-{uuid4().hex}", folder / "outbox.sqlite"
     with Mosquitto(folder) as broker, Proxy(broker.port, weather=Weather(refuse=True)) as proxy:
-        records = Records(broker.port)
+        records, ledger = Records(broker.port), Ledger()
+        proxy.heard = ledger.heard
         try:
             _let_in(records, proxy)
             broker.stop()  # once: it remembers the subscription from now on
@@ -193,7 +219,7 @@ def run(
         finally:
             records.close()
     report.seconds = time.monotonic() - begun
-    return _judge(report, told, records.got)
+    return _judge(report, told, records.got, ledger.acknowledged)
 
 
 def _let_in(records: Records, proxy: Proxy) -> None:
@@ -249,12 +275,14 @@ def _deliver_the_rest(port: int, name: str, file: Path, told: Told, records: Rec
         _wait(gateway)
 
 
-def _judge(report: Report, told: Told, got: list[tuple[str, str]]) -> Report:
+def _judge(report: Report, told: Told, got: list[tuple[str, str]], acknowledged: set[str]) -> Report:
     report.transitions, report.events = told.transitions, len(told.ids)
     seen = {name for name, _ in got}
     report.received, report.duplicates = len(seen), len(got) - len(seen)
     # The very last events, of the start that only delivers, may still be on their way.
-    report.lost = [name for name, _, _ in told.ids if name not in seen and not name.startswith(told.boots[-1])]
+    missing = [name for name, _, _ in told.ids if name not in seen and not name.startswith(told.boots[-1])]
+    report.lost = [name for name in missing if name not in acknowledged]
+    report.forgotten = len(missing) - len(report.lost)
     for bay in BAYS:
         highest, known = (-1, 0), set()
         for name, where in got:

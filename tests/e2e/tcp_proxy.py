@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
@@ -32,6 +33,8 @@ class Weather:
 class _Pipe:
     source: socket.socket
     sink: socket.socket
+    connection: int
+    out: bool  # from the client
     waiting: deque[tuple[float, bytes]] = field(default_factory=deque)
     free_s: float = 0.0  # when the line can carry the next byte
 
@@ -42,6 +45,7 @@ class Proxy:
     def __init__(self, target: int, *, weather: Weather | None = None, seed: int = 1) -> None:
         self.target = target
         self.weather = weather or Weather()
+        self.heard: Callable[[int, bool, bytes], None] | None = None  # connection, from the client, data
         self.connections = 0
         self.cuts = 0
         self._random = random.Random(seed)
@@ -104,7 +108,7 @@ class Proxy:
             sock.setblocking(False)
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for source, sink in ((near, far), (far, near)):
-            pipe = _Pipe(source, sink)
+            pipe = _Pipe(source, sink, self.connections, source is near)
             self._pipes.append(pipe)
             selector.register(source, selectors.EVENT_READ, pipe)
 
@@ -121,6 +125,8 @@ class Proxy:
             return
         if weather.swallow:
             return
+        if self.heard is not None:
+            self.heard(pipe.connection, pipe.out, data)
         if self._random.random() < weather.cut_share:
             self.cuts += 1
             self._drop(pipe, selector)
