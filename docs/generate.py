@@ -18,13 +18,32 @@ from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.target import Target
 from gateway.mqtt import reference
+from gateway.mqtt.sparkplug import metrics as sparkplug_metrics
 from gateway.ranger import cheader, protocol
-from gateway.sim import gallery, scenariodoc
+from gateway.sim import gallery, robust_gallery, scenariodoc
 from gateway.vision import example, parameters
 from gateway.vision.evaluation import gate, labels, scoring
+from gateway.vision.robust import reference as robust_reference
 
 DOCS = Path(__file__).resolve().parent
 BLOCK = re.compile(r"(?<=<!-- generated: )([a-z][a-z ]*)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
+
+
+def sparkplug_assertions() -> str:
+    """Every testable assertion of the Sparkplug Specification 3.0.0, and what becomes of it here."""
+    lines = (DOCS / "sparkplug-assertions.tsv").read_text(encoding="utf-8").splitlines()[1:]
+    rows = [(name, status, why) for name, status, why in (line.split("\t") for line in lines)]
+    tally = ", ".join(
+        f"{sum(row[1] == status for row in rows)} {status}" for status in dict.fromkeys(r[1] for r in rows)
+    )
+    table = [
+        f"| `{name}` | {status} | {why or '`test_' + name.replace('-', '_').lower() + '`'} |"
+        for name, status, why in rows
+    ]
+    return "\n".join(
+        [f"{len(rows)} assertions: {tally}.", "", "| id | status | test, or why not |", "|---|---|---|", *table]
+    )
+
 
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "commissioning-vision.md": {
@@ -38,8 +57,10 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
     "registers.md": {"registers": export.markdown},
+    "sparkplug.md": {"device metrics": sparkplug_metrics.markdown, "assertions": sparkplug_assertions},
     "simulator.md": {"keys and faults": scenariodoc.markdown},
     "vision.md": {"stages and parameters": parameters.markdown},
+    "vision-robust.md": robust_reference.BLOCKS,
 }
 PLC_EXAMPLES = ("ignition", "kepware", "st", "scl", "l5x", "node-red", "openplc")
 
@@ -70,6 +91,7 @@ def texts() -> Iterator[tuple[Path, str]]:
 def pictures() -> None:
     """Write the pictures anew. Their own tests compare them within a grey level: processors round differently."""
     made = {f"vision-{name}": image for name, image in example.figures().items()} | gallery.pictures()
+    made |= robust_gallery.pictures()
     for name, image in made.items():
         path = DOCS / "images" / f"{name}.png"
         if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9]):

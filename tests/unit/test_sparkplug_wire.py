@@ -13,6 +13,7 @@ UINT64 = st.integers(0, 2**64 - 1)
 TEXT = st.text(max_size=40)
 VALUES: dict[DataType, st.SearchStrategy[Any]] = {
     DataType.INT32: st.integers(-(2**31), 2**31 - 1),
+    DataType.INT64: st.integers(-(2**63), 2**63 - 1),
     DataType.UINT32: st.integers(0, 2**32 - 1),
     DataType.UINT64: UINT64,
     DataType.DOUBLE: st.floats(allow_nan=False),
@@ -45,8 +46,9 @@ PAYLOADS = st.builds(
 
 
 def shown(value: Any, datatype: DataType) -> Any:
-    """As the specification puts it on the wire: a negative Int32 as an unsigned number."""
-    return value & 0xFFFF_FFFF if datatype is DataType.INT32 and value is not None else value
+    """As the specification puts it on the wire: a negative number as its two's complement."""
+    masks = {DataType.INT32: 0xFFFF_FFFF, DataType.INT64: 0xFFFF_FFFF_FFFF_FFFF}
+    return value & masks[datatype] if datatype in masks and value is not None else value
 
 
 @given(PAYLOADS)
@@ -67,6 +69,16 @@ def test_what_we_write_the_compilers_code_reads(payload: Payload) -> None:
         quality = properties.get("Quality")
         assert (quality.int_value if quality else 192) == wrote.quality
         assert (properties["engUnit"].string_value if "engUnit" in properties else "") == wrote.unit
+
+
+@given(PAYLOADS)
+@settings(max_examples=50, deadline=None)
+def test_without_types_only_the_types_are_missing(payload: Payload) -> None:
+    bare, whole = (schema().Payload.FromString(encode(payload, typed=typed)) for typed in (False, True))
+    assert not any(metric.HasField("datatype") for metric in bare.metrics)
+    for metric in whole.metrics:
+        metric.ClearField("datatype")
+    assert bare == whole
 
 
 @given(PAYLOADS)

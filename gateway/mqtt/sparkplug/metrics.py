@@ -95,7 +95,7 @@ def readings(state: StateVector) -> dict[str, Reading]:
 
 
 def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) -> tuple[Metric, ...]:
-    """`now` as metrics, in the table's order. Births carry units; the datatype goes out always."""
+    """`now` as metrics, in the table's order. Births carry units."""
     return tuple(
         Metric(row.name, timestamp_ms, row.datatype, *_split(now[row.name]), unit=row.unit if birth else "")
         for row in DEVICE

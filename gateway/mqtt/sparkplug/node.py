@@ -109,7 +109,7 @@ class EdgeNode:
     def death(self, now_ms: int) -> Publish:
         """NDEATH: the bdSeq alone, and no sequence number."""
         self._born = False
-        metric = Metric(BD_SEQ, now_ms, DataType.UINT64, self._bd_seq)
+        metric = Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq)
         return Publish(self.identity.topic("NDEATH"), encode(Payload(now_ms, (metric,))), qos=1)
 
     def connected(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
@@ -232,7 +232,7 @@ class EdgeNode:
         self._told.clear()
         self.stats.births += 1
         node = (
-            Metric(BD_SEQ, now_ms, DataType.UINT64, self._bd_seq),
+            Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq),
             Metric(NODE_REBIRTH, now_ms, DataType.BOOLEAN, False),
             Metric("Properties/Software", now_ms, DataType.STRING, "PLC loading gateway"),
             Metric("Properties/Version", now_ms, DataType.STRING, self.version),
@@ -253,4 +253,5 @@ class EdgeNode:
 
     def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> Publish:
         self._seq = (self._seq + 1) % SEQ_MODULO
-        return Publish(self.identity.topic(kind, bay), encode(Payload(now_ms, found, self._seq)))
+        payload = Payload(now_ms, found, self._seq)
+        return Publish(self.identity.topic(kind, bay), encode(payload, typed=kind != "DDATA"))

@@ -185,6 +185,7 @@ class SparkplugPublisher:
                     ack_s=ACK_SHARE * self._config.keepalive_s,
                     tls=tls,
                     protocol=self._versions.next,
+                    will_at_goodbye=True,  # section 6.4.25
                 ) as link:
                     self._versions.greeted()
                     yield link

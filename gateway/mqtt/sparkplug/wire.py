@@ -16,6 +16,7 @@ class DataType(IntEnum):
     """Section 6.4.16; the ones in use."""
 
     INT32 = 3
+    INT64 = 4
     UINT32 = 7
     UINT64 = 8
     DOUBLE = 10
@@ -60,29 +61,28 @@ class WireError(ValueError):
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _INT, _LONG, _FLOAT, _DOUBLE, _BOOL, _STRING = 10, 11, 12, 13, 14, 15  # fields of Metric.value
-_LONG_TYPES = (DataType.UINT64, DataType.DATETIME)
 _MAX_METRICS = 1000  # of a payload that somebody sends to us
 
 
 # Out.
 
 
-def encode(payload: Payload) -> bytes:
-    """The bytes on the wire."""
+def encode(payload: Payload, *, typed: bool = True) -> bytes:
+    """The bytes on the wire. Not `typed`: without datatypes, which a birth has told."""
     out = bytearray()
     if payload.timestamp_ms is not None:
         out += _number(1, payload.timestamp_ms)
     for metric in payload.metrics:
-        out += _block(2, _metric(metric))
+        out += _block(2, _metric(metric, typed=typed))
     if payload.seq is not None:
         out += _number(3, payload.seq)
     return bytes(out)
 
 
-def _metric(metric: Metric) -> bytes:
+def _metric(metric: Metric, *, typed: bool) -> bytes:
     out = bytearray(_block(1, metric.name.encode()))
     out += _number(3, metric.timestamp_ms)
-    if metric.datatype is not None:
+    if typed and metric.datatype is not None:
         out += _number(4, metric.datatype)
     if metric.historical:
         out += _number(5, 1)
@@ -114,10 +114,10 @@ def _value(datatype: DataType | None, value: bool | int | float | str) -> bytes:
             return _key(_DOUBLE, _FIXED64) + struct.pack("<d", value)
         case DataType.STRING:
             return _block(_STRING, str(value).encode())
-        case DataType.UINT64 | DataType.DATETIME:
-            return _number(_LONG, int(value))
+        case DataType.INT64 | DataType.UINT64 | DataType.DATETIME:
+            return _number(_LONG, int(value) & 0xFFFF_FFFF_FFFF_FFFF)  # negative ones as their two's complement
         case DataType.INT32 | DataType.UINT32:
-            return _number(_INT, int(value) & 0xFFFF_FFFF)  # negative ones as their two's complement
+            return _number(_INT, int(value) & 0xFFFF_FFFF)
     raise ValueError(f"a value needs a datatype: {value!r}")
 
 
