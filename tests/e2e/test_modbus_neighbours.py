@@ -136,6 +136,23 @@ def test_idle_and_half_frames_end_and_a_quiet_plc_does_not(serve: Callable[..., 
     serve(use, idle_timeout_s=1.5, frame_timeout_s=0.3, plc_addresses=[PLC])
 
 
+def test_who_asks_is_not_idle_however_long_it_has_been_connected(serve: Callable[..., None]) -> None:
+    async def use(server: ModbusServer) -> None:
+        with connected(server) as busy:
+            assert await in_thread(poll, busy)
+            assert server._listener is not None
+            (guest,) = server._listener._guests
+            while server._listener._guests[guest] == guest.answered:  # the sweep has seen it already
+                assert await in_thread(poll, busy)
+            guest.active_s -= 1000
+            long_ago_s = guest.active_s
+            await until(lambda: guest.active_s > long_ago_s)
+            assert await in_thread(poll, busy)
+        assert not server.stats.refused
+
+    serve(use)
+
+
 def test_a_client_that_does_not_read_costs_little_and_is_cut(serve: Callable[..., None]) -> None:
     async def use(server: ModbusServer) -> None:
         assert server._listener is not None
