@@ -68,7 +68,7 @@ def _tile(caption: str, ground: str, paint: Callable[[Sheet], None]) -> Image:
     cv2.putText(
         large, caption, (6, large.shape[0] - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA
     )
-    return large // 4 * 4
+    return large // 8 * 8
 
 
 def _draw(large: Image, found: Detection) -> None:

@@ -10,14 +10,15 @@ from gateway.vision.robust.evidence import Evidence
 from gateway.vision.robust.rim import Rim
 
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
-MIN_CONTRAST, MIN_REDNESS = 0.15, 0.12  # log units in clear air; a veil makes both smaller
+MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
+MIN_REDNESS = 0.12  # log units in clear air; a veil makes both smaller
 MAX_BLUE, BRIGHTEST = 0.95, 250.0  # of the red: more is magenta; grey level that may be a clipped one
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
 
 FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they speak for a disc as loudly as they can
-FULL_REDNESS = 1.2  # log units: red paint in good light; more is only darker
+FULL_REDNESS = 2.0  # log units, less the veil: red paint; more is only darker
 ODDS = 80.0  # for a disc where nothing speaks against it
 POWERS = {
     "support": 5.0,
@@ -68,6 +69,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("radius", lambda c, limits: limits.min_radius_px <= c.rim.ellipse.semi_major_px <= limits.max_radius_px),
     ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
     ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * (1 - c.evidence.haze)),
+    ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
     ("colour", lambda c, _: c.evidence.redness >= MIN_REDNESS * (1 - c.evidence.haze)),
     ("colour", lambda c, _: _not_magenta(c.evidence.colour)),
     ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
@@ -114,8 +116,8 @@ def confidence(found: Candidate) -> float:
 
 def weight(found: Candidate) -> float:
     """Which of several discs is the marker: the surer and redder one, and of equals the larger, as in equation 9."""
-    redness = min(FULL_REDNESS, max(0.0, found.evidence.redness))
-    return float(confidence(found) * redness * found.rim.ellipse.semi_major_px**0.3)
+    redness = found.evidence.redness / (1 - found.evidence.haze)
+    return confidence(found) * min(FULL_REDNESS, max(0.0, redness)) * math.sqrt(found.rim.ellipse.semi_major_px)
 
 
 def circle_of(ellipse: Ellipse) -> Circle:
