@@ -10,9 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.config import Intrinsics
+from gateway.config import Intrinsics, VisionConfig
 from gateway.model import Ellipse
 from gateway.vision.robust.conic import from_matrix
+from gateway.vision.robust.detect import detect
 from gateway.vision.robust.perspective import DiscPose, disc_pose
 
 PINHOLE = Intrinsics(fx=1200, fy=1190, cx=960, cy=540)
@@ -188,3 +189,27 @@ def test_no_ellipse_raises(ellipse: Ellipse, lens: Intrinsics) -> None:
     found = disc_pose(ellipse, lens, RADIUS_MM)
     if found is not None:
         assert 0.5 <= found.chance <= 1
+
+
+def test_the_detector_corrects_the_centre_where_the_lens_is_known() -> None:
+    """Parallel to the image plane but for 4 degrees, at the side of the frame: the usual prior knows which way."""
+    lens = Intrinsics(fx=500, fy=500, cx=320, cy=240)
+    disc = standing(150.0, 60.0, 500.0, 4.0, 0.0)
+    phi = np.radians(np.arange(0, 360, 0.25))
+    one, other = disc.across()
+    rim = disc.project(disc.centre + RADIUS_MM * (np.outer(np.cos(phi), one) + np.outer(np.sin(phi), other)), lens)
+    image = np.full((480, 640, 3), (120, 128, 122), np.uint8)
+    cv2.fillPoly(image, [np.rint(rim * 256).astype(np.int32)], (40, 45, 190), cv2.LINE_AA, 8)
+    image = np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7), np.uint8)
+    known = detect(image, VisionConfig(method="robust", intrinsics=lens))
+    unknown = detect(image, VisionConfig(method="robust"))
+    assert known.circle is not None
+    assert unknown.circle is not None
+    assert known.ellipse == unknown.ellipse
+    u, v = disc.own_centre(lens)
+    before = math.hypot(unknown.circle.u_px - u, unknown.circle.v_px - v)
+    after = math.hypot(known.circle.u_px - u, known.circle.v_px - v)
+    assert before > 0.5
+    assert after < 0.3 * before
+    assert known.circle.radius_px == unknown.circle.radius_px
+    assert known.x_n == pytest.approx((known.circle.u_px - 320) / 500)

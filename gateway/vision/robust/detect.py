@@ -12,6 +12,7 @@ from gateway.model import Circle, Detection, Ellipse, Rejection
 from gateway.vision.intrinsics import normalise
 from gateway.vision.pixels import Image
 from gateway.vision.robust.decision import Candidate, Limits, circle_of, confidence
+from gateway.vision.robust.perspective import disc_pose
 from gateway.vision.robust.search import Told, everywhere, where_expected
 
 NowNs = Callable[[], int]
@@ -29,7 +30,7 @@ STAGES = (
     ("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
     ("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
     ("decision", "gates, confidence, the best one"),
-    ("normalise", "equation 11, where intrinsics are given"),
+    ("normalise", "the tilted disc's own centre and equation 11, where intrinsics are given"),
 )
 """Name in `stage_ns` and meaning; in order."""
 
@@ -74,8 +75,11 @@ def detect(
     if taken is not None:
         found = _filled(found, taken, x0, y0)
     if found.circle is not None and params.intrinsics is not None:
-        x_n, y_n = normalise(found.circle.u_px, found.circle.v_px, params.intrinsics) or (None, None)
-        found = replace(found, x_n=x_n, y_n=y_n)
+        # The image of a tilted disc's centre is not its ellipse's centre; the ellipse stays as seen.
+        pose = None if found.ellipse is None else disc_pose(found.ellipse, params.intrinsics)
+        circle = found.circle if pose is None else replace(found.circle, u_px=pose.u_px, v_px=pose.v_px)
+        x_n, y_n = normalise(circle.u_px, circle.v_px, params.intrinsics) or (None, None)
+        found = replace(found, circle=circle, x_n=x_n, y_n=y_n)
     done("normalise")
     stage_ns = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
     return replace(found, stage_ns=stage_ns)
