@@ -17,7 +17,7 @@ from gateway.modbus.answers import Unit
 from gateway.modbus.connection import TURN_FRAMES, WRITE_HIGH_BYTES
 from gateway.modbus.limits import Refusal
 from gateway.modbus.server import ModbusServer
-from gateway.modbus.sockets import RECEIVE_BYTES
+from gateway.modbus.sockets import RECEIVE_BYTES, SEND_BYTES
 
 PLC = "127.0.0.2"
 IMAGE = tuple(range(1000, 1100))
@@ -134,6 +134,26 @@ def test_idle_and_half_frames_end_and_a_quiet_plc_does_not(serve: Callable[..., 
             assert server.stats.open == 1
 
     serve(use, idle_timeout_s=1.5, frame_timeout_s=0.3, plc_addresses=[PLC])
+
+
+def test_a_connection_has_small_buffers_and_notices_a_peer_that_vanished(serve: Callable[..., None]) -> None:
+    async def use(server: ModbusServer) -> None:
+        with connected(server) as client:
+            assert await in_thread(poll, client)
+            assert server._listener is not None
+            (end,) = server._listener._everybody
+            option = end.get_extra_info("socket").getsockopt
+            assert option(socket.SOL_SOCKET, socket.SO_RCVBUF) == 2 * RECEIVE_BYTES  # Linux doubles both
+            assert option(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * SEND_BYTES
+            assert option(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+            quiet_s, every_s, probes = (
+                option(socket.IPPROTO_TCP, which)
+                for which in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
+            )
+            assert (quiet_s, every_s * probes) == (8, 8)
+            assert option(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 16_000
+
+    serve(use, keepalive_s=8)
 
 
 def test_who_asks_is_not_idle_however_long_it_has_been_connected(serve: Callable[..., None]) -> None:
