@@ -49,7 +49,7 @@ def assert_found(image: Image, place: Circle, within_px: float, **how: object) -
 
 
 @pytest.mark.parametrize("ground", decoys.GROUNDS)
-def test_a_disc_on_any_ground_is_measured_to_a_tenth_of_a_pixel(ground: str):
+def test_a_disc_on_any_ground_is_measured_to_a_tenth_of_a_pixel(ground: str) -> None:
     found = assert_found(scene(disc(), ground=ground), PLACE, 0.15)
 
     assert found.visible == pytest.approx(1, abs=0.05)
@@ -60,20 +60,20 @@ def test_a_disc_on_any_ground_is_measured_to_a_tenth_of_a_pixel(ground: str):
     assert found.area_px2 == pytest.approx(math.pi * PLACE.radius_px**2, rel=0.01)
 
 
-def test_a_shaded_ball_with_a_highlight_is_as_good_as_a_disc():
+def test_a_shaded_ball_with_a_highlight_is_as_good_as_a_disc() -> None:
     image = scene(lambda sheet: sheet.ball(PLACE.u_px, PLACE.v_px, PLACE.radius_px), ground="wood")
 
     assert_found(image, PLACE, 0.5)
 
 
 @pytest.mark.parametrize("radius", [8.0, 14.0, 25.0, 60.0, 105.0])
-def test_every_octave_of_radii_is_searched(radius: float):
+def test_every_octave_of_radii_is_searched(radius: float) -> None:
     place = Circle(160.4, 119.7, radius)
 
     assert_found(scene(disc(place)), place, 0.2)
 
 
-def test_of_a_tilted_disc_the_radius_is_the_semi_major_axis():
+def test_of_a_tilted_disc_the_radius_is_the_semi_major_axis() -> None:
     sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 1)
     du, dv = sheet.far(PLACE.u_px, PLACE.v_px)
     turn, major, minor = 0.5, 50.0, 40.0
@@ -88,7 +88,7 @@ def test_of_a_tilted_disc_the_radius_is_the_semi_major_axis():
 
 
 @pytest.mark.parametrize(("apart", "hidden"), [(0.9, 0.15), (0.55, 0.3)])
-def test_a_part_may_be_hidden(apart: float, hidden: float):
+def test_a_part_may_be_hidden(apart: float, hidden: float) -> None:
     edge_px = PLACE.u_px + apart * PLACE.radius_px
     hide: Painting = lambda sheet: sheet.box(edge_px + 40, PLACE.v_px, 40, 200, (90, 100, 95))  # noqa: E731
     found = assert_found(scene(disc(), hide), PLACE, 0.3)
@@ -98,7 +98,7 @@ def test_a_part_may_be_hidden(apart: float, hidden: float):
 
 
 @pytest.mark.parametrize("place", [Circle(12.0, 120.0, 45.0), Circle(160.0, 225.0, 45.0), Circle(285.0, 30.0, 45.0)])
-def test_the_frame_may_cut_a_part_off(place: Circle):
+def test_the_frame_may_cut_a_part_off(place: Circle) -> None:
     found = assert_found(scene(disc(place)), place, 1.0)
 
     assert found.visible is not None
@@ -106,7 +106,7 @@ def test_the_frame_may_cut_a_part_off(place: Circle):
 
 
 @pytest.mark.parametrize("name", decoys.DECOYS)
-def test_no_decoy_beside_it_wins(name: str):
+def test_no_decoy_beside_it_wins(name: str) -> None:
     def beside(sheet: decoys.Sheet) -> None:
         decoys.DECOYS[name](sheet, 245.0, 130.0, 38.0)
 
@@ -115,7 +115,7 @@ def test_no_decoy_beside_it_wins(name: str):
 
 
 @pytest.mark.parametrize("name", ["square", "oblong", "lorry"])
-def test_a_red_thing_behind_it_does_not_carry_the_rim_away(name: str):
+def test_a_red_thing_behind_it_does_not_carry_the_rim_away(name: str) -> None:
     def behind(sheet: decoys.Sheet) -> None:
         decoys.DECOYS[name](sheet, PLACE.u_px + 75.0, PLACE.v_px, 40.0)
 
@@ -123,7 +123,7 @@ def test_a_red_thing_behind_it_does_not_carry_the_rim_away(name: str):
 
 
 @pytest.mark.parametrize("other_px", [18.0, 27.0])
-def test_of_two_discs_the_larger_one_is_taken_and_the_other_one_told(other_px: float):
+def test_of_two_discs_the_larger_one_is_taken_and_the_other_one_told(other_px: float) -> None:
     large, small = Circle(100.2, 120.4, 34.3), Circle(240.6, 110.1, other_px)
     found = assert_found(scene(disc(large), disc(small)), large, 0.15)
 
@@ -133,7 +133,7 @@ def test_of_two_discs_the_larger_one_is_taken_and_the_other_one_told(other_px: f
     assert told[0].circle.radius_px == pytest.approx(other_px, abs=0.3)
 
 
-def test_a_thin_white_line_round_the_disc_is_not_its_rim():
+def test_a_thin_white_line_round_the_disc_is_not_its_rim() -> None:
     def framed(sheet: decoys.Sheet) -> None:
         sheet.disc(PLACE.u_px, PLACE.v_px, PLACE.radius_px + 4, (220, 222, 221))
         sheet.disc(PLACE.u_px, PLACE.v_px, PLACE.radius_px, (20, 18, 90))
@@ -145,7 +145,7 @@ def test_a_thin_white_line_round_the_disc_is_not_its_rim():
 
 
 @pytest.mark.parametrize(("name", "change"), [("shift", (7, -5)), ("turn", (0, 0))])
-def test_shifts_and_quarter_turns_move_the_answer_and_nothing_else(name: str, change: tuple[int, int]):
+def test_shifts_and_quarter_turns_move_the_answer_and_nothing_else(name: str, change: tuple[int, int]) -> None:
     image = scene(disc(), ground="rust")
     if name == "shift":
         moved = np.roll(image, change, axis=(1, 0))
@@ -159,13 +159,13 @@ def test_shifts_and_quarter_turns_move_the_answer_and_nothing_else(name: str, ch
 
 
 @pytest.mark.parametrize("gain", [0.35, 0.6, 1.3])
-def test_light_does_not_matter(gain: float):
+def test_light_does_not_matter(gain: float) -> None:
     dimmed = np.clip(scene(disc(), ground="wood").astype(np.float32) * gain, 0, 255).astype(np.uint8)
 
     assert_found(dimmed, PLACE, 0.2)
 
 
-def test_a_window_gives_the_same_answer_in_the_coordinates_of_the_whole_picture():
+def test_a_window_gives_the_same_answer_in_the_coordinates_of_the_whole_picture() -> None:
     image = scene(disc(), ground="wood")
     whole = detect(image, PARAMS)
     window = (95, 50, 235, 190)
@@ -175,7 +175,7 @@ def test_a_window_gives_the_same_answer_in_the_coordinates_of_the_whole_picture(
         assert off_by(near, whole.circle) == pytest.approx((0, 0), abs=0.03)
 
 
-def test_a_prediction_that_is_wrong_costs_time_but_changes_nothing():
+def test_a_prediction_that_is_wrong_costs_time_but_changes_nothing() -> None:
     image = scene(disc(), ground="wood")
     elsewhere = Circle(60.0, 60.0, 20.0)
 
@@ -183,11 +183,11 @@ def test_a_prediction_that_is_wrong_costs_time_but_changes_nothing():
     assert detect(image, PARAMS, expected=elsewhere).circle == detect(image, PARAMS).circle
 
 
-def test_a_window_beside_the_marker_holds_none():
+def test_a_window_beside_the_marker_holds_none() -> None:
     assert detect(scene(disc()), PARAMS, window=(0, 0, 70, 240)).circle is None
 
 
-def test_radius_limits_are_shares_of_the_diagonal():
+def test_radius_limits_are_shares_of_the_diagonal() -> None:
     image, diagonal_px = scene(disc()), math.hypot(WIDTH, HEIGHT)
     share = PLACE.radius_px / diagonal_px
 
@@ -198,7 +198,7 @@ def test_radius_limits_are_shares_of_the_diagonal():
     assert detect(image, VisionConfig(max_radius_share=share * 0.95)).circle is None
 
 
-def test_less_confidence_than_asked_for_is_no_marker():
+def test_less_confidence_than_asked_for_is_no_marker() -> None:
     image = scene(disc())
     confidence = detect(image, PARAMS).confidence
     assert confidence is not None
@@ -208,7 +208,7 @@ def test_less_confidence_than_asked_for_is_no_marker():
     assert "confidence" in {rejection.why for rejection in unsure.rejected}
 
 
-def test_with_intrinsics_the_direction_is_told():
+def test_with_intrinsics_the_direction_is_told() -> None:
     lens = Intrinsics(fx=500, fy=510, cx=160, cy=120)
     found = detect(scene(disc()), VisionConfig(intrinsics=lens))
 
@@ -216,7 +216,7 @@ def test_with_intrinsics_the_direction_is_told():
     assert found.y_n == pytest.approx((PLACE.v_px - 120) / 510, abs=1e-3)
 
 
-def test_stages_are_timed_under_their_names():
+def test_stages_are_timed_under_their_names() -> None:
     ticks = iter(range(0, 100_000, 10))
     whole = detect(scene(disc()), PARAMS, lambda: next(ticks))
     near = detect(scene(disc()), PARAMS, lambda: next(ticks), window=(80, 40, 250, 200), expected=PLACE)
@@ -227,19 +227,19 @@ def test_stages_are_timed_under_their_names():
     assert {ns for _, ns in whole.stage_ns} == {10}
 
 
-def test_the_same_picture_gives_the_same_answer_bit_for_bit():
+def test_the_same_picture_gives_the_same_answer_bit_for_bit() -> None:
     image = scene(disc(), ground="rust")
 
     assert detect(image, PARAMS) == detect(image.copy(), PARAMS)
 
 
-def test_every_code_of_a_rejection_is_explained():
+def test_every_code_of_a_rejection_is_explained() -> None:
     codes = {code for code, _ in GATES} | {"rim", "weaker"}
 
     assert codes == set(REJECTION_MEANING)
 
 
-def test_a_large_picture_is_searched_like_a_small_one():
+def test_a_large_picture_is_searched_like_a_small_one() -> None:
     small = scene(disc(), ground="wood")
     large = np.asarray(cv2.resize(small, None, fx=6, fy=6, interpolation=cv2.INTER_CUBIC), np.uint8)
     place = Circle(PLACE.u_px * 6 + 2.5, PLACE.v_px * 6 + 2.5, PLACE.radius_px * 6)

@@ -24,7 +24,7 @@ chance = np.random.default_rng
 
 @pytest.mark.parametrize("ground", ["concrete", "wood", "leaves"])
 @pytest.mark.parametrize("name", [name for name in decoys.DECOYS if name != "text"])
-def test_a_decoy_alone_is_no_marker(name: str, ground: str):
+def test_a_decoy_alone_is_no_marker(name: str, ground: str) -> None:
     sheet = decoys.sheet(WIDTH, HEIGHT, ground, 5)
     decoys.DECOYS[name](sheet, 158.0, 122.0, 44.0)
     found = detect(sheet.finished(), PARAMS)
@@ -37,7 +37,7 @@ def test_a_decoy_alone_is_no_marker(name: str, ground: str):
 
 @pytest.mark.parametrize("ground", ["concrete", "wood", "leaves"])
 @pytest.mark.parametrize("seed", range(3))
-def test_an_empty_ground_has_no_marker(ground: str, seed: int):
+def test_an_empty_ground_has_no_marker(ground: str, seed: int) -> None:
     assert detect(decoys.sheet(WIDTH, HEIGHT, ground, 30 + seed).finished(), PARAMS).circle is None
 
 
@@ -65,7 +65,7 @@ def _glow() -> Image:
     """A red light in fog: as round as can be, but without a rim."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
     share = np.exp(-((x - 160.0) ** 2 + (y - 120.0) ** 2) / (2 * 40.0**2))
-    return (np.array([60, 60, 60]) + share[..., None] * np.array([-20, -20, 150])).astype(np.uint8)
+    return np.asarray(np.array([60, 60, 60]) + share[..., None] * np.array([-20, -20, 150]), np.uint8)
 
 
 PICTURES = {
@@ -85,7 +85,7 @@ PICTURES = {
 
 
 @pytest.mark.parametrize("name", PICTURES)
-def test_a_picture_of_nothing_has_no_marker(name: str):
+def test_a_picture_of_nothing_has_no_marker(name: str) -> None:
     assert detect(np.asarray(PICTURES[name](), np.uint8), PARAMS).circle is None
 
 
@@ -95,7 +95,7 @@ coordinates = st.floats(-1e6, 1e6) | st.sampled_from([math.nan, math.inf, -math.
 
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(sides, sides).flatmap(lambda shape: arrays(np.uint8, (*shape, 3))))
-def test_any_picture_gives_an_answer_that_is_whole(image: Image):
+def test_any_picture_gives_an_answer_that_is_whole(image: Image) -> None:
     found = detect(image, PARAMS)
 
     assert (found.circle is None) == (found.ellipse is None) == (found.confidence is None) == (found.visible is None)
@@ -110,7 +110,7 @@ def test_any_picture_gives_an_answer_that_is_whole(image: Image):
     window=st.tuples(*[st.integers(-500, 500)] * 4),
     expected=st.builds(Circle, coordinates, coordinates, coordinates),
 )
-def test_no_window_and_no_prediction_is_too_wild(window: tuple[int, int, int, int], expected: Circle):
+def test_no_window_and_no_prediction_is_too_wild(window: tuple[int, int, int, int], expected: Circle) -> None:
     sheet = decoys.sheet(96, 72, "wood", 3)
     sheet.disc(47.0, 36.0, 14.0)
     found = detect(sheet.finished(), PARAMS, window=window, expected=expected)
@@ -120,18 +120,18 @@ def test_no_window_and_no_prediction_is_too_wild(window: tuple[int, int, int, in
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 500), (500, 1), (2, 2), (3, 700), (7, 7), (8, 8), (9, 33)])
-def test_tiny_and_thin_pictures_are_searched_in_vain(shape: tuple[int, int]):
+def test_tiny_and_thin_pictures_are_searched_in_vain(shape: tuple[int, int]) -> None:
     for seed in range(3):
         assert detect(chance(seed).integers(0, 256, (*shape, 3)).astype(np.uint8), PARAMS).circle is None
 
 
-def test_something_else_than_a_picture_is_refused():
+def test_something_else_than_a_picture_is_refused() -> None:
     for wrong in (np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8)):
         with pytest.raises(ValueError, match="not a"):
             detect(wrong, PARAMS)  # type: ignore[arg-type]
 
 
-def test_a_picture_that_is_a_view_of_another_is_searched_too():
+def test_a_picture_that_is_a_view_of_another_is_searched_too() -> None:
     sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 1)
     sheet.disc(160.0, 120.0, 40.0)
     image = sheet.finished()
@@ -141,7 +141,7 @@ def test_a_picture_that_is_a_view_of_another_is_searched_too():
     assert (flipped.u_px, flipped.v_px) == pytest.approx((WIDTH - 1 - 160.0, HEIGHT - 1 - 120.0), abs=0.1)
 
 
-def test_memory_stays_below_half_of_a_large_picture():
+def test_memory_stays_below_half_of_a_large_picture() -> None:
     image = np.full((4000, 6000, 3), (120, 122, 121), np.uint8)
     cv2.circle(image, (3100, 2050), 700, (40, 35, 190), -1)
     detect(image, PARAMS)

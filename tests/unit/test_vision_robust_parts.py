@@ -1,0 +1,260 @@
+"""The parts of the robust method by themselves: redness, candidates, fits, evidence, confidence, disturbances."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateway.model import Ellipse
+from gateway.sim import decoys
+from gateway.vision.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
+from gateway.vision.robust import candidates, ellipses, evidence
+from gateway.vision.robust.candidates import Seed
+from gateway.vision.robust.colours import clearest_rim, quality, roundness
+from gateway.vision.robust.decision import ODDS, POWERS, Candidate, Limits, alike, confidence, veto, weight
+from gateway.vision.robust.evidence import Evidence, masked_median
+from gateway.vision.robust.redness import pyramid, redness
+from gateway.vision.robust.reference import SHARE_MEANING
+from gateway.vision.robust.rim import Rim
+
+LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
+RIM = Rim(
+    Ellipse(80.0, 60.0, 30.0, 30.0, 0.0), rms_px=0.0, support=1.0, visible=1.0, contrast=100.0, inliers=190, blur_px=1.0
+)
+PERFECT = Evidence(
+    RIM.ellipse, coverage=1, leak=0, visible=1, contrast=1, rise=1, noise=0, fill=1, hollow=0, redness=1, haze=0,
+    colour=(40, 40, 190),
+)  # fmt: skip
+
+
+def around(u: float, v: float, a: float, b: float, turn: float, n: int = 48) -> ellipses.Floats:
+    t = np.arange(n) * 2 * np.pi / n
+    x, y = a * np.cos(t), b * np.sin(t)
+    return np.stack([u + x * np.cos(turn) - y * np.sin(turn), v + x * np.sin(turn) + y * np.cos(turn)], axis=1)
+
+
+def test_redness_is_a_ratio_that_shade_hardly_changes() -> None:
+    paint = np.array([[[30, 40, 200]]], np.uint8)
+    lit, shaded = float(redness(paint)[0, 0]), float(redness(paint // 2)[0, 0])
+
+    assert lit == pytest.approx(math.log(208 / 48), abs=1e-6)
+    assert shaded == pytest.approx(math.log(108 / 28), abs=1e-6)
+    assert float(redness(np.array([[[90, 90, 90]]], np.uint8))[0, 0]) == 0
+    assert float(redness(np.array([[[60, 120, 60]]], np.uint8))[0, 0]) < 0
+
+
+def test_a_level_says_where_its_pixels_lie_in_the_whole_picture() -> None:
+    image = np.zeros((64, 96, 3), np.uint8)
+    image[32:40, 48:56] = 255
+    levels = pyramid(image, 2, 4)
+
+    assert [level.factor for level in levels] == [2, 4, 8, 16]
+    rows, columns = np.nonzero(levels[2].bgr[..., 0])
+    assert (levels[2].to_full(columns[0]), levels[2].to_full(rows[0])) == (51.5, 35.5)
+    assert levels[2].to_level(51.5) == columns[0]
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.4])
+def test_the_circle_most_points_agree_on(wrong: float) -> None:
+    points = around(50, 40, 20, 20, 0)
+    points[: int(wrong * 48)] += np.random.default_rng(1).uniform(4, 30, (int(wrong * 48), 2))
+    (found,) = ellipses.circles_by_consensus(points[None], np.ones((1, 48)), np.array([1.0]))
+
+    assert found == pytest.approx([50, 40, 20], abs=1e-6)
+
+
+def test_no_circle_through_too_few_points() -> None:
+    weight = np.zeros((1, 48))
+    weight[0, :2] = 1
+    assert np.isnan(ellipses.circles_by_consensus(around(0, 0, 9, 9, 0)[None], weight, np.array([1.0]))).all()
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.7, 3.0])
+def test_an_ellipse_through_points_a_quarter_of_which_are_wrong(turn: float) -> None:
+    points = around(50, 40, 24, 18, turn)
+    points[5:17] = 1.6 * points[5:17] - 0.6 * np.array([50, 40])  # farther out by 11 px and more
+    start = np.array([[51.0, 39.0, 21.0, 21.0, 0.0]])
+    (found,) = ellipses.ellipses_by_weights(points[None], np.ones((1, 48)), start, np.array([5.0]), rounds=12)
+
+    assert found[:4] == pytest.approx([50, 40, 24, 18], abs=0.05)
+    assert abs((found[4] - turn + math.pi / 2) % math.pi - math.pi / 2) < 0.02
+
+
+def test_distances_are_signed_and_in_pixels() -> None:
+    shapes = np.array([[0.0, 0.0, 10.0, 5.0, 0.0]])
+    points = np.array([[[12.0, 0.0], [0.0, 4.0], [-10.0, 0.0]]])
+
+    assert ellipses.distances(shapes, points)[0] == pytest.approx([2, -1, 0])
+
+
+def test_points_on_a_line_are_no_ellipse_and_do_no_harm_to_their_neighbours() -> None:
+    line = np.stack([np.arange(48.0), np.zeros(48)], axis=1)
+    both = np.stack([line, around(50, 40, 20, 20, 0)])
+    start = np.array([[24.0, 0, 24, 24, 0], [50, 40, 19, 19, 0]])
+    found = ellipses.ellipses_by_weights(both, np.ones((2, 48)), start, np.array([50.0, 5.0]))
+
+    assert found[1, :4] == pytest.approx([50, 40, 20, 20], abs=0.01)
+
+
+def test_votes_name_the_centre_of_a_disc_that_red_touches_on_one_side() -> None:
+    sheet = decoys.sheet(160, 120, "concrete", 2)
+    sheet.box(110, 61, 30, 6)
+    sheet.disc(70.0, 60.0, 9.0)
+    (level, *_) = pyramid(sheet.finished(), 1, 8)
+    best = max(candidates.votes(level), key=lambda seed: seed.weight)
+
+    assert (best.u_px, best.v_px) == pytest.approx((70, 60), abs=2)
+    assert best.radius_px == pytest.approx(9, abs=1.5)
+
+
+def test_seeds_that_say_the_same_are_looked_at_once() -> None:
+    seeds = [Seed(50, 50, 20, 1), Seed(52, 49, 21, 0.9), Seed(50, 50, 40, 0.8), Seed(90, 50, 20, 0.7)]
+
+    assert candidates.distinct(seeds, 9) == [seeds[0], seeds[2], seeds[3]]
+    assert candidates.distinct(seeds, 2) == [seeds[0], seeds[2]]
+
+
+def test_evidence_tells_a_disc_from_a_tube() -> None:
+    sheet = decoys.sheet(320, 120, "concrete", 2)
+    sheet.disc(70.0, 60.0, 30.0)
+    sheet.box(230, 60, 28, 200)
+    levels = pyramid(sheet.finished(), 1, 8)
+    disc, tube = evidence.of_ellipses(levels, [Ellipse(70, 60, 30, 30, 0), Ellipse(230, 60, 28, 28, 0)])
+    assert disc is not None
+    assert tube is not None
+
+    assert (disc.coverage, disc.leak) == pytest.approx((1, 0), abs=0.03)
+    assert disc.fill == pytest.approx(1, abs=0.02)
+    assert disc.contrast > 1
+    assert tube.leak > 0.25
+    assert tube.coverage < 0.75
+
+
+def test_evidence_follows_the_seeds_from_a_quarter_of_the_radius_away() -> None:
+    sheet = decoys.sheet(160, 120, "wood", 2)
+    sheet.disc(80.0, 60.0, 30.0)
+    (found,) = evidence.gather(pyramid(sheet.finished(), 1, 8), [Seed(86, 56, 24, 1)])
+    assert found is not None
+
+    e = found.ellipse
+    assert (e.u_px, e.v_px, e.semi_major_px) == pytest.approx((80, 60, 30), abs=0.6)
+
+
+def test_a_median_over_a_mask() -> None:
+    values = np.array([[1, 9, 5, 7], [1, 2, 3, 4]], np.float32)
+    mask = np.array([[1, 0, 1, 1], [0, 0, 0, 0]], bool)
+
+    assert masked_median(values, mask).tolist() == [5, 0]
+
+
+def test_confidence_is_the_product_of_odds() -> None:
+    perfect = confidence(Candidate(RIM, PERFECT))
+    assert perfect == pytest.approx(ODDS * (1 / 1.03) ** 1.5 / (1 + ODDS * (1 / 1.03) ** 1.5))
+
+    half_seen = confidence(Candidate(replace(RIM, support=0.5), PERFECT))
+    assert half_seen / (1 - half_seen) == pytest.approx(perfect / (1 - perfect) * 0.5 ** POWERS["support"])
+    assert set(POWERS) == set(SHARE_MEANING)
+
+
+@pytest.mark.parametrize(
+    ("code", "change"),
+    [
+        ("contrast", {"contrast": 0.1, "rise": 0.1, "redness": 0.2}),
+        ("surroundings", {"contrast": 0.3, "rise": 0.3}),
+        ("colour", {"redness": 0.05}),
+        ("colour", {"colour": (190.0, 40.0, 190.0)}),
+        ("coverage", {"coverage": 0.55}),
+        ("leak", {"leak": 0.45}),
+        ("fill", {"fill": 0.45}),
+        ("hollow", {"hollow": 0.8}),
+        ("blur", {"rise": 2.5}),
+        ("confidence", {"coverage": 0.65, "leak": 0.39, "fill": 0.5, "noise": 1.0}),
+        (None, {}),
+        (None, {"contrast": 0.1, "rise": 0.1, "redness": 0.1, "haze": 0.6}),
+        (None, {"colour": (255.0, 180.0, 255.0)}),
+    ],
+)
+def test_each_gate_of_the_evidence(code: str | None, change: dict[str, float]) -> None:
+    assert veto(Candidate(RIM, replace(PERFECT, **change)), LIMITS) == code  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("code", "change"),
+    [
+        ("radius", {"ellipse": Ellipse(0, 0, 4.9, 4.9, 0)}),
+        ("radius", {"ellipse": Ellipse(0, 0, 201, 201, 0)}),
+        ("shape", {"ellipse": Ellipse(0, 0, 30, 16, 0)}),
+        ("visible", {"visible": 0.39}),
+        ("support", {"support": 0.4}),
+        ("blur", {"blur_px": 8.0}),
+        ("confidence", {"rms_px": 1.7}),
+    ],
+)
+def test_each_gate_of_the_rim(code: str, change: dict[str, float]) -> None:
+    assert veto(Candidate(replace(RIM, **change), PERFECT), LIMITS) == code  # type: ignore[arg-type]
+
+
+def test_the_larger_of_equal_discs_weighs_more() -> None:
+    small = replace(RIM, ellipse=Ellipse(0, 0, 20, 20, 0))
+
+    assert weight(Candidate(RIM, PERFECT)) > weight(Candidate(small, PERFECT)) > 0
+    assert weight(Candidate(RIM, replace(PERFECT, redness=-0.1))) == 0
+
+
+def test_roundness_and_quality() -> None:
+    assert roundness(RIM) == 1
+    assert roundness(replace(RIM, rms_px=0.8)) == pytest.approx(0.5)
+    assert quality(replace(RIM, rms_px=0.8, support=0.5)) == pytest.approx(0.25)
+
+
+def test_rims_are_alike_within_a_share_of_their_size() -> None:
+    one = Ellipse(50, 50, 30, 28, 0)
+
+    assert alike(one, Ellipse(53, 47, 31, 27, 1))
+    assert not alike(one, Ellipse(58, 50, 30, 28, 0))
+    assert not alike(one, Ellipse(50, 50, 38, 28, 0))
+
+
+def test_the_rim_of_a_dark_sign_with_a_white_line_is_measured_in_red_less_green() -> None:
+    sheet = decoys.sheet(160, 120, "concrete", 2)
+    sheet.fill(np.ones(sheet.paint.shape[:2], np.float32), (10, 8, 9))
+    sheet.disc(80.0, 60.0, 29.0, (210, 212, 211))
+    sheet.disc(80.0, 60.0, 26.0, (12, 12, 70))
+    rim = clearest_rim(sheet.finished(), Ellipse(80.5, 59.5, 26.3, 26.3, 0))
+    assert rim is not None
+
+    assert rim.ellipse.semi_major_px == pytest.approx(26, abs=0.3)
+    assert (rim.ellipse.u_px, rim.ellipse.v_px) == pytest.approx((80, 60), abs=0.2)
+
+
+@pytest.mark.parametrize("disturbance", DISTURBANCES, ids=lambda d: d.name)
+def test_a_disturbance_is_seeded_keeps_the_shape_and_grows(disturbance: Disturbance) -> None:
+    image = decoys.sheet(96, 72, "concrete", 1).finished()
+    made = [disturbance.apply(image, strength, 3) for strength in disturbance.strengths]
+    change = [float(np.abs(other.astype(int) - image).mean()) for other in made]
+
+    assert all(other.shape == image.shape and other.dtype == np.uint8 for other in made)
+    assert change == sorted(change)
+    assert change[0] > 0.1
+    assert np.array_equal(made[1], disturbance.apply(image, disturbance.strengths[1], 3))
+
+
+def test_what_disturbances_do_to_a_grey_pixel() -> None:
+    grey = np.full((60, 80, 3), 100, np.uint8)
+
+    assert gain(grey, 2.0)[30, 40].tolist() == [200, 200, 200]
+    assert gain(grey, 3.0)[30, 40].tolist() == [255, 255, 255]
+    assert warm(grey, 1.0)[30, 40].tolist() == [50, 88, 110]
+    assert veil(grey, 0.5).mean() == pytest.approx(100 + 0.5 * 105.3, abs=8)
+
+
+def test_motion_blur_is_centred_and_keeps_the_light() -> None:
+    image = np.zeros((101, 101, 3), np.uint8)
+    image[48:53, 48:53] = 200
+    moved = motion(image, 0.1, seed=5).astype(float)[..., 0]
+    rows, columns = np.mgrid[0:101, 0:101]
+
+    assert moved.sum() == pytest.approx(25 * 200, rel=0.03)
+    assert (moved * rows).sum() / moved.sum() == pytest.approx(50, abs=0.1)
+    assert (moved * columns).sum() / moved.sum() == pytest.approx(50, abs=0.1)
