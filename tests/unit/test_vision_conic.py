@@ -93,3 +93,5 @@ def test_what_is_no_ellipse_is_none(conic: np.ndarray) -> None:
 def test_absurd_axes_are_not_real(broken: float) -> None:
     assert not from_ellipse(Ellipse(0.0, 0.0, broken, 10.0, 0.0)).real
     assert not from_ellipse(Ellipse(0.0, 0.0, 10.0, 10.0, math.nan)).real
+    assert not from_ellipse(Ellipse(0.0, 0.0, 10.0, 10.0, 1e308)).real
+    assert not from_ellipse(Ellipse(0.0, 0.0, -10.0, 10.0, 0.0)).real

@@ -48,12 +48,12 @@ class Oval(NamedTuple):
 
 
 def from_ellipse(ellipse: Ellipse) -> Oval:
-    """The same ellipse by its support function. The axes in any order; NaN and overflow give one that is not `real`."""
+    """The same ellipse by its support function. The axes in any order; Nonsense gives one that is not `real`."""
     a2, b2 = ellipse.semi_major_px * ellipse.semi_major_px, ellipse.semi_minor_px * ellipse.semi_minor_px
-    if not all(map(isfinite, (a2, b2, ellipse.angle_rad))):
+    twice = 2 * ellipse.angle_rad
+    if not (all(map(isfinite, (a2, b2, twice))) and min(ellipse.semi_major_px, ellipse.semi_minor_px) > 0):
         return Oval(ellipse.u_px, ellipse.v_px, float("nan"), 0.0, 0.0)
     half = (a2 - b2) / 2
-    twice = 2 * ellipse.angle_rad
     return Oval(ellipse.u_px, ellipse.v_px, (a2 + b2) / 2, half * float(np.cos(twice)), half * float(np.sin(twice)))
 
 
