@@ -19,6 +19,7 @@ from gateway.model import EventKind, Quality, StateVector
 from gateway.supervisor import Task
 
 PERIOD_S = 0.05
+_FRESH_FRAME = (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED)  # a frame stands behind the reading
 Writable = TextIO | Outlet
 
 
@@ -94,7 +95,7 @@ class Printer:
             "z_mm": None if state.range.distance_mm is None else round(state.range.distance_mm, 2),
             "vision": state.vision.quality.name.lower(),
             "range": state.range.quality.name.lower(),
-            "tracking": state.vision.tracking.name.lower(),
+            "tracking": state.vision.tracking.name.lower() if state.vision.quality in _FRESH_FRAME else None,
             "confidence": state.vision.confidence and round(state.vision.confidence, 4),
             "visible": state.vision.visible and round(state.vision.visible, 4),
             "predicted": predicted
