@@ -12,7 +12,7 @@ from gateway.vision.robust.rim import Rim
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
 MIN_REDNESS = 0.12  # log units in clear air; a veil makes both smaller
-MAX_BLUE, BRIGHTEST = 0.95, 250.0  # of the red: more is magenta; grey level that may be a clipped one
+MAX_BLUE, BRIGHTEST = 1.1, 250.0  # of the red: more is magenta; grey level that may be a clipped one
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core

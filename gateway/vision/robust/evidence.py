@@ -27,6 +27,7 @@ OUTSIDE = np.arange(1.08, 1.31, 0.04, dtype=np.float32)
 NEAR = 3  # samples of these next to the rim
 RINGS = np.concatenate([DISC, INSIDE, OUTSIDE])
 STEP = 0.3  # of the usual change of colour across the rim: so much is an edge, between two reds, too
+WHITE = 248  # grey level of the darkest channel
 SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim
 
 
@@ -163,7 +164,9 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     inner_redness = masked_median(within, used & red_within)
     hollow = (red_enough[..., CORE].mean(axis=2) < 0.5).mean(axis=1)
     core = np.median(rays.red[..., :CORE_END], axis=(1, 2))
-    area = np.where(rays.seen[..., :n], DISC, 0)
+    # A highlight, or what the exposure washed out, says nothing of the colour.
+    white = rays.bgr[..., :n, :].min(axis=3) >= WHITE
+    area = np.where(rays.seen[..., :n] & ~white, DISC, 0)
     fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)
     for row, k in enumerate(good):
         if np.count_nonzero(used[row]) < RAYS // 6:
