@@ -36,7 +36,8 @@ def test_wood_is_none_beside_a_red_marker_but_a_dusty_marker_lets_it_count() -> 
 
 
 def test_specks_are_none() -> None:
-    assert len(spots(scene((Circle(500.0, 100.0, 1.0), RED)), OWN).boxes) == 0
+    speck = Circle(501.0, 101.0, 1.0), RED  # one pixel of the sparse picture
+    assert len(spots(scene(speck, own=DUSTY), OWN).boxes) == 0
 
 
 def spots_at(*boxes: tuple[int, int, int, int]) -> Spots:
