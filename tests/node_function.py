@@ -23,9 +23,16 @@ console.log(JSON.stringify(out));
 
 
 def run_function(code: str, messages: list[tuple[int, Any]]) -> list[Any]:
-    """[(ms later, words | "tick" | "")] -> [[the node's outputs, its status text]]."""
+    """[(ms later, a message | words | "tick" | "")] -> [[the node's outputs, its status text]]."""
     made = [
-        (ms, {"topic": "tick", "payload": 0} if sent == "tick" else {"topic": "poll", "payload": sent})
+        (
+            ms,
+            sent
+            if isinstance(sent, dict)
+            else {"topic": "tick", "payload": 0}
+            if sent == "tick"
+            else {"topic": "poll", "payload": sent},
+        )
         for ms, sent in messages
     ]
     done = subprocess.run(
