@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
@@ -89,3 +90,17 @@ def test_keys_of_the_other_method_are_idle_and_told() -> None:
 
 def test_the_default_is_robust_and_followed() -> None:
     assert (VisionConfig().method, VisionConfig().tracking) == ("robust", True)
+
+
+@pytest.mark.parametrize("method", ["robust", "paper"])
+def test_vision_processes_that_share_the_frames_each_follow_in_theirs(method: str) -> None:
+    params = VisionConfig(method=method, workers=2)
+    workers = [methods.detector(params), methods.detector(params)]
+    for n in range(12):
+        found = workers[n % 2](disc(60 + 5 * n, 120, 40), 33 * NS_PER_MS * n)
+        assert found.tracking is Tracking.MEASURED
+        assert found.circle is not None
+        assert abs(found.circle.u_px - (60 + 5 * n)) < 0.5
+    hidden = workers[0](np.zeros((240, 320, 3), np.uint8), 33 * NS_PER_MS * 12)
+    assert hidden.predicted is not None
+    assert abs(hidden.predicted.u_px - 120) < 3
