@@ -164,6 +164,7 @@ def test_confidence_is_the_product_of_odds() -> None:
         ("surroundings", {"contrast": 0.3, "rise": 0.3}),
         ("colour", {"redness": 0.05}),
         ("colour", {"colour": (220.0, 40.0, 190.0)}),
+        ("brown", {"colour": (44.0, 66.0, 128.0), "contrast": 0.5, "rise": 0.5}),
         ("coverage", {"coverage": 0.55}),
         ("leak", {"leak": 0.45}),
         ("fill", {"fill": 0.45}),
@@ -173,6 +174,8 @@ def test_confidence_is_the_product_of_odds() -> None:
         (None, {}),
         (None, {"contrast": 0.1, "rise": 0.1, "redness": 0.1, "haze": 0.6}),
         (None, {"colour": (255.0, 180.0, 255.0)}),
+        (None, {"colour": (30.0, 90.0, 230.0)}),
+        (None, {"colour": (100.0, 165.0, 250.0), "contrast": 0.5, "rise": 0.5}),
     ],
 )
 def test_each_gate_of_the_evidence(code: str | None, change: dict[str, float]) -> None:

@@ -22,7 +22,7 @@ WIDTH, HEIGHT = 320, 240
 chance = np.random.default_rng
 
 
-@pytest.mark.parametrize("ground", ["concrete", "wood", "leaves"])
+@pytest.mark.parametrize("ground", decoys.GROUNDS)
 @pytest.mark.parametrize("name", [name for name in decoys.DECOYS if name != "text"])
 def test_a_decoy_alone_is_no_marker(name: str, ground: str) -> None:
     sheet = decoys.sheet(WIDTH, HEIGHT, ground, 5)
@@ -35,7 +35,7 @@ def test_a_decoy_alone_is_no_marker(name: str, ground: str) -> None:
     assert {rejection.why for rejection in found.rejected} <= set(REJECTION_MEANING)
 
 
-@pytest.mark.parametrize("ground", ["concrete", "wood", "leaves"])
+@pytest.mark.parametrize("ground", decoys.GROUNDS)
 @pytest.mark.parametrize("seed", range(3))
 def test_an_empty_ground_has_no_marker(ground: str, seed: int) -> None:
     assert detect(decoys.sheet(WIDTH, HEIGHT, ground, 30 + seed).finished(), PARAMS).circle is None

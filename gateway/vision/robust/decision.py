@@ -13,6 +13,7 @@ MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
 MIN_REDNESS = 0.12  # log units in clear air; a veil makes both smaller
 MAX_BLUE, BRIGHTEST = 1.1, 250.0  # of the red: more is magenta; grey level that may be a clipped one
+BROWN, BROWN_CONTRAST = (0.18, 0.36), 0.65  # (G - B) / (R - B): paint 0.15 at most, rust 0.2 to 0.35; log units
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
@@ -58,6 +59,13 @@ def _sharp(c: Candidate) -> bool:
     return c.rim.blur_px <= MAX_BLUR * c.rim.ellipse.semi_minor_px and c.evidence.contrast >= MIN_STEP * c.evidence.rise
 
 
+def _not_brown(c: Candidate) -> bool:
+    """Rust and wood lie between red and orange, and their redness is weak; the hue is the same through any veil."""
+    blue, green, red = c.evidence.colour
+    hue = (green - blue) / max(red - blue, 1.0)
+    return not BROWN[0] < hue < BROWN[1] or c.evidence.contrast >= BROWN_CONTRAST * (1 - c.evidence.haze)
+
+
 def _not_magenta(bgr: tuple[float, float, float]) -> bool:
     """Where red is as bright as it can be, nothing is said: light red that is over-exposed looks like that."""
     return bgr[0] <= MAX_BLUE * bgr[2] or bgr[2] >= BRIGHTEST
@@ -72,6 +80,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
     ("colour", lambda c, _: c.evidence.redness >= MIN_REDNESS * (1 - c.evidence.haze)),
     ("colour", lambda c, _: _not_magenta(c.evidence.colour)),
+    ("brown", lambda c, _: _not_brown(c)),
     ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),

@@ -7,6 +7,7 @@ REJECTION_MEANING: dict[str, str] = {
     "contrast": "not redder inside than outside by more than the noise and the texture there",
     "surroundings": "what lies round it is nearly as red: a stain or a reflection on a red ground",
     "colour": "the inside is not red: blue, green, yellow or grey",
+    "brown": "a weak red that leans to orange: rust, wood",
     "coverage": "too little of the rim that lies in the picture is redder inside than outside",
     "leak": "the red goes on outside the rim: a part of a larger red thing",
     "visible": "too little of the whole rim lies in the picture and shows an edge",
