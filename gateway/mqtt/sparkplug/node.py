@@ -83,10 +83,10 @@ class EdgeNode:
     _seq: int = -1
     _connected: bool = False
     _born: bool = False
-    _host_ms: int = -1  # timestamp of the newest STATE believed
+    _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _told: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
     _history: deque[Change] = field(default_factory=deque)
-    _recent: deque[Change] = field(default_factory=deque)  # sent in this session, not older than `doubt_ms`
+    _recent: deque[tuple[int, Change]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
 
     @property
     def born(self) -> bool:
@@ -102,6 +102,7 @@ class EdgeNode:
     def will(self, bd_seq: int, now_ms: int) -> Publish:
         """The NDEATH for the next CONNECT; begins its session. `bd_seq`: 0 to 255, one more with every CONNECT."""
         self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
+        self._host_ms = -1  # what is retained is told anew; a host whose clock was wrong once is not deaf for ever
         self._connected = self._born = False
         self._told.clear()
         return self.death(now_ms)
@@ -121,9 +122,11 @@ class EdgeNode:
         """The connection is gone; the broker tells the NDEATH."""
         self._connected = self._born = False
         self._told.clear()
-        for change in self._recent:
-            self._keep(change)
+        kept = [*self._history, *(change for _, change in self._recent)]
+        self._history.clear()
         self._recent.clear()
+        for change in sorted(kept, key=lambda change: change.timestamp_ms):
+            self._keep(change)
 
     # From the hosts.
 
@@ -148,7 +151,8 @@ class EdgeNode:
         except (ValueError, TypeError, KeyError, RecursionError):
             self.stats.refused += 1
             return [], False
-        if not isinstance(online, bool) or not isinstance(timestamp_ms, int) or isinstance(timestamp_ms, bool):
+        whole = isinstance(timestamp_ms, int) and not isinstance(timestamp_ms, bool)
+        if not isinstance(online, bool) or not whole or not 0 <= timestamp_ms < 1 << 64:
             self.stats.refused += 1
             return [], False
         if timestamp_ms < self._host_ms:  # of an earlier life of the host: its broker was slow
@@ -171,6 +175,7 @@ class EdgeNode:
 
     def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
         """What has changed since it was last told; deaths and births of bays that died or came back."""
+        self._forget(now_ms)
         if not self._born:
             return []
         out: list[Publish] = []
@@ -195,8 +200,12 @@ class EdgeNode:
         if not self._born:
             self._keep(change)
             return
-        self._recent.append(change)
-        while len(self._recent) > self.history_limit or timestamp_ms - self._recent[0].timestamp_ms > self.doubt_ms:
+        self._recent.append((timestamp_ms, change))
+        self._forget(timestamp_ms)
+
+    def _forget(self, now_ms: int) -> None:
+        """What has certainly arrived, or is too much to tell twice."""
+        while self._recent and (len(self._recent) > self.history_limit or now_ms - self._recent[0][0] > self.doubt_ms):
             self._recent.popleft()
 
     def _keep(self, change: Change) -> None:
@@ -215,6 +224,7 @@ class EdgeNode:
             if change.bay not in self._told:
                 kept.append(change)
                 continue
+            self._recent.append((now_ms, change))  # this link, too, may be dead already
             rows.setdefault(change.bay, []).extend(
                 replace(metric, historical=True) for metric in metrics.metrics(change.values, change.timestamp_ms)
             )
@@ -222,6 +232,7 @@ class EdgeNode:
                 out.append(self._data(change.bay, tuple(rows.pop(change.bay)), now_ms))
         out += [self._data(bay, tuple(found), now_ms) for bay, found in rows.items()]
         self._history.extendleft(reversed(kept))
+        self._forget(now_ms)
         return out
 
     # Messages.

@@ -1,26 +1,52 @@
 """The bdSeq of a gateway's next CONNECT: one more than the last one's, also after the gateway was killed. IO.
 
 It stands in shared memory, which outlives the process and costs no disk; after a start of the machine it begins at
-zero, as the specification has it.
+zero, as the specification has it. Everybody may write into that folder, and this is called on the event loop: whatever
+lies there under our name (a pipe, a link, gigabytes) is looked at without waiting, or not at all.
 """
 
 import contextlib
 import os
+import stat
+from pathlib import Path
 
 from gateway.shared_state import folder
 
+MODULO = 256
+MAX_BYTES = 8
 
-def next_bd_seq(instance: str) -> int:
-    """0 to 255, in a circle. Where the number can't be kept, each start begins at zero."""
+
+class BdSeq:
+    """Every call is the next number: 0 to 255, in a circle. Where it can't be kept, each start begins at zero."""
+
+    def __init__(self, instance: str) -> None:
+        self._instance = instance
+        self._last: int | None = None  # of this process; goes on where the file can't be written
+
+    def __call__(self) -> int:
+        self._last = next_bd_seq(self._instance, self._last)
+        return self._last
+
+
+def next_bd_seq(instance: str, last: int | None = None) -> int:
+    """One more than `last`; than the one in the file, where this process has none. Never waits, never raises."""
     path = folder() / f"loading-gateway-bdseq.{instance}"
-    last = 255
-    with contextlib.suppress(OSError, ValueError):
-        last = int(path.read_text(encoding="ascii")) % 256
-    number = (last + 1) % 256
+    number = ((_kept(path) if last is None else last) + 1) % MODULO
+    fresh = path.with_name(f"{path.name}.new")
     with contextlib.suppress(OSError):
-        fresh = path.with_name(f"{path.name}.new")
-        fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
+        fresh.unlink(missing_ok=True)
+        fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(fd, "w") as file:
             file.write(str(number))
         fresh.replace(path)
     return number
+
+
+def _kept(path: Path) -> int:
+    """-1: none."""
+    with contextlib.suppress(OSError, ValueError):
+        fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        with os.fdopen(fd, "rb") as file:
+            if stat.S_ISREG(os.fstat(fd).st_mode):
+                return int(file.read(MAX_BYTES).decode("ascii")) % MODULO
+    return -1

@@ -8,7 +8,6 @@ import contextlib
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
-from functools import partial
 from typing import NoReturn, Protocol
 
 from gateway import __version__
@@ -22,7 +21,7 @@ from gateway.mqtt.faults import plain_link_error
 from gateway.mqtt.link import Incoming, Message, NotGreetedError, connect
 from gateway.mqtt.publisher import ACK_SHARE
 from gateway.mqtt.sparkplug.node import EdgeNode, Identity, Publish
-from gateway.mqtt.sparkplug.numbers import next_bd_seq
+from gateway.mqtt.sparkplug.numbers import BdSeq
 from gateway.mqtt.versions import Versions
 
 log = logging.getLogger(__name__)
@@ -68,7 +67,7 @@ class SparkplugPublisher:
         self._settings = config.sparkplug
         self._hub = hub
         self._clock = clock
-        self._bd_seq = bd_seq or partial(next_bd_seq, instance)
+        self._bd_seq = bd_seq or BdSeq(instance)
         identity = Identity(
             self._settings.group_id or site,
             self._settings.edge_node_id or instance,
@@ -166,10 +165,11 @@ class SparkplugPublisher:
         return {bay: None if s.reason is Reason.GATEWAY_FAULT else s for bay, s in shown.items()}
 
     def _now_ms(self) -> int:
-        return self._clock.wall_ns() // NS_PER_MS
+        return self._unix_ms(self._clock.now_ns())
 
     def _unix_ms(self, t_ns: int) -> int:
-        return (t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
+        """Never negative, which a UInt64 can't be: without a battery a wall clock may begin before 1970."""
+        return max(0, t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
 
     def _connector(self) -> Connect:
         tls = credentials.tls_context(self._config, self._broker)

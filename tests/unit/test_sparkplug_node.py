@@ -1,0 +1,125 @@
+"""An edge node without a socket: what was told on a dying link is told again, and no host can make it deaf for good."""
+
+import pytest
+
+from gateway.model import StateVector
+from gateway.mqtt.sparkplug.node import EdgeNode, Identity, Publish
+from gateway.mqtt.sparkplug.wire import decode
+
+T0 = 1_700_000_000_000
+STATES = {"bay1": StateVector(bay="bay1", stop=True)}
+
+
+def node(host: str = "", *, history_limit: int = 1000) -> EdgeNode:
+    return EdgeNode(Identity("group", "node", host), "1.0", history_limit=history_limit, doubt_ms=20_000)
+
+
+def change(edge: EdgeNode, *at_ms: int) -> None:
+    for n in at_ms:
+        edge.changed(StateVector(bay="bay1", stop=n % 2 == 0), T0 + n)
+
+
+def told(messages: list[Publish]) -> list[int]:
+    """Times, after T0, of the historical values of Stop."""
+    found = [metric for message in messages for metric in decode(message.payload).metrics]
+    return [metric.timestamp_ms - T0 for metric in found if metric.historical and metric.name == "Stop"]
+
+
+def session(edge: EdgeNode, at_ms: int) -> list[Publish]:
+    edge.will(0, T0 + at_ms)
+    return edge.connected(STATES, T0 + at_ms)
+
+
+def test_history_told_on_a_link_that_was_dead_is_told_again() -> None:
+    edge = node()
+    change(edge, 1, 2, 3)
+
+    for at_ms in (1000, 2000, 3000):  # three connections that die with the births
+        assert told(session(edge, at_ms)) == [1, 2, 3]
+        edge.lost()
+
+    assert edge.waiting == 3
+    assert edge.stats.history_dropped == 0
+
+
+def test_what_went_out_long_before_a_link_was_lost_is_not_told_again() -> None:
+    edge = node()
+    change(edge, 1)
+    session(edge, 1000)
+    change(edge, 2000)
+    edge.states(STATES, T0 + 2000 + 20_001)
+    change(edge, 23_000)
+    edge.lost()
+
+    assert told(session(edge, 24_000)) == [23_000]
+
+
+def test_history_is_told_in_the_order_of_its_times() -> None:
+    edge = node("scada")
+    edge.will(0, T0)
+    edge.connected(STATES, T0)
+    edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 1}', STATES, T0)
+    change(edge, 1, 2)
+    edge.heard(edge.identity.state_topic, b'{"online": false, "timestamp": 2}', STATES, T0 + 3)
+    change(edge, 4)  # after the NDEATH, before the connection is closed
+    edge.lost()
+
+    edge.will(1, T0 + 5)
+    edge.connected(STATES, T0 + 5)
+    births, _ = edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 3}', STATES, T0 + 6)
+    assert told(births) == [1, 2, 4]
+
+
+def test_history_keeps_its_limit_and_counts_what_it_drops() -> None:
+    edge = node(history_limit=3)
+    change(edge, 1, 2, 3)
+    session(edge, 10)
+    change(edge, 11, 12)
+    edge.lost()
+    change(edge, 13)
+
+    assert told(session(edge, 20)) == [11, 12, 13]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"",
+        b"null",
+        b"[]",
+        b'"online"',
+        b"\xff\xfe\x00",
+        b"[" * 100_000,
+        b'{"online": true}',
+        b'{"online": 1, "timestamp": 1}',
+        b'{"online": true, "timestamp": true}',
+        b'{"online": true, "timestamp": NaN}',
+        b'{"online": true, "timestamp": 1e3}',
+        b'{"online": true, "timestamp": -1}',
+        b'{"online": true, "timestamp": 18446744073709551616}',
+        b'{"online": true, "timestamp": ' + b"9" * 5000 + b"}",
+    ],
+)
+def test_a_state_that_is_none_is_counted_and_nothing_else(said: bytes) -> None:
+    edge = node("scada")
+    edge.will(0, T0)
+    edge.connected(STATES, T0)
+
+    assert edge.heard(edge.identity.state_topic, said, STATES, T0) == ([], False)
+    assert edge.stats.refused == 1
+    births, _ = edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 0}', STATES, T0)
+    assert len(births) == 2
+
+
+def test_a_host_whose_clock_was_wrong_is_heard_again_in_the_next_session() -> None:
+    edge = node("scada")
+    edge.will(0, T0)
+    edge.connected(STATES, T0)
+    edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 18446744073709551615}', STATES, T0)
+    assert edge.heard(edge.identity.state_topic, b'{"online": false, "timestamp": 5}', STATES, T0) == ([], False)
+    edge.lost()
+
+    edge.will(1, T0 + 1)
+    edge.connected(STATES, T0 + 1)
+    births, _ = edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 6}', STATES, T0 + 2)
+    assert len(births) == 2
