@@ -84,6 +84,7 @@ class DurableOutbox:
         self._journal = Journal(name)
         self._changed = threading.Condition()  # guards everything below and the two above; held for microseconds
         self._added: dict[str, Entry] = {}
+        self._journaled: set[str] = set()  # ids the journal had at the start, until the file is read: it may, too
         self._removed: dict[str, None] = {}
         self._in_flight = 0  # of `added`, on their way to the disk
         self._stale = False  # the file is not what `_added` and `_removed` start from: write all of it
@@ -98,9 +99,11 @@ class DurableOutbox:
     def __enter__(self) -> Self:
         self._journal.__enter__()
         journaled = self._journal.recover()
-        self._memory.prepend(journaled)
         self._recovered = len(journaled)
         self._added = {entry.id: entry for entry in journaled}
+        self._journaled = set(self._added)
+        for gone in self._memory.prepend(journaled):
+            self._forget(gone.id)
         try:
             self._open()
         except StoreError as error:
@@ -202,7 +205,9 @@ class DurableOutbox:
 
     def _take_over(self, found: list[Entry]) -> None:
         with self._changed:
-            known = {entry.id for entry in self._memory.waiting()}
+            # What the journal had may have been delivered already, where the file could be opened only now.
+            known = self._journaled | {entry.id for entry in self._memory.waiting()}
+            self._journaled = set()
             old = [entry for entry in found if entry.id not in known]
             gone = self._memory.prepend(old)
             self._recovered += len(old)

@@ -12,6 +12,7 @@ import mmap
 import os
 import struct
 import zlib
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -38,6 +39,12 @@ class Journal:
         self.overflowed = 0  # entries that found no room
 
     def __enter__(self) -> Self:
+        while not self._locked():
+            pass
+        return self
+
+    def _locked(self) -> bool:
+        """False: the file was removed, by the gateway that had it, just before it was locked here."""
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW
         try:
             self._fd = os.open(self._path, flags, 0o600)
@@ -45,6 +52,9 @@ class Journal:
             raise ConfigError(f"{self._path}: cannot be opened for the events: {error.strerror}") from error
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not _is_at(self._fd, self._path):
+                os.close(self._fd)
+                return False
             if os.fstat(self._fd).st_uid != os.geteuid():
                 raise ConfigError(f"{self._path} belongs to another user")
             os.posix_fallocate(self._fd, 0, self._slots * SLOT_BYTES)  # full memory fails here, not at a put
@@ -58,7 +68,7 @@ class Journal:
         except ConfigError:
             os.close(self._fd)
             raise
-        return self
+        return True
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -132,3 +142,11 @@ class Journal:
         except UnicodeDecodeError:
             return None
         return order, entry
+
+
+def _is_at(fd: int, path: Path) -> bool:
+    """Is the open file the one that stands at `path`?"""
+    try:
+        return os.path.samestat(os.fstat(fd), os.stat(path, follow_symlinks=False))
+    except FileNotFoundError:
+        return False

@@ -59,10 +59,16 @@ class EventFile:
         self._db.execute(f"PRAGMA user_version = {LAYOUT}")
 
     def entries(self) -> list[Entry]:
-        """Everything in it, oldest first."""
+        """Everything in it, oldest first. A row that we can't have written makes the file a corrupt one."""
         with self._told():
-            rows = self._db.execute("SELECT id, topic, payload, precious, unix_ms FROM events ORDER BY place")
-            return [Entry(str(i), str(t), bytes(p), bool(x), int(ms)) for i, t, p, x, ms in rows]
+            # Text as bytes: what is no UTF-8 any more must be told from a disk that fails.
+            rows = self._db.execute(
+                "SELECT CAST(id AS BLOB), CAST(topic AS BLOB), payload, precious, unix_ms FROM events ORDER BY place"
+            ).fetchall()
+        try:
+            return [_entry(*row) for row in rows]
+        except ValueError as error:
+            raise StoreError(f"{self.path}: {error}", corrupt=True) from error
 
     def write(self, added: Iterable[Entry], removed: Iterable[str], *, instead: bool = False) -> None:
         """One transaction, on disk when it returns. `instead`: `added` is all there shall be."""
@@ -100,6 +106,14 @@ class EventFile:
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
+
+
+def _entry(name: object, topic: object, payload: object, precious: object, unix_ms: object) -> Entry:
+    """SQLite keeps whatever type a damaged row says. Raises ValueError."""
+    match name, topic, payload, precious, unix_ms:
+        case bytes(), bytes(), bytes(), 0 | 1, int():
+            return Entry(name.decode(), topic.decode(), payload, bool(precious), unix_ms)
+    raise ValueError("a row that is no event")
 
 
 def put_aside(path: Path) -> Path:

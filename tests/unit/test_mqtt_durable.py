@@ -3,6 +3,7 @@
 Real files and a real SQLite; the faults of the disk are the real ones where a test can make them.
 """
 
+import fcntl
 import os
 import sqlite3
 import subprocess
@@ -294,3 +295,81 @@ def test_only_so_many_corrupt_files_are_kept(tmp_path: Path) -> None:
         path.write_text("")
         store.put_aside(path)
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"x.sqlite.corrupt-{n}" for n in (10, 11, 12)]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "UPDATE events SET payload = 'text' WHERE place = 1",
+        "UPDATE events SET payload = 1000000000000 WHERE place = 1",
+        "UPDATE events SET unix_ms = 'soon'",
+        "UPDATE events SET precious = 1.5",
+        "UPDATE events SET topic = CAST(x'ff' AS TEXT)",
+        "UPDATE events SET id = CAST(x'c328' AS TEXT) WHERE place = 2",
+    ],
+)
+def test_a_file_with_a_row_that_is_no_event_is_a_corrupt_one(name: str, tmp_path: Path, damage: str) -> None:
+    """The database is sound, what stands in it is not: neither a crash at the start nor a fault for ever."""
+    path = tmp_path / "outbox.sqlite"
+    file = EventFile(path)
+    file.write([entry(1), entry(2)], [])
+    file.close()
+    with sqlite3.connect(path) as db:
+        db.execute(damage)
+    db.close()
+
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        outbox.put(entry(3))
+        until(lambda: written(outbox))
+        assert outbox.health.fault == ""
+    assert rows(path) == ["b-3"]
+    assert [p.name for p in tmp_path.glob("*.corrupt-*")] == ["outbox.sqlite.corrupt-1"]
+
+
+def test_an_event_in_journal_and_file_is_told_once_though_the_file_comes_late(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    file = EventFile(path)
+    file.write([entry(1), entry(2)], [])
+    file.close()
+    with Journal(name) as journal:  # killed after the file had it, before the slot was freed
+        journal.put(entry(2))
+    back = False
+
+    def away(where: Path) -> EventFile:
+        if not back:
+            raise StoreError("the disk is away")
+        return EventFile(where)
+
+    with DurableOutbox(name, path, LIMITS, open_file=away) as outbox:
+        assert drained(outbox) == ["b-2"]
+        back = True
+        until(lambda: written(outbox))
+        assert drained(outbox) == ["b-1"]
+
+
+def test_what_the_journal_has_beyond_the_limit_is_dropped_everywhere(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with Journal(name) as journal:
+        for number in range(1, 6):
+            journal.put(entry(number))
+
+    with DurableOutbox(name, path, Limits(2)) as outbox:
+        until(lambda: written(outbox))
+        assert outbox.dropped == 3
+    assert rows(path) == ["b-4", "b-5"]
+
+
+def test_a_journal_removed_while_it_is_being_locked_is_not_used(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else two gateways of one name would run, and what the first one journals would be lost with it."""
+    leaving = Journal(name)
+    leaving.__enter__()
+    lock, first = fcntl.flock, [True]
+
+    def late(fd: int, how: int) -> None:
+        if first.pop() if first else False:
+            leaving.__exit__(None, None, None)
+        lock(fd, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with Journal(name), pytest.raises(ConfigError, match="in use by another gateway"), Journal(name):
+        pass
