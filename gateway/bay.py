@@ -54,20 +54,19 @@ class BayControl:
 
         A write must not make a bay look alive whose control task is dead.
         """
-        if self._over or self._clock.now_ns() - self._ticked_ns > self._dead_after_ns:
+        if self._over or not self._ticks():
             return False
         told = changes(self._hub.state(self.name).plc, write)
         self._step(write, [(write.writer, change) for change in told])
         return True
 
     def on_refused(self, writer: Writer, why: str) -> None:
-        """Somebody tried to write what they may not."""
-        state = self._hub.state(self.name)
+        """Somebody tried to write what they may not. Told, but no state: it must not make a dead bay look alive."""
         now_ns = self._clock.now_ns()
         detail = f"{writer}: {why}"
-        refused = Event(EventKind.WRITE_REFUSED, self.name, now_ns, state, detail=detail, writer=writer)
+        refused = Event(EventKind.WRITE_REFUSED, self.name, now_ns, self.state(), detail=detail, writer=writer)
         if told := self._bearable([refused]):  # a scanner's thousands of tries cost nothing but their count
-            self._publish(state, told)
+            self._tell(self._hub.state(self.name), told)
 
     def check_function(self, mode: FunctionCheck) -> None:
         """A technician begins to work on the bay, or has finished."""
@@ -85,12 +84,14 @@ class BayControl:
             await self._clock.sleep(max(0, due_ns - now_ns) / NS_PER_S)
 
     def state(self) -> StateVector:
-        """The state as it may be shown to a PLC now: if fusion has stopped running, stop is on and no value stands."""
+        """The state as it may be shown to a PLC now: if fusion has stopped running, stop is on and no value stands.
+
+        Sensors that still speak don't help: a heartbeat that stands still never stands beside good values.
+        """
         state = self._hub.state(self.name)
-        now_ns = self._clock.now_ns()
-        if self._over or now_ns - state.t_ns <= self._dead_after_ns:
+        if self._over or self._ticks():
             return state
-        return fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns)
+        return fusion.forced_stop(state, Reason.GATEWAY_FAULT, self._clock.now_ns())
 
     def shut_down(self) -> None:
         """The last word: stop on, no values, and no observation changes it any more."""
@@ -126,10 +127,17 @@ class BayControl:
                 kept.append(replace(event, detail=event.detail + more))
         return kept
 
+    def _ticks(self) -> bool:
+        """Does the control task run?"""
+        return self._clock.now_ns() - self._ticked_ns <= self._dead_after_ns
+
     def _publish(self, state: StateVector, happened: list[Event]) -> None:
-        self._hub.publish(state, happened)
         for mirror in self._mirrors:
             mirror(state)
+        self._tell(state, happened)
+
+    def _tell(self, state: StateVector, happened: list[Event]) -> None:
+        self._hub.publish(state, happened)
         for event in happened:
             log.info(
                 "%s: %s%s%s",

@@ -128,7 +128,8 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
 
 
 def _not_good(quality: Quality) -> Quality:
-    return Quality.STALE if quality is Quality.GOOD else quality
+    """A prediction is a value, too: nobody goes on with it, so it must not stand."""
+    return Quality.STALE if quality in (Quality.GOOD, Quality.COASTED) else quality
 
 
 def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:

@@ -3,9 +3,9 @@
 One file per bay in shared memory. The gateway holds an exclusive lock on it while it lives; the kernel drops the lock
 when the gateway dies, however it dies, so a reader can tell a live vector from a corpse and the next gateway sweeps
 corpses away. Reading and writing never wait for each other: the writer fills one of two slots and then points to it,
-a reader takes the pointed slot and believes it only if its checksum holds (docs/decisions/0003). A gateway that lives
-but stands still (stopped, hung, its control task dead) holds its lock, too: each state says when it was written, and a
-reader withdraws an old one.
+a reader takes the pointed slot and believes it only if it is still pointed to and its checksum holds
+(docs/decisions/0003). A gateway that lives but stands still (stopped, hung, its control task dead) holds its lock, too:
+each state says when it was written, and a reader withdraws an old one.
 """
 
 import contextlib
@@ -191,6 +191,9 @@ class SharedStateReader:
             _, _, pid, count = _HEAD.unpack(self._map[: _HEAD.size])
             at = _HEAD.size + (count & 1) * _SLOT_SIZE
             slot = self._map[at : at + _SLOT_SIZE]
+            # Two writes later the same slot is whole again but not yet pointed to: the next look would go back in time.
+            if _COUNT.unpack(self._map[_COUNT_AT : _HEAD.size])[0] != count:
+                continue
             body, crc = slot[: _BODY.size], _CRC.unpack(slot[_BODY.size :])[0]
             if count and zlib.crc32(body) == crc:
                 try:
@@ -233,7 +236,7 @@ def _withdrawn(vector: SharedVector) -> SharedVector:
     """What the registers say of such a state: see fusion.forced_stop."""
 
     def lowered(quality: Quality) -> Quality:
-        return Quality.STALE if quality is Quality.GOOD else quality
+        return Quality.STALE if quality in (Quality.GOOD, Quality.COASTED) else quality
 
     return replace(
         vector,

@@ -96,5 +96,6 @@ def _line(row: dict[str, object]) -> str:
 
     x = f"u {shown('u', 7, 2)}  v {shown('v', 7, 2)}  R {shown('r', 7, 2)} px  Z {shown('z_mm', 6, 0)} mm"
     ages = f"age {row['age_ms']:>5} ms (vision {row['vision_age_ms']}, range {row['range_age_ms']})"
-    verdict = f"{'STOP' if row['stop'] else 'go'} {row['reason']}"
+    allowed = "permit" if row["permit"] else "no permit"  # stop off alone allows nothing
+    verdict = f"STOP {row['reason']}" if row["stop"] else allowed
     return f"{row['bay']}  x = [{x}]  {ages}  {row['vision']}/{row['range']}  {verdict}"

@@ -9,6 +9,7 @@ import pytest
 from gateway.bay import BayControl
 from gateway.config import BayConfig, FusionConfig
 from gateway.hub import EventQueue, Hub
+from gateway.modbus.registers import decode, encode
 from gateway.model import (
     Circle,
     EventKind,
@@ -16,6 +17,7 @@ from gateway.model import (
     RangeReading,
     Reason,
     StateVector,
+    Tracking,
     VisionReading,
 )
 from tests import virtual_time
@@ -174,14 +176,51 @@ def test_no_value_is_shown_longer_than_its_deadline_and_the_time_to_notice_a_dea
 
 
 def test_it_recovers_from_a_pause_by_itself() -> None:
-    bench = Bench()
-    bench.go()
-    bench.at(1000)
-    assert bench.bay.state().reason is Reason.GATEWAY_FAULT
+    async def main() -> None:
+        bench = Bench(LoopClock())
+        await asyncio.sleep(1.0)
+        assert bench.bay.state().reason is Reason.GATEWAY_FAULT
 
-    bench.go(1001)
+        task = asyncio.create_task(bench.bay.run())
+        await asyncio.sleep(0.01)
+        bench.bay.on_vision(seen(bench.clock.now_ns()))
+        bench.bay.on_range(heard(bench.clock.now_ns()))
+        task.cancel()
+        await asyncio.wait([task])
+        assert bench.bay.state() is bench.state
+        assert (bench.state.permit, bench.state.reason) == (True, Reason.NONE)
+
+    virtual_time.run(main())
+
+
+def test_sensors_that_still_speak_do_not_make_a_dead_control_task_look_alive() -> None:
+    bench = Bench()
+    for ms in range(0, 251, 25):
+        bench.go(ms)
     assert bench.bay.state() is bench.state
-    assert (bench.state.permit, bench.state.reason) == (True, Reason.NONE)
+    assert bench.state.permit
+
+    bench.go(275)
+    dead = bench.bay.state()
+    assert (dead.stop, dead.permit, dead.d, dead.reason) == (True, False, None, Reason.GATEWAY_FAULT)
+    assert (dead.vision.circle, dead.range.distance_mm) == (None, None)
+    assert dead.heartbeat == 0
+
+
+def test_a_prediction_does_not_outlive_the_control_task() -> None:
+    bench = Bench()
+    place = Circle(320.0, 240.0, 100.0)
+    bench.bay.on_vision(VisionReading(bench.at(0), Quality.COASTED, tracking=Tracking.COASTED, predicted=place))
+    assert bench.bay.state().vision.predicted == place
+
+    bench.at(251)
+    dead = bench.bay.state()
+    bench.bay.shut_down()
+    for state in (dead, bench.bay.state()):
+        assert (state.vision.quality, state.vision.predicted) == (Quality.STALE, None)
+        told = decode(encode(state, 0, "big"))
+        names = ("predicted_u", "predicted_v", "predicted_radius", "tracking")
+        assert [told[name] for name in names] == [None] * 4
 
 
 # The end.

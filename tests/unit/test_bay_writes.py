@@ -8,7 +8,17 @@ from gateway.audit import BURST
 from gateway.bay import BayControl
 from gateway.config import parse
 from gateway.hub import EventQueue, Hub
-from gateway.model import Circle, Event, EventKind, FunctionCheck, Quality, RangeReading, Reason, VisionReading
+from gateway.model import (
+    Circle,
+    Event,
+    EventKind,
+    FunctionCheck,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+)
 from gateway.plc import Change, Control, PlcLink, PlcWrite, Writer
 from tests import virtual_time
 from tests.virtual_time import LoopClock
@@ -89,6 +99,21 @@ def test_a_chattering_plc_can_not_flood() -> None:
     ((kind, detail),) = bench.told()
     assert kind is EventKind.WRITE_REFUSED
     assert detail.startswith("10.0.0.9 (plc1, role operator): register 4 is read only (and 980 before it")
+
+
+def test_a_refused_write_does_not_make_a_dead_bay_look_alive() -> None:
+    bench, mirrored = Bench(), list[StateVector]()
+    bench.bay = BayControl(CONFIG.bays[0], bench.hub, bench.clock, (mirrored.append,), CONFIG)
+    bench.see(900.0)
+    count, last = len(mirrored), bench.hub.state("bay1")
+    events = bench.hub.subscribe()
+    bench.clock.t_ns += 251 * MS
+    bench.bay.on_refused(WHO, "register 4 is read only")
+    (event,) = events.drain()
+    assert (event.state.stop, event.state.permit, event.state.reason) == (True, False, Reason.GATEWAY_FAULT)
+    assert event.state.range.distance_mm is None
+    assert len(mirrored) == count, "the shared memory's reader must see that nobody writes any more"
+    assert bench.hub.state("bay1") is last
 
 
 def test_a_chattering_plc_does_not_hide_a_stop() -> None:

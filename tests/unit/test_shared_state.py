@@ -5,6 +5,7 @@ import errno
 import fcntl
 import json
 import math
+import mmap
 import os
 import signal
 import subprocess
@@ -15,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -147,6 +149,13 @@ def test_a_gateway_that_stands_still_is_not_believed() -> None:
     assert (found.seq, found.t_ns, found.frame_id) == (8, 24, 56)
 
 
+def test_of_a_gateway_that_stands_still_nothing_is_coasted_any_more() -> None:
+    with SharedStateWriter("line1", "bay1") as writer:
+        writer.write(replace(numbered(8), vision=VisionReading(1, Quality.COASTED)))
+        with SharedStateReader("line1", "bay1", Later(by_ns=shared_state.DEAD_AFTER_NS)) as reader:
+            assert reader.read().vision_quality is Quality.STALE
+
+
 def test_where_there_is_no_value_there_is_nan() -> None:
     with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
         writer.write(initial("bay1", 7))
@@ -207,6 +216,34 @@ def test_a_half_written_slot_is_never_shown(own_folder: Path) -> None:
                 file.seek(other)
                 file.write(b"\xaa" * 30)
             assert reader.read().seq == seq
+
+
+def test_a_slot_that_is_whole_but_not_yet_pointed_to_is_not_shown() -> None:
+    """Between the reader's look at the count and at the slot come a write, and most of another one."""
+
+    class Overtaken:
+        def __init__(self, memory: mmap.mmap, meanwhile: list[Callable[[], None]]) -> None:
+            self.memory, self.meanwhile = memory, meanwhile
+
+        def __getitem__(self, where: slice) -> bytes:
+            found = self.memory[where]
+            if self.meanwhile:
+                self.meanwhile.pop()()
+            return found
+
+        def close(self) -> None:
+            self.memory.close()
+
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        writer.write(numbered(1))
+
+        def nearly_twice() -> None:
+            writer.write(numbered(2))
+            writer.write(numbered(3))
+            writer._map[shared_state._COUNT_AT : shared_state._HEAD.size] = shared_state._COUNT.pack(2)
+
+        reader._map = cast("mmap.mmap", Overtaken(reader._map, [nearly_twice]))
+        assert [reader.read().seq, reader.read().seq] == [2, 2]
 
 
 # Other processes.

@@ -47,6 +47,14 @@ def _distance(state: StateVector) -> tuple[Value, QualityCode]:
     return state.range.distance_mm, quality_code(state.range.quality)
 
 
+def _tracking(state: StateVector) -> tuple[Value, QualityCode]:
+    """Null where no fresh frame stands behind it: how an old position was come by is no news."""
+    quality = state.vision.quality
+    if quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED):
+        return state.vision.tracking.name, QualityCode.GOOD
+    return None, quality_code(quality)
+
+
 def _d(state: StateVector) -> tuple[Value, QualityCode]:
     return state.d, QualityCode.BAD if state.d is None else QualityCode.GOOD
 
@@ -65,7 +73,7 @@ DEVICE: tuple[Row, ...] = (
     Row("Marker/Radius", _D, "marker radius R", _of_vision(lambda s, c: c.radius_px), "px", 1),
     Row("Marker/Confidence", _D, "0 to 1; null where the method gives none",
         _of_vision(lambda s, c: s.vision.confidence), digits=2),
-    Row("Marker/Tracking", _S, "how the position was come by", _always(lambda s: s.vision.tracking.name)),
+    Row("Marker/Tracking", _S, "how the position was come by; null: no fresh frame", _tracking),
     Row("Distance", _D, "distance Z from the ranger", _distance, "mm", 0),
     Row("Distance Vision", _D, "distance from the camera, where configured",
         _of_vision(lambda s, c: s.z_vision_mm), "mm", 0),
