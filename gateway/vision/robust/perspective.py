@@ -29,6 +29,7 @@ _POINTS = 64  # of the rim, where the lens distorts: undistorted they lie on a c
 _ITERATIONS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 _LARGEST_RESIDUAL_PX = 1e-3  # of undoing the distortion, as in `intrinsics`
 _LARGEST_PX = 1e5  # beyond any picture
+_SMALLEST_PX = 1e-3  # far below what anything can measure, and where the numbers still hold
 _FLATTEST = 1e-3  # edge on: tilted by 89.9 degrees
 TOWARDS_CAMERA: Vector = (0.0, 0.0, -1.0)
 
@@ -74,7 +75,7 @@ def disc_pose(
     oval = from_ellipse(ellipse)
     if not oval.real or max(abs(oval.u), abs(oval.v), oval.major_px) > _LARGEST_PX:
         return None
-    if oval.minor_px < _FLATTEST * oval.major_px:
+    if oval.minor_px < max(_SMALLEST_PX, _FLATTEST * oval.major_px):
         return None
     cone = _cone(to_ellipse(oval), intrinsics)
     normals = None if cone is None else _normals(cone)
