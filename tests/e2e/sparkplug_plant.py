@@ -74,13 +74,15 @@ def kind(packet: Packet) -> str:
 class SparkPlant:
     """Two bays of one gateway."""
 
-    def __init__(self, port: int, *, primary_host: str | None = None, start: int = 0, **settings: Any) -> None:
+    def __init__(
+        self, port: int, *, group: str = "Plant 7", primary_host: str | None = None, start: int = 0, **settings: Any
+    ) -> None:
         self.clock = SystemClock()
         self.hub = Hub(("bay1", "bay2"))
         self._next = start - 1
         config = MqttConfig(
             url=f"mqtt://127.0.0.1:{port}",
-            sparkplug=SparkplugConfig(group_id="Plant 7", primary_host_id=primary_host, period_s=0.05),
+            sparkplug=SparkplugConfig(group_id=group, primary_host_id=primary_host, period_s=0.05),
             keepalive_s=4,
             **settings,
         )
