@@ -224,6 +224,13 @@ class _Client(aiomqtt.Client):
         """At once. The library's own does it a moment later, when the socket may be closed and its number another's."""
         self._loop.add_writer(sock.fileno(), client.loop_write)
 
+    def _on_connect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
+        """MQTT 5 tells how many messages the broker bears at once, and it may hang up on more (section 3.3.4)."""
+        bears = getattr(properties, "ReceiveMaximum", None)
+        if bears is not None:  # the library's own setter refuses on an open connection; nothing is on its way yet
+            self._client._max_inflight_messages = min(self._client._max_inflight_messages, bears)
+        super()._on_connect(client, userdata, flags, reason_code, properties)
+
     def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
         """MQTT 5 tells when the broker has not taken a message; the library does not look."""
         if not reason_code.is_failure:
