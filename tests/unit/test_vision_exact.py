@@ -196,6 +196,57 @@ def test_the_compiled_mask_is_equations_1_to_4(kernel_px: int, library: Path) ->
     assert np.array_equal(kernel.mask(image, Box(0, 0, 400, 300)), plain)
 
 
+@pytest.mark.parametrize(
+    ("change", "bounded"),
+    [
+        ({}, True),
+        ({"red_low_1": (0, 200, 0), "red_low_2": (180, 200, 0), "red_high_1": (0, 255, 255)}, True),
+        ({"red_low_1": (0, 61, 90), "red_low_2": (151, 61, 90), "red_high_1": (29, 255, 255)}, True),
+        ({"red_low_1": (0, 0, 0), "red_low_2": (170, 0, 0)}, True),  # grey is red: r is not less than any
+        ({"red_high_1": (40, 255, 255)}, False),  # yellow, where green is the largest
+        ({"red_low_1": (3, 43, 46)}, False),  # a gap between the ranges
+        ({"red_high_1": (10, 255, 200)}, False),  # nothing bright
+        ({"red_low_2": (156, 90, 46)}, False),  # unequal ranges
+    ],
+)
+def test_bounds_are_used_where_they_hold_for_every_colour(
+    change: dict[str, tuple[int, int, int]], bounded: bool, library: Path
+) -> None:
+    params = PAPER.model_copy(update=change)
+    kernel = load(params, library)
+    assert kernel is not None
+    assert kernel.bounded is bounded
+    sharp = load(params.model_copy(update={"gaussian_kernel_px": 1}), library)
+    assert sharp is not None
+    ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
+    g, b = np.meshgrid(np.arange(256), np.arange(256), indexing="ij")
+    for r in (0, 45, 46, 90, 91, 137, 200, 251, 255):
+        image = np.dstack([b, g, np.full_like(b, r)]).astype(np.uint8)
+        plain = stages.red_mask(stages.bgr_to_hsv(image), *ranges)
+        assert np.array_equal(sharp.mask(image, Box(0, 0, 256, 256)), plain), r
+
+
+def test_without_wide_registers_all_is_the_same(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "cc -DGATEWAY_NARROW")
+    assert build.build(tmp_path / "narrow.so") == ""
+    wide, narrow = load(PAPER, library), load(PAPER, tmp_path / "narrow.so")
+    assert wide is not None
+    assert narrow is not None
+    chance = np.random.default_rng(11)
+    red = 0
+    for _ in range(60):
+        width, height = (int(n) for n in chance.integers(1, 300, 2))
+        noise = chance.integers(0, 256, (height, width, 3), np.uint8)
+        image = scene(chance, noise) if min(width, height) > 40 and chance.random() < 0.7 else noise
+        x0, y0 = int(chance.integers(0, width)), int(chance.integers(0, height))
+        window = Box(x0, y0, int(chance.integers(x0, width)) + 1, int(chance.integers(y0, height)) + 1)
+        told = wide.cleaned(image, window, 5)
+        assert np.array_equal(told, narrow.cleaned(image, window, 5))
+        assert np.array_equal(wide.mask(image, window), narrow.mask(image, window))
+        red += int(np.count_nonzero(told))
+    assert red > 1000
+
+
 @pytest.mark.parametrize("change", [{"gaussian_kernel_px": 7}, {"gaussian_sigma_px": 1.0}])
 def test_a_blur_that_the_kernel_does_not_know_is_left_to_opencv(change: dict[str, float], library: Path) -> None:
     assert load(PAPER.model_copy(update=change), library) is None

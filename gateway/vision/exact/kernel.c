@@ -2,9 +2,8 @@
  * which it has several, made for larger pictures.
  *
  * All blur with the separable kernel (w[2] w[1] w[0] w[1] w[2])^2 / 256, rounded half up, the border mirrored without
- * repeating the edge pixel, which is OpenCV's 8-bit Gaussian of side 1, 3 or 5; and both look the blurred colour up in a
- * table of 2^24 bits, index b + 256 g + 65536 r, which is made from OpenCV's own conversion and thresholds. Nothing here
- * knows what red is. All sums fit 16 bits: 255 * 16 * 16 + 128 < 65536.
+ * repeating the edge pixel, which is OpenCV's 8-bit Gaussian of side 1, 3 or 5 (`blur.h`). What is red stands in tables that
+ * are made from OpenCV's own conversion and thresholds (`red.h`).
  *
  * No allocation, no global state, no call out: the caller gives all memory. Pictures are BGR, 3 bytes a pixel, rows
  * `stride` bytes apart.
@@ -12,6 +11,9 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
+
+#include "blur.h"
+#include "red.h"
 
 #ifndef GATEWAY_SOURCE
 #define GATEWAY_SOURCE 0
@@ -23,11 +25,23 @@
 #define EACH_CPU
 #endif
 
-#define TILE 512 /* pixels of a row that are blurred at once: five rows of them stay in the nearest cache */
+#define TILE 128 /* pixels of a row at once: memory is then asked for the next ones evenly */
+#define ROWS_AHEAD 8 /* of a window are fetched from memory before they are needed */
 #define HALO 2 /* pixels that a kernel of side 5 needs beyond each end of a row */
 
 /* Checksum of the source that this was built from: a stale library is told from a fresh one. */
 uint32_t gateway_source(void) { return (uint32_t)GATEWAY_SOURCE; }
+
+/* The bytes from `first` to `end` - 1 will be read soon. */
+static inline void fetch_ahead(const uint8_t *bytes, ptrdiff_t first, ptrdiff_t end)
+{
+#if defined(__GNUC__)
+    for (ptrdiff_t i = first; i < end; i += 64)
+        __builtin_prefetch(bytes + i, 0, 2);
+#else
+    (void)bytes, (void)first, (void)end;
+#endif
+}
 
 static ptrdiff_t mirrored(ptrdiff_t i, ptrdiff_t n)
 {
@@ -39,103 +53,94 @@ static ptrdiff_t mirrored(ptrdiff_t i, ptrdiff_t n)
 }
 
 /* Row y, columns x0 to x1 - 1, blurred, into `row` (3 bytes a pixel). `sums` has room for x1 - x0 + 2 HALO pixels. */
-EACH_CPU static void blur_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y,
-                              ptrdiff_t x0, ptrdiff_t x1, const uint16_t *w, uint16_t *restrict sums,
-                              uint8_t *restrict row)
+static void blur_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y, ptrdiff_t x0,
+                     ptrdiff_t x1, const uint16_t *w, uint16_t *sums, uint8_t *row)
 {
-    const uint8_t *restrict r0 = image + mirrored(y - 2, height) * stride;
-    const uint8_t *restrict r1 = image + mirrored(y - 1, height) * stride;
-    const uint8_t *restrict r2 = image + y * stride;
-    const uint8_t *restrict r3 = image + mirrored(y + 1, height) * stride;
-    const uint8_t *restrict r4 = image + mirrored(y + 2, height) * stride;
-    const uint16_t w0 = w[0], w1 = w[1], w2 = w[2];
     ptrdiff_t from = x0 - HALO < 0 ? 0 : x0 - HALO, to = x1 + HALO > width ? width : x1 + HALO;
-    uint16_t *restrict s = sums - 3 * (x0 - HALO); /* s[3 x + channel] */
+    uint16_t *s = sums - 3 * (x0 - HALO); /* s[3 x + channel] */
+    const uint8_t *rows[5];
 
-    for (ptrdiff_t i = 3 * from; i < 3 * to; i++)
-        s[i] = (uint16_t)(w0 * r2[i] + w1 * (uint16_t)(r1[i] + r3[i]) + w2 * (uint16_t)(r0[i] + r4[i]));
+    for (int i = 0; i < 5; i++)
+        rows[i] = image + mirrored(y + i - HALO, height) * stride + 3 * from;
+    add_rows(rows, 3 * (to - from), w, s + 3 * from);
     for (ptrdiff_t x = x0 - HALO; x < from; x++)
-        for (int c = 0; c < 3; c++)
-            s[3 * x + c] = s[3 * mirrored(x, width) + c];
+        memcpy(s + 3 * x, s + 3 * mirrored(x, width), 3 * sizeof *s);
     for (ptrdiff_t x = to; x < x1 + HALO; x++)
-        for (int c = 0; c < 3; c++)
-            s[3 * x + c] = s[3 * mirrored(x, width) + c];
-
-    const uint16_t *restrict t = sums + 3 * HALO;
-    ptrdiff_t n = 3 * (x1 - x0);
-    for (ptrdiff_t i = 0; i < n; i++)
-        row[i] = (uint8_t)((uint16_t)(w0 * t[i] + w1 * (uint16_t)(t[i - 3] + t[i + 3])
-                                      + w2 * (uint16_t)(t[i - 6] + t[i + 6]) + 128) >> 8);
-}
-
-/* Two tables behind each other: a bit for each pair (g, r), index g + 256 r, set where any b makes it red; then the bit of
- * each colour. The first has 8 KB and stays in the nearest cache: it spares most of the way to the second, of 2 MB. */
-enum { PAIR_BYTES = 256 * 256 / 8 };
-
-/* One load of four bytes: a row has one to spare. */
-static inline int red(const uint8_t *p, const uint8_t *tables)
-{
-    uint32_t colour;
-    memcpy(&colour, p, sizeof colour);
-#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
-    colour = __builtin_bswap32(colour);
-#endif
-    colour &= 0xFFFFFF;
-    uint32_t pair = colour >> 8;
-    if (!(tables[pair >> 3] >> (pair & 7) & 1))
-        return 0;
-    return tables[PAIR_BYTES + (colour >> 3)] >> (colour & 7) & 1;
+        memcpy(s + 3 * x, s + 3 * mirrored(x, width), 3 * sizeof *s);
+    add_columns(sums + 3 * HALO, 3 * (x1 - x0), w, row);
 }
 
 /* cells[i][j] = 1 where row ys[i] has a horizontal run of red over column xs[j] that is at least `side` pixels long, or
- * at least (side + 1) / 2 and touches the picture's left or right edge, or fills the row; else 0. Columns ascend. */
+ * at least (side + 1) / 2 and touches the picture's left or right edge, or fills the row; else 0. Columns ascend.
+ * `row`: room for 4 width + 1 bytes. */
 void gateway_scan(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, const int32_t *ys,
                   ptrdiff_t rows, const int32_t *xs, ptrdiff_t columns, ptrdiff_t side, const uint16_t *w,
-                  const uint8_t *tables, uint16_t *sums, uint8_t *row, uint8_t *cells)
+                  const Rule *rule, const uint8_t *tables, uint16_t *sums, uint8_t *row, uint8_t *cells)
 {
+    uint8_t *reds = row + 3 * width + 1;
     for (ptrdiff_t i = 0; i < rows; i++) {
         uint8_t *out = cells + i * columns;
-        ptrdiff_t j = 0, clear = 0; /* columns left of `clear` have been dealt with */
-        for (ptrdiff_t x = 0; x < width; x += TILE)
-            blur_row(image, stride, height, width, ys[i], x, x + TILE < width ? x + TILE : width, w, sums, row + 3 * x);
-        while (j < columns) {
-            ptrdiff_t a = xs[j], b = a;
-            if (!red(row + 3 * a, tables)) {
-                clear = a + 1;
-                out[j++] = 0;
-                continue;
-            }
-            while (a > clear && red(row + 3 * (a - 1), tables))
-                a--;
-            while (b + 1 < width && red(row + 3 * (b + 1), tables))
-                b++;
-            ptrdiff_t need = a == 0 || b == width - 1 ? (side + 1) / 2 : side;
-            uint8_t found = b - a + 1 >= (need < width ? need : width);
-            while (j < columns && xs[j] <= b)
+        memset(out, 0, (size_t)columns);
+        for (ptrdiff_t x = 0; x < width; x += TILE) {
+            ptrdiff_t end = x + TILE < width ? x + TILE : width;
+            for (ptrdiff_t y = ys[i] + HALO + 1; i + 1 < rows && y < height && y <= ys[i + 1] + HALO; y++)
+                fetch_ahead(image + y * stride, 3 * x, 3 * end);
+            blur_row(image, stride, height, width, ys[i], x, end, w, sums, row);
+            red_row(row, end - x, rule, tables, reds + x);
+        }
+        ptrdiff_t j = 0;
+        for (const uint8_t *at = memchr(reds, 255, (size_t)width); at && j < columns;) {
+            const uint8_t *end = memchr(at, 0, (size_t)(reds + width - at));
+            ptrdiff_t a = at - reds, b = end ? end - reds : width; /* red from a to b - 1 */
+            ptrdiff_t need = a == 0 || b == width ? (side + 1) / 2 : side;
+            uint8_t found = b - a >= (need < width ? need : width);
+            while (j < columns && xs[j] < a)
+                j++;
+            while (j < columns && xs[j] < b)
                 out[j++] = found;
-            clear = b + 1;
+            at = end ? memchr(end, 255, (size_t)(reds + width - end)) : NULL;
         }
     }
 }
 
+/* How many of all 2^24 colours the classes and the table see differently. Row and out: 769 and 256 bytes. */
+uint32_t gateway_disagreements(const Rule *rule, const uint8_t *tables)
+{
+    uint8_t row[769], out[256];
+    uint32_t wrong = 0;
+    for (uint32_t pair = 0; pair < 65536; pair++) {
+        for (int b = 0; b < 256; b++) {
+            row[3 * b] = (uint8_t)b;
+            row[3 * b + 1] = (uint8_t)pair;
+            row[3 * b + 2] = (uint8_t)(pair >> 8);
+        }
+        red_row(row, 256, rule, tables, out);
+        const uint8_t *bits = tables + PAIR_BYTES + 32 * pair;
+        for (int b = 0; b < 256; b++)
+            wrong += out[b] != (uint8_t)-(bits[b >> 3] >> (b & 7) & 1);
+    }
+    return wrong;
+}
+
 /* Where the blurred pixel is red 255, else 0, into rows `pitch` bytes apart. */
 static void mask_window(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t x0,
-                        ptrdiff_t y0, ptrdiff_t x1, ptrdiff_t y1, const uint16_t *w, const uint8_t *tables,
-                        uint16_t *sums, uint8_t *row, uint8_t *mask, ptrdiff_t pitch)
+                        ptrdiff_t y0, ptrdiff_t x1, ptrdiff_t y1, const uint16_t *w, const Rule *rule,
+                        const uint8_t *tables, uint16_t *sums, uint8_t *row, uint8_t *mask, ptrdiff_t pitch)
 {
     for (ptrdiff_t y = y0; y < y1; y++, mask += pitch) {
+        if (y + ROWS_AHEAD < height)
+            fetch_ahead(image + (y + ROWS_AHEAD) * stride, 3 * x0, 3 * x1);
         blur_row(image, stride, height, width, y, x0, x1, w, sums, row);
-        for (ptrdiff_t x = 0; x < x1 - x0; x++)
-            mask[x] = (uint8_t)-red(row + 3 * x, tables);
+        red_row(row, x1 - x0, rule, tables, mask);
     }
 }
 
 /* M_0 of a window, x1 - x0 bytes a row. */
 void gateway_mask(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t x0, ptrdiff_t y0,
-                  ptrdiff_t x1, ptrdiff_t y1, const uint16_t *w, const uint8_t *tables,
+                  ptrdiff_t x1, ptrdiff_t y1, const uint16_t *w, const Rule *rule, const uint8_t *tables,
                   uint16_t *sums, uint8_t *row, uint8_t *mask)
 {
-    mask_window(image, stride, height, width, x0, y0, x1, y1, w, tables, sums, row, mask, x1 - x0);
+    mask_window(image, stride, height, width, x0, y0, x1, y1, w, rule, tables, sums, row, mask, x1 - x0);
 }
 
 EACH_CPU static void least(uint8_t *restrict to, const uint8_t *restrict a, ptrdiff_t shift, ptrdiff_t n)
@@ -198,13 +203,13 @@ static void centre(Sheet *sheet, ptrdiff_t side, int left, int top, int right, i
  * no part. Beyond the window's own edges all counts as not red for the first erosion, and as not there for the rest.
  * `sheets`: 2 (x1 - x0 + 4 r) (y1 - y0 + 4 r) bytes, r = side / 2. */
 void gateway_clean(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t x0,
-                   ptrdiff_t y0, ptrdiff_t x1, ptrdiff_t y1, ptrdiff_t side, const uint16_t *w, const uint8_t *tables,
-                   uint16_t *sums, uint8_t *row, uint8_t *sheets, uint8_t *mask)
+                   ptrdiff_t y0, ptrdiff_t x1, ptrdiff_t y1, ptrdiff_t side, const uint16_t *w, const Rule *rule,
+                   const uint8_t *tables, uint16_t *sums, uint8_t *row, uint8_t *sheets, uint8_t *mask)
 {
     ptrdiff_t pad = side / 2 * 2;
     Sheet sheet = {sheets, NULL, x1 - x0, y1 - y0, pad, x1 - x0 + 2 * pad};
     sheet.other = sheets + (sheet.h + 2 * pad) * sheet.pitch;
-    mask_window(image, stride, height, width, x0, y0, x1, y1, w, tables, sums, row,
+    mask_window(image, stride, height, width, x0, y0, x1, y1, w, rule, tables, sums, row,
                 sheet.now + pad * sheet.pitch + pad, sheet.pitch);
     centre(&sheet, 1, x0 > 0 ? 0 : 255, y0 > 0 ? 0 : 255, x1 < width ? 0 : 255, y1 < height ? 0 : 255);
     squares(&sheet, side, 0);

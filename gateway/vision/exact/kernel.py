@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
 from gateway.vision import stages
+from gateway.vision.exact import red
 from gateway.vision.exact.build import LIBRARY, source_sum
 from gateway.vision.exact.geometry import Box
 from gateway.vision.pixels import Image
@@ -32,18 +33,29 @@ class Kernel:
     def __init__(self, library: ctypes.CDLL, params: VisionConfig) -> None:
         self._scan, self._mask, self._clean = library.gateway_scan, library.gateway_mask, library.gateway_clean
         picture: list[Any] = [_POINTER, _SIZE, _SIZE, _SIZE]
-        loops: list[Any] = [_POINTER] * 5
+        loops: list[Any] = [_POINTER] * 6
         self._scan.argtypes = [*picture, _POINTER, _SIZE, _POINTER, _SIZE, _SIZE, *loops]
         self._mask.argtypes = [*picture, *[_SIZE] * 4, *loops]
         self._clean.argtypes = [*picture, *[_SIZE] * 5, *loops, _POINTER]
         self._scan.restype = self._mask.restype = self._clean.restype = None
         self._sheets = np.empty(0, np.uint8)
         self._weights = np.array(WEIGHTS[params.gaussian_kernel_px], np.uint16)
-        self._tables = red_tables(params)
-        self._constants = (self._weights.ctypes.data, self._tables.ctypes.data)
+        self._tables = red.tables(params)
+        self._rule = red.rule(params)
+        self._constants = (self._weights.ctypes.data, self._rule.ctypes.data, self._tables.ctypes.data)
+        self._rule[0] = 1
+        library.gateway_disagreements.argtypes = [_POINTER, _POINTER]
+        library.gateway_disagreements.restype = ctypes.c_uint32
+        self._rule[0] = library.gateway_disagreements(*self._constants[1:]) == 0  # else the tables work alone
         self._sums = np.empty(0, np.uint16)
         self._row = np.empty(0, np.uint8)
+        self._width = 0
         self._scratch = (0, 0)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether bounds settle most colours, so that the tables are asked for few."""
+        return bool(self._rule[0])
 
     def scan(self, image: Image, ys: NDArray[np.int32], xs: NDArray[np.int32], side_px: int) -> Mask:
         """(len(ys), len(xs)) uint8: 1 where a lattice point lies in a run of red that a box may have (1)."""
@@ -85,25 +97,11 @@ class Kernel:
         return mask
 
     def _make_room(self, width: int) -> None:
-        if self._row.size <= 3 * width:
+        if self._width < width:
             self._sums = np.empty(3 * (width + 2 * HALO_PX), np.uint16)
-            self._row = np.empty(3 * width + 1, np.uint8)
+            self._row = np.empty(4 * width + 1, np.uint8)
+            self._width = width
             self._scratch = (self._sums.ctypes.data, self._row.ctypes.data)
-
-
-def red_tables(params: VisionConfig) -> NDArray[np.uint8]:
-    """What equations 2 to 4 make of each of the 2^24 colours, as `kernel.c` has it: bits of pairs (g, r), 8 KB, then
-    bits of colours, index b + 256 g + 65536 r, 2 MB. Takes 0.1 s."""
-    ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
-    plane = np.empty((256, 256, 3), np.uint8)
-    plane[..., 0] = np.arange(256, dtype=np.uint8)[None, :]
-    plane[..., 1] = np.arange(256, dtype=np.uint8)[:, None]
-    table = np.empty((256, 256 * 256 // 8), np.uint8)
-    for r in range(256):
-        plane[..., 2] = r
-        table[r] = np.packbits(stages.red_mask(stages.bgr_to_hsv(plane), *ranges).ravel(), bitorder="little")
-    pairs = np.packbits(table.reshape(65536, 32).any(axis=1), bitorder="little")
-    return np.concatenate([pairs, table.ravel()])
 
 
 def load(params: VisionConfig, library: Path = LIBRARY) -> Kernel | None:
