@@ -81,7 +81,8 @@ def bind_error(config: ModbusConfig, error: Exception, port: int | None = None) 
 
 def allow_open_files(config: ModbusConfig) -> None:
     """Raise this process's limit of open files to what max_connections needs. Raises ConfigError where it can't be."""
-    needed = config.max_connections + OTHER_FILES
+    listeners = config.plain + (config.tls is not None)  # each may have max_connections
+    needed = listeners * config.max_connections + OTHER_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY or soft >= needed:
         return
@@ -89,6 +90,6 @@ def allow_open_files(config: ModbusConfig) -> None:
         raise ConfigError(
             f"modbus.max_connections = {config.max_connections}: needs {needed} open files, this process may have "
             f"{hard} (`ulimit -Hn`; LimitNOFILE= in the systemd unit): allow more, or take at most "
-            f"{max(1, hard - OTHER_FILES)}"
+            f"{max(1, (hard - OTHER_FILES) // listeners)}"
         )
     resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))

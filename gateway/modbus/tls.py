@@ -25,6 +25,7 @@ log = logging.getLogger(__name__)
 
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
 WARN_DAYS = 30
+MAX_SHOWN = 200  # characters of a subject or a role
 LOOK_NS = 1_000_000_000  # between two looks at the files, at most so often
 WARN_NS = 24 * 3600 * 1_000_000_000  # a gateway runs for years
 
@@ -46,7 +47,7 @@ def server_context(config: TlsConfig) -> ssl.SSLContext:
             _readable(key, name)
     try:
         context.load_cert_chain(config.cert, config.key, password=_no_passphrase)
-    except (ssl.SSLError, ValueError) as error:
+    except (OSError, ValueError) as error:  # OSError: an SSLError, or somebody has taken the file away just now
         raise ConfigError(
             f"modbus.tls.cert: {config.cert} and modbus.tls.key {config.key}: not a certificate and its private key, "
             f"in PEM form, without a passphrase: {_said(error)}"
@@ -56,7 +57,7 @@ def server_context(config: TlsConfig) -> ssl.SSLContext:
             continue
         try:
             context.load_verify_locations(name)
-        except ssl.SSLError as error:
+        except OSError as error:
             raise ConfigError(f"modbus.tls.{key}: {name}: nothing in PEM form in it: {_said(error)}") from error
     loaded = context.cert_store_stats()
     if loaded["x509_ca"] == 0:
@@ -163,13 +164,19 @@ class Roles:
         except ValueError as error:  # OpenSSL is less strict than this reader of certificates
             log.warning("modbus: %s: its certificate can't be read: %s", name[0], error)
             return None
-        return Peer(plain_address(name[0]), self.access(role), role, subject)
+        shown = None if role is None else _shown(role)
+        return Peer(plain_address(name[0]), self.access(role), shown, subject)
 
 
 def subject_of(certificate: x509.Certificate) -> str:
     """The common name, for people; the whole subject where there is none."""
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    return str(names[0].value) if names else certificate.subject.rfc4514_string()
+    return _shown(str(names[0].value) if names else certificate.subject.rfc4514_string())
+
+
+def _shown(text: str) -> str:
+    """One line of bearable length: what stands in a certificate goes into the log, and must not look like a record."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text[:MAX_SHOWN])
 
 
 def why(error: Exception) -> str:

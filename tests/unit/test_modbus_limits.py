@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from gateway.config import ModbusConfig, parse
+from gateway.config import ModbusConfig, TlsConfig, parse
 from gateway.errors import ConfigError
 from gateway.modbus import sockets
 from gateway.modbus.limits import QUIET_S, Limits, Refusal, Verdict, plain_address
@@ -144,6 +144,15 @@ def test_open_files(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked == [(1256, 4096)]
     with pytest.raises(ConfigError, match=r"modbus.max_connections = 4000: needs 4256 open files.*at most 3840"):
         sockets.allow_open_files(ModbusConfig(max_connections=4000))
+
+    asked.clear()
+    both = TlsConfig(cert="gateway.pem", key="gateway.key", ca="ca.pem")
+    sockets.allow_open_files(ModbusConfig(max_connections=1000, tls=both))
+    assert asked == [(2256, 4096)]
+    sockets.allow_open_files(ModbusConfig(max_connections=1000, tls=both, plain=False))
+    assert asked[1:] == [(1256, 4096)]
+    with pytest.raises(ConfigError, match=r"needs 4256 open files.*at most 1920"):
+        sockets.allow_open_files(ModbusConfig(max_connections=2000, tls=both))
 
 
 def test_a_scanner_gets_one_line_of_a_kind_and_a_count() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from gateway import app
+from gateway.certs import issue
 from gateway.cli.main import main
 from gateway.config import parse
 from gateway.errors import ConfigError
@@ -140,3 +141,25 @@ def test_gateway_check_says_what_would_be_served(
     main(["check", str(path)])
     said = capsys.readouterr().out
     assert "Modbus TCP on 127.0.0.1:502,\n  writes to the handshake block: by everybody who may connect\n" in said
+
+
+@pytest.mark.parametrize("key", ["cert", "key", "ca", "crl"])
+def test_a_file_that_vanishes_while_it_is_read_is_told(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str
+) -> None:
+    """Somebody renews the certificates at this moment: no traceback, and the files read before stay in force."""
+    copy = tmp_path / "copy.pem"
+    copy.write_bytes(Path(getattr(plant.config(), key)).read_bytes())
+    config = plant.config(**{key: str(copy)})
+    monkeypatch.setattr(tls, "_readable", lambda _, name: copy.unlink() if name == str(copy) else None)
+    with pytest.raises(ConfigError, match=f"modbus.tls.{key}.*No such file|no such file"):
+        tls.server_context(config)
+
+
+def test_a_subject_can_not_forge_a_line_of_the_log(plant: Plant) -> None:
+    name = "plc1\n2026-01-01 INFO bay1: stop cleared\u2028\x1b[2J"
+    made = issue.client(plant.by, name, "operator", issue.new_key(), NOW, 5)
+    shown = tls.subject_of(made)
+    assert shown.startswith("plc1\N{REPLACEMENT CHARACTER}2026")
+    assert shown.isprintable()
+    assert len(shown.splitlines()) == 1
