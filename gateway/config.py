@@ -333,6 +333,17 @@ class ModbusConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _asked(self) -> Self:
+        for key in ("enable_required", "truck_required"):
+            if getattr(self.handshake, key) and not self.writes:
+                raise PlacedError(
+                    "needs modbus.writes = true: nobody could set the bit, and permit would not wait for it",
+                    "handshake",
+                    key,
+                )
+        return self
+
+    @model_validator(mode="after")
     def _somewhere(self) -> Self:
         if not self.plain and self.tls is None:
             raise PlacedError("nothing would be served: plain = false needs [modbus.tls]", "plain")

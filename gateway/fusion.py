@@ -149,7 +149,8 @@ def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
 
 def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
     """No stamp from the future, no GOOD without a circle that can exist, and no coordinates without it."""
-    reading = replace(reading, t_ns=min(reading.t_ns, now_ns))
+    predicted = reading.predicted if reading.quality is Quality.COASTED else None
+    reading = replace(reading, t_ns=min(reading.t_ns, now_ns), predicted=predicted)
     circle = reading.circle
     if reading.quality is not Quality.GOOD:
         return _without_circle(reading, reading.quality)

@@ -353,6 +353,13 @@ def test_normalised_coordinates_pass_through() -> None:
     assert (state.vision.x_n, state.vision.y_n) == (-0.25, 0.5)
 
 
+def test_a_measurement_carries_no_prediction() -> None:
+    place = Circle(1.0, 2.0, 3.0)
+    for quality in Quality:
+        state = after(replace(seen(T0), quality=quality, predicted=place))
+        assert state.vision.predicted == (place if quality is Quality.COASTED else None)
+
+
 # Faults and their reasons.
 
 

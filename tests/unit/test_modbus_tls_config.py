@@ -102,6 +102,14 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
             {"handshake": {"heartbeat_required": False, "enable_required": True}},
             "modbus.handshake.enable_required = true: needs heartbeat_required",
         ),
+        (
+            {"handshake": {"enable_required": True}},
+            "modbus.handshake.enable_required = true: needs modbus.writes = true: nobody could set the bit",
+        ),
+        (
+            {"handshake": {"truck_required": True}, "writes": False},
+            "modbus.handshake.truck_required = true: needs modbus.writes = true",
+        ),
         ({"plain": False}, "modbus.plain = false: nothing would be served: plain = false needs [modbus.tls]"),
         ({"port": 802, "tls": {"cert": "a", "key": "b", "ca": "c"}}, "802 is modbus.port, too"),
         ({"tls": {"cert": "a", "key": "b"}}, "modbus.tls.ca: is missing"),
