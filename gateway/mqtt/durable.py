@@ -80,11 +80,12 @@ class DurableOutbox:
     ) -> None:
         self._path = path
         self._open_file = open_file
+        self._limits = limits
         self._memory = MemoryOutbox(limits)
         self._journal = Journal(name)
         self._changed = threading.Condition()  # guards everything below and the two above; held for microseconds
         self._added: dict[str, Entry] = {}
-        self._journaled: set[str] = set()  # ids the journal had at the start, until the file is read: it may, too
+        self._journaled: set[str] = set()  # ids the journal had at the start; the file may have them, too
         self._removed: dict[str, None] = {}
         self._in_flight = 0  # of `added`, on their way to the disk
         self._stale = False  # the file is not what `_added` and `_removed` start from: write all of it
@@ -204,12 +205,14 @@ class DurableOutbox:
             self._read = self._stale = True
 
     def _take_over(self, found: list[Entry]) -> None:
+        """Long work where much is found, so that the lock is held only for what came meanwhile."""
+        # What the journal had may have been delivered already, where the file could be opened only now.
+        old = [entry for entry in found if entry.id not in self._journaled]
+        memory = MemoryOutbox(self._limits)
+        gone = [lost for entry in old for lost in memory.put(entry)]
         with self._changed:
-            # What the journal had may have been delivered already, where the file could be opened only now.
-            known = self._journaled | {entry.id for entry in self._memory.waiting()}
-            self._journaled = set()
-            old = [entry for entry in found if entry.id not in known]
-            gone = self._memory.prepend(old)
+            gone += memory.append(self._memory)
+            self._memory = memory
             self._recovered += len(old)
             for entry in gone:
                 self._forget(entry.id)
@@ -233,7 +236,8 @@ class DurableOutbox:
         file.write(added, removed, instead=stale)
         with self._changed:
             self._in_flight = 0
-            for entry in added:
+        for entry in added:  # one at a time: there may be many, and a put must not wait for all
+            with self._changed:
                 self._journal.release(entry.id)
 
     def _failed(self, error: StoreError) -> None:

@@ -100,6 +100,11 @@ class MemoryOutbox:
         self._dropped = dropped + len(gone)
         return gone
 
+    def append(self, other: "MemoryOutbox") -> list[Entry]:
+        """What waits in `other` comes after everything here; its drops count here, too. Returns what was dropped."""
+        self._dropped += other.dropped
+        return [lost for entry in other.waiting() for lost in self.put(entry)]
+
     def oldest(self) -> Entry | None:
         queue = self._next()
         return queue[0][1] if queue else None

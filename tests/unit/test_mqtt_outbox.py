@@ -134,3 +134,17 @@ def test_older_entries_come_first() -> None:
     assert [e.id for e in outbox.prepend([entry(1), entry(2, precious=True), entry(3)])] == ["b-1", "b-3"]
     assert outbox.dropped == 2
     assert [e.id for e in outbox.copy().waiting()] == ids(outbox) == ["b-2", "b-7", "b-8"]
+
+
+def test_one_outbox_after_another_keeps_order_limit_and_counts() -> None:
+    first, second = MemoryOutbox(Limits(3)), MemoryOutbox(Limits(3))
+    for number in (1, 2, 3, 4):
+        first.put(entry(number))
+    for number in (5, 6, 7, 8):
+        second.put(entry(number))
+
+    lost = first.append(second)
+
+    assert [e.id for e in lost] == ["b-2", "b-3", "b-4"]
+    assert [e.id for e in first.waiting()] == ["b-6", "b-7", "b-8"]
+    assert first.dropped == 1 + 1 + 3
