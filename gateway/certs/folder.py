@@ -122,8 +122,12 @@ def _write_new(path: Path, data: bytes, mode: int) -> None:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     except OSError as error:
         raise ConfigError(f"{path}: cannot make it: {error.strerror}") from error
-    with os.fdopen(fd, "wb") as file:
-        file.write(data)
+    try:
+        with os.fdopen(fd, "wb") as file:
+            file.write(data)
+    except OSError as error:
+        path.unlink(missing_ok=True)  # half a file would be in the way of the next try
+        raise ConfigError(f"{path}: cannot write it: {error.strerror}") from error
 
 
 def _replace(path: Path, data: bytes) -> None:

@@ -2,6 +2,7 @@
 
 import stat
 import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -209,3 +210,21 @@ def test_any_bytes_are_a_role_or_none(der: bytes) -> None:
 )
 def test_what_is_no_role(der: bytes) -> None:
     assert roles.decode(der) is None
+
+
+FULL = """
+import resource, sys
+from gateway.cli.main import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+sys.exit(main(["certs", "init", sys.argv[1]]))
+"""
+
+
+def test_a_full_disk_leaves_no_half_key_behind(tmp_path: Path) -> None:
+    folder = tmp_path / "certs"
+    done = subprocess.run([sys.executable, "-c", FULL, folder], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert f"{folder / 'ca.key'}: cannot write it: File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(folder.iterdir()) == []
+    assert main(["certs", "init", str(folder)]) == 0
