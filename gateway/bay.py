@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from gateway import audit, events, fusion, interlock
 from gateway.clock import NS_PER_S, Clock
-from gateway.config import BayConfig, GatewayConfig
+from gateway.config import BayConfig, FusionConfig, GatewayConfig
 from gateway.handshake import changes
 from gateway.hub import Hub
 from gateway.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
@@ -17,6 +17,11 @@ log = logging.getLogger(__name__)
 DEAD_AFTER_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
 DEAD_AFTER_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
 WRITE_EVENTS = frozenset({EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.RECIPE_CHANGED})
+
+
+def dead_after_ns(config: FusionConfig) -> int:
+    """Without a new state for so long, nobody decides any more."""
+    return int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * config.period_s) * NS_PER_S)
 
 
 class BayControl:
@@ -39,7 +44,7 @@ class BayControl:
         self._rules = interlock.Rules.of(config, gateway)
         self._audit = {kind: audit.Bucket() for kind in WRITE_EVENTS}
         self._ticked_ns = clock.now_ns()
-        self._dead_after_ns = int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * config.fusion.period_s) * NS_PER_S)
+        self._dead_after_ns = dead_after_ns(config.fusion)
         state = interlock.initial(self.name, clock.now_ns(), self._rules)
         self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state)])
 

@@ -11,6 +11,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from gateway import fusion
+from gateway.bay import dead_after_ns
 from gateway.cli.outlet import Outlet
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
@@ -198,7 +200,7 @@ class TerminalView:
             self._recent.append((self._when(event), event))
         now_ns = self._clock.now_ns()
         width, height = self._console.size
-        states = [self._hub.state(bay.name) for bay in self._config.bays]
+        states = [self._state(bay, now_ns) for bay in self._config.bays]
         header = Text(self._header(), style="bold")
         panels = zip(self._config.bays, states, strict=True)
         body: RenderableType = Group(*(bay_panel(bay, state, now_ns, width) for bay, state in panels))
@@ -210,6 +212,13 @@ class TerminalView:
         lines = Text("\n".join(event_line(*line) for line in newest) or "no events yet", style="dim")
         lines.no_wrap, lines.overflow = True, "ellipsis"
         return Group(header, body, Panel(lines, title="events", title_align="left"))
+
+    def _state(self, bay: BayConfig, now_ns: int) -> StateVector:
+        """As the registers show it: of a dead control task no value stands."""
+        state = self._hub.state(bay.name)
+        if state.seq and now_ns - state.t_ns > dead_after_ns(bay.fusion):
+            return fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns)
+        return state
 
     def _lines(self, part: RenderableType) -> int:
         return len(self._console.render_lines(part, pad=False))

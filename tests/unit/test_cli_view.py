@@ -53,12 +53,25 @@ def picture(states: list[StateVector], events: list[Event], width: int, height: 
         console = Console(width=width, height=height, file=io.StringIO(), force_terminal=True, color_system=None)
         bays = [{"name": name, "unit_id": n} for n, name in enumerate(names, 1)]
         settings = config.parse({"bays": bays})
-        screen = view.TerminalView(settings, hub, LoopClock(), console, lambda: "header")
+        clock = LoopClock()
+        screen = view.TerminalView(settings, hub, clock, console, lambda: "header")
         for state in states:
-            hub.publish(state, [event for event in events if event.bay == state.bay])
+            now = replace(state, t_ns=clock.now_ns() + state.t_ns)
+            hub.publish(now, [event for event in events if event.bay == state.bay])
         return drawn(screen.picture(), width, height)
 
     return run(main())
+
+
+def test_a_bay_whose_control_task_is_dead_is_not_drawn_as_good() -> None:
+    fine = "\n".join(picture([good()], [], 120, 40))
+    assert "APPROACH" in fine
+    assert "permit yes" in fine
+    dead = "\n".join(picture([replace(good(), t_ns=-251 * MS)], [], 120, 40))
+    assert "STOP" in dead
+    assert "permit no" in dead
+    assert "the gateway's own control task does not run" in dead
+    assert "120.0 px" not in dead
 
 
 def raised(bay: str, n: int) -> Event:
