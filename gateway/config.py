@@ -452,9 +452,10 @@ class GatewayConfig(Section):
             seen: set[str | int] = set()
             for n, bay in enumerate(self.bays):
                 value = getattr(bay, key)
-                if value in seen:
+                folded = value.lower() if isinstance(value, str) else value  # `Bay1` beside `bay1` is a trap
+                if folded in seen:
                     raise PlacedError(f"an earlier bay has the {key} {value}, too", "bays", n, key)
-                seen.add(value)
+                seen.add(folded)
         ids: set[int] = set()
         for n, recipe in enumerate(self.recipes):
             if recipe.id in ids:

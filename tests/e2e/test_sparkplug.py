@@ -19,7 +19,7 @@ import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 from pydantic import ValidationError
 
-from gateway.config import BayConfig, SparkplugConfig
+from gateway.config import BayConfig, GatewayConfig, SparkplugConfig
 from gateway.mqtt.sparkplug.numbers import next_bd_seq
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Packet, Tap
@@ -448,6 +448,13 @@ def test_tck_id_topics_ddeath_seq_num(life: Life) -> None:
 
 
 # Section 5: operational behaviour.
+
+
+def test_tck_id_case_sensitivity_sparkplug_ids() -> None:
+    """As far as one gateway knows: two bays."""
+    assert GatewayConfig.model_validate({"bays": [{"name": "bay1"}, {"name": "bay2", "unit_id": 2}]})
+    with pytest.raises(ValidationError, match="an earlier bay has the name Bay1, too"):
+        GatewayConfig.model_validate({"bays": [{"name": "bay1"}, {"name": "Bay1", "unit_id": 2}]})
 
 
 def test_tck_id_case_sensitivity_metric_names(life: Life) -> None:
