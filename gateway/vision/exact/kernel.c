@@ -13,16 +13,11 @@
 #include <string.h>
 
 #include "blur.h"
+#include "morph.h"
 #include "red.h"
 
 #ifndef GATEWAY_SOURCE
 #define GATEWAY_SOURCE 0
-#endif
-
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__)
-#define EACH_CPU __attribute__((target_clones("avx2", "default"))) /* the loader picks what the processor has */
-#else
-#define EACH_CPU
 #endif
 
 #define TILE 128 /* pixels of a row at once: memory is then asked for the next ones evenly */
@@ -122,17 +117,15 @@ uint32_t gateway_disagreements(const Rule *rule, const uint8_t *tables)
     return wrong;
 }
 
-/* Where the blurred pixel is red 255, else 0, into rows `pitch` bytes apart. */
-static void mask_window(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t x0,
-                        ptrdiff_t y0, ptrdiff_t x1, ptrdiff_t y1, const uint16_t *w, const Rule *rule,
-                        const uint8_t *tables, uint16_t *sums, uint8_t *row, uint8_t *mask, ptrdiff_t pitch)
+/* Columns x0 to x1 - 1 of row y: where the blurred pixel is red 255, else 0. */
+static void mask_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y, ptrdiff_t x0,
+                     ptrdiff_t x1, const uint16_t *w, const Rule *rule, const uint8_t *tables, uint16_t *sums,
+                     uint8_t *row, uint8_t *mask)
 {
-    for (ptrdiff_t y = y0; y < y1; y++, mask += pitch) {
-        if (y + ROWS_AHEAD < height)
-            fetch_ahead(image + (y + ROWS_AHEAD) * stride, 3 * x0, 3 * x1);
-        blur_row(image, stride, height, width, y, x0, x1, w, sums, row);
-        red_row(row, x1 - x0, rule, tables, mask);
-    }
+    if (y + ROWS_AHEAD < height)
+        fetch_ahead(image + (y + ROWS_AHEAD) * stride, 3 * x0, 3 * x1);
+    blur_row(image, stride, height, width, y, x0, x1, w, sums, row);
+    red_row(row, x1 - x0, rule, tables, mask);
 }
 
 /* M_0 of a window, x1 - x0 bytes a row. */
@@ -140,84 +133,30 @@ void gateway_mask(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrd
                   ptrdiff_t x1, ptrdiff_t y1, const uint16_t *w, const Rule *rule, const uint8_t *tables,
                   uint16_t *sums, uint8_t *row, uint8_t *mask)
 {
-    mask_window(image, stride, height, width, x0, y0, x1, y1, w, rule, tables, sums, row, mask, x1 - x0);
+    for (ptrdiff_t y = y0; y < y1; y++, mask += x1 - x0)
+        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, mask);
 }
 
-EACH_CPU static void least(uint8_t *restrict to, const uint8_t *restrict a, ptrdiff_t shift, ptrdiff_t n)
-{
-    const uint8_t *restrict b = a + shift;
-    for (ptrdiff_t i = 0; i < n; i++)
-        to[i] = a[i] < b[i] ? a[i] : b[i];
-}
-
-EACH_CPU static void most(uint8_t *restrict to, const uint8_t *restrict a, ptrdiff_t shift, ptrdiff_t n)
-{
-    const uint8_t *restrict b = a + shift;
-    for (ptrdiff_t i = 0; i < n; i++)
-        to[i] = a[i] > b[i] ? a[i] : b[i];
-}
-
-/* Two pictures that are written in turn, h + 2 pad rows of `pitch` = w + 2 pad bytes, the window in their middle. */
-typedef struct {
-    uint8_t *now, *other;
-    ptrdiff_t w, h, pad, pitch;
-} Sheet;
-
-/* The least or most of every square of `side` (odd), whose upper left corner the result is written to: in doubling steps
- * over the flat bytes, along rows, then down. What wraps from row to row stays outside the window. */
-static void squares(Sheet *sheet, ptrdiff_t side, int want_most)
-{
-    ptrdiff_t n = (sheet->h + 2 * sheet->pad) * sheet->pitch;
-    for (int down = 0; down < 2; down++) {
-        ptrdiff_t unit = down ? sheet->pitch : 1;
-        for (ptrdiff_t len = 1; len < side;) {
-            ptrdiff_t step = 2 * len <= side ? len : side - len;
-            n -= step * unit;
-            (want_most ? most : least)(sheet->other, sheet->now, step * unit, n);
-            uint8_t *swap = sheet->now;
-            sheet->now = sheet->other;
-            sheet->other = swap;
-            len += step;
-        }
-    }
-}
-
-/* Move the window from where `squares` left it back to the middle, and set what is round it. */
-static void centre(Sheet *sheet, ptrdiff_t side, int left, int top, int right, int bottom)
-{
-    ptrdiff_t pad = sheet->pad, off = pad - side / 2;
-    for (ptrdiff_t y = 0; y < sheet->h; y++) {
-        uint8_t *to = sheet->other + (y + pad) * sheet->pitch;
-        memset(to, left, (size_t)pad);
-        memcpy(to + pad, sheet->now + (y + off) * sheet->pitch + off, (size_t)sheet->w);
-        memset(to + pad + sheet->w, right, (size_t)pad);
-    }
-    memset(sheet->other, top, (size_t)(pad * sheet->pitch));
-    memset(sheet->other + (sheet->h + pad) * sheet->pitch, bottom, (size_t)(pad * sheet->pitch));
-    uint8_t *swap = sheet->now;
-    sheet->now = sheet->other;
-    sheet->other = swap;
-}
-
-/* M_c of a window: M_0, erosion, dilation, dilation, erosion with a square of `side` (odd). Pixels outside the picture take
- * no part. Beyond the window's own edges all counts as not red for the first erosion, and as not there for the rest.
- * `sheets`: 2 (x1 - x0 + 4 r) (y1 - y0 + 4 r) bytes, r = side / 2. */
+/* M_c of a window: M_0, erosion, dilation, dilation, erosion with a square of `side` (odd, < 32). Pixels outside the picture
+ * take no part. Beyond the window's own edges all counts as not red for the first erosion, and as not there for the rest.
+ * `sheets`: memory for `sheet_in`, pad = 2 (side / 2); `row`: room for 4 width + 1 bytes. */
 void gateway_clean(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t x0,
                    ptrdiff_t y0, ptrdiff_t x1, ptrdiff_t y1, ptrdiff_t side, const uint16_t *w, const Rule *rule,
-                   const uint8_t *tables, uint16_t *sums, uint8_t *row, uint8_t *sheets, uint8_t *mask)
+                   const uint8_t *tables, uint16_t *sums, uint8_t *row, uint64_t *sheets, uint8_t *mask)
 {
-    ptrdiff_t pad = side / 2 * 2;
-    Sheet sheet = {sheets, NULL, x1 - x0, y1 - y0, pad, x1 - x0 + 2 * pad};
-    sheet.other = sheets + (sheet.h + 2 * pad) * sheet.pitch;
-    mask_window(image, stride, height, width, x0, y0, x1, y1, w, rule, tables, sums, row,
-                sheet.now + pad * sheet.pitch + pad, sheet.pitch);
-    centre(&sheet, 1, x0 > 0 ? 0 : 255, y0 > 0 ? 0 : 255, x1 < width ? 0 : 255, y1 < height ? 0 : 255);
+    ptrdiff_t reach = side / 2, pad = 2 * reach;
+    Sheet sheet = sheet_in(sheets, x1 - x0, y1 - y0, pad);
+    uint8_t *reds = row + 3 * width + 1;
+    for (ptrdiff_t y = y0; y < y1; y++) {
+        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, reds);
+        pack(reds, sheet.w, sheet.now + (y - y0) * sheet.pitch);
+    }
+    centre(&sheet, 0, x0 == 0, y0 == 0, x1 == width, y1 == height);
     squares(&sheet, side, 0);
-    centre(&sheet, side, 0, 0, 0, 0);
+    centre(&sheet, pad - reach, 0, 0, 0, 0);
     squares(&sheet, 2 * side - 1, 1);
-    centre(&sheet, 2 * side - 1, 255, 255, 255, 255);
+    centre(&sheet, 0, 1, 1, 1, 1);
     squares(&sheet, side, 0);
-    ptrdiff_t off = pad - side / 2;
     for (ptrdiff_t y = 0; y < sheet.h; y++)
-        memcpy(mask + y * sheet.w, sheet.now + (y + off) * sheet.pitch + off, (size_t)sheet.w);
+        unpack(sheet.now + (y + pad - reach) * sheet.pitch, pad - reach, sheet.w, mask + y * sheet.w);
 }

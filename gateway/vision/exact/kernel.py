@@ -38,7 +38,7 @@ class Kernel:
         self._mask.argtypes = [*picture, *[_SIZE] * 4, *loops]
         self._clean.argtypes = [*picture, *[_SIZE] * 5, *loops, _POINTER]
         self._scan.restype = self._mask.restype = self._clean.restype = None
-        self._sheets = np.empty(0, np.uint8)
+        self._sheets = np.empty(0, np.uint64)
         self._weights = np.array(WEIGHTS[params.gaussian_kernel_px], np.uint16)
         self._tables = red.tables(params)
         self._rule = red.rule(params)
@@ -87,9 +87,10 @@ class Kernel:
         mask = np.empty((rows, columns), np.uint8)
         self._make_room(width)
         pad = side_px // 2 * 2
-        need = 2 * (columns + 2 * pad) * (rows + 2 * pad)
+        pitch = (columns + 2 * pad + 63) // 64
+        need = 2 * pitch * (rows + 2 * pad) + 3 * pitch + 2
         if self._sheets.size < need:
-            self._sheets = np.empty(need, np.uint8)
+            self._sheets = np.empty(need, np.uint64)
         self._clean(
             image.ctypes.data, image.strides[0], height, width, window.x0, window.y0, window.x1, window.y1, side_px,
             *self._constants, *self._scratch, self._sheets.ctypes.data, mask.ctypes.data,

@@ -10,8 +10,7 @@ from gateway.vision.exact.kernel import Kernel
 from gateway.vision.pixels import Image
 from gateway.vision.stages import Contour, Mask
 
-LARGEST_WINDOW_PX = 120_000  # whose masks the kernel passes over some twenty times, in the nearer caches
-LARGEST_SIDE_PX = 31  # of the kernel's simple way with memory; OpenCV knows better for larger ones
+LARGEST_SIDE_PX = 31  # the closing's 61 px still fit the kernel's words of 64
 
 
 class Look:
@@ -36,8 +35,7 @@ class Look:
 
     def cleaned(self, image: Image, window: Box) -> Mask:
         """M_c in the window: exact for components as far inside as `geometry` says."""
-        small = self._opening.side_px <= LARGEST_SIDE_PX and window.pixels <= LARGEST_WINDOW_PX
-        if self._kernel is not None and small:
+        if self._kernel is not None and self._opening.side_px <= LARGEST_SIDE_PX:
             return self._kernel.cleaned(image, window, self._opening.side_px)
         how = (self._params.morph_kernel_px, self._params.morph_iterations)
         eroded = stages.erode(self.red(image, window), *how)

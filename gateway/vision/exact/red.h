@@ -85,8 +85,8 @@ WIDE static inline __m256i channel(__m256i a, __m256i b, __m256i c, __m128i from
                            _mm256_shuffle_epi8(c, _mm256_broadcastsi128_si256(from_c)));
 }
 
-/* As `red_row`, for the largest multiple of 32 pixels in n, which is returned. */
-WIDE static ptrdiff_t red_row_wide(const uint8_t *row, ptrdiff_t n, const Rule *rule, const uint8_t *tables, uint8_t *out)
+/* As `red_row`, for n >= 32. */
+WIDE static void red_row_wide(const uint8_t *row, ptrdiff_t n, const Rule *rule, const uint8_t *tables, uint8_t *out)
 {
     const __m128i b_a = _mm_setr_epi8(0, 3, 6, 9, 12, 15, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1);
     const __m128i b_b = _mm_setr_epi8(-1, -1, -1, -1, -1, -1, 2, 5, 8, 11, 14, -1, -1, -1, -1, -1);
@@ -100,9 +100,10 @@ WIDE static ptrdiff_t red_row_wide(const uint8_t *row, ptrdiff_t n, const Rule *
     const WideBound saturation = widened(&rule->saturation), yellow = widened(&rule->yellow),
                     purple = widened(&rule->purple);
     const __m256i value = _mm256_set1_epi8((int8_t)rule->value);
-    ptrdiff_t done = 0;
 
-    for (; done + 32 <= n; done += 32) {
+    for (ptrdiff_t done = 0; done < n; done += WIDE_BYTES) {
+        if (done > n - WIDE_BYTES)
+            done = n - WIDE_BYTES; /* some of it again */
         const uint8_t *p = row + 3 * done;
         __m256i a = third(p), b = third(p + 16), c = third(p + 32);
         __m256i blue = channel(a, b, c, b_a, b_b, b_c), green = channel(a, b, c, g_a, g_b, g_c),
@@ -122,21 +123,21 @@ WIDE static ptrdiff_t red_row_wide(const uint8_t *row, ptrdiff_t n, const Rule *
             out[done + i] = (uint8_t)-red(p + 3 * i, tables);
         }
     }
-    return done;
 }
 #endif
 
 /* 255 for each of the row's n pixels that is red, else 0. `row` has one byte more than 3 n that may be read. */
 static inline void red_row(const uint8_t *row, ptrdiff_t n, const Rule *rule, const uint8_t *tables, uint8_t *out)
 {
-    ptrdiff_t i = 0;
 #if HAS_WIDE
-    if (rule->wide && has_wide())
-        i = red_row_wide(row, n, rule, tables, out);
+    if (n >= WIDE_BYTES && rule->wide && has_wide()) {
+        red_row_wide(row, n, rule, tables, out);
+        return;
+    }
 #else
     (void)rule;
 #endif
-    for (; i < n; i++)
+    for (ptrdiff_t i = 0; i < n; i++)
         out[i] = (uint8_t)-red(row + 3 * i, tables);
 }
 
