@@ -13,6 +13,7 @@ import fcntl
 import math
 import mmap
 import os
+import stat
 import struct
 import tempfile
 import threading
@@ -36,6 +37,8 @@ _SLOT_SIZE = _BODY.size + _CRC.size
 _SIZE = _HEAD.size + 2 * _SLOT_SIZE
 _COUNT = struct.Struct("<Q")
 _COUNT_AT = _HEAD.size - _COUNT.size
+# Everybody may write into the folder: what lies there under our name may be a pipe, or a link to somewhere else.
+_LOOK = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
 _TRIES = 100
 DEAD_AFTER_NS = 1_000_000_000  # fusion writes at least once a period, and that is 1 s at most
 _PAUSE_S = 0.002  # between two looks at another's lock; a gateway that only sweeps is done by then
@@ -157,7 +160,7 @@ class SharedStateReader:
 
     def __enter__(self) -> Self:
         try:
-            self._fd = os.open(self._path, os.O_RDONLY)
+            self._fd = os.open(self._path, _LOOK)
         except OSError as error:
             raise LinkError(f"no gateway shares a state for {self._path.name.split('.', 1)[1]!r}: {error}") from error
         try:
@@ -258,9 +261,12 @@ def _claim(path: Path, instance: str) -> int:
     """An open descriptor of `path` with the writer's lock on it. Blocks for 0.2 s at most."""
     for _ in range(_TRIES):
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
         except OSError as error:
             raise ConfigError(f"{path}: cannot be opened for the shared state: {error}") from error
+        if not stat.S_ISREG(os.fstat(fd).st_mode) or os.fstat(fd).st_uid != os.geteuid():
+            os.close(fd)
+            raise ConfigError(f"{path}: is no file of ours; remove it")
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:  # a gateway that lives; or one that just sweeps, or a reader asking whether we live
@@ -321,12 +327,12 @@ def _pid_at(path: Path) -> int:
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[int | None]:
     try:
-        fd = os.open(path, os.O_RDONLY)
+        fd = os.open(path, _LOOK)
     except OSError:
         yield None
         return
     try:
-        yield fd
+        yield fd if stat.S_ISREG(os.fstat(fd).st_mode) else None
     finally:
         os.close(fd)
 

@@ -612,3 +612,36 @@ def test_the_folder_is_memory_where_there_is_some(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
     assert shared_state.folder() == tmp_path
     assert path_of("line1", "bay1") == tmp_path / "loading-gateway.line1.bay1"
+
+
+def test_a_pipe_or_a_link_in_everybodys_folder_holds_nobody_up(own_folder: Path) -> None:
+    """Opening a pipe would wait for its writer for ever: at the start, and in `gateway state`."""
+    os.mkfifo(path_of("other", "bay1"))
+    path_of("other", "bay2").symlink_to("/dev/zero")
+    done = threading.Event()
+
+    def look() -> None:
+        assert attachable() == []
+        for bay in ("bay1", "bay2"):
+            with pytest.raises(LinkError), SharedStateReader("other", bay):
+                pass
+        with SharedStateWriter("main", "bay1") as writer:
+            writer.write(StateVector(bay="bay1"))
+            assert attachable() == [("main", "bay1")]
+        done.set()
+
+    threading.Thread(target=look, daemon=True).start()
+    assert done.wait(30)
+
+
+def test_a_file_that_is_not_ours_is_neither_taken_nor_written_through(own_folder: Path) -> None:
+    victim = own_folder / "victim"
+    victim.write_text("precious")
+    path_of("main", "bay1").symlink_to(victim)
+    with pytest.raises(ConfigError, match="cannot be opened"), SharedStateWriter("main", "bay1"):
+        pass
+    assert victim.read_text() == "precious"
+
+    os.mkfifo(path_of("main", "bay2"))
+    with pytest.raises(ConfigError, match="no file of ours; remove it"), SharedStateWriter("main", "bay2"):
+        pass
