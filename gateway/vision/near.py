@@ -6,9 +6,11 @@ track can't hold on to a wrong thing, the whole frame is searched, too
 
 - at once, in the same frame, when the window holds nothing, or nothing that the track's gate admits;
 - when something red has come into the picture elsewhere: a cheap look tells, every LOOK frames and after a long gap;
-- every WHOLE frames, if anything in it is red but the marker.
+- every WHOLE frames, if anything else in it is nearly as red as the marker; every FAINT frames, if anything is red at
+  all.
 
-Where window and whole frame then disagree, the one with more evidence stands, as among the candidates of any search.
+Where window and whole frame then disagree, the whole frame's answer stands, as it would without tracking. Only what
+that search did not even hear of may stand against it, with more evidence.
 """
 
 import math
@@ -22,8 +24,9 @@ from gateway.vision.rivals import Spots, spots
 from gateway.vision.robust.detect import Window, detect
 from gateway.vision.tracking import Prediction
 
-LOOK, WHOLE = 8, 64  # frames; the second a multiple of the first
+LOOK, WHOLE, FAINT = 8, 64, 128  # frames; each a multiple of the one before
 ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
+WEAKER = "weaker"  # the search's code for a candidate that passed every gate, beside a better one
 SAME_PLACE = 0.5  # of two circles: their centres are closer than so many radii
 
 
@@ -71,20 +74,29 @@ class NearSearch:
     def _contested(self, image: Image, followed: Circle) -> bool:
         """Has something red come, or has what is there not been heard for long?"""
         before, self._spots = self._spots, spots(image, followed)
-        due = self._near % WHOLE == 0 and len(self._spots.boxes) > 0
+        due = (self._near % WHOLE == 0 and len(self._spots.boxes) > 0) or (
+            self._near % FAINT == 0 and self._spots.faint
+        )
         return before is None or due or self._spots.news(before)
 
 
 def _better(whole: Detection, held: Detection) -> Detection:
     """The search of the whole frame may have overlooked what was found in the window; it passed the same gates."""
-    if held.circle is None or (whole.circle is not None and same_place(whole.circle, held.circle)):
+    if held.circle is None or _heard(whole, held.circle):
         return whole
     return whole if _rank(whole) >= _rank(held) else held
 
 
+def _heard(whole: Detection, held: Circle) -> bool:
+    """Has the search of the whole frame chosen it, or found it weaker than what it chose?"""
+    others = (rejected.circle for rejected in whole.rejected if rejected.why == WEAKER)
+    chosen = () if whole.circle is None else (whole.circle,)
+    return any(same_place(circle, held) for circle in (*chosen, *others))
+
+
 def _rank(found: Detection) -> float:
-    """By this the search chooses among the candidates of one frame."""
-    return 0.0 if found.circle is None else (found.confidence or 0.0) * found.circle.radius_px**0.3
+    """Nearly what the search chooses by among the candidates of one frame; redness is not told of a detection."""
+    return 0.0 if found.circle is None else (found.confidence or 0.0) * math.sqrt(found.circle.radius_px)
 
 
 def window_round(expected: Prediction, width: int, height: int) -> Window:

@@ -1,7 +1,7 @@
 """The tracked robust search on drawn and rendered sequences: the full search's answers, mostly out of windows."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.model import Circle, Detection, Tracking
+from gateway.model import Circle, Detection, Rejection, Tracking
 from gateway.sim.render import Painter
 from gateway.sim.scenario import parse
 from gateway.sim.world import World
 from gateway.vision import methods, near
-from gateway.vision.near import LOOK, WHOLE, NearSearch, same_place, window_round
+from gateway.vision.near import FAINT, LOOK, WHOLE, NearSearch, same_place, window_round
 from gateway.vision.pixels import Image
 from gateway.vision.robust.detect import detect
 from gateway.vision.tracking import Prediction, Track
@@ -28,15 +28,20 @@ FOLLOWED = VisionConfig(method="robust", tracking=True)
 SAME_PX = 0.2  # between the window's and the full search's circle: both are refined from their own first guess
 
 
-def picture(*circles: Circle, size: tuple[int, int] = (240, 320), seed: int = 0) -> Image:
-    """Red discs, anti-aliased, on rough concrete, with the sensor's noise."""
+Paint = tuple[float, float, float]
+RED: Paint = (44.0, 38.0, 178.0)
+
+
+def picture(*circles: Circle, size: tuple[int, int] = (240, 320), seed: int = 0, paints: Sequence[Paint] = ()) -> Image:
+    """Red discs, anti-aliased, on rough concrete, with the sensor's noise. `paints`: of the first discs."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0 : size[0], 0 : size[1]]
     plane: NDArray[np.float64] = np.full((*size, 3), (118.0, 121.0, 119.0))
     plane += 8 * np.sin(x / 31 + y / 17)[..., None]
-    for circle in circles:
+    for n, circle in enumerate(circles):
+        paint = np.array(paints[n] if n < len(paints) else RED)
         cover = np.clip(circle.radius_px + 0.5 - np.hypot(x - circle.u_px, y - circle.v_px), 0, 1)[..., None]
-        plane += cover * (np.array((44.0, 38.0, 178.0)) - plane)
+        plane += cover * (paint - plane)
     blurred = cv2.GaussianBlur(plane, (0, 0), 0.7) + rng.normal(0, 1.5, plane.shape)
     return np.asarray(np.clip(np.rint(blurred), 0, 255), np.uint8)
 
@@ -108,6 +113,20 @@ def test_the_whole_frame_comes_in_its_turn_where_it_holds_anything_red(
         (Detection(Circle(250.0, 60.0, 30.0), confidence=0.5), False),  # less evidence
         (Detection(Circle(250.0, 60.0, 30.0), confidence=0.9), True),
         (Detection(Circle(250.0, 60.0, 90.0), confidence=0.6), True),  # larger
+        # Heard, and found weaker than a redder one.
+        (
+            Detection(
+                Circle(250.0, 60.0, 30.0), confidence=0.6, rejected=(Rejection(Circle(101.0, 99.0, 30.0), "weaker"),)
+            ),
+            True,
+        ),
+        # Heard of, but not as a disc: the window saw more.
+        (
+            Detection(
+                Circle(250.0, 60.0, 30.0), confidence=0.6, rejected=(Rejection(Circle(101.0, 99.0, 30.0), "rim"),)
+            ),
+            False,
+        ),
         (Detection(Circle(101.0, 100.0, 31.0), confidence=0.1), True),  # the same thing: as the full search measures it
     ],
 )
@@ -194,6 +213,39 @@ def test_a_track_does_not_hold_on_to_a_lamp_when_the_marker_comes(searched: list
     assert same_place(found[5].circle or marker, lamp)
     assert same_place(found[-1].circle or lamp, marker)
     assert searched.count("whole") == 2  # at the beginning, and when something red had come
+
+
+@pytest.mark.parametrize(
+    ("lamp", "marker", "paints"),
+    [
+        # As sure a disc as the marker, and larger, but washed out: the search prefers the redder one.
+        (Circle(60.0, 120.0, 27.0), Circle(230.0, 120.0, 25.0), [(85.0, 80.0, 160.0), RED]),
+        # Far redder than any paint: no reason to overlook a large red marker.
+        (Circle(50.0, 120.0, 14.0), Circle(220.0, 120.0, 66.0), [(5.0, 4.0, 200.0), (70.0, 60.0, 190.0)]),
+    ],
+)
+def test_what_the_full_search_prefers_is_followed_soon_after_it_has_come(
+    lamp: Circle, marker: Circle, paints: list[Paint]
+) -> None:
+    assert same_place(detect(picture(lamp, paints=paints), FOLLOWED).circle or marker, lamp)
+    assert same_place(detect(picture(lamp, marker, paints=paints), FOLLOWED).circle or lamp, marker)
+
+    def scene(n: int) -> Image:
+        return picture(*([lamp] if n < 6 else [lamp, marker]), paints=paints, seed=n)
+
+    found = told(steadily(scene, 6 + 2 * LOOK))
+    assert same_place(found[5].circle or marker, lamp)
+    assert [same_place(one.circle or lamp, marker) for one in found[-LOOK:]] == [True] * LOOK
+
+
+def test_a_faint_marker_beside_a_very_red_lamp_is_heard_in_the_end(searched: list[str]) -> None:
+    lamp, dusty = Circle(50.0, 120.0, 20.0), Circle(200.0, 120.0, 30.0)
+    paints = [(5.0, 4.0, 200.0), (125.0, 120.0, 190.0)]
+    find = methods.detector(FOLLOWED)
+    both = picture(lamp, dusty, paints=paints)
+    for n in range(FAINT + 2):
+        find(picture(lamp, paints=paints) if n < 4 else both, n * PERIOD_NS)
+    assert searched.count("whole") == 2
 
 
 def test_red_things_that_were_heard_once_cost_nothing_more(searched: list[str]) -> None:
