@@ -1,5 +1,7 @@
 """An edge node without a socket: what was told on a dying link is told again, and no host can make it deaf for good."""
 
+from dataclasses import replace
+
 import pytest
 
 from gateway.model import StateVector
@@ -81,6 +83,38 @@ def test_history_keeps_its_limit_and_counts_what_it_drops() -> None:
     assert told(session(edge, 20)) == [11, 12, 13]
 
 
+def test_changes_that_took_each_other_back_before_they_could_be_told_are_told() -> None:
+    """The link was slow, or both came in one turn of the event loop: a stop that was on for a moment was on."""
+    edge = node()
+    session(edge, 0)
+    told_before = edge.stats.data
+    change(edge, 5, 6, 7, 8)
+
+    messages = edge.states(STATES, T0 + 10)
+    assert told(messages) == [5, 6, 7, 8]
+    assert [decode(message.payload).seq for message in messages] == [2]
+    assert edge.states(STATES, T0 + 20) == []
+    assert edge.stats.data == told_before + 1
+
+
+def test_a_single_change_is_told_as_it_is() -> None:
+    edge = node()
+    session(edge, 0)
+    edge.changed(replace(STATES["bay1"], stop=False), T0 + 5)
+    (message,) = edge.states({"bay1": replace(STATES["bay1"], stop=False)}, T0 + 6)
+    assert told([message]) == []
+    (stop,) = [metric for metric in decode(message.payload).metrics if metric.name == "Stop"]
+    assert stop.value is False
+
+
+def test_much_history_goes_out_in_several_messages_that_count_on() -> None:
+    edge = node()
+    change(edge, *range(1, 121))
+    births = session(edge, 1000)
+    assert told(births) == list(range(1, 121))
+    assert [decode(message.payload).seq for message in births] == [0, 1, 2, 3, 4]
+
+
 @pytest.mark.parametrize(
     "said",
     [
@@ -123,3 +157,10 @@ def test_a_host_whose_clock_was_wrong_is_heard_again_in_the_next_session() -> No
     edge.connected(STATES, T0 + 1)
     births, _ = edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 6}', STATES, T0 + 2)
     assert len(births) == 2
+
+
+def test_nothing_grows_while_a_link_hangs() -> None:
+    edge = node(history_limit=3)
+    session(edge, 0)
+    change(edge, *range(1, 50))
+    assert told(edge.states(STATES, T0 + 50)) == [47, 48, 49]

@@ -86,6 +86,7 @@ class EdgeNode:
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _told: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
     _history: deque[Change] = field(default_factory=deque)
+    _since: list[Change] = field(default_factory=list)  # since `states` was asked; a slow link may miss some
     _recent: deque[tuple[int, Change]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
 
     @property
@@ -122,6 +123,7 @@ class EdgeNode:
         """The connection is gone; the broker tells the NDEATH."""
         self._connected = self._born = False
         self._told.clear()
+        self._since.clear()
         kept = [*self._history, *(change for _, change in self._recent)]
         self._history.clear()
         self._recent.clear()
@@ -179,7 +181,11 @@ class EdgeNode:
         if not self._born:
             return []
         out: list[Publish] = []
+        since, self._since = self._since, []
         for bay, state in states.items():
+            # Changes that took each other back would be no change at all in what is told below.
+            if bay in self._told and len(missed := [change for change in since if change.bay == bay]) > 1:
+                out += self._historical(missed, now_ms)
             if state is None:
                 if self._told.pop(bay, None) is not None:
                     out.append(self._sequenced("DDEATH", bay, (), now_ms))
@@ -200,6 +206,8 @@ class EdgeNode:
         if not self._born:
             self._keep(change)
             return
+        self._since.append(change)
+        del self._since[: max(0, len(self._since) - self.history_limit)]
         self._recent.append((timestamp_ms, change))
         self._forget(timestamp_ms)
 
@@ -216,23 +224,26 @@ class EdgeNode:
 
     def history(self, now_ms: int) -> list[Publish]:
         """What was kept, oldest first, as historical values of devices that have a birth."""
-        out: list[Publish] = []
-        kept: deque[Change] = deque()
-        rows: dict[str, list[Metric]] = {}
-        while self._born and self._history:
-            change = self._history.popleft()
-            if change.bay not in self._told:
-                kept.append(change)
-                continue
-            self._recent.append((now_ms, change))  # this link, too, may be dead already
-            rows.setdefault(change.bay, []).extend(
-                replace(metric, historical=True) for metric in metrics.metrics(change.values, change.timestamp_ms)
-            )
-            if len(rows[change.bay]) >= HISTORY_PER_MESSAGE * len(HISTORY):
-                out.append(self._data(change.bay, tuple(rows.pop(change.bay)), now_ms))
-        out += [self._data(bay, tuple(found), now_ms) for bay, found in rows.items()]
-        self._history.extendleft(reversed(kept))
+        if not self._born:
+            return []
+        told = [change for change in self._history if change.bay in self._told]
+        self._history = deque(change for change in self._history if change.bay not in self._told)
+        self._recent.extend((now_ms, change) for change in told)  # this link, too, may be dead already
         self._forget(now_ms)
+        return self._historical(told, now_ms)
+
+    def _historical(self, changes: list[Change], now_ms: int) -> list[Publish]:
+        """Changes of devices that have a birth, some to a message."""
+        out: list[Publish] = []
+        for bay in dict.fromkeys(change.bay for change in changes):
+            found = [change for change in changes if change.bay == bay]
+            for n in range(0, len(found), HISTORY_PER_MESSAGE):
+                rows = (
+                    replace(metric, historical=True)
+                    for change in found[n : n + HISTORY_PER_MESSAGE]
+                    for metric in metrics.metrics(change.values, change.timestamp_ms)
+                )
+                out.append(self._data(bay, tuple(rows), now_ms))
         return out
 
     # Messages.
