@@ -1,6 +1,7 @@
 """The composition root, with stand-ins for what has processes, threads and brokers."""
 
 import asyncio
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -58,7 +59,7 @@ def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.M
     monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
     monkeypatch.setattr(Publisher, "told", None)
     config = GatewayConfig(
-        instance=f"test-app-{past_help}",
+        instance=f"test-app-{os.getpid()}-{past_help}",
         modbus=ModbusConfig(port=0),
         mqtt=MqttConfig(url="mqtt://127.0.0.1:1", outbox_file=""),
     )
