@@ -46,12 +46,12 @@ def refined(image: np.ndarray, truth: Truth, rng: np.random.Generator) -> Answer
     size = truth.major * (1 + rng.uniform(-SEED_OFF, SEED_OFF))
     seed = Ellipse(truth.u + away * np.cos(heading), truth.v + away * np.sin(heading), size, size, 0.0)
     rim = refine(image, seed)
-    return rim and (rim.ellipse.u_px, rim.ellipse.v_px, rim.ellipse.semi_major_px)
+    return None if rim is None else (rim.ellipse.u_px, rim.ellipse.v_px, rim.ellipse.semi_major_px)
 
 
 def paper(trace: pipeline.Trace) -> Answer:
     circle = trace.detection.circle
-    return circle and (circle.u_px, circle.v_px, circle.radius_px)
+    return None if circle is None else (circle.u_px, circle.v_px, circle.radius_px)
 
 
 def taubin(trace: pipeline.Trace) -> Answer:
@@ -123,7 +123,8 @@ def _error(answer: tuple[float, float, float], truth: Truth) -> tuple[float, flo
 
 def percentile(shots: list[Shot], method: str, which: int, share: float) -> float:
     """Of the absolute errors; a picture without an answer counts as infinitely wrong."""
-    errors = [abs(shot.errors[method][which]) if shot.errors[method] else np.inf for shot in shots]
+    answers = [shot.errors[method] for shot in shots]
+    errors = [abs(answer[which]) if answer else np.inf for answer in answers]
     return float(np.sort(errors)[min(int(np.ceil(share * len(errors))) - 1, len(errors) - 1)])
 
 
@@ -148,7 +149,7 @@ def table_refined(groups: dict[str, list[Shot]]) -> str:
         floors = np.array([shot.floor for shot in some])
         rms = np.sqrt(np.mean(np.square(floors), axis=0))
         # Medians of error over floor, in units of what Gaussian errors at the floor would give.
-        ratios = np.abs([shot.errors[REFINED] for shot in some]) / floors
+        ratios = np.abs(np.array([shot.errors[REFINED] for shot in some])) / floors
         usual = np.median(ratios, axis=0) / (0.8326, 0.6745)
         limit = ALL[name].limit
         met = "yes" if max(values[1], values[3]) <= limit else "**no**"

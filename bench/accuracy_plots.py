@@ -27,8 +27,8 @@ def percentiles(groups: dict[str, list[Shot]], path: Path) -> None:
         for row, (name, every) in enumerate(groups.items()):
             axis.plot([ALL[name].limit] * 2, [row - 0.4, row + 0.4], color="black", lw=1, ls=":", zorder=1)
             for place, method in enumerate(METHODS):
-                shots = [shot for shot in every if method in shot.errors]
-                errors = [abs(shot.errors[method][which]) if shot.errors[method] else LARGEST for shot in shots]
+                answers = [shot.errors[method] for shot in every if method in shot.errors]
+                errors = [abs(answer[which]) if answer else LARGEST for answer in answers]
                 if not errors:
                     continue
                 middle, high = np.clip(np.percentile(errors, [50, 95]), SMALLEST, LARGEST)
@@ -55,11 +55,11 @@ def radii(groups: dict[str, list[Shot]], path: Path) -> None:
         2, len(chosen), figsize=(2.6 * len(chosen), 5.2), sharex=True, sharey=True, squeeze=False
     )
     for column, name in enumerate(chosen):
-        shots = [shot for shot in groups[name] if shot.errors[REFINED]]
-        radius = [shot.radius for shot in shots]
-        floors = [(shot.radius, shot.floor) for shot in shots if shot.floor]
+        shots = [(shot, answer) for shot in groups[name] if (answer := shot.errors[REFINED])]
+        radius = [shot.radius for shot, _ in shots]
+        floors = [(shot.radius, shot.floor) for shot, _ in shots if shot.floor]
         for which, axis in enumerate(axes[:, column]):
-            errors = [max(abs(shot.errors[REFINED][which]), SMALLEST / 3) for shot in shots]
+            errors = [max(abs(answer[which]), SMALLEST / 3) for _, answer in shots]
             axis.plot(radius, errors, ".", ms=3, color=COLOURS[REFINED], alpha=0.6, label="refined rim")
             axis.plot(
                 [r for r, _ in floors], [f[which] for _, f in floors], "k_", ms=6, label="Cramer-Rao floor (sigma)"

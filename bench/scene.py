@@ -147,7 +147,7 @@ class Scene:
             for at, half, high in self.burrs:
                 apart = np.abs((angle - at + np.pi) % (2 * np.pi) - np.pi) / half
                 limit = limit + high * np.clip(1 - apart * apart, 0, None)
-        return radius - limit
+        return np.asarray(radius - limit)
 
     def coverage(self) -> np.ndarray:
         """(H, W) in 0 to 1: how much of every pixel the disc covers."""
@@ -191,7 +191,7 @@ class Scene:
         if self.recipe.noise:
             noise = np.random.default_rng(self.seed).standard_normal(picture.shape, np.float32)
             picture = picture + np.float32(self.recipe.noise) * noise
-        return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(np.rint(picture), 0, 255), np.uint8)
 
 
 def _from_srgb(picture: np.ndarray) -> np.ndarray:
@@ -273,7 +273,7 @@ def _clouds(rng: np.random.Generator, wide: int, sizes: tuple[float, ...]) -> np
     for size in sizes:
         small = max(int(wide / size), 3)
         total += cv2.resize(rng.normal(0, 1, (small, small)), (wide, wide), interpolation=cv2.INTER_CUBIC)
-    return (total - total.mean()) / total.std()
+    return np.asarray((total - total.mean()) / total.std())
 
 
 def _blocker(
