@@ -185,7 +185,8 @@ def test_a_folder_of_pictures_becomes_circles_with_the_real_pipeline(tmp_path: P
             assert min(spent_ns) >= 0
             assert 0 < sum(spent_ns) < reading.stats.latency_ms * 1e6  # the same clock
         last = good[-1]
-        assert last.frame_id == last.stats.frames + last.stats.skipped
+        # Frames that came while the last one was looked at may have been skipped already.
+        assert last.frame_id <= last.stats.frames + last.stats.skipped
         assert (last.stats.lost, last.stats.restarts, last.stats.reopens) == (0, 0, 0)
         assert 0 <= bay.clock.now_ns() - last.t_ns < 5e9
 
