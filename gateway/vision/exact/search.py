@@ -5,7 +5,7 @@ looked at, not the largest alone, which costs little and leaves nothing to be ex
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -27,6 +27,7 @@ STAGES = (
 )
 """As `pipeline.STAGES`; they stand in for all up to `contours`."""
 
+FEW = 10  # boxes are compared one by one in less time than numpy's calls take
 WINDOW_COST_PX = 20_000  # what a further window costs, in pixels looked at: the price of some ten calls
 
 
@@ -121,6 +122,10 @@ def in_plain_order(found: list[Contour]) -> list[Contour]:
 def _apart(boxes: list[Box], opening: Opening, width: int, height: int) -> list[Box]:
     """Boxes whose windows meet are joined, until none do."""
     margin = opening.reach_px + 1
+    if len(boxes) <= FEW:
+        grown = [box.grown(margin, width, height) for box in boxes]
+        if not any(a.meets(b) for a, b in combinations(grown, 2)):
+            return boxes
     at = np.array([(box.x0, box.y0, -box.x1, -box.y1) for box in boxes], np.int64).reshape(-1, 4)
     while len(at) > 1:
         low, high = at[:, :2] - margin, -at[:, 2:] + margin  # not cut to the picture: that changes no meeting inside it
