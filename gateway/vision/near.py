@@ -5,7 +5,8 @@ the search was in a window or in the whole frame; the window only leaves out can
 track can't hold on to a wrong thing, the whole frame is searched, too
 
 - at once, in the same frame, when the window holds nothing, or nothing that the track's gate admits;
-- when something red has come into the picture elsewhere: a cheap look tells, every LOOK frames and after a long gap;
+- when something red has come into the picture elsewhere: a cheap look tells, every LOOK frames, LOOK_NS after the last
+  one at the latest, and after a long gap;
 - every WHOLE frames, if anything else in it is nearly as red as the marker; every FAINT frames, if anything is red at
   all.
 
@@ -25,6 +26,7 @@ from gateway.vision.robust.detect import Window, detect
 from gateway.vision.tracking import Prediction
 
 LOOK, WHOLE, FAINT = 8, 64, 128  # frames; each a multiple of the one before
+LOOK_NS = 300_000_000  # a slow camera's truck is no slower
 ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
 WEAKER = "weaker"  # the search's code for a candidate that passed every gate, beside a better one
 SAME_PLACE = 0.5  # of two circles: their centres are closer than so many radii
@@ -38,8 +40,10 @@ class NearSearch:
         self._now_ns = now_ns
         self._near = 0  # frames in a row that were searched in a window only
         self._spots: Spots | None = None  # other red things, when they were last looked at
+        self._looked_ns = self._t_ns = 0  # when that was, and the frame at hand
 
     def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
+        self._t_ns = t_ns
         if expected is None:
             return self._remembered(image, self._whole(image))
         window = window_round(expected, image.shape[1], image.shape[0])
@@ -47,7 +51,7 @@ class NearSearch:
         if found.circle is None or not expected.admits(found.circle):
             return self._also_whole(image, found)
         self._near += 1
-        if self._near % LOOK == 0 or not expected.useful:
+        if self._near % LOOK == 0 or abs(t_ns - self._looked_ns) >= LOOK_NS or not expected.useful:
             start_ns = self._now_ns()
             contested = self._contested(image, found.circle)
             found = replace(found, stage_ns=(*found.stage_ns, ("rivals", self._now_ns() - start_ns)))
@@ -69,11 +73,13 @@ class NearSearch:
     def _remembered(self, image: Image, found: Detection) -> Detection:
         """The whole frame has been searched: the red things that are in it now have been heard."""
         self._spots = None if found.circle is None else spots(image, found.circle)
+        self._looked_ns = self._t_ns
         return found
 
     def _contested(self, image: Image, followed: Circle) -> bool:
         """Has something red come, or has what is there not been heard for long?"""
         before, self._spots = self._spots, spots(image, followed)
+        self._looked_ns = self._t_ns
         due = (self._near % WHOLE == 0 and len(self._spots.boxes) > 0) or (
             self._near % FAINT == 0 and self._spots.faint
         )

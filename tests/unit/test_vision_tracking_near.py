@@ -248,6 +248,16 @@ def test_a_faint_marker_beside_a_very_red_lamp_is_heard_in_the_end(searched: lis
     assert searched.count("whole") == 2
 
 
+def test_with_a_slow_camera_what_has_come_is_heard_after_the_same_time() -> None:
+    lamp, marker = Circle(60.0, 60.0, 12.0), Circle(220.0, 150.0, 55.0)
+    period_ns = 200_000_000
+    find = methods.detector(FOLLOWED)
+    for n in range(8):
+        found = find(picture(*([lamp] if n < 5 else [lamp, marker]), seed=n), n * period_ns)
+        assert found.circle is not None
+        assert same_place(found.circle, lamp if n < 5 else marker) or n == 5  # 0.3 s are two frames at most
+
+
 def test_red_things_that_were_heard_once_cost_nothing_more(searched: list[str]) -> None:
     """Clutter that stands, sways and comes nearer with the marker is no news."""
 
