@@ -6,8 +6,8 @@ holds the password does not show it.
 
 import os
 import ssl
+import stat
 from dataclasses import replace
-from pathlib import Path
 
 from gateway.config import MqttConfig
 from gateway.errors import ConfigError
@@ -84,7 +84,10 @@ def _password(config: MqttConfig) -> str | None:
 def _line_of(key: str, name: str) -> str:
     """The file's text less one newline at its end."""
     try:
-        with Path(name).open("rb") as file:
+        fd = os.open(name, os.O_RDONLY | os.O_NONBLOCK)
+        with os.fdopen(fd, "rb") as file:
+            if not stat.S_ISREG(os.fstat(fd).st_mode):  # read more than once, and a pipe would be waited for
+                raise CredentialsError(key, "must be a plain file", name)
             data = file.read(MAX_FILE_BYTES + 1)
         text = data.decode().removesuffix("\n").removesuffix("\r")
     except OSError as error:

@@ -1,5 +1,7 @@
 """Secrets come from where the configuration says, and are never quoted when something is wrong with them."""
 
+import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -98,3 +100,26 @@ def test_a_bad_certificate_file_is_named(tmp_path: Path, key: str, damage: bytes
         tls_context(bad, broker_of(bad))
     assert caught.value.place == ("mqtt", "tls", key)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["password_file", "tls.key_password_file"])
+def test_a_pipe_is_no_place_for_a_secret(tmp_path: Path, key: str) -> None:
+    """It would be waited for without end, and again by the next reader: nobody tells the operator why."""
+    pipe = tmp_path / "secret"
+    os.mkfifo(pipe)
+    tls = MqttTls(cert_file="c.pem", key_file="c.key", key_password_file=str(pipe))
+    asked = config(password_file=str(pipe)) if key == "password_file" else config(url="mqtts://broker", tls=tls)
+
+    found: list[CredentialsError] = []
+    done = threading.Event()
+
+    def attempt() -> None:
+        try:
+            tls_context(asked, broker_of(asked))
+        except CredentialsError as error:
+            found.append(error)
+        done.set()
+
+    threading.Thread(target=attempt, daemon=True).start()
+    assert done.wait(30), "waits for the pipe"
+    assert str(found[0]) == f'mqtt.{key} = "{pipe}": must be a plain file'
