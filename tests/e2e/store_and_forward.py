@@ -26,6 +26,7 @@ from uuid import uuid4
 import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
+from gateway import shared_state
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, MqttConfig, Reconnect
@@ -218,6 +219,7 @@ def run(
             _deliver_the_rest(proxy.port, name, file, told, records)
         finally:
             records.close()
+            (shared_state.folder() / f"loading-gateway-events.{name}").unlink(missing_ok=True)  # the last one's, killed
     report.seconds = time.monotonic() - begun
     return _judge(report, told, records.got, ledger.acknowledged)
 
