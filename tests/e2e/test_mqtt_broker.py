@@ -135,7 +135,7 @@ def test_a_change_of_stop_is_on_the_wire_at_once(mosquitto: Mosquitto) -> None:
                 plant.happen(EventKind.STOP_CLEARED, stop=False, permit=True, reason=Reason.NONE)
                 message = await heard(subscriber, stop=False)
                 assert message.topic == "loading/site1/bay1/state"
-                assert message.arrived_s - changed < 0.25
+                assert message.arrived_s - changed < 5.0  # the next one by its period would come after 60
                 deliver.cancel()
 
     asyncio.run(scenario())
@@ -273,7 +273,7 @@ def test_a_proper_end_leaves_stop_on_and_offline_behind(mosquitto: Mosquitto) ->
         begun = time.monotonic()
         assert gateway.communicate()[0] == "True\n"
         assert gateway.wait(10) == 0
-        assert time.monotonic() - begun < 2.0
+        assert time.monotonic() - begun < 5.0
         offline = subscriber.wait_for(says(status="offline"))
         assert offline.json["cause"] == "shutdown"
         with Subscriber(mosquitto, "loading/#") as late:
@@ -547,7 +547,7 @@ def test_farewell_to_a_paused_broker_ends_in_time_and_the_will_follows(mosquitto
                 mosquitto.pause()
                 begun = time.monotonic()
                 assert await plant.publisher.farewell(0.5) is False
-                assert time.monotonic() - begun < 0.7
+                assert time.monotonic() - begun < 2.5  # waiting for an acknowledgement would take 7
             mosquitto.resume()
             await heard(subscriber, status="offline")
 
