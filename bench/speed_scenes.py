@@ -42,6 +42,18 @@ def approach(width: int, height: int, count: int, **over: Any) -> list[Image]:
     return frames if scale == 1.0 else [_enlarged(frame, width, height, n) for n, frame in enumerate(frames)]
 
 
+def one_disc(width: int, height: int, count: int) -> list[Image]:
+    """A red disc, R = 80 px at 1080p, that moves on grey with noise."""
+    chance, scale = np.random.default_rng(12), height / 1080
+    frames = []
+    for n in range(count):
+        frame = np.full((height, width, 3), (120, 125, 122), np.uint8)
+        centre = (round((800 + 4 * n) * scale), round((500 + 2 * n) * scale))
+        cv2.circle(frame, centre, round(80 * scale), (40, 35, 190), -1, cv2.LINE_AA)
+        frames.append(np.clip(frame + chance.normal(0, 4, frame.shape), 0, 255).astype(np.uint8))
+    return frames
+
+
 def dark_red(width: int, height: int, count: int) -> list[Image]:
     """All of it red."""
     return [np.full((height, width, 3), (40, 35, 170 + n % 16), np.uint8) for n in range(count)]
@@ -69,6 +81,7 @@ def red_blotches(width: int, height: int, count: int) -> list[Image]:
 SCENES: dict[str, Any] = {
     "approach": approach,
     "approach, rust": lambda w, h, n: approach(w, h, n, surface={"rust": 0.8, "stains": 0.9}),
+    "one disc": one_disc,
     "all red": dark_red,
     "colour noise": colour_noise,
     "300 red blobs": red_blotches,
