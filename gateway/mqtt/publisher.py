@@ -22,7 +22,7 @@ from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.model import Event, Quality, Reason, StateVector
-from gateway.mqtt import credentials, homeassistant, payloads
+from gateway.mqtt import credentials, homeassistant, messages, payloads
 from gateway.mqtt.durable import DurableOutbox, limits
 from gateway.mqtt.faults import plain_link_error
 from gateway.mqtt.link import Message, NotGreetedError, connect
@@ -95,8 +95,8 @@ class MqttPublisher:
         self._connections = 0
 
     @property
-    def stats(self) -> payloads.DeliveryPayload:
-        return payloads.DeliveryPayload(
+    def stats(self) -> messages.DeliveryPayload:
+        return messages.DeliveryPayload(
             published=self._published,
             failed=self._failed,
             reconnects=max(0, self._connections - 1),
@@ -272,15 +272,15 @@ class MqttPublisher:
         topic = homeassistant.topic(self._config.home_assistant_prefix, self._gateway, bay)
         return Message(topic, homeassistant.discovery(self._gateway, bay, self._stale_after_ms), retain=True)
 
-    def _status_message(self, cause: payloads.Cause) -> Message:
+    def _status_message(self, cause: messages.Cause) -> Message:
         payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats)
         return Message(self._topics.status, payloads.encode(payload), retain=True)
 
-    def _store_health(self) -> payloads.StorePayload | None:
+    def _store_health(self) -> messages.StorePayload | None:
         if not isinstance(self._outbox, DurableOutbox):
             return None
         health = self._outbox.health
-        return payloads.StorePayload(
+        return messages.StorePayload(
             ok=not health.fault,
             detail=payloads.text(health.fault),
             faults=health.faults,

@@ -21,13 +21,13 @@ from gateway.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.mqtt import homeassistant, payloads, topics
+from gateway.mqtt import homeassistant, messages, payloads, topics
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 MODELS: dict[str, type[BaseModel]] = {
-    topics.STATUS.schema: payloads.StatusPayload,
-    topics.STATE.schema: payloads.StatePayload,
-    topics.EVENT.schema: payloads.EventPayload,
+    topics.STATUS.schema: messages.StatusPayload,
+    topics.STATE.schema: messages.StatePayload,
+    topics.EVENT.schema: messages.EventPayload,
 }
 MS = 1_000_000
 WALL_NS = 1_795_000_000_000 * MS  # 2026-11-18T09:46:40Z
@@ -45,7 +45,7 @@ def _schema(name: str, model: type[BaseModel]) -> str:
 
 def events_markdown() -> str:
     rows = (
-        f"| `{kind.value}` | {'last' if kind in payloads.PRECIOUS else 'first'} | {payloads.EVENT_MEANING[kind]} |"
+        f"| `{kind.value}` | {'last' if kind in payloads.PRECIOUS else 'first'} | {messages.EVENT_MEANING[kind]} |"
         for kind in EventKind
     )
     return "\n".join(["| kind | dropped | meaning |", "|---|---|---|", *rows]) + "\n"
@@ -78,13 +78,13 @@ def examples() -> dict[str, BaseModel]:
         reason=Reason.TARGET_REACHED,
     )
     offset_ns = WALL_NS - state.t_ns
-    delivery = payloads.DeliveryPayload(
+    delivery = messages.DeliveryPayload(
         published=1342,
         failed=1,
         reconnects=1,
         dropped=0,
         queued=0,
-        store=payloads.StorePayload(ok=True, detail="", faults=0, recovered=0, unwritten=0),
+        store=messages.StorePayload(ok=True, detail="", faults=0, recovered=0, unwritten=0),
     )
     return {
         "status": payloads.status_payload(gateway, "running", WALL_NS, delivery),

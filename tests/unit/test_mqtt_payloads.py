@@ -29,7 +29,7 @@ from gateway.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.mqtt import payloads, reference
+from gateway.mqtt import messages, payloads, reference
 from gateway.mqtt.payloads import Gateway, encode, event_payload, state_payload, status_payload
 from gateway.mqtt.topics import Topics
 from tests.mqtt_messages import checked
@@ -74,7 +74,7 @@ GOOD = StateVector(
 
 def sent(payload: BaseModel) -> dict[str, Any]:
     """What a subscriber reads; checked against the schema file that the documentation offers."""
-    kind = {payloads.StatePayload: "state", payloads.EventPayload: "event", payloads.StatusPayload: "status"}
+    kind = {messages.StatePayload: "state", messages.EventPayload: "event", messages.StatusPayload: "status"}
     return checked(kind[type(payload)], encode(payload))
 
 
@@ -214,7 +214,7 @@ def test_only_a_sensor_that_has_one_is_given_a_quality(sensor: str) -> None:
 
 
 def test_the_status_and_the_will() -> None:
-    delivery = payloads.DeliveryPayload(published=5, failed=4, reconnects=3, dropped=2, queued=1)
+    delivery = messages.DeliveryPayload(published=5, failed=4, reconnects=3, dropped=2, queued=1)
     common = {
         "schema_version": 1,
         "site": "plant7",
@@ -329,7 +329,7 @@ def test_any_state_whatever_becomes_a_valid_message(state: StateVector, offset_n
     state=WILD_STATE,
     kind=st.sampled_from(EventKind),
     t_ns=WILD_TIME,
-    sensor=st.sampled_from(["", *payloads.SENSORS]) | st.text(),
+    sensor=st.sampled_from(["", *messages.SENSORS]) | st.text(),
     quality=st.sampled_from(Quality),
     number=st.integers(1, 2**70),
 )
@@ -343,7 +343,7 @@ def test_any_event_whatever_becomes_a_valid_message(
 def test_every_quality_reason_and_event_has_its_words() -> None:
     assert set(QUALITY_MEANING) == set(Quality)
     assert set(REASON_MEANING) == set(Reason)
-    assert set(payloads.EVENT_MEANING) == set(EventKind)
+    assert set(messages.EVENT_MEANING) == set(EventKind)
 
 
 @pytest.mark.parametrize("name", sorted(reference.MODELS))
