@@ -1,10 +1,7 @@
 """What happened between two states. Pure: (old, new) -> events, in a fixed order."""
 
-from gateway.model import Event, EventKind, Quality, StateVector
+from gateway.model import RANGE_FINE, VISION_FINE, Event, EventKind, Quality, StateVector
 from gateway.plc import PlcLink, RecipeVerdict, ResetVerdict
-
-_NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED, Quality.WAITING})
-_NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
 
 
 def diff(old: StateVector, new: StateVector) -> list[Event]:
@@ -38,7 +35,7 @@ def _edge(
 
 def _sensor(name: str, old: StateVector, new: StateVector) -> list[Event]:
     vision = name == "vision"
-    fine = _NO_VISION_FAULT if vision else _NO_RANGE_FAULT
+    fine = VISION_FINE if vision else RANGE_FINE
     before = old.vision.quality if vision else old.range.quality
     after = new.vision.quality if vision else new.range.quality
     detail = new.vision.detail if vision else new.range.detail

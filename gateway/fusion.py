@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from gateway.config import CrossCheck, FusionConfig
 from gateway.model import (
+    VISION_FINE,
     FunctionCheck,
     FusionMemory,
     Guidance,
@@ -186,7 +187,7 @@ def _newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
 
 
 def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> VisionReading:
-    ages = reading.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED, Quality.WAITING)
+    ages = reading.quality in VISION_FINE
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.vision_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
         return replace(_without_circle(reading, Quality.STALE), detail=f"no result for {deadline_s:g} s")

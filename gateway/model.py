@@ -28,6 +28,13 @@ class Quality(IntEnum):
     COASTED = 12
 
 
+FRESH_FRAME = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED})
+"""Of a camera's reading: a frame stands behind it, whatever was in it."""
+VISION_FINE = FRESH_FRAME | {Quality.WAITING}
+"""Of a camera's reading: no fault. Every other quality is one."""
+RANGE_FINE = frozenset({Quality.GOOD, Quality.WAITING})
+"""Of a ranger's reading: no fault. Every other quality is one."""
+
 QUALITY_MEANING: dict[Quality, str] = {
     Quality.GOOD: "fresh and valid",
     Quality.WAITING: "nothing received since the start",

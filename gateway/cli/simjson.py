@@ -15,11 +15,10 @@ from gateway.cli.outlet import Outlet
 from gateway.cli.simbay import Bay
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.hub import EventQueue, Hub
-from gateway.model import EventKind, Quality, StateVector
+from gateway.model import FRESH_FRAME, EventKind, Quality, StateVector
 from gateway.supervisor import Task
 
 PERIOD_S = 0.05
-_FRESH_FRAME = (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED)  # a frame stands behind the reading
 Writable = TextIO | Outlet
 
 
@@ -95,7 +94,7 @@ class Printer:
             "z_mm": None if state.range.distance_mm is None else round(state.range.distance_mm, 2),
             "vision": state.vision.quality.name.lower(),
             "range": state.range.quality.name.lower(),
-            "tracking": state.vision.tracking.name.lower() if state.vision.quality in _FRESH_FRAME else None,
+            "tracking": state.vision.tracking.name.lower() if state.vision.quality in FRESH_FRAME else None,
             "confidence": state.vision.confidence and round(state.vision.confidence, 4),
             "visible": state.vision.visible and round(state.vision.visible, 4),
             "predicted": predicted

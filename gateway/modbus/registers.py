@@ -31,9 +31,12 @@ from gateway.modbus.words import (
     unpack,
 )
 from gateway.model import (
+    FRESH_FRAME,
     QUALITY_MEANING,
+    RANGE_FINE,
     REASON_MEANING,
     TRACKING_MEANING,
+    VISION_FINE,
     Circle,
     Ellipse,
     Quality,
@@ -88,9 +91,6 @@ STATUS_MEANING: dict[StatusBit, str] = {
     StatusBit.CLAMPED: "an integer value stands at its register's limit; its float32 mirror has the true one",
 }
 
-NO_VISION_FAULT = frozenset({Quality.GOOD, Quality.WAITING, Quality.NO_TARGET, Quality.COASTED})
-NO_RANGE_FAULT = frozenset({Quality.GOOD, Quality.WAITING})
-
 
 def _circle(state: StateVector) -> Circle | None:
     return state.vision.circle if state.vision.quality is Quality.GOOD else None
@@ -126,7 +126,7 @@ def _y_n(state: StateVector, _: int) -> Value:
 
 def _tracking(state: StateVector, _: int) -> Value:
     """No value where no fresh frame stands behind it: what was true of an old one is not told."""
-    fresh = state.vision.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED)
+    fresh = state.vision.quality in FRESH_FRAME
     return int(state.vision.tracking) if fresh else None
 
 
@@ -174,8 +174,8 @@ def _status(state: StateVector, _: int) -> Value:
     """All bits but CLAMPED, which depends on how the other registers came out."""
     vision, rng = state.vision.quality, state.range.quality
     faults = {
-        StatusBit.VISION_FAULT: vision not in NO_VISION_FAULT,
-        StatusBit.RANGE_FAULT: rng not in NO_RANGE_FAULT,
+        StatusBit.VISION_FAULT: vision not in VISION_FINE,
+        StatusBit.RANGE_FAULT: rng not in RANGE_FINE,
         StatusBit.DISAGREE: state.memory.disagree,
         StatusBit.GATEWAY_FAULT: state.reason is Reason.GATEWAY_FAULT,
     }

@@ -7,7 +7,6 @@ then the few milliseconds are lost.
 """
 
 import fcntl
-import logging
 import mmap
 import os
 import struct
@@ -19,8 +18,6 @@ from typing import Self
 from gateway.errors import ConfigError
 from gateway.mqtt.outbox import Entry
 from gateway.shared_state import folder
-
-log = logging.getLogger(__name__)
 
 SLOT_BYTES = 4096  # an event is 1 to 2 kB; a longer one is not journaled, and counted
 SLOTS = 1024  # several seconds of the worst flood while the disk is busy

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from gateway import fusion, ne107
 from gateway.model import (
+    FRESH_FRAME,
     GUIDANCE_MEANING,
     REASON_MEANING,
     Event,
@@ -56,7 +57,6 @@ STATE_DEADLINE_NS = 3 * NS_PER_S
 
 # A change of stop is what the plant's records are kept for: dropped last.
 PRECIOUS = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
-_FRESH_FRAME = (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED)  # a frame stands behind the reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         frame_id=state.vision.frame_id,
         x_n=_number(seen.x_n, 6) if seen else None,
         y_n=_number(seen.y_n, 6) if seen else None,
-        tracking=state.vision.tracking.name if state.vision.quality in _FRESH_FRAME else None,
+        tracking=state.vision.tracking.name if state.vision.quality in FRESH_FRAME else None,
         confidence=_number(seen.confidence, 4) if seen else None,
         visible=_number(seen.visible, 4) if seen else None,
         semi_minor_px=_number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,

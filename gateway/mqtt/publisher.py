@@ -23,18 +23,16 @@ from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.model import Event, Quality, Reason, StateVector
 from gateway.mqtt import credentials, homeassistant, messages, payloads
+from gateway.mqtt.door import Door
 from gateway.mqtt.durable import DurableOutbox, limits
 from gateway.mqtt.faults import plain_link_error
-from gateway.mqtt.link import Message, NotGreetedError, connect
+from gateway.mqtt.link import Message
 from gateway.mqtt.outbox import Entry, MemoryOutbox, Outbox
 from gateway.mqtt.topics import Topics
-from gateway.mqtt.versions import Versions
 
 log = logging.getLogger(__name__)
 
-# A hung broker is noticed within 1.25 keepalives: a sign of life every half, three quarters for its acknowledgement.
-LIFE_SHARE = 0.5
-ACK_SHARE = 0.75
+LIFE_SHARE = 0.5  # of a keepalive, from one sign of life to the next; see door.ACK_SHARE
 
 
 class Link(Protocol):
@@ -78,7 +76,6 @@ class MqttPublisher:
         self._topics = Topics(config.root, site, instance)
         self._gateway = payloads.Gateway(self._topics, hub.bays, version, secrets.token_hex(8))
         self._broker = credentials.broker_of(config)
-        self._versions = Versions(config.protocol)
         self._connect = connector or self._connector()
         self._event_expiry_s = round(config.event_expiry_h * 3600)
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
@@ -133,32 +130,10 @@ class MqttPublisher:
         return self._said_goodbye
 
     def _connector(self) -> Connect:
-        # The system's certificates are read once, here: from disk, and not while a bay is being watched.
-        opened = partial(
-            connect,
-            self._broker,
-            client_id=self._config.client_id or f"gateway-{self._topics.site}-{self._topics.instance}",
-            will=Message(
-                self._topics.status,
-                payloads.encode(payloads.status_payload(self._gateway, "connection lost")),
-                retain=True,
-            ),
-            keepalive_s=self._config.keepalive_s,
-            ack_s=ACK_SHARE * self._config.keepalive_s,
-            tls=credentials.tls_context(self._config, self._broker),
-        )
-
-        @contextlib.asynccontextmanager
-        async def any_version() -> AsyncIterator[Link]:
-            try:
-                async with opened(protocol=self._versions.next) as link:
-                    self._versions.greeted()
-                    yield link
-            except NotGreetedError as error:
-                self._versions.failed(certain=error.certain)
-                raise
-
-        return any_version
+        client_id = self._config.client_id or f"gateway-{self._topics.site}-{self._topics.instance}"
+        will = payloads.encode(payloads.status_payload(self._gateway, "connection lost"))
+        door = Door(self._config, self._broker, client_id)
+        return partial(door.open, Message(self._topics.status, will, retain=True))
 
     @contextlib.asynccontextmanager
     async def _connected(self) -> AsyncIterator[Link]:

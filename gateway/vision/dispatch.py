@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
-from gateway.model import Detection, Quality, VisionReading, VisionStats
+from gateway.model import FRESH_FRAME, Detection, Quality, VisionReading, VisionStats
 from gateway.supervisor import delay_s
 from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Return, StartCamera, StartWorker
 from gateway.vision.jobs import FrameRef
@@ -318,7 +318,7 @@ class Dispatcher:
     def _emit(self, reading: VisionReading, now_ns: int) -> None:
         self._told_seq = max(self._told_seq, reading.frame_id)
         results = self._results_ns
-        if reading.quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED):
+        if reading.quality in FRESH_FRAME:
             results.append(now_ns)
             latency_ms = max(0, now_ns - reading.t_ns) / NS_PER_MS
             self.stats = replace(self.stats, frames=self.stats.frames + 1, latency_ms=latency_ms)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gateway.model import REASON_MEANING, Circle, Quality, StateVector
+from gateway.model import FRESH_FRAME, REASON_MEANING, Circle, Quality, StateVector
 from gateway.mqtt.sparkplug.wire import DataType, Metric, QualityCode, Value
 
 NODE_REBIRTH = "Node Control/Rebirth"
@@ -50,7 +50,7 @@ def _distance(state: StateVector) -> tuple[Value, QualityCode]:
 def _tracking(state: StateVector) -> tuple[Value, QualityCode]:
     """Null where no fresh frame stands behind it: how an old position was come by is no news."""
     quality = state.vision.quality
-    if quality in (Quality.GOOD, Quality.NO_TARGET, Quality.COASTED):
+    if quality in FRESH_FRAME:
         return state.vision.tracking.name, QualityCode.GOOD
     return None, quality_code(quality)
 

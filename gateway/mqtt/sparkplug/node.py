@@ -81,7 +81,6 @@ class EdgeNode:
     stats: Stats = field(default_factory=Stats)
     _bd_seq: int = -1
     _seq: int = -1
-    _connected: bool = False
     _born: bool = False
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _told: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
@@ -104,7 +103,7 @@ class EdgeNode:
         """The NDEATH for the next CONNECT; begins its session. `bd_seq`: 0 to 255, one more with every CONNECT."""
         self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
         self._host_ms = -1  # what is retained is told anew; a host whose clock was wrong once is not deaf for ever
-        self._connected = self._born = False
+        self._born = False
         self._told.clear()
         return self.death(now_ms)
 
@@ -116,12 +115,11 @@ class EdgeNode:
 
     def connected(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
         """Connected and subscribed. Births, unless the primary host must be waited for."""
-        self._connected = True
         return [] if self.identity.primary_host else self._birth(states, now_ms)
 
     def lost(self) -> None:
         """The connection is gone; the broker tells the NDEATH."""
-        self._connected = self._born = False
+        self._born = False
         self._told.clear()
         self._since.clear()
         kept = [*self._history, *(change for _, change in self._recent)]

@@ -15,19 +15,17 @@ from gateway.clock import Clock
 from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.model import Event, EventKind, Reason, StateVector
+from gateway.model import Event, Reason, StateVector
 from gateway.mqtt import credentials, payloads
+from gateway.mqtt.door import Door
 from gateway.mqtt.faults import plain_link_error
-from gateway.mqtt.link import Incoming, Message, NotGreetedError, connect
-from gateway.mqtt.publisher import ACK_SHARE
+from gateway.mqtt.link import Incoming, Message
 from gateway.mqtt.sparkplug.node import EdgeNode, Identity, Publish
 from gateway.mqtt.sparkplug.numbers import BdSeq
-from gateway.mqtt.versions import Versions
 
 log = logging.getLogger(__name__)
 
 NS_PER_MS = 1_000_000
-URGENT = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
 
 
 class Link(Protocol):
@@ -75,10 +73,10 @@ class SparkplugPublisher:
         )
         doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
         self.node = EdgeNode(identity, __version__, history_limit=self._settings.history, doubt_ms=doubt_ms)
-        self._client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
         self._broker = credentials.broker_of(config)
-        self._versions = Versions(config.protocol)
-        self._connect = connector or self._connector()
+        client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
+        # A proper end tells the NDEATH, too: section 6.4.25.
+        self._connect = connector or Door(config, self._broker, client_id, will_at_goodbye=True).open
         self._urgent = asyncio.Event()
         self._leaving = asyncio.Event()
         self._alone = asyncio.Lock()
@@ -154,7 +152,7 @@ class SparkplugPublisher:
                 await link.publish(_message(publish))
 
     def _note(self, event: Event) -> None:
-        if event.kind in URGENT:
+        if event.kind in payloads.PRECIOUS:
             self.node.changed(event.state, self._unix_ms(event.t_ns))
             self._urgent.set()
 
@@ -170,30 +168,6 @@ class SparkplugPublisher:
     def _unix_ms(self, t_ns: int) -> int:
         """Never negative, which a UInt64 can't be: without a battery a wall clock may begin before 1970."""
         return max(0, t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
-
-    def _connector(self) -> Connect:
-        tls = credentials.tls_context(self._config, self._broker)
-
-        @contextlib.asynccontextmanager
-        async def opened(will: Message) -> AsyncIterator[Link]:
-            try:
-                async with connect(
-                    self._broker,
-                    client_id=self._client_id,
-                    will=will,
-                    keepalive_s=self._config.keepalive_s,
-                    ack_s=ACK_SHARE * self._config.keepalive_s,
-                    tls=tls,
-                    protocol=self._versions.next,
-                    will_at_goodbye=True,  # section 6.4.25
-                ) as link:
-                    self._versions.greeted()
-                    yield link
-            except NotGreetedError as error:
-                self._versions.failed(certain=error.certain)
-                raise
-
-        return opened
 
 
 def _message(publish: Publish) -> Message:
