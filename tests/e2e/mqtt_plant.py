@@ -1,11 +1,9 @@
 """What the gateway runs, less the sensors: bays that are computed, a publisher, the supervisor. Also as a process."""
 
 import asyncio
-import contextlib
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from typing import Any
 
@@ -16,11 +14,14 @@ from gateway.hub import Hub
 from gateway.model import Event, EventKind, StateVector, Tick
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task
+from tests.e2e.supervised import Supervised
 
 QUICK = Reconnect(min_s=0.05, max_s=0.2)
 
 
-class Plant:
+class Plant(Supervised):
+    watched = "deliver"
+
     def __init__(self, url: str, *bays: str, instance: str = "gw", **settings: Any) -> None:
         self.clock = SystemClock()
         self.hub = Hub(bays or ("bay1",))
@@ -63,21 +64,6 @@ class Plant:
             begun = time.perf_counter()
             await asyncio.sleep(0.02)
             self.late_s.append(time.perf_counter() - begun - 0.02)
-
-    @contextlib.asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
-        async with asyncio.TaskGroup() as group:
-            supervised = group.create_task(self.supervisor.run())
-            yield
-            supervised.cancel()
-
-    async def until(self, fact: Callable[[], bool], timeout_s: float = 10.0) -> float:
-        """Seconds until `fact` held."""
-        begun = time.monotonic()
-        while not fact():
-            assert time.monotonic() - begun < timeout_s, self.supervisor.records["deliver"]
-            await asyncio.sleep(0.01)
-        return time.monotonic() - begun
 
 
 async def main(url: str) -> None:

@@ -1,14 +1,11 @@
 """An edge node without sensors, and a host application that reads it with a decoder made from the schema."""
 
 import asyncio
-import contextlib
 import importlib.util
 import json
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -23,6 +20,7 @@ from gateway.model import Circle, Event, EventKind, Quality, RangeReading, Reaso
 from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.mqtt_packets import Packet
+from tests.e2e.supervised import Supervised
 
 PROTO = Path(__file__).parents[1] / "data" / "sparkplug_b.proto"
 
@@ -71,8 +69,11 @@ def kind(packet: Packet) -> str:
     return packet.topic.split("/")[2] if packet.topic.startswith("spBv1.0/") else ""
 
 
-class SparkPlant:
+class SparkPlant(Supervised):
     """Two bays of one gateway."""
+
+    watched = "sparkplug"
+    patience_s = 30.0
 
     def __init__(
         self, port: int, *, group: str = "Plant 7", primary_host: str | None = None, start: int = 0, **settings: Any
@@ -135,16 +136,3 @@ class SparkPlant:
                 if bay not in self._dead:
                     self.hub.publish(replace(self.hub.state(bay), t_ns=self.clock.now_ns()))
             await asyncio.sleep(0.05)
-
-    @contextlib.asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
-        async with asyncio.TaskGroup() as group:
-            supervised = group.create_task(self.supervisor.run())
-            yield
-            supervised.cancel()
-
-    async def until(self, fact: Callable[[], Any], timeout_s: float = 30.0) -> None:
-        begun = time.monotonic()
-        while not fact():
-            assert time.monotonic() - begun < timeout_s, self.supervisor.records["sparkplug"]
-            await asyncio.sleep(0.01)

@@ -6,7 +6,6 @@ Here and not among the unit tests, which run on every interpreter: the parser ta
 import random
 import re
 from dataclasses import replace
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -19,6 +18,7 @@ from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
 from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
 from tests.node_function import run_function
+from tests.permitted import permitted
 from tests.structured_text import Instance, Program, RefusedError, parse
 
 pytestmark = pytest.mark.timeout(300)  # the parser takes its time on a busy machine
@@ -36,23 +36,6 @@ transition true type udint uint ulint until usint var while with word xor ton to
 @pytest.fixture(scope="module")
 def program() -> Program:
     return Program(structured_text.text(Target()))
-
-
-def permitted(heartbeat: int = 7, **changes: Any) -> StateVector:
-    """A truck on its way: everything healthy, no stop."""
-    state = StateVector(
-        "bay1",
-        t_ns=5_000_000_000,
-        seq=70_000,
-        heartbeat=heartbeat,
-        vision=VisionReading(4_960_000_000, Quality.GOOD, Circle(640.28, -3.21, 120.04), frame_id=70_123),
-        range=RangeReading(4_980_000_000, Quality.GOOD, 812.4),
-        d=False,
-        stop=False,
-        permit=True,
-        reason=Reason.NONE,
-    )
-    return replace(state, **changes)
 
 
 def words(state: StateVector) -> list[int]:

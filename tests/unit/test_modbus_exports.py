@@ -31,27 +31,13 @@ from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, decode, encode
-from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.model import Reason
 from tests.node_function import run_function
+from tests.permitted import permitted
 
 TARGET = Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7)
 LITTLE = Target(word_order="little")
 BY_NAME = {register.name: register for register in REGISTERS}
-
-
-def permitted(heartbeat: int) -> StateVector:
-    return StateVector(
-        "bay1",
-        t_ns=5_000_000_000,
-        seq=70_000,
-        heartbeat=heartbeat,
-        vision=VisionReading(4_960_000_000, Quality.GOOD, Circle(640.28, -3.21, 120.04), frame_id=70_123),
-        range=RangeReading(4_980_000_000, Quality.GOOD, 812.4),
-        d=False,
-        stop=False,
-        permit=True,
-        reason=Reason.NONE,
-    )
 
 
 def image(heartbeat: int = 7, order: Any = "big") -> list[int]:
