@@ -33,7 +33,7 @@ from gateway.vision.exact import kernel
 from gateway.vision.exact.search import ExactSearch
 from gateway.vision.exact.tracker import ExactTracker
 from gateway.vision.pixels import Image
-from gateway.vision.pool import ENVIRONMENT
+from gateway.children.pool import ENVIRONMENT
 
 FRAME_NS = 33_333_333
 NS_PER_MS = 1e6

@@ -1,7 +1,9 @@
 """The camera process: open the source, stamp and number its frames, write them into the ring."""
 
+from collections import deque
+
 from gateway.vision.jobs import CameraJob, Captured, FrameRef, GiveBack, Opened
-from gateway.vision.link import Link
+from gateway.children.link import Link
 from gateway.vision.shm import Ring
 
 
@@ -10,7 +12,7 @@ def run(link: Link[Opened | Captured, GiveBack], job: CameraJob) -> None:
     ring = Ring(job.ring, writable=True)
     source = job.spec.open(job.clock)
     link.send(Opened(source.lossless))
-    free = list(job.slots)
+    free = deque(job.slots)
     seq, skipped = job.first_seq - 1, 0
     while True:
         frame = source.read()
@@ -21,6 +23,6 @@ def run(link: Link[Opened | Captured, GiveBack], job: CameraJob) -> None:
             continue
         while not free:
             free.append(link.receive().slot)
-        slot = free.pop()
-        generation = ring.write(slot, frame.image)
+        slot = free.popleft()  # the one longest free: a viewer has time to copy the newest frames
+        generation = ring.write(slot, frame.image, seq, frame.t_capture_ns)
         link.send(Captured(FrameRef(slot, generation, seq, frame.t_capture_ns), skipped))

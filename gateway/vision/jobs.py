@@ -111,23 +111,8 @@ class Looked:
     detection: Detection | None
 
 
-@dataclass(frozen=True, slots=True)
-class Failed:
-    """The child's last words."""
-
-    why: str
-    config: bool = False  # only the operator can mend it
-
-
-@dataclass(frozen=True, slots=True)
-class Gone:
-    """Said by the pool about a child: its process is no more."""
-
-    how: str
-
-
 ToChild = CameraJob | WorkerJob | Look | GiveBack
-FromChild = Opened | Captured | Ready | Looked | Failed
+FromChild = Opened | Captured | Ready | Looked
 
 
 def _compact(kind: type) -> None:

@@ -5,6 +5,8 @@ import os
 import random
 from collections.abc import Callable
 
+from gateway.children.pool import Pool, Role
+from gateway.children.words import Failed, Gone
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import CameraConfig, VisionConfig
 from gateway.errors import ConfigError
@@ -15,26 +17,32 @@ from gateway.vision.jobs import (
     CameraJob,
     Captured,
     DetectorSpec,
-    Failed,
     FromChild,
     GiveBack,
-    Gone,
     Look,
     Looked,
     Opened,
     Ready,
+    ToChild,
     WorkerJob,
 )
-from gateway.vision.pool import Pool
 from gateway.vision.sources import SourceSpec
 
 log = logging.getLogger(__name__)
+
+VisionPool = Pool[ToChild, FromChild]
+
+
+def slots(vision: VisionConfig) -> int:
+    """One written, one waiting, one under each worker's eyes."""
+    return vision.workers + 2
 
 
 class VisionService:
     """Runs one camera process and `vision.workers` vision processes, and emits a reading for what they find.
 
-    `emit` is called on the event loop. `detector` defaults to the pipeline that `vision` describes.
+    `emit` is called on the event loop. `ring`: where the frames go, with room for `slots(vision)`; by default it makes
+    its own. `detector` defaults to the pipeline that `vision` describes.
     """
 
     def __init__(
@@ -48,6 +56,7 @@ class VisionService:
         *,
         detector: DetectorSpec | None = None,
         rng: random.Random | None = None,
+        ring: shm.RingSpec | None = None,
     ) -> None:
         self._bay = bay
         self._spec = spec
@@ -57,23 +66,24 @@ class VisionService:
         self._emit = emit
         self._detector = detector or DetectorSpec(vision)
         self._rng = rng or random.Random()
+        self._ring = ring
 
     async def run(self) -> None:
         """Until cancelled; afterwards there is no process and no memory left. Raises ConfigError, or LinkError
         when the machine cannot start a process."""
         check_cpus("camera.affinity", self._camera.affinity)
         check_cpus("vision.affinity", self._vision.affinity)
-        slots = self._vision.workers + 2
-        ring = shm.create(slots, self._camera.max_megapixels)
+        ring = self._ring or shm.create(slots(self._vision), self._camera.max_megapixels)
         try:
-            dispatcher = Dispatcher(self._spec.label, self._camera, self._vision, slots, self._rng)
+            dispatcher = Dispatcher(self._spec.label, self._camera, self._vision, ring.slots, self._rng)
             turns = _Turns(dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring))
-            async with Pool(self._bay, self._clock, turns.on_news) as pool:
+            async with VisionPool(self._bay, self._clock, turns.on_news) as pool:
                 await turns.run(pool)
         finally:
-            os.close(ring.fd)
+            if self._ring is None:
+                os.close(ring.fd)
 
-    def _carry_out(self, action: actions.Action, pool: Pool, ring: shm.RingSpec) -> None:
+    def _carry_out(self, action: actions.Action, pool: VisionPool, ring: shm.RingSpec) -> None:
         match action:
             case actions.Emit(reading):
                 self._emit(reading)
@@ -82,15 +92,19 @@ class VisionService:
             case actions.Return(token, slot):
                 pool.send(token, GiveBack(slot))
             case actions.StartCamera(token, first_seq, slots):
-                job = CameraJob(self._spec, self._clock, ring, first_seq, slots)
-                pool.start(token, job, self._camera.affinity)
+                camera = CameraJob(self._spec, self._clock, ring, first_seq, slots)
+                pool.start(token, self._role("camera", camera, self._camera.affinity))
             case actions.StartWorker(token):
-                pool.start(token, WorkerJob(self._detector, self._clock, ring), self._vision.affinity)
+                worker = WorkerJob(self._detector, self._clock, ring)
+                pool.start(token, self._role("worker", worker, self._vision.affinity))
             case actions.Kill(token, why):
                 log.debug("%s: process given up: %s", self._bay, why)
                 pool.kill(token)
             case actions.GiveUp(why):
                 raise ConfigError(f"{self._bay}: {why}")
+
+    def _role(self, what: str, job: CameraJob | WorkerJob, affinity: tuple[int, ...] | None) -> Role[ToChild]:
+        return Role(f"gateway.vision.{what}", f"gw-{what}-{self._bay}", job, (job.ring.fd,), affinity)
 
 
 class _Turns:
@@ -100,15 +114,17 @@ class _Turns:
     deadlines, and for what went wrong.
     """
 
-    def __init__(self, dispatcher: Dispatcher, clock: Clock, carry_out: Callable[[actions.Action, Pool], None]) -> None:
+    def __init__(
+        self, dispatcher: Dispatcher, clock: Clock, carry_out: Callable[[actions.Action, VisionPool], None]
+    ) -> None:
         self._dispatcher = dispatcher
         self._clock = clock
         self._carry_out = carry_out
-        self._pool: Pool | None = None
+        self._pool: VisionPool | None = None
         self._armed_ns: int | None = None  # when the task wakes by itself; None: not
         self._failure: BaseException | None = None
 
-    async def run(self, pool: Pool) -> None:
+    async def run(self, pool: VisionPool) -> None:
         """Until cancelled, or something raises."""
         self._pool = pool
         while True:
@@ -132,7 +148,7 @@ class _Turns:
         if deadline_ns is not None and (self._armed_ns is None or deadline_ns < self._armed_ns):
             self._pool.wake()
 
-    def _take(self, pool: Pool, *, everybody: bool) -> None:
+    def _take(self, pool: VisionPool, *, everybody: bool) -> None:
         now_ns, deadline_ns = self._clock.now_ns(), self._dispatcher.next_deadline_ns()
         # A result that lies waiting is not late: when a deadline is past, everybody is heard before it is judged.
         late = deadline_ns is not None and now_ns >= deadline_ns
@@ -142,7 +158,7 @@ class _Turns:
             self._carry_out(action, pool)
 
 
-def _report(dispatcher: Dispatcher, token: int, message: FromChild | Gone, now_ns: int) -> None:
+def _report(dispatcher: Dispatcher, token: int, message: FromChild | Failed | Gone, now_ns: int) -> None:
     match message:
         case Captured(frame, skipped):
             dispatcher.captured(token, frame, skipped, now_ns)

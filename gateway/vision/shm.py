@@ -4,11 +4,11 @@ The memory is anonymous (memfd): it has no name, so nothing can be left behind, 
 process that holds it, however that process ended. It is sparse: sized for the largest frame allowed, but only pages
 that were written exist.
 
-Every slot begins with a header of int64 (generation, height, width) on a page of its own; the pixels, (height, width,
-3) uint8, follow. Number and capture time of a frame travel in the message that names its slot. The generation is odd
-while the slot is being written and even when it is whole (a seqlock); it never repeats. Slots are handed over by
-messages and given back by messages, so in normal running no slot is written while it is looked at; the generation
-proves it, or tells that a result must be thrown away.
+Every slot begins with a header of int64 (generation, height, width, number and capture time of the frame) on a page of
+its own; the pixels, (height, width, 3) uint8, follow. The generation is odd while the slot is being written and even
+when it is whole (a seqlock); it never repeats. Slots are handed over by messages and given back by messages, so in
+normal running no slot is written while a detector looks at it; the generation proves it, or tells that a result must be
+thrown away. A viewer (`snapshot`) holds no slot and asks nobody: it copies, and the generation tells whether to keep it.
 """
 
 import fcntl
@@ -23,8 +23,8 @@ from gateway.errors import LinkError
 from gateway.vision.pixels import Image
 
 PAGE = mmap.PAGESIZE
-GENERATION, HEIGHT, WIDTH = range(3)
-HEADER_FIELDS = 3
+GENERATION, HEIGHT, WIDTH, SEQ, T_CAPTURE_NS = range(5)
+HEADER_FIELDS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,15 @@ class RingSpec:
         return self.slots * self.slot_bytes
 
 
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A copy of a frame, for people to look at."""
+
+    image: Image
+    seq: int
+    t_capture_ns: int
+
+
 def create(slots: int, max_megapixels: float) -> RingSpec:
     """New anonymous memory; the caller closes `fd`. Its size is sealed, so no process can shrink it under another."""
     fd = os.memfd_create("gateway-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
@@ -63,7 +72,7 @@ class Ring:
         access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
         self._memory = mmap.mmap(spec.fd, spec.size_bytes, access=access)
 
-    def write(self, slot: int, image: Image) -> int:
+    def write(self, slot: int, image: Image, seq: int = 0, t_capture_ns: int = 0) -> int:
         """Copy one frame into a slot; returns its generation. Raises LinkError for a frame that is too large."""
         height, width = image.shape[:2]
         if height * width > round(self._spec.max_megapixels * 1e6):
@@ -74,7 +83,7 @@ class Ring:
         header = self._header(slot)
         generation = (int(header[GENERATION]) | 1) + 2  # odd, and new even if the last writer died half way
         header[GENERATION] = generation
-        header[HEIGHT : WIDTH + 1] = (height, width)
+        header[HEIGHT:HEADER_FIELDS] = (height, width, seq, t_capture_ns)
         np.copyto(self._pixels(slot, height, width), image)
         header[GENERATION] = generation + 1
         return generation + 1
@@ -88,6 +97,21 @@ class Ring:
     def holds(self, slot: int, generation: int) -> bool:
         """Whether the slot (still) holds this generation whole. True after the work: the work saw one frame only."""
         return int(self._header(slot)[GENERATION]) == generation
+
+    def snapshot(self, seq: int | None = None) -> Snapshot | None:
+        """A copy of frame `seq`, or of the newest; None where it is not (or no longer) in the memory whole."""
+        whole = []
+        for slot in range(self._spec.slots):
+            header = self._header(slot).tolist()
+            if header[GENERATION] and not header[GENERATION] % 2 and (seq is None or header[SEQ] == seq):
+                whole.append((header[T_CAPTURE_NS], slot, header))
+        for t_capture_ns, slot, header in sorted(whole, reverse=True):
+            if header[HEIGHT] * header[WIDTH] > round(self._spec.max_megapixels * 1e6):
+                continue  # read while it was written: half of an old size, half of a new one
+            image = self._pixels(slot, header[HEIGHT], header[WIDTH]).copy()
+            if self.holds(slot, header[GENERATION]):
+                return Snapshot(image, header[SEQ], t_capture_ns)
+        return None
 
     def _header(self, slot: int) -> NDArray[np.int64]:
         return np.frombuffer(self._memory, np.int64, HEADER_FIELDS, self._offset(slot))

@@ -3,7 +3,7 @@
 import cv2
 
 from gateway.vision.jobs import Look, Looked, Ready, WorkerJob
-from gateway.vision.link import Link
+from gateway.children.link import Link
 from gateway.vision.shm import Ring
 
 

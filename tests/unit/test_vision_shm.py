@@ -138,3 +138,22 @@ def test_a_reader_cannot_write(spec: RingSpec) -> None:
         seen[0, 0, 0] = 1
     with pytest.raises(ValueError, match="read-only"):
         reader.write(0, picture(4, 4))
+
+
+def test_a_viewer_gets_a_copy_of_the_newest_frame_or_of_the_one_it_names(spec: RingSpec) -> None:
+    writer, viewer = Ring(spec, writable=True), Ring(spec, writable=False)
+    assert viewer.snapshot() is None
+    frames = {seq: picture(8, 8 + seq, seed=seq) for seq in (1, 2, 3, 4)}
+    for seq, slot in ((1, 2), (2, 0), (3, 1), (4, 2)):
+        writer.write(slot, frames[seq], seq, 1000 * seq)
+
+    newest, third, gone = viewer.snapshot(), viewer.snapshot(3), viewer.snapshot(1)
+
+    assert newest is not None
+    assert (newest.seq, newest.t_capture_ns) == (4, 4000)
+    np.testing.assert_array_equal(newest.image, frames[4])
+    assert third is not None
+    np.testing.assert_array_equal(third.image, frames[3])
+    assert gone is None
+    writer.write(2, picture(8, 8), 5, 5000)
+    np.testing.assert_array_equal(newest.image, frames[4])  # a copy: what comes later does not change it

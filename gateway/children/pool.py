@@ -1,6 +1,6 @@
-"""The child processes of one bay: start, talk to, kill and reap them. Decides nothing.
+"""A few child processes: start, talk to, kill and reap them. Decides nothing.
 
-Every child is a fresh interpreter (spawned, never forked) that runs `gateway.vision.child`. It does not import the
+Every child is a fresh interpreter (spawned, never forked) that runs `gateway.children.child`. It does not import the
 parent's main module, and no helper process is needed beside it. It dies with its parent: the kernel sees to that, even
 when the parent is killed without warning.
 """
@@ -15,19 +15,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
+from gateway.children.link import Link
+from gateway.children.words import Failed, Gone
 from gateway.clock import Clock
 from gateway.errors import LinkError
-from gateway.vision.jobs import CameraJob, FromChild, Gone, ToChild, WorkerJob
-from gateway.vision.link import Link
 
 log = logging.getLogger(__name__)
 
 GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
 KILL_S = 0.3  # real time for the kernel to end a killed process
 # sys.path travels last: what the parent can import, the child can.
-BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.vision.child import main; main()"
+BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.children.child import main; main()"
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # numpy's idle threads cost start-up time and memory
     # glibc gives large blocks back to the kernel with every frame, and takes page faults to get them again: at 720p
@@ -39,56 +39,71 @@ ENVIRONMENT = {
 }
 
 
+Out = TypeVar("Out")  # what is said to the children
+In = TypeVar("In")  # and what they say
+
+
+@dataclass(frozen=True, slots=True)
+class Role(Generic[Out]):
+    """What a child is for: `module` has `run(link, job)`; `name` is what `top` shows; `fds` it inherits."""
+
+    module: str
+    name: str
+    job: Out
+    fds: tuple[int, ...] = ()
+    affinity: tuple[int, ...] | None = None
+
+
 @dataclass(slots=True)
-class Child:
+class Child(Generic[Out, In]):
     """One running process."""
 
     process: subprocess.Popen[bytes]
-    link: Link[ToChild, FromChild]
+    link: Link[Out, In | Failed]
     pidfd: int
 
 
-class Pool:
+class Pool(Generic[Out, In]):
     """Use as `async with`: at the end no process is left. Not for more than one event loop.
 
     `on_news` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without it,
     `wait` tells. A frame crosses the main process twice: each round of the event loop that is spared is spared twice.
     """
 
-    def __init__(self, bay: str, clock: Clock, on_news: Callable[[], None] | None = None) -> None:
-        self._bay = bay
+    def __init__(self, label: str, clock: Clock, on_news: Callable[[], None] | None = None) -> None:
+        self._label = label
         self._clock = clock
-        self._children: dict[int, Child] = {}
+        self._children: dict[int, Child[Out, In]] = {}
         self._news = asyncio.Event()
         self._on_news = on_news or self._news.set
         self._spoke: set[int] = set()  # whose sockets can be read
         self._ended: set[int] = set()  # whose processes are no more
 
-    def start(self, token: int, job: CameraJob | WorkerJob, affinity: tuple[int, ...] | None) -> None:
-        """Start a process for the job; it inherits the ring's descriptor. Takes a few ms. Raises LinkError."""
-        role = "camera" if isinstance(job, CameraJob) else "worker"
-        link, theirs = Link[ToChild, FromChild].pair()
+    def start(self, token: int, role: Role[Out]) -> None:
+        """Start a process and send it its job. Takes a few ms. Raises LinkError."""
+        link, theirs = Link[Out, In | Failed].pair()
         fd = theirs.fileno()
-        cpus = ",".join(map(str, affinity or ()))
+        cpus = ",".join(map(str, role.affinity or ()))
+        words = [role.module, role.name, str(os.getpid()), str(fd), cpus, "\n".join(sys.path)]
         with theirs, _without_ctrl_c():
             try:
                 process = subprocess.Popen(
-                    [sys.executable, "-c", BOOT, role, self._bay, str(os.getpid()), str(fd), cpus, "\n".join(sys.path)],
+                    [sys.executable, "-c", BOOT, *words],
                     stdin=subprocess.DEVNULL,
-                    pass_fds=(fd, job.ring.fd),
+                    pass_fds=(fd, *role.fds),
                     env={**ENVIRONMENT, **os.environ},
                 )
             except OSError as error:
                 link.close()
-                raise LinkError(f"cannot start a {role} process: {error}") from error
+                raise LinkError(f"cannot start process {role.name}: {error}") from error
         child = Child(process, link, os.pidfd_open(process.pid))
         self._children[token] = child
         loop = asyncio.get_running_loop()
         loop.add_reader(link.sock, self._arrived, self._spoke, token)
         loop.add_reader(child.pidfd, self._arrived, self._ended, token)
-        self.send(token, job)
+        self.send(token, role.job)
 
-    def send(self, token: int, message: ToChild) -> None:
+    def send(self, token: int, message: Out) -> None:
         """Never waits. A child that does not take its messages is killed; one that is gone is left alone."""
         child = self._children.get(token)
         if child is not None and not child.link.offer(message):
@@ -107,7 +122,7 @@ class Pool:
         where.add(token)
         self._on_news()
 
-    def messages(self, *, everybody: bool = True) -> Iterator[tuple[int, FromChild | Gone]]:
+    def messages(self, *, everybody: bool = True) -> Iterator[tuple[int, In | Failed | Gone]]:
         """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
 
         Without `everybody` only from those that the event loop has seen speak or end, which spares some system calls.
@@ -167,7 +182,7 @@ class Pool:
                 try:
                     child.process.wait(KILL_S)
                 except subprocess.TimeoutExpired:
-                    log.error("%s: process %d cannot be killed", self._bay, child.process.pid)
+                    log.error("%s: process %d cannot be killed", self._label, child.process.pid)
                 self._forget(token)
 
     def _forget(self, token: int) -> None:

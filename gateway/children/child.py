@@ -1,7 +1,7 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
-Started by `pool` as a fresh interpreter with the arguments ROLE BAY PARENT_PID SOCKET_FD CPUS. ROLE names the module of
-this package whose `run(link, job)` does the work; only what that module imports is loaded.
+Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the one
+whose `run(link, job)` does the work; only what it imports is loaded. NAME is what `top` shows.
 """
 
 import ctypes
@@ -14,17 +14,17 @@ from types import TracebackType
 from typing import Any
 
 from gateway.errors import ConfigError, GatewayError
-from gateway.vision.jobs import Failed
-from gateway.vision.link import Link
+from gateway.children.words import Failed
+from gateway.children.link import Link
 
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15  # linux/prctl.h
 MAX_WORDS = 500
 
 
 def main() -> None:
-    role, bay, parent, fd, cpus = sys.argv[1:]
+    module, name, parent, fd, cpus = sys.argv[1:]
     _die_with(int(parent))
-    _name(f"gw-{role}-{bay}")
+    _name(name)
     link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)))
     _leave_last_words(link)
     if cpus:
@@ -34,7 +34,7 @@ def main() -> None:
             link.send(Failed(f"cannot run on the CPUs of `affinity`, {cpus}: {error.strerror}"))
             sys.exit(1)
     try:
-        import_module(f"gateway.vision.{role}").run(link, link.receive())
+        import_module(module).run(link, link.receive())
     except GatewayError as error:
         link.send(Failed(str(error)[:MAX_WORDS], config=isinstance(error, ConfigError)))
         sys.exit(1)
