@@ -27,13 +27,13 @@ import numpy as np
 from rich.progress import Progress
 
 from bench.speed_scenes import SCENES, SIZES, back_and_forth
+from gateway.children.pool import ENVIRONMENT
 from gateway.config import VisionConfig
 from gateway.vision import methods, pipeline
 from gateway.vision.exact import kernel
 from gateway.vision.exact.search import ExactSearch
 from gateway.vision.exact.tracker import ExactTracker
 from gateway.vision.pixels import Image
-from gateway.children.pool import ENVIRONMENT
 
 FRAME_NS = 33_333_333
 NS_PER_MS = 1e6

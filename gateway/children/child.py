@@ -13,9 +13,9 @@ from importlib import import_module
 from types import TracebackType
 from typing import Any
 
-from gateway.errors import ConfigError, GatewayError
-from gateway.children.words import Failed
 from gateway.children.link import Link
+from gateway.children.words import Failed
+from gateway.errors import ConfigError, GatewayError
 
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15  # linux/prctl.h
 MAX_WORDS = 500

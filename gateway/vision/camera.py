@@ -2,8 +2,8 @@
 
 from collections import deque
 
-from gateway.vision.jobs import CameraJob, Captured, FrameRef, GiveBack, Opened
 from gateway.children.link import Link
+from gateway.vision.jobs import CameraJob, Captured, FrameRef, GiveBack, Opened
 from gateway.vision.shm import Ring
 
 

@@ -2,8 +2,8 @@
 
 import cv2
 
-from gateway.vision.jobs import Look, Looked, Ready, WorkerJob
 from gateway.children.link import Link
+from gateway.vision.jobs import Look, Looked, Ready, WorkerJob
 from gateway.vision.shm import Ring
 
 
