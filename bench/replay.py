@@ -54,8 +54,8 @@ class Replay:
         """This process's ring tells the log when a frame is whole in it."""
         write = Ring.write
 
-        def stamped(ring: Ring, slot: int, image: Image) -> int:
-            generation = write(ring, slot, image)
+        def stamped(ring: Ring, slot: int, image: Image, seq: int = 0, t_capture_ns: int = 0) -> int:
+            generation = write(ring, slot, image, seq, t_capture_ns)
             self._log.times[self._n, 1] = self._clock.now_ns()
             return generation
 
