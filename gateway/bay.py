@@ -17,6 +17,7 @@ log = logging.getLogger(__name__)
 DEAD_AFTER_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
 DEAD_AFTER_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
 WRITE_EVENTS = frozenset({EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.RECIPE_CHANGED})
+CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED})
 
 
 def dead_after_ns(config: FusionConfig) -> int:
@@ -73,9 +74,15 @@ class BayControl:
         if told := self._bearable([refused]):  # a scanner's thousands of tries cost nothing but their count
             self._tell(self._hub.state(self.name), told)
 
-    def check_function(self, mode: FunctionCheck) -> None:
+    def check_function(self, mode: FunctionCheck, who: Writer | None = None) -> None:
         """A technician begins to work on the bay, or has finished."""
-        self._step(mode)
+        self._step(mode, by=who)
+
+    def settings_changed(self, what: str, who: Writer) -> None:
+        """Somebody let other settings go live: told, for the record."""
+        now_ns, state = self._clock.now_ns(), self.state()
+        changed = Event(EventKind.SETTINGS_CHANGED, self.name, now_ns, state, detail=f"{who}: {what}")
+        self._tell(self._hub.state(self.name), [changed])
 
     async def run(self) -> None:
         """Tick for ever: ages grow, the heartbeat counts."""
@@ -108,7 +115,12 @@ class BayControl:
         stop_raised = [event for event in events.diff(old, new) if event.kind is EventKind.STOP_RAISED]
         self._publish(new, [*stop_raised, Event(EventKind.SHUTDOWN, self.name, new.t_ns, new)])
 
-    def _step(self, observation: fusion.Observation, writes: Sequence[tuple[Writer, Change]] = ()) -> None:
+    def _step(
+        self,
+        observation: fusion.Observation,
+        writes: Sequence[tuple[Writer, Change]] = (),
+        by: Writer | None = None,
+    ) -> None:
         if self._over:
             return
         old = self._hub.state(self.name)
@@ -117,7 +129,10 @@ class BayControl:
             Event(EventKind.PLC_WRITE, self.name, new.t_ns, new, detail=f"{who}: {what}", writer=who, change=what)
             for who, what in writes
         ]
-        self._publish(new, self._bearable([*written, *events.diff(old, new)]))
+        happened = events.diff(old, new)
+        if by is not None:
+            happened = [replace(e, detail=str(by)) if e.kind in CHECK_EVENTS else e for e in happened]
+        self._publish(new, self._bearable([*written, *happened]))
 
     def _bearable(self, happened: list[Event]) -> list[Event]:
         """Without those about writes that come faster than anybody could read; they are counted."""

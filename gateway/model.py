@@ -350,6 +350,7 @@ class EventKind(StrEnum):
     RECIPE_CHANGED = "recipe_changed"
     FUNCTION_CHECK_BEGUN = "function_check_begun"
     FUNCTION_CHECK_ENDED = "function_check_ended"
+    SETTINGS_CHANGED = "settings_changed"
 
 
 @dataclass(frozen=True, slots=True)

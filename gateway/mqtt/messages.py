@@ -31,6 +31,7 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.RECIPE_CHANGED: "another recipe is in force",
     EventKind.FUNCTION_CHECK_BEGUN: "a technician works on the bay",
     EventKind.FUNCTION_CHECK_ENDED: "the technician has finished",
+    EventKind.SETTINGS_CHANGED: "other settings went live; `detail` says who changed what",
 }
 SENSORS = ("vision", "range", "cross_check")
 

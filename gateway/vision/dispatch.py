@@ -90,6 +90,14 @@ class Dispatcher:
         self._workers = [Seat() for _ in range(self.vision.workers)]
         self._free = set(range(self.slots))
 
+    def anew(self, vision: VisionConfig) -> "Dispatcher":
+        """The one that follows when the settings change: new processes, but the numbers of frames and counts go on."""
+        return replace(
+            Dispatcher(self.label, self.camera, vision, self.slots, self.rng, self.stats),
+            _last_seq=self._last_seq,
+            _told_seq=self._last_seq,
+        )
+
     # What happened. A token that is not seated (any more) is a late message of a process given up: ignored.
 
     def opened(self, token: int, lossless: bool) -> None:

@@ -67,6 +67,25 @@ class VisionService:
         self._detector = detector or DetectorSpec(vision)
         self._rng = rng or random.Random()
         self._ring = ring
+        self._turns: _Turns | None = None
+
+    @property
+    def settings(self) -> VisionConfig:
+        """In force now."""
+        return self._vision
+
+    def apply(self, vision: VisionConfig) -> None:
+        """Go on with other settings: all processes begin anew, and what the old ones saw goes stale.
+
+        Raises ConfigError for what can't change while the gateway runs.
+        """
+        for key in ("workers", "affinity"):
+            if getattr(vision, key) != getattr(self._vision, key):
+                raise ConfigError(f"vision.{key} can't change while the gateway runs")
+        self._vision = vision
+        self._detector = DetectorSpec(vision, self._detector.factory)
+        if self._turns is not None:
+            self._turns.end()
 
     async def run(self) -> None:
         """Until cancelled; afterwards there is no process and no memory left. Raises ConfigError, or LinkError
@@ -74,12 +93,15 @@ class VisionService:
         check_cpus("camera.affinity", self._camera.affinity)
         check_cpus("vision.affinity", self._vision.affinity)
         ring = self._ring or shm.create(slots(self._vision), self._camera.max_megapixels)
+        dispatcher = Dispatcher(self._spec.label, self._camera, self._vision, ring.slots, self._rng)
         try:
-            dispatcher = Dispatcher(self._spec.label, self._camera, self._vision, ring.slots, self._rng)
-            turns = _Turns(dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring))
-            async with VisionPool(self._bay, self._clock, turns.on_news) as pool:
-                await turns.run(pool)
+            while True:
+                self._turns = _Turns(dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring))
+                async with VisionPool(self._bay, self._clock, self._turns.on_news) as pool:
+                    await self._turns.run(pool)
+                dispatcher = dispatcher.anew(self._vision)  # other settings
         finally:
+            self._turns = None
             if self._ring is None:
                 os.close(ring.fd)
 
@@ -123,11 +145,18 @@ class _Turns:
         self._pool: VisionPool | None = None
         self._armed_ns: int | None = None  # when the task wakes by itself; None: not
         self._failure: BaseException | None = None
+        self._over = False
+
+    def end(self) -> None:
+        """Let `run` return."""
+        self._over = True
+        if self._pool is not None:
+            self._pool.wake()
 
     async def run(self, pool: VisionPool) -> None:
-        """Until cancelled, or something raises."""
+        """Until cancelled or told to end, or something raises."""
         self._pool = pool
-        while True:
+        while not self._over:
             self._take(pool, everybody=True)
             self._armed_ns = self._dispatcher.next_deadline_ns()
             left_ns = None if self._armed_ns is None else max(0, self._armed_ns - self._clock.now_ns())
@@ -136,7 +165,7 @@ class _Turns:
                 raise self._failure
 
     def on_news(self) -> None:
-        if self._pool is None or self._failure is not None:
+        if self._pool is None or self._failure is not None or self._over:
             return
         try:
             self._take(self._pool, everybody=False)

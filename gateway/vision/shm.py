@@ -7,8 +7,9 @@ that were written exist.
 Every slot begins with a header of int64 (generation, height, width, number and capture time of the frame) on a page of
 its own; the pixels, (height, width, 3) uint8, follow. The generation is odd while the slot is being written and even
 when it is whole (a seqlock); it never repeats. Slots are handed over by messages and given back by messages, so in
-normal running no slot is written while a detector looks at it; the generation proves it, or tells that a result must be
-thrown away. A viewer (`snapshot`) holds no slot and asks nobody: it copies, and the generation tells whether to keep it.
+normal running no slot is written while a detector looks at it; the generation proves it, or tells that a result must
+be thrown away. A viewer (`snapshot`) holds no slot and asks nobody: it copies, and the generation tells whether to keep
+it.
 """
 
 import fcntl

@@ -1,0 +1,104 @@
+"""The main process's side of the pages: what an answer holds, and how an order is carried out. Never waits.
+
+Nothing here can end a stop: a function check withholds `permit` or leaves it as it is, and settings that go live begin
+with a new vision, whose first word is that it has seen nothing yet.
+"""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gateway.bay import BayControl
+from gateway.clock import Clock
+from gateway.config import VisionConfig
+from gateway.errors import GatewayError
+from gateway.hmi.orders import (
+    MAX_EVENTS,
+    MAX_STATES,
+    Answer,
+    Apply,
+    Ask,
+    BayNow,
+    Check,
+    Done,
+    LinksNow,
+    Numbered,
+    Order,
+)
+from gateway.hub import Hub
+from gateway.modbus.answers import ReadImage
+from gateway.model import Event, FunctionCheck
+from gateway.vision.service import VisionService
+
+log = logging.getLogger(__name__)
+
+KEPT_EVENTS = 1000  # of all bays, for the list on the page
+
+
+@dataclass(frozen=True, slots=True)
+class BayParts:
+    """The parts of one bay that the pages show or may ask something of."""
+
+    control: BayControl
+    image: ReadImage
+    vision: VisionService
+
+
+class Feed:
+    """Answers the web process. Events are kept from the start on, so that the list outlives that process."""
+
+    def __init__(
+        self, hub: Hub, bays: Mapping[str, BayParts], clock: Clock, links: Callable[[], LinksNow] = LinksNow
+    ) -> None:
+        self._bays = bays
+        self._clock = clock
+        self._links = links
+        self._events: deque[Numbered] = deque(maxlen=KEPT_EVENTS)
+        self._told = 0
+        hub.listen(self._keep)
+
+    def _keep(self, event: Event) -> None:
+        self._told += 1
+        self._events.append(Numbered(self._told, event))
+
+    def answer(self, ask: Ask) -> Answer:
+        known = [bay for bay in ask.bays if bay in self._bays][:MAX_STATES]
+        return Answer(
+            number=ask.number,
+            now_ns=self._clock.now_ns(),
+            wall_ns=self._clock.wall_ns(),
+            bays=tuple(self._now(self._bays[bay]) for bay in known),
+            links=self._links(),
+            events=tuple(row for row in self._events if row.number > ask.after)[:MAX_EVENTS],
+            newest_event=self._told,
+        )
+
+    def _now(self, bay: BayParts) -> BayNow:
+        return BayNow(bay.control.state(), tuple(bay.image()), bay.vision.settings)
+
+    def carry_out(self, order: Order) -> Done:
+        bay = self._bays.get(order.what.bay)
+        if bay is None:
+            return Done(order.number, f"no bay {order.what.bay!r}")
+        match order.what:
+            case Check(mode=mode):
+                bay.control.check_function(mode, order.who)
+            case Apply(vision=vision):
+                if bay.control.state().function_check is FunctionCheck.OFF:
+                    return Done(order.number, "begin a function check first: settings never change in a bay at work")
+                try:
+                    told = _changed(bay.vision.settings, vision)
+                    bay.vision.apply(vision)
+                except GatewayError as error:
+                    return Done(order.number, str(error))
+                bay.control.settings_changed(told or "the same settings", order.who)
+        return Done(order.number)
+
+
+def _changed(old: VisionConfig, new: VisionConfig) -> str:
+    """`key: old -> new`, for the record."""
+    keys = type(new).model_fields
+    return ", ".join(
+        f"{key}: {getattr(old, key)} -> {getattr(new, key)}" for key in keys if getattr(old, key) != getattr(new, key)
+    )

@@ -1,0 +1,150 @@
+"""What the main process and the web process say to each other. Pure.
+
+The web process pulls: it asks for the newest, and gets one answer. So nothing ever piles up, and a page that is slow,
+stalled or hostile costs the main process nothing. Orders are the few things that a signed-in person may ask for.
+"""
+
+import pickle
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gateway.clock import Clock
+from gateway.config import GatewayConfig, VisionConfig
+from gateway.model import Event, FunctionCheck, StateVector
+from gateway.mqtt.messages import DeliveryPayload
+from gateway.plc import Writer
+from gateway.vision.shm import RingSpec
+
+MAX_STATES = 8  # in one answer, which must fit into one message of the link
+MAX_EVENTS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What the web process is told at its start and what never changes."""
+
+    config: GatewayConfig  # without the broker's password
+    clock: Clock
+    rings: Mapping[str, RingSpec]  # of frames, by bay; None of them is written by the web process
+    sockets: tuple[int, ...]  # listening, inherited
+    source: str = ""  # the configuration's file; empty: none of the operator's own
+    boot: str = ""  # random number of this start of the gateway
+
+
+@dataclass(frozen=True, slots=True)
+class HmiJob:
+    """`About`, packed: the configuration of 64 bays would not fit into one message."""
+
+    packed: bytes
+
+    @staticmethod
+    def of(about: About) -> "HmiJob":
+        return HmiJob(zlib.compress(pickle.dumps(about, pickle.HIGHEST_PROTOCOL)))
+
+    def unpacked(self) -> About:
+        about: About = pickle.loads(zlib.decompress(self.packed))
+        return about
+
+
+# From the web process.
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """The newest of these bays (at most MAX_STATES), and the events after number `after` (at most MAX_EVENTS)."""
+
+    number: int
+    bays: tuple[str, ...]
+    after: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Begin or end a function check."""
+
+    bay: str
+    mode: FunctionCheck
+
+
+@dataclass(frozen=True, slots=True)
+class Apply:
+    """Let these settings go live; only while a function check is on."""
+
+    bay: str
+    vision: VisionConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """Something that a person wants done. `who` has been checked; the main process tells it as an event."""
+
+    number: int
+    who: Writer
+    what: Check | Apply
+
+
+# To the web process.
+
+
+@dataclass(frozen=True, slots=True)
+class BayNow:
+    """One bay as of the answer. `image`: the holding registers as a PLC would read them now, 16 bit words."""
+
+    state: StateVector
+    image: tuple[int, ...]
+    vision: VisionConfig  # the settings in force
+
+
+@dataclass(frozen=True, slots=True)
+class TaskNow:
+    """A row of the supervisor's table."""
+
+    name: str
+    running: bool
+    starts: int
+    link_errors: int
+    crashes: int
+    last_error: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinksNow:
+    """How the gateway's parts and its links to others do."""
+
+    tasks: tuple[TaskNow, ...] = ()
+    broker: str | None = None  # its address without a password; None: there is none
+    delivery: DeliveryPayload | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """An event with its place in the row of all since the gateway's start; a gap: some were dropped."""
+
+    number: int
+    event: Event
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """To an `Ask`. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
+
+    number: int
+    now_ns: int
+    wall_ns: int
+    bays: tuple[BayNow, ...]
+    links: LinksNow = field(default_factory=LinksNow)
+    events: tuple[Numbered, ...] = ()
+    newest_event: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """To an `Order`. `why` tells what is wrong with it; empty: it was carried out."""
+
+    number: int
+    why: str = ""
+
+
+FromHmi = Ask | Order
+ToHmi = HmiJob | Answer | Done
