@@ -1,0 +1,95 @@
+"""One real browser, and a watch over what the pages in it do. Nothing here knows the gateway."""
+
+import contextlib
+import re
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from playwright.sync_api import (
+    Browser,
+    BrowserContext,
+    ConsoleMessage,
+    Page,
+    Request,
+    WebError,
+    WebSocket,
+    sync_playwright,
+)
+
+# Debian's; Playwright would fetch one of its own otherwise.
+EXECUTABLE = Path("/usr/bin/chromium")
+FLAGS = (
+    "--no-sandbox",  # the tests run as root in containers, too
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # what a page should not ask is not asked on a wire
+)
+PATIENCE_MS = 30_000.0  # for a busy machine; every wait ends as soon as it can
+SERVER_GONE = re.compile(r"net::ERR_|WebSocket (connection|is)|Failed to fetch")
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Browser]:
+    """Headless, with a new and empty profile that is removed in the end."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=EXECUTABLE, headless=True, args=FLAGS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@dataclass
+class Watch:
+    """What pages may not do: write an error to the console, throw, or ask any host but `host`."""
+
+    host: str  # with its port
+    complaints: list[str] = field(default_factory=list)
+    requests: int = 0
+    server_gone: bool = False  # set by a test that ends the server: then a refused connection is no fault of the page
+
+    def over(self, context: BrowserContext) -> None:
+        context.set_default_timeout(PATIENCE_MS)
+        context.on("console", self._console)
+        context.on("weberror", self._thrown)
+        context.on("request", self._asked)
+        context.on("page", lambda page: page.on("websocket", self._connected))
+
+    def _console(self, message: ConsoleMessage) -> None:
+        if message.type != "error":
+            return
+        if self.server_gone and SERVER_GONE.search(message.text):
+            return
+        self.complaints.append(f"console: {message.text} ({message.location})")
+
+    def _thrown(self, error: WebError) -> None:
+        self.complaints.append(f"thrown: {error.error}")
+
+    def _asked(self, request: Request) -> None:
+        self._to(request.url)
+
+    def _connected(self, socket: WebSocket) -> None:
+        self._to(socket.url)
+
+    def _to(self, url: str) -> None:
+        self.requests += 1
+        found = urlsplit(url)
+        if found.scheme in ("data", "blob"):  # made in the page itself
+            return
+        if found.netloc != self.host:
+            self.complaints.append(f"a request to {url}")
+
+
+def until(page: Page, fact: Callable[[], object], timeout_s: float = PATIENCE_MS / 1000) -> None:
+    """Wait until `fact` holds, while the page goes on (a plain sleep would keep its messages from being heard)."""
+    deadline = time.monotonic() + timeout_s
+    while not fact():
+        assert time.monotonic() < deadline, f"not so in {timeout_s} s"
+        page.wait_for_timeout(20)
