@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 from gateway.errors import ConfigError
 from gateway.sections.common import Reconnect
 from gateway.sections.fusion import CrossCheck, FusionConfig, GuidanceConfig, RecipeConfig, RecipeFusion, RecipeGuidance
+from gateway.sections.hmi import HmiConfig, HmiUser
 from gateway.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.sections.ranger import RangerConfig
@@ -30,6 +31,8 @@ __all__ = [
     "GatewayConfig",
     "GuidanceConfig",
     "HandshakeConfig",
+    "HmiConfig",
+    "HmiUser",
     "Intrinsics",
     "ModbusConfig",
     "MqttConfig",
@@ -66,6 +69,7 @@ class GatewayConfig(Section):
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None
+    hmi: HmiConfig = Field(default_factory=HmiConfig)
     recipes: tuple[RecipeConfig, ...] = Field((), max_length=1000, description="thresholds that the PLC may select")
     bays: tuple[BayConfig, ...] = Field(default_factory=lambda: (BayConfig(),), min_length=1, max_length=64)
 

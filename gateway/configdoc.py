@@ -45,7 +45,8 @@ def _nested(title: str, model: type[BaseModel]) -> Iterator[tuple[str, type[Base
     for name, info in model.model_fields.items():
         below = inner_model(info.annotation)
         if below is not None:
-            yield from _nested(f"[{title.strip('[]')}.{name}]", below)
+            path = f"{title.strip('[]')}.{name}"
+            yield from _nested(f"[[{path}]]" if get_origin(info.annotation) is tuple else f"[{path}]", below)
 
 
 def _default(info: FieldInfo) -> str:
@@ -75,8 +76,8 @@ def _toml(value: object) -> str:
 
 def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Dotted keys with their values as TOML would write them; passwords masked, absent keys left out."""
-    for name in type(settings).model_fields:
-        value = getattr(settings, name)
+    for name, info in type(settings).model_fields.items():
+        value = getattr(settings, name) if info.repr else "***"
         key = f"{prefix}{name}"
         match value:
             case None:
