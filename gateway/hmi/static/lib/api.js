@@ -1,0 +1,80 @@
+// The gateway's HTTP side, as the pages use it.
+
+/** What the server refused, in its own words where it gave some. */
+export class Refused extends Error {
+  /** @param {number} status @param {string} message */
+  constructor(status, message) {
+    super(message);
+    this.status = status;
+  }
+}
+
+/** Where to go after the login: a path of this very server, or the start page. Never another origin. */
+export function safePath(wanted, origin) {
+  if (typeof wanted !== 'string' || !/^\/(?![\/\\])/.test(wanted) || /[\u0000-\u001f\\]/.test(wanted)) return '/';
+  let url;
+  try {
+    url = new URL(wanted, origin);
+  } catch {
+    return '/';
+  }
+  return url.origin === origin ? url.pathname + url.search + url.hash : '/';
+}
+
+export function toLogin() {
+  const here = location.pathname + location.search + location.hash;
+  location.assign(`/login?next=${encodeURIComponent(here)}`);
+}
+
+async function refusal(answer) {
+  let said = '';
+  try {
+    const body = await answer.json();
+    said = body.detail ?? body.error ?? body.message ?? '';
+    if (typeof said !== 'string') said = JSON.stringify(said);
+  } catch {
+    said = '';
+  }
+  return new Refused(answer.status, said || `${answer.status} ${answer.statusText}`.trim());
+}
+
+/**
+ * GET, as JSON. @param {string} path @param {{signal?: AbortSignal, timeoutMs?: number}} [how]
+ */
+export async function get(path, { signal, timeoutMs = 5000 } = {}) {
+  const answer = await fetch(path, {
+    headers: { Accept: 'application/json' },
+    credentials: 'same-origin',
+    cache: 'no-store',
+    signal: either(signal, timeoutMs),
+  });
+  if (!answer.ok) throw await refusal(answer);
+  return answer.json();
+}
+
+/** POST JSON with the session's token against forged requests. */
+export async function post(path, body, csrf, { timeoutMs = 10_000 } = {}) {
+  const answer = await fetch(path, {
+    method: 'POST',
+    headers: { 'Content-Type': 'application/json', Accept: 'application/json', ...(csrf ? { 'X-CSRF-Token': csrf } : {}) },
+    credentials: 'same-origin',
+    body: JSON.stringify(body ?? {}),
+    signal: either(undefined, timeoutMs),
+  });
+  if (!answer.ok) throw await refusal(answer);
+  const text = await answer.text();
+  return text ? JSON.parse(text) : null;
+}
+
+/** A signal that fires with `signal` or after `timeoutMs`, whichever is first. */
+export function either(signal, timeoutMs) {
+  const control = new AbortController();
+  const timer = setTimeout(() => control.abort(new DOMException('no answer in time', 'TimeoutError')), timeoutMs);
+  const end = () => {
+    clearTimeout(timer);
+    control.abort(signal.reason);
+  };
+  if (signal?.aborted) end();
+  else signal?.addEventListener('abort', end, { once: true });
+  return control.signal;
+}

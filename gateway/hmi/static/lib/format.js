@@ -1,0 +1,70 @@
+// Values as people read them. Pure: no clock, no page.
+
+/** What stands where there is no value: never 0, never the last good one. */
+export const NONE = '–';
+
+const MINUS = '\u2212';
+const NARROW = '\u202f'; // no break between groups of digits, nor between number and unit
+
+/** @param {unknown} value @returns {value is number} */
+export const known = (value) => typeof value === 'number' && Number.isFinite(value);
+
+/**
+ * A number with a fixed count of decimals; thousands in groups.
+ * @param {number|null|undefined} value @param {number} decimals @param {string} unit
+ */
+export function number(value, decimals = 0, unit = '') {
+  if (!known(value)) return NONE;
+  const digits = Math.abs(value).toFixed(decimals);
+  const sign = value < 0 && Number(digits) !== 0 ? MINUS : '';
+  const [whole, rest] = digits.split('.');
+  const grouped = whole.length > 4 ? whole.replace(/\B(?=(\d{3})+$)/g, NARROW) : whole;
+  return sign + grouped + (rest ? `.${rest}` : '') + (unit ? NARROW + unit : '');
+}
+
+export const px = (value, decimals = 1) => number(value, decimals, 'px');
+export const mm = (value) => number(value, 0, 'mm');
+export const hz = (value) => number(value, 1, 'Hz');
+
+/** A number that may go either way: always with its sign. */
+export function signed(value, decimals = 0, unit = '') {
+  const text = number(value, decimals, unit);
+  return known(value) && value > 0 && !/^[0.]+$/.test(value.toFixed(decimals)) ? `+${text}` : text;
+}
+
+/** A time that has passed, from milliseconds to days. @param {number|null|undefined} ms */
+export function age(ms) {
+  if (!known(ms)) return NONE;
+  const t = Math.max(0, ms);
+  if (t < 999.5) return number(t, 0, 'ms');
+  if (t < 59_950) return number(t / 1000, 1, 's');
+  const s = Math.round(t / 1000);
+  if (s < 3600) return `${Math.floor(s / 60)}${NARROW}min ${s % 60}${NARROW}s`;
+  const min = Math.floor(s / 60);
+  if (min < 60 * 48) return `${Math.floor(min / 60)}${NARROW}h ${min % 60}${NARROW}min`;
+  return `${Math.floor(min / 1440)}${NARROW}d`;
+}
+
+/** To the nearest whole; 12 345 -> "12 345". */
+export const count = (value) => number(value, 0);
+
+/** Unix ms as the reader's own time of day; with the date when it is not `today`. */
+export function clock(unixMs, { date = false, ms = false } = {}) {
+  if (!known(unixMs)) return NONE;
+  const at = new Date(unixMs);
+  const two = (n) => String(n).padStart(2, '0');
+  const time = `${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}`;
+  const fine = ms ? `${time}.${String(at.getMilliseconds()).padStart(3, '0')}` : time;
+  return date ? `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${fine}` : fine;
+}
+
+/** A name of the wire (NO_TARGET, stop_raised) as words. @param {string} name */
+export const words = (name) => String(name ?? '').toLowerCase().replaceAll('_', ' ');
+
+/** The distance a driver reads: metres from 1 m on, steps that do not flicker. @returns {[string, string]} number, unit */
+export function driverDistance(value) {
+  if (!known(value)) return [NONE, ''];
+  const t = Math.abs(value);
+  if (t >= 995) return [number(Math.round(t / 50) / 20, 2), 'm'];
+  return [number(Math.round(t / 10), 0), 'cm'];
+}

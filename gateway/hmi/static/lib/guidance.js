@@ -1,0 +1,71 @@
+// What a guidance code means to a display: which way, how urgent, what to show beside it. Pure.
+
+import { known } from './format.js';
+
+/** @typedef {'WAIT'|'FORWARD'|'BACK'|'LEFT'|'RIGHT'|'SLOW'|'STOP'|'OK'|'TOO_FAR'|'FAULT'} Code */
+
+/**
+ * `kind` colours the display: go, care, halt, wait, done. `nearer`: the truck is told to come nearer, which no code
+ * does while stop is on.
+ * @type {Record<Code, {kind: 'go'|'care'|'halt'|'wait'|'done', symbol: string, nearer: boolean}>}
+ */
+export const CODES = {
+  WAIT: { kind: 'wait', symbol: 'pause', nearer: false },
+  FORWARD: { kind: 'go', symbol: 'up', nearer: true },
+  BACK: { kind: 'care', symbol: 'down', nearer: false },
+  LEFT: { kind: 'go', symbol: 'left', nearer: true },
+  RIGHT: { kind: 'go', symbol: 'right', nearer: true },
+  SLOW: { kind: 'care', symbol: 'slow', nearer: true },
+  STOP: { kind: 'halt', symbol: 'octagon', nearer: false },
+  OK: { kind: 'done', symbol: 'tick', nearer: false },
+  TOO_FAR: { kind: 'halt', symbol: 'octagon', nearer: false },
+  FAULT: { kind: 'halt', symbol: 'octagon', nearer: false },
+};
+
+/**
+ * @typedef {object} DriverView
+ * @property {string} bay @property {Code} code @property {string} text @property {boolean} stop
+ * @property {number|null} amount_mm @property {number|null} closing_mm_s @property {number|null} to_go_mm
+ * @property {number} age_ms @property {number} [held_ms]
+ */
+
+/**
+ * A message of the driver's link, or null where it makes no sense: the display then says STOP.
+ * @param {string} text @param {string|null} bay that was asked for; null: whichever the server shows
+ * @returns {DriverView|null}
+ */
+export function driverView(text, bay) {
+  let said;
+  try {
+    said = JSON.parse(text);
+  } catch {
+    return null;
+  }
+  const number = (value) => value === null || known(value);
+  const whole =
+    said !== null &&
+    typeof said === 'object' &&
+    typeof said.bay === 'string' &&
+    (bay === null || said.bay === bay) &&
+    Object.hasOwn(CODES, said.code) &&
+    typeof said.stop === 'boolean' &&
+    known(said.age_ms) &&
+    said.age_ms >= 0 &&
+    [said.amount_mm, said.closing_mm_s, said.to_go_mm].every(number);
+  if (!whole || (said.stop && CODES[said.code].nearer)) return null;
+  return said;
+}
+
+const COLUMN_MM = 3000;
+const PAST_MM = 500;
+
+/**
+ * The distance column, as shares of its height from its foot: the stopping place, and how far the truck is.
+ * @param {number|null} toGoMm
+ */
+export function column(toGoMm) {
+  const line = COLUMN_MM / (COLUMN_MM + PAST_MM);
+  if (!known(toGoMm)) return { line, at: null, past: false };
+  const at = (COLUMN_MM - Math.min(COLUMN_MM, Math.max(-PAST_MM, toGoMm))) / (COLUMN_MM + PAST_MM);
+  return { line, at, past: toGoMm < 0 };
+}

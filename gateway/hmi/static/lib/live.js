@@ -1,0 +1,95 @@
+// The WebSocket by which a page pulls what is new: it asks for the next message when the last one has been drawn, so
+// that a slow page gets fewer messages, and never old ones.
+
+const FIRST_WAIT_MS = 250;
+const LONGEST_WAIT_MS = 4000;
+const SILENCE_MS = 5000; // a server that says nothing for so long is taken for lost, and asked anew
+
+/** How long to wait before connection `tries` (0: at once), with up to a third of chance so that pages spread out. */
+export function waitMs(tries, chance) {
+  if (tries <= 0) return 0;
+  return Math.min(LONGEST_WAIT_MS, FIRST_WAIT_MS * 2 ** (tries - 1)) * (1 - chance / 3);
+}
+
+/**
+ * @typedef {object} Arrival
+ * @property {number} askedMs steady time at which the message was asked for
+ * @property {number} receivedMs steady time at which it came
+ */
+
+/**
+ * Keeps a link to `path` until it is closed. After each `message` call `next()` once, when it has been drawn.
+ * @param {string} path with its query
+ * @param {{message: (text: string, arrival: Arrival) => void, state?: (open: boolean) => void,
+ *          refused?: (code: number) => void}} tell
+ */
+export function open(path, tell) {
+  let socket = /** @type {WebSocket|null} */ (null);
+  let tries = 0;
+  let closed = false;
+  let askedMs = performance.now();
+  let heardMs = performance.now();
+  let retry = 0;
+
+  const ended = (mine, code) => {
+    if (socket !== mine) return;
+    socket = null;
+    tell.state?.(false);
+    if (closed) return;
+    if (code === 1008 || code === 4401 || code === 4403) tell.refused?.(code);
+    tries += 1;
+    retry = setTimeout(connect, waitMs(tries, Math.random()));
+  };
+  const connect = () => {
+    if (closed) return;
+    clearTimeout(retry);
+    const mine = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}${path}`);
+    socket = mine;
+    askedMs = heardMs = performance.now();
+    mine.onopen = () => socket === mine && tell.state?.(true);
+    mine.onmessage = (event) => {
+      if (socket !== mine) return;
+      heardMs = performance.now();
+      tries = 0;
+      tell.message(String(event.data), { askedMs, receivedMs: heardMs });
+    };
+    mine.onclose = (event) => ended(mine, event.code);
+    mine.onerror = () => {}; // a close follows
+  };
+  const next = () => {
+    if (socket?.readyState !== WebSocket.OPEN) return;
+    askedMs = heardMs = performance.now();
+    socket.send('next');
+  };
+  // A cable that was cut closes nothing: silence does. A page that did not ask waits for nothing.
+  const watch = setInterval(() => {
+    const mine = socket;
+    if (mine && performance.now() - heardMs > SILENCE_MS && askedMs >= heardMs) {
+      mine.onclose = null;
+      mine.close();
+      ended(mine, 0);
+    }
+  }, 1000);
+  const awake = () => {
+    if (!socket && !closed) {
+      tries = 0;
+      connect();
+    }
+  };
+  addEventListener('online', awake);
+  addEventListener('pageshow', awake);
+  connect();
+  return {
+    next,
+    close() {
+      closed = true;
+      clearTimeout(retry);
+      clearInterval(watch);
+      removeEventListener('online', awake);
+      removeEventListener('pageshow', awake);
+      const mine = socket;
+      socket = null;
+      mine?.close();
+    },
+  };
+}
