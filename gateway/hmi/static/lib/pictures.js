@@ -2,7 +2,7 @@
 // page is in the background.
 
 import { either } from './api.js';
-import { frameView } from './views.js';
+import { frameSize, frameView } from './views.js';
 
 /** Widths that are asked for: few, so that viewers share one encoding. */
 export const WIDTHS = [320, 640, 960, 1280, 1920];
@@ -15,6 +15,7 @@ export function widthFor(cssWidth, ratio) {
 /**
  * @typedef {object} Picture
  * @property {ImageBitmap} bitmap
+ * @property {{width: number, height: number}} frame size of the frame, which may be larger than the bitmap
  * @property {number} id of the frame
  * @property {number|null} ageMs of the frame when it was sent
  * @property {number} askedMs steady time at which it was asked for
@@ -74,7 +75,8 @@ export function follow(bay, page) {
         const ageMs = answer.headers.has('X-Frame-Age-Ms') ? Number(answer.headers.get('X-Frame-Age-Ms')) : null;
         if (Number.isFinite(id)) after = id;
         failed = 0;
-        page.picture({ bitmap, id, ageMs, askedMs, receivedMs, view: parsed(answer.headers.get('X-Frame-View')) });
+        const frame = frameSize(answer.headers.get('X-Frame-Size')) ?? { width: bitmap.width, height: bitmap.height };
+        page.picture({ bitmap, frame, id, ageMs, askedMs, receivedMs, view: parsed(answer.headers.get('X-Frame-View')) });
         await drawn();
       } catch (error) {
         if (end.signal.aborted) break;
