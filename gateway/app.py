@@ -5,7 +5,9 @@
 
 import asyncio
 import logging
+import os
 import re
+import socket
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,7 +16,11 @@ from functools import partial
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
-from gateway.errors import ConfigError, GatewayError
+from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.hmi.door import door, url
+from gateway.hmi.feed import BayParts, Feed
+from gateway.hmi.orders import About, LinksNow, TaskNow
+from gateway.hmi.service import HmiService
 from gateway.hub import Hub
 from gateway.modbus import identity, tls
 from gateway.modbus.answers import Unit
@@ -29,9 +35,11 @@ from gateway.mqtt.topics import Topics
 from gateway.ranger.port import check_url
 from gateway.ranger.service import RangerService
 from gateway.shared_state import SharedStateWriter
-from gateway.strict.faults import at
+from gateway.strict.faults import at, without_password
 from gateway.supervisor import Supervisor, Task
+from gateway.vision import shm
 from gateway.vision.service import VisionService
+from gateway.vision.service import slots as frame_slots
 from gateway.vision.sources import SourceSpec
 from gateway.vision.specs import source_spec
 
@@ -99,6 +107,7 @@ class Running:
     hub: Hub
     supervisor: Supervisor
     modbus_tls_port: int | None = None
+    hmi_url: str | None = None  # of the pages; None: not served (now)
 
 
 async def run(
@@ -109,16 +118,19 @@ async def run(
     stop: asyncio.Event,
     on_started: Callable[[Running], None] = lambda _: None,
     companions: Callable[[Hub], Sequence[Task]] = lambda _: (),
+    source: str = "",
 ) -> None:
     """Serve all bays until `stop` is set; leaves every register at stop before it returns.
 
-    `companions` are further tasks for the table (a terminal view, a simulator's far ends). Raises ConfigError,
+    `companions` are further tasks for the table (a terminal view, a simulator's far ends). `source`: the operator's own
+    configuration file, which the pages may write back; empty: there is none. Raises ConfigError,
     LinkError (the Modbus port), or what the supervisor could not survive.
     """
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
         # Publisher and companions subscribe before the first state, or the start events would be missed.
         voices: list[tuple[str, MqttPublisher | SparkplugPublisher]] = []
+        publisher: MqttPublisher | None = None
         if config.mqtt is not None:
             outbox = shared.enter_context(outbox_of(config.mqtt, config.site, config.instance))
             publisher = MqttPublisher(config.mqtt, config.site, config.instance, hub, clock, outbox=outbox)
@@ -134,16 +146,29 @@ async def run(
             )
             for bay in config.bays
         }
+        rings = {bay.name: shm.create(frame_slots(bay.vision), bay.camera.max_megapixels) for bay in config.bays}
+        for ring in rings.values():
+            shared.callback(os.close, ring.fd)
+        visions = {
+            bay.name: VisionService(
+                bay.name,
+                ports.camera[bay.name],
+                bay.camera,
+                bay.vision,
+                clock,
+                controls[bay.name].on_vision,
+                ring=rings[bay.name],
+            )
+            for bay in config.bays
+        }
         for bay in config.bays:
-            control = controls[bay.name]
-            vision = VisionService(bay.name, ports.camera[bay.name], bay.camera, bay.vision, clock, control.on_vision)
+            control, vision = controls[bay.name], visions[bay.name]
             ranger = RangerService(bay.ranger, clock, control.on_range, port=ports.ranger[bay.name])
             tasks += [
                 Task(f"{bay.name}.control", control.run, vital=True),
                 Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
                 Task(f"{bay.name}.ranger", ranger.run, bay.ranger.reconnect),
             ]
-        supervisor = Supervisor(tasks, clock)
 
         def unit_of(control: BayControl) -> Unit:
             write = writer(control.on_write, control.on_refused) if config.modbus.writes else None
@@ -155,10 +180,21 @@ async def run(
             )
 
         units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}
+        hmi_url: str | None = None
+        if config.hmi.enabled:
+            parts = {
+                bay.name: BayParts(controls[bay.name], units[bay.unit_id].read, visions[bay.name])
+                for bay in config.bays
+            }
+            feed = Feed(hub, parts, clock, lambda: _links(supervisor, config, publisher))
+            about = About(config.model_copy(update={"mqtt": None}), clock, rings, source=source)
+            pages, hmi_url = _pages(about, feed, shared)
+            tasks.append(pages)
+        supervisor = Supervisor(tasks, clock)
         try:
             async with serving(config.modbus, units, clock) as bound, asyncio.TaskGroup() as group:
                 supervised = group.create_task(supervisor.run(), name="supervisor")
-                on_started(Running(config.modbus.host, bound.first, hub, supervisor, bound.tls))
+                on_started(Running(config.modbus.host, bound.first, hub, supervisor, bound.tls, hmi_url))
                 try:
                     await stop.wait()
                 finally:  # also when a task is past help: what is retained at the broker must not look good for ever
@@ -170,6 +206,29 @@ async def run(
                 supervised.cancel()
         except BaseExceptionGroup as group_error:
             raise _deliberate(group_error) from group_error
+
+
+def _pages(about: About, feed: Feed, shared: ExitStack) -> tuple[Task, str | None]:
+    """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait."""
+    config = about.config.hmi
+    sockets: tuple[socket.socket, ...] = ()
+    try:
+        sockets = shared.enter_context(door(config))
+    except LinkError as error:
+        log.warning("%s; trying again", error)
+    return Task("hmi", HmiService(feed, about, sockets).run), url(config, sockets) if sockets else None
+
+
+def _links(supervisor: Supervisor, config: GatewayConfig, publisher: MqttPublisher | None) -> LinksNow:
+    """For the pages: how the parts do."""
+    return LinksNow(
+        tasks=tuple(
+            TaskNow(name, row.running, row.starts, row.link_errors, row.crashes, row.last_error[:200])
+            for name, row in supervisor.records.items()
+        ),
+        broker=None if config.mqtt is None else without_password(config.mqtt.url),
+        delivery=None if publisher is None else publisher.stats,
+    )
 
 
 def _deliberate(group: BaseExceptionGroup[BaseException]) -> BaseException:

@@ -60,6 +60,8 @@ def main(args: argparse.Namespace) -> int:
         served = [f"Modbus TCP on {now.modbus_host}:{now.modbus_port}"] if settings.modbus.plain else []
         if now.modbus_tls_port is not None:
             served.append(f"Modbus/TCP Security on {now.modbus_host}:{now.modbus_tls_port}")
+        if now.hmi_url is not None:
+            served.append(f"pages on {now.hmi_url}")
         where = f"{', '.join(served)}, site {settings.site}"
         if not args.view:
             out.write(f"gateway runs: {where}\n")
@@ -77,6 +79,7 @@ def main(args: argparse.Namespace) -> int:
             duration_s=args.duration,
             on_started=started,
             companions=companions,
+            source=str(args.config.resolve()),
         )
     )
     out.close()

@@ -46,6 +46,7 @@ async def serve(
     on_started: Callable[[app.Running], None] = lambda _: None,
     companions: Callable[[Hub], Sequence[Task]] = lambda _: (),
     stop: asyncio.Event | None = None,
+    source: str = "",
 ) -> None:
     """`app.run` until a signal (SIGHUP: the terminal went away), `stop`, or `duration_s` of `clock` after the start."""
     stop = stop or asyncio.Event()
@@ -61,7 +62,7 @@ async def serve(
         return [*companions(hub), *([Task("lifetime", lifetime)] if duration_s is not None else [])]
 
     try:
-        await app.run(config, ports, clock, stop=stop, on_started=on_started, companions=table)
+        await app.run(config, ports, clock, stop=stop, on_started=on_started, companions=table, source=source)
     finally:
         for number in SIGNALS:
             with contextlib.suppress(ValueError, RuntimeError):

@@ -1,6 +1,6 @@
 """`gateway simulate --json`: one JSON object a line, for programs and tests.
 
-started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, instance, speed, seed, bays
+started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, hmi, instance, speed, seed, bays
 state     every 50 ms and at each change of stop, permit or reason: what the gateway says, with the truth beside it
 event     each event, as it happens
 summary   once, at the end: per bay, counters and how often stop was raised

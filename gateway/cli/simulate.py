@@ -1,7 +1,7 @@
 """A loading bay with no hardware at all: rendered frames, real serial bytes, the real gateway behind them.
 
 The simulated camera and ranger are handed to the same program that `gateway run` starts; poll it with any Modbus
-client, or let it talk to an MQTT broker. Without --mqtt-url it runs without one.
+client, look at its pages in a browser, or let it talk to an MQTT broker. Without --mqtt-url it runs without one.
 
 examples:
   gateway simulate                                    the default approach, watched in the terminal
@@ -39,6 +39,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--bays", type=int, metavar="N", help="so many bays, unit ids 1 to N (default: as in the settings, 1)"
     )
     parser.add_argument("--modbus-port", type=int, metavar="PORT", help="default 5020; 0 picks a free one")
+    parser.add_argument("--hmi-port", type=int, metavar="PORT", help="of the pages, default 8080; 0 picks a free one")
+    parser.add_argument("--no-hmi", action="store_true", help="without the pages")
     parser.add_argument(
         "--mqtt-url", metavar="URL", help="publish to this broker: mqtt[s]://[user[:password]@]host[:port]"
     )

@@ -92,6 +92,10 @@ def _settings(args: argparse.Namespace) -> GatewayConfig:
     over: dict[str, Any] = {}
     if args.modbus_port is not None:
         over["modbus"] = {"port": args.modbus_port}
+    if args.no_hmi:
+        over["hmi"] = {"enabled": False}
+    elif args.hmi_port is not None:
+        over["hmi"] = {"port": args.hmi_port}
     if args.mqtt_url is not None:
         over["mqtt"] = {"url": args.mqtt_url, "outbox_file": ""}  # nothing simulated outlives the run
     if args.config is None:
@@ -182,6 +186,7 @@ class _Simulation:
                 on_started=self._started,
                 companions=companions,
                 stop=self._stop,
+                source=str(self._args.config.resolve()) if self._args.config else "",
             )
         if self._trials:
             return simtrials.report(self._trials, as_json=self._args.json)
@@ -225,6 +230,7 @@ class _Simulation:
                 modbus_port=now.modbus_port,
                 modbus_tls_port=now.modbus_tls_port,
                 mqtt=broker,
+                hmi=now.hmi_url,
                 instance=self._settings.instance,
                 speed=self._args.speed,
                 seed=self._scenario.seed,
@@ -232,8 +238,9 @@ class _Simulation:
             return
         name = f"{self._args.trials} trials" if self._args.trials else (self._args.scenario or "approach")
         units = f"unit id {self._bays[0].unit_id}" + (f" to {self._bays[-1].unit_id}" if len(self._bays) > 1 else "")
+        pages = f"the pages: {now.hmi_url}\n" if now.hmi_url else ""
         self._header = (
-            f"simulated bay: {name}, seed {self._scenario.seed}, speed {self._args.speed:g}\n"
+            f"{pages}simulated bay: {name}, seed {self._scenario.seed}, speed {self._args.speed:g}\n"
             f"Modbus TCP on {now.modbus_host}:{now.modbus_port}, {units}; "
             + (f"MQTT {broker}" if broker else "no broker given (--mqtt-url), so none is used")
             + "\nCtrl-C ends"

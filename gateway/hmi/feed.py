@@ -69,7 +69,7 @@ class Feed:
             now_ns=self._clock.now_ns(),
             wall_ns=self._clock.wall_ns(),
             bays=tuple(self._now(self._bays[bay]) for bay in known),
-            links=self._links(),
+            links=self._links() if ask.links else None,
             events=tuple(row for row in self._events if row.number > ask.after)[:MAX_EVENTS],
             newest_event=self._told,
         )

@@ -7,7 +7,7 @@ stalled or hostile costs the main process nothing. Orders are the few things tha
 import pickle
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from gateway.clock import Clock
 from gateway.config import GatewayConfig, VisionConfig
@@ -16,8 +16,8 @@ from gateway.mqtt.messages import DeliveryPayload
 from gateway.plc import Writer
 from gateway.vision.shm import RingSpec
 
-MAX_STATES = 8  # in one answer, which must fit into one message of the link
-MAX_EVENTS = 8
+MAX_STATES = 6  # in one answer, which must fit into one message of the link
+MAX_EVENTS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class About:
     config: GatewayConfig  # without the broker's password
     clock: Clock
     rings: Mapping[str, RingSpec]  # of frames, by bay; None of them is written by the web process
-    sockets: tuple[int, ...]  # listening, inherited
+    sockets: tuple[int, ...] = ()  # listening, inherited
     source: str = ""  # the configuration's file; empty: none of the operator's own
     boot: str = ""  # random number of this start of the gateway
 
@@ -57,6 +57,7 @@ class Ask:
     number: int
     bays: tuple[str, ...]
     after: int = 0
+    links: bool = True  # are the links wanted, too?
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +134,7 @@ class Answer:
     now_ns: int
     wall_ns: int
     bays: tuple[BayNow, ...]
-    links: LinksNow = field(default_factory=LinksNow)
+    links: LinksNow | None = None  # None: not asked for
     events: tuple[Numbered, ...] = ()
     newest_event: int = 0
 

@@ -1,0 +1,55 @@
+"""The web process: the desk that pulls, and the server that shows. Ends when the main process does. IO."""
+
+import asyncio
+import logging
+import os
+import socket
+
+import cv2
+import uvicorn
+
+from gateway import loop
+from gateway.children.link import Link
+from gateway.clock import SystemClock
+from gateway.hmi.desk import Desk
+from gateway.hmi.orders import About, FromHmi, HmiJob, ToHmi
+from gateway.hmi.web import app, site_of
+
+NICE = 10  # whoever looks at pages must not take the processor from the camera and the PLC
+GRACE_S = 1  # of open connections at the end
+MAX_TEXT = 4096  # of one WebSocket message from a page
+
+
+def run(link: Link[FromHmi, ToHmi], job: HmiJob) -> None:
+    """Until the main process is gone. Raises LinkError when it answers no more."""
+    os.nice(NICE)
+    cv2.setNumThreads(1)
+    logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
+    loop.run(_serve(job.unpacked(), link))
+
+
+async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:
+    pace = SystemClock()
+    desk = Desk(about, link, pace)
+    config = about.config.hmi
+    server = uvicorn.Server(
+        uvicorn.Config(
+            app(site_of(desk, pace)),
+            log_level="warning",
+            access_log=False,
+            lifespan="off",
+            server_header=False,
+            proxy_headers=False,
+            ws_max_size=MAX_TEXT,
+            ws_per_message_deflate=False,
+            limit_concurrency=4 * config.max_viewers + 64,
+            timeout_graceful_shutdown=GRACE_S,
+            ssl_certfile=config.tls_cert,
+            ssl_keyfile=config.tls_key,
+        )
+    )
+    sockets = [socket.socket(fileno=fd) for fd in about.sockets]
+    async with asyncio.TaskGroup() as group:
+        pulling = group.create_task(desk.keep(), name="desk")
+        await server.serve(sockets)
+        pulling.cancel()

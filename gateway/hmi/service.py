@@ -1,0 +1,85 @@
+"""The web process's life, seen from the main process: started by the first visitor, answered, watched, replaced. IO.
+
+As long as nobody calls, there is no such process: a connection waits in the listening socket until it has come up.
+"""
+
+import asyncio
+import os
+import socket
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+
+from gateway.children.pool import Pool, Role
+from gateway.children.words import Failed, Gone
+from gateway.errors import ConfigError, LinkError
+from gateway.hmi.door import door
+from gateway.hmi.feed import Feed
+from gateway.hmi.orders import About, Ask, FromHmi, HmiJob, Order, ToHmi
+
+SILENT_S = 15.0  # real time; the web process asks at least once a second
+PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
+CHILD = 1
+
+
+class HmiService:
+    """A row of the task table: `run` ends with LinkError when the web process does.
+
+    `sockets`: listening already; without any, `run` opens the door itself, as often as it takes.
+    """
+
+    def __init__(self, feed: Feed, about: About, sockets: tuple[socket.socket, ...]) -> None:
+        self._feed = feed
+        self._about = about
+        self._sockets = sockets
+
+    async def run(self) -> None:
+        """Until cancelled. Raises LinkError when the port is taken or the web process ended or hung, ConfigError when
+        only people can help."""
+        with ExitStack() as own:
+            await self._serve(self._sockets or own.enter_context(door(self._about.config.hmi)))
+
+    async def _serve(self, sockets: tuple[socket.socket, ...]) -> None:
+        await _visitor(sockets)
+        rings = tuple(ring.fd for ring in self._about.rings.values())
+        listening = tuple(sock.fileno() for sock in sockets)
+        job = HmiJob.of(replace(self._about, sockets=listening))
+        role: Role[ToHmi] = Role("gateway.hmi.process", "gw-hmi", job, (*rings, *listening))
+        async with Pool[ToHmi, FromHmi]("hmi", self._about.clock) as pool:
+            pool.start(CHILD, role)
+            while True:
+                try:
+                    async with asyncio.timeout(SILENT_S):
+                        await pool.wait(None)
+                except TimeoutError:
+                    raise LinkError(f"the web process has said nothing for {SILENT_S:g} s") from None
+                for _, message in pool.messages():
+                    self._hear(message, pool)
+                await asyncio.sleep(PAUSE_S)
+
+    def _hear(self, message: FromHmi | Failed | Gone, pool: Pool[ToHmi, FromHmi]) -> None:
+        tell = partial(pool.send, CHILD)
+        match message:
+            case Ask():
+                tell(self._feed.answer(message))
+            case Order():
+                tell(self._feed.carry_out(message))
+            case Failed(why, config):
+                raise (ConfigError if config else LinkError)(why)
+            case Gone(how):
+                raise LinkError(f"the web process {how}")
+
+
+async def _visitor(sockets: tuple[socket.socket, ...]) -> None:
+    """Waits for a connection, and leaves it to the web process to take it."""
+    loop = asyncio.get_running_loop()
+    called = asyncio.Event()
+    copies = [os.dup(sock.fileno()) for sock in sockets]  # an event loop wants a descriptor to be its own
+    try:
+        for fd in copies:
+            loop.add_reader(fd, called.set)
+        await called.wait()
+    finally:
+        for fd in copies:
+            loop.remove_reader(fd)
+            os.close(fd)

@@ -1,0 +1,102 @@
+"""The pages' application: one table of routes, behind one guard. Assembled here, served by `process`."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+
+from gateway.clock import NS_PER_MS, Clock
+from gateway.hmi import views
+from gateway.hmi.desk import Desk
+from gateway.hmi.live import Live
+from gateway.hmi.pictures import Picture, Pictures
+
+STATIC = Path(str(files("gateway.hmi") / "static"))
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """What the routes work with."""
+
+    desk: Desk
+    pictures: Pictures
+    live: Live
+    drivers: Live
+
+
+def site_of(desk: Desk, pace: Clock) -> Site:
+    config = desk.about.config.hmi
+    return Site(
+        desk=desk,
+        pictures=Pictures(desk, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
+        live=Live(desk, views.live_json, config.max_viewers),
+        drivers=Live(desk, views.driver_json, config.max_viewers),
+    )
+
+
+def routes(site: Site) -> list[BaseRoute]:
+    """Every address there is. Who may call which stands in `security`."""
+    return [
+        Route("/", _page("index.html")),
+        Route("/driver", _page("driver.html")),
+        Route("/driver/{bay}", _page("driver.html")),
+        Route("/tune/{bay}", _page("tune.html")),
+        Route("/login", _page("login.html")),
+        Route("/api/bays/{bay}/picture", _picture(site)),
+        WebSocketRoute("/api/live", site.live.serve),
+        WebSocketRoute("/api/driver", site.drivers.serve),
+        Mount("/static", StaticFiles(directory=STATIC)),
+    ]
+
+
+def app(site: Site) -> Starlette:
+    return Starlette(routes=routes(site))
+
+
+Endpoint = Callable[[Request], Awaitable[Response]]
+
+
+def _page(name: str) -> Endpoint:
+    async def page(request: Request) -> Response:
+        return FileResponse(STATIC / name)
+
+    return page
+
+
+def _picture(site: Site) -> Endpoint:
+    async def picture(request: Request) -> Response:
+        """The newest frame as JPEG, if it is another than `after`; waits for it. 204: none came."""
+        bay = request.path_params["bay"]
+        if bay not in site.desk.bays:
+            return PlainTextResponse(f"no bay {bay}\n", 404)
+        try:
+            after = int(request.query_params["after"]) if "after" in request.query_params else None
+            width_px = int(request.query_params.get("width", "640"))
+        except ValueError:
+            return PlainTextResponse("after and width: whole numbers\n", 400)
+        made = await site.pictures.newer(bay, after, width_px)
+        if made is None:
+            return Response(status_code=204)
+        return Response(made.jpeg, media_type="image/jpeg", headers=_told(site.desk, made))
+
+    return picture
+
+
+def _told(desk: Desk, picture: Picture) -> dict[str, str]:
+    """About the picture, in its headers: so that it can't be taken for another's."""
+    age_ms = (desk.clock.now_ns() - picture.t_capture_ns) / NS_PER_MS
+    headers = {
+        "Cache-Control": "no-store",
+        "X-Frame-Id": str(picture.seq),
+        "X-Frame-Age-Ms": f"{age_ms:.1f}",
+        "X-Frame-Size": f"{picture.width_px}x{picture.height_px}",
+    }
+    if picture.reading is not None:
+        headers["X-Frame-View"] = views.frame_json(picture.reading)
+    return headers
