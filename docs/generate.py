@@ -12,6 +12,8 @@ from pathlib import Path
 import cv2
 
 from gateway import configdoc
+from gateway.hmi.alarms import states as alarm_states
+from gateway.hmi.alarms import table as alarm_table
 from gateway.modbus import export, timing
 from gateway.modbus import reference as modbus_reference
 from gateway.modbus.exports import reference as plc_reference
@@ -46,6 +48,12 @@ def sparkplug_assertions() -> str:
 
 
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
+    "alarms.md": {
+        "alarms": alarm_table.summary_markdown,
+        "states": alarm_states.markdown,
+        "designs": alarm_table.designs_markdown,
+        "responses": alarm_table.responses_markdown,
+    },
     "commissioning-vision.md": {
         "labels": labels.markdown,
         "requirements": gate.markdown,

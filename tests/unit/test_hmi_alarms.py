@@ -1,0 +1,472 @@
+"""Alarms: the standard's diagram and nothing else, delays that keep them from chattering, and people's deeds."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from gateway.config import FusionConfig
+from gateway.hmi.alarms import states, table
+from gateway.hmi.alarms.board import HISTORY, AlarmBoard
+from gateway.hmi.alarms.records import DEEDS, MAX_NOTE, SHELVE_MOST_MIN, Alarm, Change, Deed, Outcome, Reply
+from gateway.hmi.alarms.states import AlarmState, Cue, following
+from gateway.hmi.alarms.table import Design, Priority, Signs
+from gateway.model import Circle, FunctionCheck, FusionMemory, Quality, RangeReading, Reason, StateVector, VisionReading
+from tests.permitted import permitted
+
+S = 1_000_000_000
+T0 = 1_000 * S
+FUSION = FusionConfig()
+N, U, A, R = AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, AlarmState.RETURNED
+LU, LA = AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED
+SH, SU, OUT = AlarmState.SHELVED, AlarmState.SUPPRESSED, AlarmState.OUT_OF_SERVICE
+
+# ISA-18.2's diagram, written down by hand: (from, what happens, to), of alarms that latch and of those that don't.
+BOTH = {
+    (N, "occurs", U), (R, "occurs", U), (U, "acknowledge", A), (R, "acknowledge", N),
+    *((shown, "shelve", SH) for shown in (N, U, A, R)), *((shown, "suppress", SU) for shown in (N, U, A, R)),
+    *((shown, "remove", OUT) for shown in (N, U, A, R, SH, SU)),
+    (SH, "unshelve", N), (SH, "unshelve", U), (SU, "unsuppress", N), (OUT, "restore", N), (OUT, "restore", U),
+}  # fmt: skip
+PLAIN = {(U, "returns", R), (A, "returns", N)}
+LATCHING = {
+    (U, "returns", LU), (A, "returns", LA), (LU, "acknowledge", LA), (LA, "reset", N), (LU, "occurs", U),
+    (LA, "occurs", U), *((shown, cue, hidden) for shown in (LU, LA) for cue, hidden in
+                         (("shelve", SH), ("suppress", SU), ("remove", OUT))),
+}  # fmt: skip
+# Only a latching alarm gets into LU and LA, so its arrows from there are asked of latching alarms alone.
+NOWHERE_ELSE = {(source, cue, target) for source, cue, target in LATCHING if source in (LU, LA)}
+
+
+@pytest.mark.parametrize("latching", [False, True])
+def test_the_machine_has_every_arrow_of_the_diagram_and_no_other(latching: bool) -> None:
+    found = {
+        (source, cue.value, target)
+        for source in AlarmState
+        for cue in Cue
+        for active in (False, True)
+        if (target := following(source, cue, latching=latching, active=active)) is not None
+    }
+    assert found == (BOTH | LATCHING if latching else BOTH | PLAIN | NOWHERE_ELSE)
+
+
+def test_what_was_hidden_comes_back_by_whether_its_cause_holds() -> None:
+    for hidden, cue in ((SH, Cue.UNSHELVE), (OUT, Cue.RESTORE)):
+        assert following(hidden, cue, latching=False, active=True) is U
+        assert following(hidden, cue, latching=False, active=False) is N
+
+
+def board() -> AlarmBoard:
+    return AlarmBoard({"bay1": FUSION, "bay2": FUSION})
+
+
+def camera(quality: Quality, detail: str = "", bay: str = "bay1") -> StateVector:
+    return permitted(bay=bay, vision=VisionReading(4_960_000_000, quality, detail=detail))
+
+
+def look(alarms: AlarmBoard, state: StateVector, *seconds: float) -> list[Change]:
+    """Look at these moments; what changed."""
+    return [change for second in seconds for change in alarms.look_at_bay(state, T0 + round(second * S))]
+
+
+def told(changes: list[Change]) -> list[tuple[str, str]]:
+    return [(change.id, change.after.value) for change in changes]
+
+
+class TestDelays:
+    def test_a_cause_is_announced_after_its_on_delay_and_not_before(self) -> None:
+        alarms = board()
+        assert look(alarms, camera(Quality.LINK_DOWN), 0, 1, 1.999) == []
+        (change,) = look(alarms, camera(Quality.LINK_DOWN, "no such device"), 2)
+        assert (change.id, change.before, change.after, change.cue) == ("bay1.camera_down", N, U, Cue.OCCURS)
+        assert (change.detail, change.number, change.t_ns) == ("no such device", 1, T0 + 2 * S)
+        assert look(alarms, camera(Quality.LINK_DOWN), 3, 60) == []
+
+    def test_a_cause_that_flickers_is_never_announced(self) -> None:
+        alarms = board()
+        for second in range(0, 100, 2):
+            assert look(alarms, camera(Quality.LINK_DOWN), second, second + 1) == []
+            assert look(alarms, permitted(), second + 1.5) == []
+
+    def test_a_cause_that_flickers_away_does_not_return(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        for second in range(10, 100, 6):
+            assert look(alarms, permitted(), second, second + 4.9) == []
+            assert look(alarms, camera(Quality.LINK_DOWN), second + 5) == []
+        assert told(look(alarms, permitted(), 200, 205)) == [("bay1.camera_down", "returned")]
+
+    def test_another_fault_of_the_same_sensor_is_another_alarm(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        changes = look(alarms, camera(Quality.PROCESS_FAULT), 10, 12, 15)
+        assert told(changes) == [("bay1.vision_fault", "unacknowledged"), ("bay1.camera_down", "returned")]
+
+    def test_bays_do_not_share_anything(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        look(alarms, permitted(bay="bay2"), 0, 2)
+        assert [alarm.id for alarm in alarms.standing().alarms] == ["bay1.camera_down"]
+
+
+def no_echo(radius_px: float, quality: Quality = Quality.NO_ECHO) -> StateVector:
+    return permitted(
+        vision=VisionReading(4_960_000_000, Quality.GOOD, Circle(1, 1, radius_px)),
+        range=RangeReading(4_980_000_000, quality),
+    )
+
+
+def ranger(quality: Quality) -> StateVector:
+    return permitted(range=RangeReading(4_980_000_000, quality))
+
+
+LONG = (0, 40 * 60)
+CAUSES = {
+    "control_dead": permitted(reason=Reason.GATEWAY_FAULT),
+    "plc_lost": permitted(plc=replace(permitted().plc, missed=True)),
+    "camera_down": camera(Quality.LINK_DOWN),
+    "camera_stale": camera(Quality.STALE),
+    "vision_fault": camera(Quality.PROCESS_FAULT),
+    "ranger_down": ranger(Quality.LINK_DOWN),
+    "ranger_stale": ranger(Quality.STALE),
+    "ranger_stuck": ranger(Quality.STUCK),
+    "ranger_version": ranger(Quality.WRONG_VERSION),
+    "ranger_no_echo": no_echo(100.0),
+    "ranger_unstable": ranger(Quality.UNSTABLE),
+    "ranger_too_near": ranger(Quality.TOO_NEAR),
+    "sensors_disagree": permitted(memory=FusionMemory(disagree=True)),
+    "maintenance": permitted(memory=FusionMemory(wear=1, wear_ns=4_000_000_000)),
+    "function_check_forgotten": permitted(function_check=FunctionCheck.PERMIT_KEPT),
+}
+NO_ALARM = {
+    "loading": permitted(),
+    "empty bay": permitted(
+        vision=VisionReading(1, Quality.NO_TARGET), range=RangeReading(1, Quality.NO_ECHO), reason=Reason.NO_TARGET
+    ),
+    "truck in place": permitted(d=True, stop=True, permit=False, reason=Reason.TARGET_REACHED),
+    "starting": StateVector("bay1"),
+    "coasting": camera(Quality.COASTED),
+    "truck far away": no_echo(20.0),
+    "truck far away, by the ranger": no_echo(20.0, Quality.TOO_FAR),
+    "stop latched": permitted(memory=FusionMemory(latched=True), stop=True, reason=Reason.STOP_LATCHED),
+}
+
+
+class TestTheTable:
+    @pytest.mark.parametrize("kind", [kind.id for kind in table.BAY_ALARMS])
+    def test_each_cause_raises_its_alarm_and_no_other(self, kind: str) -> None:
+        changes = look(board(), CAUSES[kind], *LONG)
+        assert [change.id for change in changes if change.after is U] == [f"bay1.{kind}"]
+        assert {change.after for change in changes} <= {U, SU}
+
+    @pytest.mark.parametrize("state", NO_ALARM.values(), ids=NO_ALARM.keys())
+    def test_what_needs_no_action_is_no_alarm(self, state: StateVector) -> None:
+        assert look(board(), state, *LONG, 3 * 3600) == []
+
+    @pytest.mark.parametrize(
+        ("kind", "signs"),
+        [
+            ("plc_not_reading", Signs(plc_reads=False)),
+            ("broker_lost", Signs(broker_connected=False)),
+            ("sparkplug_lost", Signs(sparkplug_connected=False)),
+            ("events_lost", Signs(events_lost=1)),
+            ("event_store_fault", Signs(store_fault="disk full")),
+            ("task_crashed", Signs(crashes=1)),
+        ],
+    )
+    def test_each_sign_raises_its_alarm_and_no_other(self, kind: str, signs: Signs) -> None:
+        alarms = board()
+        changes = [*alarms.look_at_gateway(signs, T0), *alarms.look_at_gateway(signs, T0 + 31 * S)]
+        assert told(changes) == [(kind, "unacknowledged")]
+
+    def test_a_gateway_without_broker_and_known_plcs_has_no_alarm(self) -> None:
+        alarms = board()
+        assert alarms.look_at_gateway(Signs(), T0) == alarms.look_at_gateway(Signs(), T0 + 3600 * S) == []
+
+    def test_the_marker_s_distance_is_the_cross_check_s_where_there_is_one(self) -> None:
+        near = replace(no_echo(20.0), z_vision_mm=2000.0)
+        far = replace(no_echo(100.0), z_vision_mm=3000.0)
+        assert told(look(board(), near, *LONG)) == [("bay1.ranger_no_echo", "unacknowledged")]
+        assert look(board(), far, *LONG) == []
+
+    def test_every_row_says_what_to_do(self) -> None:
+        for kind in table.KINDS.values():
+            assert all((kind.title, kind.meaning, kind.consequence, kind.causes, kind.action)), kind.id
+            assert kind.respond_min > 0, kind.id
+            assert kind.off_delay_s > 0 or kind.on_delay_s > 60, f"{kind.id} would chatter"
+        high = sum(kind.priority is Priority.HIGH for kind in table.KINDS.values())
+        assert high < len(table.KINDS)
+
+    def test_the_pages_name_every_row(self) -> None:
+        for text in (table.summary_markdown(), table.responses_markdown()):
+            assert all(kind in text for kind in table.KINDS)
+        assert all(state.value in states.markdown() for state in AlarmState)
+        assert all(design.value in table.designs_markdown() for design in Design)
+
+
+class TestSuppressedByDesign:
+    def test_a_function_check_hides_the_sensors_alarms_and_shows_them_again(self) -> None:
+        alarms = board()
+        down = camera(Quality.LINK_DOWN)
+        look(alarms, down, 0, 2)
+        checked = look(alarms, replace(down, function_check=FunctionCheck.PERMIT_OFF), 10)
+        assert ("bay1.camera_down", "suppressed") in told(checked)
+        assert "bay1.plc_lost" not in dict(told(checked))
+        back = look(alarms, down, 20)
+        assert ("bay1.camera_down", "normal") in told(back)
+        assert look(alarms, down, 21.9) == []
+        assert told(look(alarms, down, 22)) == [("bay1.camera_down", "unacknowledged")]
+
+    def test_while_permit_is_kept_nothing_is_hidden(self) -> None:
+        state = replace(camera(Quality.LINK_DOWN), function_check=FunctionCheck.PERMIT_KEPT)
+        assert told(look(board(), state, 0, 2)) == [("bay1.camera_down", "unacknowledged")]
+
+    def test_a_dead_control_task_is_one_alarm_not_four(self) -> None:
+        alarms = board()
+        dead = replace(camera(Quality.STALE), range=RangeReading(1, Quality.STALE), reason=Reason.GATEWAY_FAULT)
+        changes = look(alarms, dead, 0, 1, 10)
+        assert [change.id for change in changes if change.after is U] == ["bay1.control_dead"]
+        # The first states after it still hold nothing new from the sensors.
+        assert U not in [change.after for change in look(alarms, camera(Quality.STALE), 11, 12)]
+        assert U not in [change.after for change in look(alarms, permitted(), 12.5, 60)]
+
+    def test_nothing_is_announced_at_the_end(self) -> None:
+        gone = replace(CAUSES["control_dead"], reason=Reason.SHUTDOWN, vision=VisionReading(1, Quality.STALE))
+        assert U not in [change.after for change in look(board(), gone, *LONG)]
+
+    def test_shelving_that_ends_under_suppression_announces_nothing(self) -> None:
+        alarms = board()
+        down = camera(Quality.LINK_DOWN)
+        look(alarms, down, 0, 2)
+        assert deed(alarms, Cue.SHELVE, 3, minutes=1).outcome is Outcome.DONE
+        checked = replace(down, function_check=FunctionCheck.PERMIT_OFF)
+        changes = look(alarms, checked, 62, 63)
+        assert [state for name, state in told(changes) if name == "bay1.camera_down"] == ["normal", "suppressed"]
+
+
+def deed(
+    alarms: AlarmBoard, cue: Cue, second: float, name: str = "bay1.camera_down", minutes: float | None = None,
+    occurrence: int | None = None, note: str = "",
+) -> Reply:  # fmt: skip
+    asked = Deed(name, cue, "anna", note, minutes, occurrence)
+    reply, changes = alarms.act(asked, T0 + round(second * S))
+    assert bool(changes) == (reply.outcome is Outcome.DONE) == (reply.why == "")
+    return reply
+
+
+def of(alarms: AlarmBoard, name: str = "bay1.camera_down") -> Alarm:
+    alarm = alarms.alarm(name)
+    assert alarm is not None
+    return alarm
+
+
+class TestPeople:
+    def test_an_acknowledged_alarm_ends_by_itself(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        assert deed(alarms, Cue.ACKNOWLEDGE, 3, note="gone to look").outcome is Outcome.DONE
+        assert (of(alarms).state, of(alarms).who, of(alarms).note, of(alarms).active) == (
+            A,
+            "anna",
+            "gone to look",
+            True,
+        )
+        assert told(look(alarms, permitted(), 10, 15)) == [("bay1.camera_down", "normal")]
+
+    def test_an_alarm_that_nobody_saw_stays_until_somebody_does(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        look(alarms, permitted(), 10, 15, 24 * 3600)
+        assert of(alarms).state is R
+        assert deed(alarms, Cue.ACKNOWLEDGE, 24 * 3600 + 1).outcome is Outcome.DONE
+        assert of(alarms).state is N
+
+    def test_a_new_occurrence_must_be_seen_anew(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        look(alarms, permitted(), 10, 15)
+        look(alarms, camera(Quality.LINK_DOWN), 20, 22)
+        assert of(alarms).occurrences == 2
+        late = deed(alarms, Cue.ACKNOWLEDGE, 23, occurrence=1)
+        assert (late.outcome, of(alarms).state) == (Outcome.REFUSED, U)
+        assert "occurred again" in late.why
+        assert deed(alarms, Cue.ACKNOWLEDGE, 24, occurrence=2).outcome is Outcome.DONE
+
+    def test_a_latched_alarm_wants_acknowledgement_and_reset(self) -> None:
+        alarms = board()
+        alarms.look_at_gateway(Signs(events_lost=3), T0)
+        assert of(alarms, "events_lost").detail == "3 since the start of the gateway"
+        alarms.look_at_gateway(Signs(events_lost=3), T0 + S)
+        alarms.look_at_gateway(Signs(events_lost=3), T0 + 61 * S)
+        assert of(alarms, "events_lost").state is LU
+        assert deed(alarms, Cue.RESET, 62, "events_lost").outcome is Outcome.REFUSED
+        assert deed(alarms, Cue.ACKNOWLEDGE, 63, "events_lost").outcome is Outcome.DONE
+        alarms.look_at_gateway(Signs(events_lost=3), T0 + 3600 * S)
+        assert of(alarms, "events_lost").state is LA
+        assert deed(alarms, Cue.RESET, 3601, "events_lost").outcome is Outcome.DONE
+        assert alarms.standing().alarms == ()
+        alarms.look_at_gateway(Signs(events_lost=4), T0 + 3602 * S)
+        assert of(alarms, "events_lost").state is U
+
+    def test_shelving_ends_by_itself_and_announces_what_still_stands(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        assert deed(alarms, Cue.SHELVE, 3, minutes=10).outcome is Outcome.DONE
+        assert of(alarms).shelved_until_ns == T0 + 603 * S
+        assert look(alarms, camera(Quality.LINK_DOWN), 4, 602.9) == []
+        assert told(look(alarms, camera(Quality.LINK_DOWN), 603)) == [("bay1.camera_down", "unacknowledged")]
+        assert of(alarms).shelved_until_ns is None
+
+    def test_a_shelved_alarm_whose_cause_has_gone_is_normal_afterwards(self) -> None:
+        alarms = board()
+        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        deed(alarms, Cue.SHELVE, 3, minutes=10)
+        assert look(alarms, permitted(), 10, 15) == []
+        assert told(look(alarms, permitted(), 603)) == [("bay1.camera_down", "normal")]
+
+    def test_out_of_service_lasts_until_somebody_ends_it(self) -> None:
+        alarms = board()
+        assert deed(alarms, Cue.REMOVE, 0, note="camera is away for repair").outcome is Outcome.DONE
+        assert look(alarms, camera(Quality.LINK_DOWN), 1, 3, 365 * 86400) == []
+        assert of(alarms).state is OUT
+        assert deed(alarms, Cue.RESTORE, 365 * 86400 + 1).outcome is Outcome.DONE
+        assert of(alarms).state is U
+
+    @pytest.mark.parametrize("minutes", [None, 0.0, 0.9, SHELVE_MOST_MIN + 1, float("nan"), float("inf")])
+    def test_shelving_is_limited(self, minutes: float | None) -> None:
+        reply = deed(board(), Cue.SHELVE, 0, minutes=minutes)
+        assert reply.outcome is Outcome.WRONG
+        assert str(SHELVE_MOST_MIN) in reply.why
+
+    def test_what_is_not_for_people_or_not_there_is_refused(self) -> None:
+        alarms = board()
+        assert deed(alarms, Cue.ACKNOWLEDGE, 0, "bay9.camera_down").outcome is Outcome.UNKNOWN
+        assert deed(alarms, Cue.RETURNS, 0).outcome is Outcome.WRONG
+        assert deed(alarms, Cue.ACKNOWLEDGE, 0, note="x" * (MAX_NOTE + 1)).outcome is Outcome.WRONG
+        assert deed(alarms, Cue.ACKNOWLEDGE, 0).outcome is Outcome.REFUSED
+        assert alarms.history() == ()
+
+
+class TestWhatIsTold:
+    def test_the_most_important_alarm_comes_first(self) -> None:
+        alarms = board()
+        look(alarms, CAUSES["maintenance"], 0, 10)
+        look(alarms, camera(Quality.LINK_DOWN, bay="bay2"), 20, 22)
+        look(alarms, CAUSES["plc_lost"], 30, 31)
+        deed(alarms, Cue.ACKNOWLEDGE, 32, "bay1.plc_lost")
+        standing = alarms.standing()
+        assert [a.id for a in standing.alarms] == ["bay2.camera_down", "bay1.maintenance", "bay1.plc_lost"]
+        assert dict(standing.counts)[U] == 2
+        assert dict(standing.counts)[A] == 1
+        assert sum(count for _, count in standing.counts) == 2 * len(table.BAY_ALARMS) + len(table.GATEWAY_ALARMS)
+        assert dict(standing.announced) == {"maintenance": 1, "camera_down": 1, "plc_lost": 1}
+        assert standing.newest_change == 4
+        short = alarms.standing(most=1)
+        assert ([a.id for a in short.alarms], short.omitted) == (["bay2.camera_down"], 2)
+
+    def test_the_history_is_bounded_and_shows_what_it_has_lost(self) -> None:
+        alarms = board()
+        for second in range(0, 20 * HISTORY, 20):
+            look(alarms, camera(Quality.LINK_DOWN), second, second + 2)
+            look(alarms, permitted(), second + 3, second + 8)
+        history = alarms.history()
+        assert len(history) == HISTORY
+        assert [change.number for change in history] == list(range(HISTORY + 1, 2 * HISTORY + 1))
+        assert [change.number for change in alarms.history(after=2 * HISTORY - 2)] == [2 * HISTORY - 1, 2 * HISTORY]
+        assert alarms.history(most=1) == history[:1]
+
+
+class Life(RuleBasedStateMachine):
+    """Whatever happens to one alarm in whatever order: only arrows of the diagram, and a cause is never lost.
+
+    `camera_down`: 2 s on-delay, 5 s off-delay, not latching. The model keeps the raw cause and when it changed.
+    """
+
+    @initialize()
+    def begin(self) -> None:
+        self.alarms = board()
+        self.now_ns = T0
+        self.cause = self.checked = False
+        self.since_ns = T0  # the cause is as it is since then, as far as anybody looked
+        self.unseen = False  # announced, and no person has done anything about it since
+        self.number = 0
+
+    def state(self) -> AlarmState:
+        return of(self.alarms).state
+
+    def take(self, changes: list[Change]) -> None:
+        for change in changes:
+            self.number += 1
+            assert change.number == self.number
+            if change.id != "bay1.camera_down":
+                continue
+            assert (change.before, change.cue.value, change.after) in BOTH | PLAIN
+            if change.cue is Cue.OCCURS:
+                assert self.cause
+                assert self.now_ns - self.since_ns >= 2 * S
+            if change.cue is Cue.RETURNS:
+                assert not self.cause
+                assert self.now_ns - self.since_ns >= 5 * S
+            if change.after is U:
+                self.unseen = True
+            elif change.cue.value in {cue.value for cue in DEEDS} or change.after in (SU, SH):
+                self.unseen = False
+
+    def look(self) -> None:
+        function = FunctionCheck.PERMIT_OFF if self.checked else FunctionCheck.OFF
+        base = camera(Quality.LINK_DOWN) if self.cause else permitted()
+        self.take(self.alarms.look_at_bay(replace(base, function_check=function), self.now_ns))
+
+    @rule()
+    def cause_changes(self) -> None:
+        self.cause, self.since_ns = not self.cause, self.now_ns
+        self.look()
+
+    @rule(wait_s=st.sampled_from([0.1, 1.0, 2.0, 5.0, 61.0]))
+    def time_passes(self, wait_s: float) -> None:
+        self.now_ns += round(wait_s * S)
+        self.look()
+
+    @rule()
+    def technician(self) -> None:
+        self.checked = not self.checked
+        self.look()
+
+    @rule(cue=st.sampled_from(list(Cue)), minutes=st.sampled_from([None, 1.0]))
+    def person(self, cue: Cue, minutes: float | None) -> None:
+        before = of(self.alarms)
+        wanted = following(before.state, cue, latching=False, active=before.active)
+        possible = wanted is not None and cue in DEEDS and (cue is not Cue.SHELVE or minutes is not None)
+        reply, changes = self.alarms.act(Deed("bay1.camera_down", cue, "anna", minutes=minutes), self.now_ns)
+        assert (reply.outcome is Outcome.DONE) == possible
+        assert self.state() is (wanted if possible else before.state)
+        if cue is Cue.ACKNOWLEDGE and possible:
+            self.unseen = False
+        self.take(changes)
+
+    @precondition(lambda self: self.state() not in (SH, SU, OUT))
+    @invariant()
+    def an_announcement_waits_for_a_person(self) -> None:
+        assert self.unseen == (self.state() in (U, R))
+
+    @invariant()
+    def a_lasting_cause_is_announced(self) -> None:
+        if self.cause and not self.checked and self.now_ns - self.since_ns >= 65 * S:
+            assert self.state() in (U, A, SH, OUT, SU, N)
+            self.time_passes(2.0)  # whatever hid it just now: its on-delay
+            assert self.state() in (U, A, SH, OUT)
+
+    @invariant()
+    def shelving_ends(self) -> None:
+        alarm = of(self.alarms)
+        if alarm.state is SH:
+            assert alarm.shelved_until_ns is not None
+            assert self.now_ns < alarm.shelved_until_ns <= self.now_ns + 60 * S
+        else:
+            assert alarm.shelved_until_ns is None
+
+
+TestLife = Life.TestCase
+TestLife.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
