@@ -471,6 +471,7 @@ class MjpegHandler(socketserver.StreamRequestHandler):
 
 @pytest.fixture
 def mjpeg() -> Iterator[MjpegServer]:
+    before = threading.enumerate()
     with MjpegServer() as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
         thread.start()
@@ -478,9 +479,8 @@ def mjpeg() -> Iterator[MjpegServer]:
         server.over.set()
         server.shutdown()
         thread.join()
-    for other in threading.enumerate():
-        if other is not threading.main_thread():
-            other.join(5)
+    for connection in set(threading.enumerate()) - set(before):
+        connection.join(5)
 
 
 def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) -> None:
