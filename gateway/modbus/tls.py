@@ -14,6 +14,7 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
+from gateway.certs import pair
 from gateway.certs.role import role_of
 from gateway.clock import Clock
 from gateway.config import TlsConfig
@@ -44,21 +45,15 @@ def server_context(config: TlsConfig) -> ssl.SSLContext:
     context.num_tickets = 0
     for key, name in (("cert", config.cert), ("key", config.key), ("ca", config.ca), ("crl", config.crl)):
         if name is not None:
-            _readable(key, name)
-    try:
-        context.load_cert_chain(config.cert, config.key, password=_no_passphrase)
-    except (OSError, ValueError) as error:  # OSError: an SSLError, or somebody has taken the file away just now
-        raise ConfigError(
-            f"modbus.tls.cert: {config.cert} and modbus.tls.key {config.key}: not a certificate and its private key, "
-            f"in PEM form, without a passphrase: {_said(error)}"
-        ) from error
+            pair.readable((f"modbus.tls.{key}", name))
+    pair.load_pair(context, ("modbus.tls.cert", config.cert), ("modbus.tls.key", config.key))
     for key, name in (("ca", config.ca), ("crl", config.crl)):
         if name is None:
             continue
         try:
             context.load_verify_locations(name)
         except OSError as error:
-            raise ConfigError(f"modbus.tls.{key}: {name}: nothing in PEM form in it: {_said(error)}") from error
+            raise ConfigError(f"modbus.tls.{key}: {name}: nothing in PEM form in it: {pair.said(error)}") from error
     loaded = context.cert_store_stats()
     if loaded["x509_ca"] == 0:
         raise ConfigError(f"modbus.tls.ca: {config.ca}: holds no certificate of an authority")
@@ -199,19 +194,3 @@ _REASONS = {
     "SSLV3_ALERT_BAD_CERTIFICATE": "it refuses the gateway's certificate",
     "NO_SHARED_CIPHER": "it has no cipher with forward secrecy and authenticated encryption",
 }
-
-
-def _readable(key: str, name: str) -> None:
-    try:
-        with Path(name).open("rb") as file:
-            file.read(1)
-    except OSError as error:
-        raise ConfigError(f"modbus.tls.{key}: cannot read {name}: {error.strerror}") from error
-
-
-def _no_passphrase() -> str:
-    raise ValueError("the key has a passphrase, and nobody would be there to type it")
-
-
-def _said(error: Exception) -> str:
-    return str(getattr(error, "reason", None) or error).lower().replace("_", " ")

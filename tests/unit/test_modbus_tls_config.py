@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gateway import app
-from gateway.certs import issue
+from gateway.certs import issue, pair
 from gateway.cli.main import main
 from gateway.config import parse
 from gateway.errors import ConfigError
@@ -159,7 +159,7 @@ def test_a_file_that_vanishes_while_it_is_read_is_told(
     copy = tmp_path / "copy.pem"
     copy.write_bytes(Path(getattr(plant.config(), key)).read_bytes())
     config = plant.config(**{key: str(copy)})
-    monkeypatch.setattr(tls, "_readable", lambda _, name: copy.unlink() if name == str(copy) else None)
+    monkeypatch.setattr(pair, "readable", lambda named: copy.unlink(missing_ok=True) if named[1] == str(copy) else None)
     with pytest.raises(ConfigError, match=f"modbus.tls.{key}.*No such file|no such file"):
         tls.server_context(config)
 
