@@ -17,6 +17,7 @@ from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
 from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.door import door, url
 from gateway.hmi.feed import BayParts, Feed
 from gateway.hmi.orders import About, LinksNow, TaskNow
@@ -128,6 +129,7 @@ async def run(
     """
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
+        chronicle = Chronicle(hub)
         # Publisher and companions subscribe before the first state, or the start events would be missed.
         voices: list[tuple[str, MqttPublisher | SparkplugPublisher]] = []
         publisher: MqttPublisher | None = None
@@ -186,7 +188,7 @@ async def run(
                 bay.name: BayParts(controls[bay.name], units[bay.unit_id].read, visions[bay.name])
                 for bay in config.bays
             }
-            feed = Feed(hub, parts, clock, lambda: _links(supervisor, config, publisher))
+            feed = Feed(chronicle, parts, clock, lambda: _links(supervisor, config, publisher))
             about = About(config.model_copy(update={"mqtt": None}), clock, rings, source=source)
             pages, hmi_url = _pages(about, feed, shared)
             tasks.append(pages)

@@ -16,8 +16,10 @@ from gateway.cli.outlet import Outlet
 from gateway.cli.simbay import Bay
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import GatewayConfig
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, LinkError
+from gateway.hmi.door import door
 from gateway.hub import Hub
+from gateway.sections.hmi import HmiConfig
 from gateway.shared_state import attachable
 from gateway.sim import scenario as scenarios
 from gateway.sim import trials
@@ -105,7 +107,19 @@ def _settings(args: argparse.Namespace) -> GatewayConfig:
         over["vision"] = {"method": args.method}
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
-    return config.load(args.config or running.shipped("simulate.toml"), over)
+    settings = config.load(args.config or running.shipped("simulate.toml"), over)
+    if args.config is None and args.hmi_port is None and settings.hmi.enabled and not _can_listen(settings.hmi):
+        settings = settings.model_copy(update={"hmi": settings.hmi.model_copy(update={"port": 0})})
+    return settings
+
+
+def _can_listen(hmi: HmiConfig) -> bool:
+    """Is the usual port free? Beside another simulation the pages take any other."""
+    try:
+        with door(hmi):
+            return True
+    except LinkError:
+        return False
 
 
 def _at_speed(settings: GatewayConfig, speed: float) -> GatewayConfig:

@@ -5,7 +5,6 @@ with a new vision, whose first word is that it has seen nothing yet.
 """
 
 import logging
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -13,8 +12,8 @@ from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import VisionConfig
 from gateway.errors import GatewayError
+from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.orders import (
-    MAX_EVENTS,
     MAX_STATES,
     Answer,
     Apply,
@@ -23,17 +22,13 @@ from gateway.hmi.orders import (
     Check,
     Done,
     LinksNow,
-    Numbered,
     Order,
 )
-from gateway.hub import Hub
 from gateway.modbus.answers import ReadImage
-from gateway.model import Event, FunctionCheck
+from gateway.model import FunctionCheck
 from gateway.vision.service import VisionService
 
 log = logging.getLogger(__name__)
-
-KEPT_EVENTS = 1000  # of all bays, for the list on the page
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,21 +41,15 @@ class BayParts:
 
 
 class Feed:
-    """Answers the web process. Events are kept from the start on, so that the list outlives that process."""
+    """Answers the web process."""
 
     def __init__(
-        self, hub: Hub, bays: Mapping[str, BayParts], clock: Clock, links: Callable[[], LinksNow] = LinksNow
+        self, chronicle: Chronicle, bays: Mapping[str, BayParts], clock: Clock, links: Callable[[], LinksNow] = LinksNow
     ) -> None:
         self._bays = bays
         self._clock = clock
         self._links = links
-        self._events: deque[Numbered] = deque(maxlen=KEPT_EVENTS)
-        self._told = 0
-        hub.listen(self._keep)
-
-    def _keep(self, event: Event) -> None:
-        self._told += 1
-        self._events.append(Numbered(self._told, event))
+        self._chronicle = chronicle
 
     def answer(self, ask: Ask) -> Answer:
         known = [bay for bay in ask.bays if bay in self._bays][:MAX_STATES]
@@ -70,8 +59,8 @@ class Feed:
             wall_ns=self._clock.wall_ns(),
             bays=tuple(self._now(self._bays[bay]) for bay in known),
             links=self._links() if ask.links else None,
-            events=tuple(row for row in self._events if row.number > ask.after)[:MAX_EVENTS],
-            newest_event=self._told,
+            events=self._chronicle.after(ask.after),
+            newest_event=self._chronicle.newest,
         )
 
     def _now(self, bay: BayParts) -> BayNow:

@@ -1,0 +1,98 @@
+"""A web process's desk with a real main process's side at the other end of a real link, in one event loop."""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+from gateway.bay import BayControl
+from gateway.children.link import Link
+from gateway.config import BayConfig, GatewayConfig, VisionConfig
+from gateway.errors import ConfigError
+from gateway.hmi.chronicle import Chronicle
+from gateway.hmi.desk import Desk
+from gateway.hmi.feed import BayParts, Feed
+from gateway.hmi.orders import About, Ask, FromHmi, LinksNow, Order, ToHmi
+from gateway.hub import Hub
+from gateway.vision import shm
+from gateway.vision.shm import Ring
+from tests.virtual_time import LoopClock
+
+
+@dataclass
+class Eyes:
+    """Stands where the vision service stands."""
+
+    settings: VisionConfig = field(default_factory=VisionConfig)
+    refuses: str = ""
+
+    def apply(self, vision: VisionConfig) -> None:
+        if self.refuses:
+            raise ConfigError(self.refuses)
+        self.settings = vision
+
+
+@dataclass
+class Plant:
+    """Both ends. `answering` False: the main process hangs."""
+
+    desk: Desk
+    feed: Feed
+    hub: Hub
+    controls: dict[str, BayControl]
+    eyes: dict[str, Eyes]
+    rings: dict[str, Ring]
+    asks: list[Ask] = field(default_factory=list)
+    answering: bool = True
+    near: Link[ToHmi, FromHmi] | None = None
+
+
+@asynccontextmanager
+async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | None = None) -> AsyncIterator[Plant]:
+    """In virtual time. Every message crosses a real socket, pickled."""
+    clock = LoopClock()
+    named = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, bays + 1))
+    config = config or GatewayConfig(bays=named)
+    names = [bay.name for bay in config.bays]
+    hub = Hub(names)
+    chronicle = Chronicle(hub)
+    controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
+    eyes = {name: Eyes() for name in names}
+    parts = {
+        name: BayParts(controls[name], lambda: range(100), eyes[name])  # type: ignore[arg-type]  # what it needs of it
+        for name in names
+    }
+    feed = Feed(chronicle, parts, clock, LinksNow)
+    specs = {name: shm.create(3, 0.1) for name in names}
+    near, far = Link[ToHmi, FromHmi].pair()
+    about = About(config, clock, specs)
+    desk = Desk(about, Link[FromHmi, ToHmi](far), clock)
+    made = Plant(desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()})
+    made.near = near
+
+    def hear() -> None:
+        for message in near.received():
+            match message:
+                case Ask():
+                    made.asks.append(message)
+                    if made.answering:
+                        assert near.offer(feed.answer(message))
+                case Order():
+                    assert near.offer(feed.carry_out(message))
+
+    loop = asyncio.get_running_loop()
+    loop.add_reader(near.sock, hear)
+    try:
+        async with asyncio.TaskGroup() as group:
+            ticking = [group.create_task(control.run()) for control in controls.values()]
+            kept = group.create_task(desk.keep()) if keep else None
+            yield made
+            for task in (*ticking, *([kept] if kept else [])):
+                task.cancel()
+    finally:
+        loop.remove_reader(near.sock)
+        near.close()
+        far.close()
+        for spec in specs.values():
+            os.close(spec.fd)
