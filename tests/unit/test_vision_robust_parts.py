@@ -11,7 +11,7 @@ from gateway.sim import decoys
 from gateway.vision.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
 from gateway.vision.robust import candidates, ellipses, evidence
 from gateway.vision.robust.candidates import Seed
-from gateway.vision.robust.colours import clearest_rim, quality, roundness
+from gateway.vision.robust.colours import EVEN_PX, GOOD, clearest_rim, quality, roundness
 from gateway.vision.robust.decision import ODDS, POWERS, Candidate, Limits, alike, confidence, veto, weight
 from gateway.vision.robust.evidence import Evidence, masked_median
 from gateway.vision.robust.redness import pyramid, redness
@@ -20,8 +20,9 @@ from gateway.vision.robust.rim import Rim, refine
 
 LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
 RIM = Rim(
-    Ellipse(80.0, 60.0, 30.0, 30.0, 0.0), rms_px=0.0, support=1.0, visible=1.0, contrast=100.0, inliers=190, blur_px=1.0
-)
+    Ellipse(80.0, 60.0, 30.0, 30.0, 0.0), rms_px=0.0, support=1.0, visible=1.0, contrast=100.0, inliers=190,
+    blur_px=1.0, wave_px=0.0,
+)  # fmt: skip
 PERFECT = Evidence(
     RIM.ellipse, coverage=1, leak=0, visible=1, contrast=1, rise=1, noise=0, fill=1, hollow=0, redness=1, haze=0,
     colour=(40, 40, 190),
@@ -219,7 +220,7 @@ def test_rims_are_alike_within_a_share_of_their_size() -> None:
     assert not alike(one, Ellipse(50, 50, 38, 28, 0))
 
 
-def test_the_rim_of_a_dark_sign_with_a_white_line_is_measured_in_red_less_green() -> None:
+def test_the_rim_of_a_dark_sign_with_a_white_line_is_measured_in_red_against_green() -> None:
     sheet = decoys.sheet(160, 120, "concrete", 2)
     sheet.fill(np.ones(sheet.paint.shape[:2], np.float32), (10, 8, 9))
     sheet.disc(80.0, 60.0, 21.5, (210, 210, 210))
@@ -231,6 +232,42 @@ def test_the_rim_of_a_dark_sign_with_a_white_line_is_measured_in_red_less_green(
 
     assert rim.ellipse.semi_major_px == pytest.approx(20, abs=0.3)
     assert (rim.ellipse.u_px, rim.ellipse.v_px) == pytest.approx((80, 60), abs=0.2)
+
+
+@pytest.mark.parametrize(("reach_px", "dark"), [(3, 0.0), (5, 0.5)])
+def test_the_rim_of_a_ball_with_a_shadow_on_the_floor_is_measured_in_red_against_green(
+    reach_px: float, dark: float
+) -> None:
+    """Below it, the floor gets lighter with the distance and the ball darker towards its rim: no plain step there."""
+    sheet = decoys.sheet(160, 120, "concrete", 2)
+    du, dv = sheet.far(80.0, 60.0)
+    share = np.hypot(du, dv) / 32
+    low = np.clip(dv / 32 / np.maximum(share, 0.1) + 0.3, 0, 1)
+    floor = 1 - 0.9 * low * np.exp(-np.maximum(share - 1, 0) * 32 / reach_px)
+    sheet.paint[:] = floor[..., None] * np.array((150, 155, 160))
+    light = 1 - dark * low * np.clip(share, 0, 1) ** 6
+    sheet.paint[share < 1] = (light[..., None] * np.array((60, 55, 200)))[share < 1]
+    image, seed = sheet.finished(1.5), Ellipse(80.5, 59.5, 32.3, 32.3, 0)
+    by_all_colours, rim = refine(image, seed, search_px=3.0), clearest_rim(image, seed)
+    assert by_all_colours is not None
+    assert rim is not None
+
+    assert by_all_colours.wave_px > EVEN_PX
+    assert by_all_colours.ellipse.v_px > 60.5
+    assert (rim.ellipse.u_px, rim.ellipse.v_px) == pytest.approx((80, 60), abs=0.15)
+    assert rim.ellipse.semi_major_px == pytest.approx(32, abs=0.2)
+
+
+def test_half_hidden_but_even_rims_stay_with_all_colours() -> None:
+    sheet = decoys.sheet(160, 120, "concrete", 2)
+    sheet.disc(80.0, 60.0, 32.0)
+    sheet.polygon([(80, 60), (120, 20), (120, 75)], (190, 140, 60))
+    image, seed = sheet.finished(), Ellipse(80.5, 59.5, 32.3, 32.3, 0)
+    by_all_colours, rim = refine(image, seed, search_px=3.0), clearest_rim(image, seed)
+    assert by_all_colours is not None
+
+    assert quality(by_all_colours) < GOOD
+    assert rim == by_all_colours
 
 
 @pytest.mark.parametrize("disturbance", DISTURBANCES, ids=lambda d: d.name)

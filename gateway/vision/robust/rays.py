@@ -18,6 +18,8 @@ from gateway.vision.robust.conic import Oval
 Floats = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
+OPPONENT = np.float32(1.5)  # grey levels a unit of a*: a red disc then is about as far from grey as it is in B, G and R
+
 
 @dataclass(frozen=True, slots=True)
 class Directions:
@@ -45,17 +47,21 @@ def directions(count: int) -> Directions:
 class Rays:
     """Where the rays cross the ellipse, and what the picture shows along them."""
 
-    colours: Samples  # (steps, count * 3): BGR along each ray, from inside to outside
+    colours: Samples  # (steps, count * channels): along each ray, from inside to outside
     support: Floats  # (count,): h(phi), px
     inside: NDArray[np.bool_]  # (count,): the crossing and the edge round it lie inside the frame
     count: int
+    channels: int  # 3: BGR; 1: red against green
 
 
-def sample(image: Image, oval: Oval, count: int, offsets_px: Samples, margin_px: float) -> Rays | None:
+def sample(
+    image: Image, oval: Oval, count: int, offsets_px: Samples, margin_px: float, opponent: bool = False
+) -> Rays | None:
     """The picture along `count` normals of the ellipse at `offsets_px` from it, outward positive, bilinear.
 
-    A ray counts as inside if it is in the frame from `margin_px` before the ellipse to as far behind it. None where the
-    ellipse and the rays miss the frame altogether.
+    `opponent`: not B, G and R, but OPPONENT times CIE Lab's a*, red against green at any brightness. A ray counts as
+    inside if it is in the frame from `margin_px` before the ellipse to as far behind it. None where the ellipse and the
+    rays miss the frame altogether.
     """
     height, width = image.shape[:2]
     look = directions(count)
@@ -83,7 +89,10 @@ def sample(image: Image, oval: Oval, count: int, offsets_px: Samples, margin_px:
         wide, high = np.abs(look.normal) * margin_px
         u, v = crossing[0] + left, crossing[1] + top
         inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)
-    return Rays(colours.reshape(len(offsets_px), -1).astype(np.float32), support, inside, count)
+    if opponent:
+        lab = np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2Lab), np.uint8)
+        return Rays(lab[..., 1] * OPPONENT, support, inside, count, channels=1)
+    return Rays(colours.reshape(len(offsets_px), -1).astype(np.float32), support, inside, count, channels=3)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,7 @@ from gateway.vision.robust.rays import Floats, Profile, Rays, Samples, direction
 
 SMALLEST_PX = 3.0  # a semi-axis
 LARGEST_PX = 20_000.0
+SECTORS = 16
 _COARSE_RAYS = 72
 _FEW_RAYS = 128  # where a first fine round only brings the rim near
 _COARSE_HALF_STEPS = 16
@@ -48,15 +49,17 @@ class Rim:
     rms_px: float  # of the inlying edges about the ellipse
     support: float  # share of the rays inside the frame that have an inlying edge
     visible: float  # share of the whole rim that is inside the frame and has an inlying edge
-    contrast: float  # median colour difference across the rim, grey levels (Euclidean over B, G, R)
+    contrast: float  # median colour difference across the rim, grey levels (Euclidean over the channels)
     inliers: int  # rays with an inlying edge
     blur_px: float  # sigma of the edge, sampling included
+    wave_px: float  # rms over SECTORS of the rim of their edges' mean distance: what no averaging over rays takes away
 
 
 class _Options(NamedTuple):
     rays: int
     doubt: float
     least_visible: float
+    opponent: bool
 
 
 class _Rough(NamedTuple):
@@ -82,21 +85,23 @@ def refine(
     rays: int = 320,
     doubt: float = 4.0,
     least_visible: float = 0.15,
+    opponent: bool = False,
 ) -> Rim | None:
     """The rim near `seed` in a (H, W, 3) uint8 BGR picture; None where none is. Never raises for a wild seed.
 
     `search_px`: how far off the seed's rim may be, along its normals; default: a sixth of its radius, at least 4 px;
     0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `rays`: at most so many
     in the fine stage. `doubt`: see `support.fit`. `least_visible`: fewer of the whole rim's rays are no rim.
+    `opponent`: the rim of red against green alone, see `rays.sample`.
     """
     oval = from_ellipse(seed)
     if not _sane(oval, image):
         return None
-    opt = _Options(rays, doubt, least_visible)
+    opt = _Options(rays, doubt, least_visible, opponent)
     reach = max(4.0, oval.minor_px / 6) if search_px is None else search_px
     if not reach > 0:
         return _fine(image, oval, 1.0, _FEW_RAYS, opt)
-    rough = _coarse(image, oval, min(reach, 0.8 * oval.minor_px))
+    rough = _coarse(image, oval, min(reach, 0.8 * oval.minor_px), opponent)
     if rough is None or not _sane(rough.oval, image):
         return None
     return _fine(image, rough.oval, rough.sigma_px, rays, opt)
@@ -151,11 +156,11 @@ def _hypotheses() -> Floats:
     return np.concatenate(kept)
 
 
-def _coarse(image: Image, oval: Oval, reach: float) -> _Rough | None:
+def _coarse(image: Image, oval: Oval, reach: float, opponent: bool) -> _Rough | None:
     """The ellipse most of the steepest edges agree on, good to a fraction of a pixel; None without enough edges."""
     step = reach / _COARSE_HALF_STEPS
     offsets = (np.arange(-_COARSE_HALF_STEPS, _COARSE_HALF_STEPS + 1) * step).astype(np.float32)
-    rays = sample(image, oval, _COARSE_RAYS, offsets, 0.0)
+    rays = sample(image, oval, _COARSE_RAYS, offsets, 0.0, opponent)
     if rays is None:
         return None
     shift, weight, sigma = _steepest(rays, step)
@@ -195,15 +200,15 @@ def _means() -> Samples:
 
 def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
     """Per ray the offset (px) of the steepest change away from the disc's colour, its weight, and the blur."""
-    colours, count = rays.colours, rays.count
-    inner, outer = (_means() @ colours).reshape(2, count, 3)
+    colours, count, channels = rays.colours, rays.count, rays.channels
+    inner, outer = (_means() @ colours).reshape(2, count, channels)
     some = np.sort(inner[rays.inside] if rays.inside.any() else inner, axis=0)
     away = some[len(some) // 2] - outer  # from the background behind this ray to the disc's median colour
     around = np.concatenate([away[-1:], away, away[:1]])
     away = around[:-2] + 2 * away + around[2:]
     length = np.sqrt(np.einsum("ij,ij->i", away, away)) + 1e-3
     slopes = _edge_filter() @ (colours * (away / length[:, np.newaxis]).ravel())
-    slope = slopes[:, 0::3] + slopes[:, 1::3] + slopes[:, 2::3]
+    slope = sum((slopes[:, channel::channels] for channel in range(1, channels)), slopes[:, 0::channels])
     peak = slope.argmax(axis=0)
     each = np.arange(count)
     top = slope[peak, each]
@@ -233,7 +238,7 @@ def _fine(image: Image, oval: Oval, sigma: float, first: int, opt: _Options) -> 
         step = min(max(0.75, 0.6 * sigma), room / 4)
         half_steps = ceil(min(max(2.5 * sigma + 1.0, 3.0), room) / step)
         seen = profile(round(10 * sigma), half_steps, round(100 * step))
-        rays = sample(image, oval, count, seen.offsets_px, min(2.0 + sigma, room))
+        rays = sample(image, oval, count, seen.offsets_px, min(2.0 + sigma, room), opt.opponent)
         if rays is None:
             return None
         edges = _measure(rays, seen, sigma)
@@ -267,12 +272,12 @@ def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
     Channels are weighed by the height of the step in them: that of the neighbourhood, not the ray's own. The ray's own
     goes wrong by the same grain of the background as its shift does, which would bias the product of the two outward.
     """
-    count, colours = rays.count, rays.colours
+    count, channels, colours = rays.count, rays.channels, rays.colours
     steps = len(colours)
     found = seen.filters @ colours
     unexplained = np.einsum("ij,ij->j", colours, colours) - np.einsum("ij,ij->j", found, seen.gram @ found)
-    level, height, moved, spread = np.ascontiguousarray(found.reshape(4, count, 3).transpose(0, 2, 1))
-    noise = unexplained.reshape(count, 3).sum(axis=1) / (3 * (steps - 4)) + 0.1
+    level, height, moved, spread = np.ascontiguousarray(found.reshape(4, count, channels).transpose(0, 2, 1))
+    noise = unexplained.reshape(count, channels).sum(axis=1) / (channels * (steps - 4)) + 0.1
     own = (height * height).sum(axis=0)
     inside = rays.inside
     usual = max(_quantile(own[inside], 0.5), 1.0)
@@ -280,12 +285,12 @@ def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
     clear = (inside & (own > 0.1 * usual)).astype(np.float32)
     smooth = _neighbours(count)
     blended = (np.concatenate([height * clear, clear[np.newaxis]]) @ smooth) @ smooth.T
-    blended[:3] /= np.maximum(blended[3], 0.05)
-    power = np.maximum((blended[:3] * blended[:3]).sum(axis=0), 1.0)
-    shift = (moved * blended[:3]).sum(axis=0) / power
-    variance = sigma * sigma + np.clip((spread * blended[:3]).sum(axis=0) / power, -sigma * sigma, 3 * sigma * sigma)
+    usually = blended[:channels] / np.maximum(blended[channels], 0.05)
+    power = np.maximum((usually * usually).sum(axis=0), 1.0)
+    shift = (moved * usually).sum(axis=0) / power
+    variance = sigma * sigma + np.clip((spread * usually).sum(axis=0) / power, -sigma * sigma, 3 * sigma * sigma)
     inner = level + height
-    strange = (np.square(inner - _median3(inner, inside)).sum(axis=0)) / (0.4 * power + 200.0)
+    strange = (np.square(inner - _middle(inner, inside)).sum(axis=0)) / (0.4 * power + 200.0)
     weight = np.minimum(power / usual, 2.0) / (1.0 + strange * strange)
     weight *= np.minimum(1.4 * quiet / noise, 1.0) ** 4  # specks, and what else is no plain step
     weight[(clear == 0) | (own < 9.0) | (np.abs(shift) > 1.5 * sigma + 1.0)] = 0.0
@@ -302,8 +307,8 @@ def _quantile(values: NDArray[Any], share: float) -> float:
     return float(ordered[at])
 
 
-def _median3(planes: Samples, inside: NDArray[np.bool_]) -> Samples:
-    """(3, 1): the median colour of the rays inside the frame; of all where none is."""
+def _middle(planes: Samples, inside: NDArray[np.bool_]) -> Samples:
+    """(channels, 1): the median colour of the rays inside the frame; of all where none is."""
     chosen = planes[:, inside] if inside.any() else planes
     middle = chosen.shape[1] // 2
     return np.partition(chosen, middle, axis=1)[:, middle : middle + 1]
@@ -346,4 +351,13 @@ def _rim(rays: Rays, edges: _Edges, found: support.Fit, sigma: float, least_visi
         contrast=_quantile(edges.height[inlying], 0.5),
         inliers=inliers,
         blur_px=sigma,
+        wave_px=_wave(found),
     )
+
+
+def _wave(found: support.Fit) -> float:
+    sectors = found.weights.reshape(SECTORS, -1)
+    heft = sectors.sum(axis=1)
+    seen = heft > 0
+    means = (sectors * found.residuals_px.reshape(SECTORS, -1)).sum(axis=1)[seen] / heft[seen]
+    return sqrt(float(means @ means) / len(means))
