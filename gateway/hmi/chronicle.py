@@ -24,8 +24,6 @@ class Chronicle:
 
     def after(self, number: int) -> tuple[Numbered, ...]:
         """The oldest few of those kept that came after `number`."""
-        missing = min(self.newest - number, len(self._kept))
+        missing = max(0, min(self.newest - number, len(self._kept)))
         first = len(self._kept) - missing
-        return (
-            tuple(self._kept[n] for n in range(first, min(first + MAX_EVENTS, len(self._kept)))) if missing > 0 else ()
-        )
+        return tuple(islice(self._kept, first, first + MAX_EVENTS))

@@ -5,7 +5,7 @@ ring, by number. Where it has gone meanwhile, the newest frame is shown without 
 """
 
 import asyncio
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import cv2
@@ -52,12 +52,14 @@ class _Held:
 class Pictures:
     """Encodes on one thread of its own; every size of a frame is encoded once. `pace` is real time."""
 
-    def __init__(self, desk: Desk, pace: Clock, *, max_hz: float, max_width_px: int) -> None:
+    def __init__(
+        self, desk: Desk, pace: Clock, *, max_hz: float, max_width_px: int, thread: Executor | None = None
+    ) -> None:
         self._desk = desk
         self._pace = pace
         self._min_ns = round(NS_PER_S / max_hz)
         self._max_width_px = max_width_px
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="pictures")
+        self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="pictures")
         self._turns = {bay: asyncio.Lock() for bay in desk.bays}
         self._held: dict[str, _Held] = {}
         self.encoded = 0
@@ -78,7 +80,7 @@ class Pictures:
             return None
 
     async def _fresh(self, bay: str, after: int | None) -> _Held:
-        number = 0
+        number = self._desk.answers  # what was known before is of no use: its frame has gone
         while True:
             held = self._held.get(bay)
             young = held is not None and self._pace.now_ns() - held.copied_ns < self._min_ns

@@ -1,0 +1,149 @@
+"""Live views: the next one goes out when the page has taken the last; a stalled page has no backlog."""
+
+import asyncio
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from starlette.websockets import WebSocket
+
+from gateway.hmi import views
+from gateway.hmi.live import BAD_ANSWER, TAKEN_S, TOO_MANY, UNKNOWN_BAY, Live
+from tests.unit.hmi_desk import plant
+from tests.virtual_time import run
+
+
+class Page:
+    """A page at the other end: it answers each text after `think_s`, or never."""
+
+    def __init__(self, query: str = "", think_s: float | None = 0.0, words: Sequence[str] = ()) -> None:
+        self.sent: list[dict[str, Any]] = []
+        self.closed: int | None = None
+        self.at_s: list[float] = []
+        self._think_s = think_s
+        self._words = list(words)
+        self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._inbox.put_nowait({"type": "websocket.connect"})
+        scope = {"type": "websocket", "query_string": query.encode(), "headers": [], "path": "/api/live"}
+        self.socket = WebSocket(scope, self._receive, self._send)
+
+    def leave(self) -> None:
+        self._inbox.put_nowait({"type": "websocket.disconnect", "code": 1001})
+
+    async def _receive(self) -> dict[str, Any]:
+        return await self._inbox.get()
+
+    async def _send(self, message: Any) -> None:
+        if message["type"] == "websocket.close":
+            self.closed = message["code"]
+        elif message["type"] == "websocket.send":
+            self.sent.append(json.loads(message["text"]))
+            self.at_s.append(asyncio.get_running_loop().time())
+            if self._think_s is not None:
+                answer = {"type": "websocket.receive", "text": self._words.pop(0) if self._words else "next"}
+                asyncio.get_running_loop().call_later(self._think_s, self._inbox.put_nowait, answer)
+
+
+def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1")
+            async with asyncio.TaskGroup() as group:
+                group.create_task(live.serve(page.socket))
+                await asyncio.sleep(5)
+                page.leave()
+            assert 48 <= len(page.sent) <= 53
+            numbers = [view["bays"][0]["state"]["seq"] for view in page.sent]
+            assert numbers == sorted(set(numbers))
+            assert max(view["bays"][0]["age_ms"] for view in page.sent) <= 20.0
+            assert live.counts.open == 0
+
+    run(scene())
+
+
+def test_a_page_that_stalls_gets_the_newest_when_it_comes_back_and_nothing_of_what_it_missed() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1", think_s=20.0)
+            async with asyncio.TaskGroup() as group:
+                group.create_task(live.serve(page.socket))
+                await asyncio.sleep(50)
+                page.leave()
+            assert len(page.sent) == 3  # at 0, 20 and 40 s
+            assert all(view["bays"][0]["age_ms"] <= 130.0 for view in page.sent)
+
+    run(scene())
+
+
+def test_a_page_that_never_answers_is_let_go() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1", think_s=None)
+            begun_s = asyncio.get_running_loop().time()
+            await live.serve(page.socket)
+            assert asyncio.get_running_loop().time() - begun_s <= TAKEN_S + 3
+            assert (page.closed, len(page.sent), live.counts.let_go, live.counts.open) == (BAD_ANSWER, 1, 1, 0)
+
+    run(scene())
+
+
+def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live = Live(made.desk, views.live_json, 2)
+            pages = [Page("bay=bay1") for _ in range(3)]
+            stranger = Page("bay=bay9")
+            async with asyncio.TaskGroup() as group:
+                for page in (*pages, stranger):
+                    group.create_task(live.serve(page.socket))
+                await asyncio.sleep(1)
+                assert live.counts.open == 2
+                for page in pages:
+                    page.leave()
+            assert [page.closed for page in pages] == [None, None, TOO_MANY]
+            assert (stranger.closed, stranger.sent) == (UNKNOWN_BAY, [])
+            assert live.counts.refused == 1
+
+    run(scene())
+
+
+def test_a_page_that_talks_too_much_is_closed() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1", words=["next", "x" * 65])
+            await live.serve(page.socket)
+            assert (page.closed, len(page.sent)) == (BAD_ANSWER, 2)
+
+    run(scene())
+
+
+def test_many_pages_share_one_rendering() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            rendered: list[tuple[str, ...]] = []
+
+            def render(desk: Any, bays: tuple[str, ...]) -> str:
+                rendered.append(bays)
+                return views.live_json(desk, bays)
+
+            live, pages = Live(made.desk, render, 30), [Page() for _ in range(20)]
+            async with asyncio.TaskGroup() as group:
+                for page in pages:
+                    group.create_task(live.serve(page.socket))
+                await asyncio.sleep(3)
+                for page in pages:
+                    page.leave()
+            answers = made.desk.answers
+            assert all(len(page.sent) >= 28 for page in pages)
+            assert len(rendered) <= answers + 1
+
+    run(scene())
+
+
+def test_the_drivers_view_says_fault_while_nothing_is_known() -> None:
+    async def scene() -> None:
+        async with plant(keep=False) as made:
+            view = json.loads(views.driver_json(made.desk, ("bay1",)))
+            assert (view["code"], view["stop"], view["age_ms"]) == ("FAULT", True, None)
+
+    run(scene())
