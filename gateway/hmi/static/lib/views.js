@@ -34,3 +34,69 @@ export function frameSize(text) {
   const [width, height] = found ? [Number(found[1]), Number(found[2])] : [0, 0];
   return width > 0 && height > 0 ? { width, height } : null;
 }
+
+/**
+ * Thresholds of a bay as they are in force. @returns {{radius_threshold_px: number, distance_threshold_mm: number,
+ * radius_hysteresis_px: number, distance_hysteresis_mm: number}}
+ */
+export function limitsOf(bay) {
+  const from = bay.thresholds ?? bay;
+  return {
+    radius_threshold_px: from.radius_threshold_px,
+    distance_threshold_mm: from.distance_threshold_mm,
+    radius_hysteresis_px: from.radius_hysteresis_px ?? 0,
+    distance_hysteresis_mm: from.distance_hysteresis_mm ?? 0,
+  };
+}
+
+/** Where the marker should be. @returns {{u_px: number|null, v_px: number|null, tolerance_px: number|null}} */
+export function aimOf(bay) {
+  const aim = bay.aim ?? { u_px: bay.aim_u_px, v_px: bay.aim_v_px, tolerance_px: bay.aim_tolerance_px };
+  return { u_px: aim.u_px ?? null, v_px: aim.v_px ?? null, tolerance_px: aim.tolerance_px ?? null };
+}
+
+const VISION_FINE = ['GOOD', 'NO_TARGET', 'COASTED', 'WAITING'];
+const RANGE_FINE = ['GOOD', 'WAITING'];
+const RANGE_EMPTY = ['NO_ECHO', 'TOO_FAR']; // right, where no marker is in sight: the bay is empty
+
+/** Is the camera side in order? @returns {'ok'|'off'|'bad'} */
+export function visionHealth(state) {
+  const { name } = state.vision.quality;
+  return name === 'WAITING' ? 'off' : VISION_FINE.includes(name) ? 'ok' : 'bad';
+}
+
+/** @returns {'ok'|'off'|'warn'|'bad'} */
+export function rangeHealth(state) {
+  const { name } = state.range.quality;
+  if (name === 'WAITING') return 'off';
+  if (RANGE_FINE.includes(name)) return 'ok';
+  if (RANGE_EMPTY.includes(name)) return state.vision.quality.name === 'NO_TARGET' ? 'ok' : 'warn';
+  return name === 'UNSTABLE' || name === 'TOO_NEAR' ? 'warn' : 'bad';
+}
+
+/** @returns {'ok'|'off'|'bad'} */
+export function plcHealth(state) {
+  return { UNUSED: 'off', WAITING: 'off', ALIVE: 'ok' }[state.plc.link] ?? 'bad';
+}
+
+const NE107_ORDER = ['FAILURE', 'FUNCTION_CHECK', 'OUT_OF_SPECIFICATION', 'MAINTENANCE_REQUIRED', 'GOOD'];
+
+/** How much a bay needs looking at: 0 most. @param {any} state null: nothing known @param {number} alarms that stand */
+export function urgency(state, alarms = 0) {
+  if (state === null) return 0;
+  const at = NE107_ORDER.indexOf(state.ne107.name);
+  return (at < 0 ? 0 : at + 1) - (alarms > 0 ? 0.5 : 0);
+}
+
+/** Those in trouble first, then by name as people count (bay2 before bay10). @param {{name: string, rank: number}[]} bays */
+export function inOrder(bays) {
+  const names = new Intl.Collator('en', { numeric: true });
+  return [...bays].sort((a, b) => a.rank - b.rank || names.compare(a.name, b.name));
+}
+
+/** What the decision is called. @param {any} state null: not known */
+export function decisionWords(state) {
+  if (state === null) return 'NOT KNOWN';
+  if (state.stop) return 'STOP';
+  return state.permit ? 'PERMIT' : 'NO STOP, NO PERMIT';
+}

@@ -1,0 +1,72 @@
+// What the gateway says and why, big; what the driver is told, beside it.
+
+import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { CODES } from '../lib/guidance.js';
+import { NONE, mm, px, signed, words } from '../lib/format.js';
+import { decisionWords } from '../lib/views.js';
+import { Arrow, Decision as Sign, Ne107 } from './signs.js';
+
+const NOT_KNOWN = 'Nothing new from the gateway: treat the bay as STOP.';
+
+function why(state) {
+  if (state === null) return NOT_KNOWN;
+  if (state.stop) return state.reason.text;
+  return state.permit ? 'everything is healthy and fresh, and stop is off' : 'stop is off, but not everything is healthy and fresh';
+}
+
+/** Tells a screen reader what changed, at most every 2 s. */
+function Spoken({ text }) {
+  const [said, setSaid] = useState(text);
+  const last = useRef(0);
+  useEffect(() => {
+    if (text === said) return undefined;
+    const timer = setTimeout(() => {
+      last.current = performance.now();
+      setSaid(text);
+    }, Math.max(0, 2000 - (performance.now() - last.current)));
+    return () => clearTimeout(timer);
+  }, [text, said]);
+  return html`<p class="sr" role="status" aria-live="polite">${said}</p>`;
+}
+
+const Fact = ({ name, children }) => html`<div><dt>${name}</dt><dd class="value">${children}</dd></div>`;
+
+export function Decision({ state, bay }) {
+  const word = decisionWords(state);
+  const fault = state !== null && state.ne107.name === 'FAILURE';
+  const guidance = state?.guidance ?? null;
+  const sideways = guidance && (guidance.name === 'LEFT' || guidance.name === 'RIGHT');
+  return html`<section class="panel" aria-labelledby="decision-title">
+    <header><h2 id="decision-title">Decision</h2><${Ne107} name=${state?.ne107.name ?? null} /></header>
+    <div class=${`decision ${fault || state === null ? 'fault' : ''}`}>
+      <${Sign} stop=${state?.stop ?? null} permit=${state?.permit ?? null} fault=${fault} />
+      <div>
+        <p class=${word.length > 10 ? 'word long' : 'word'}>${word}</p>
+        <p class="why">${why(state)}</p>
+      </div>
+    </div>
+    <${Spoken} text=${`${bay}: ${word}. ${why(state)}`} />
+    <dl class="facts-grid">
+      <${Fact} name="Stop">${state === null ? NONE : state.stop ? 'on' : 'off'}<//>
+      <${Fact} name="Permit">${state === null ? NONE : state.permit ? 'given' : 'withheld'}<//>
+      <${Fact} name="In place, D">${state === null ? NONE : state.d === null ? 'unknowable' : state.d ? 'yes, 1' : 'no, 0'}<//>
+      <${Fact} name="Latch">${state === null ? NONE : state.plc.stop_latched ? 'latched' : 'free'}<//>
+    </dl>
+    <div class="guidance">
+      <div class="told">
+        ${guidance ? html`<${Arrow} name=${CODES[guidance.name]?.symbol ?? 'octagon'} />` : html`<span class="arrow"></span>`}
+        <div>
+          <h2>Driver is told</h2>
+          <p class="said">${guidance ? words(guidance.name).toUpperCase() : NONE}${guidance?.amount_mm != null ? html` <span class="value">${mm(guidance.amount_mm)}</span>` : ''}</p>
+        </div>
+      </div>
+      <dl class="facts-grid">
+        <${Fact} name="To go">${mm(guidance?.to_go_mm)}<//>
+        <${Fact} name="Closing">${signed(guidance?.closing_mm_s, 0, 'mm/s')}<//>
+        <${Fact} name="Off to the side">${signed(guidance?.offset_u_px, 0, 'px')}${guidance?.offset_mm != null ? ` · ${signed(guidance.offset_mm, 0, 'mm')}` : ''}<//>
+        <${Fact} name="Off in height">${px(guidance?.offset_v_px, 0)}<//>
+      </dl>
+      ${sideways && html`<p class="sr">keep ${words(guidance.name)}</p>`}
+    </div>
+  </section>`;
+}

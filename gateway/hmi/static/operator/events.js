@@ -1,0 +1,96 @@
+// What happened, newest first, with a filter.
+
+import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { get, toLogin } from '../lib/api.js';
+import { clock, words } from '../lib/format.js';
+import { useKept } from './hooks.js';
+
+const MOST = 1000;
+const GROUPS = {
+  all: () => true,
+  stop: (kind) => /^(stop|latch|target)/.test(kind),
+  sensors: (kind) => /^(sensor|target)/.test(kind),
+  plc: (kind) => /^(plc|write|recipe|latch)/.test(kind),
+  service: (kind) => /^(start|shutdown|function|settings)/.test(kind),
+};
+const GROUP_WORDS = { all: 'all', stop: 'stop and position', sensors: 'sensors', plc: 'PLC', service: 'service' };
+
+/** Does the event hold all the words? Pure. */
+export function matches(event, group, text) {
+  if (!(GROUPS[group] ?? GROUPS.all)(event.kind)) return false;
+  const said = [event.kind, words(event.kind), event.bay, event.sensor, event.detail, event.reason?.text, event.reason?.name].join(' ').toLowerCase();
+  return text.toLowerCase().split(/\s+/).every((word) => said.includes(word));
+}
+
+/** In words: what the event adds to its kind. */
+export function told(event) {
+  const parts = [];
+  if (event.sensor) parts.push(words(event.sensor));
+  if (event.quality && event.quality.name !== 'GOOD') parts.push(words(event.quality.name));
+  if (event.write?.name) parts.push(`${event.write.name}: ${event.write.old ?? '–'} → ${event.write.new ?? '–'}`);
+  if (event.kind === 'stop_raised' && event.reason) parts.push(event.reason.text);
+  if (event.detail) parts.push(event.detail);
+  if (event.write?.address) parts.push(`by ${[event.write.subject, event.write.address].filter(Boolean).join(', ')}`);
+  return parts.join(' · ');
+}
+
+/** Follows `/api/events` as its newest number grows. */
+function useEvents(newest) {
+  const [rows, setRows] = useState([]);
+  const [wrong, setWrong] = useState('');
+  const busy = useRef(false);
+  const last = useRef(0);
+  useEffect(() => {
+    if (newest == null || busy.current || newest === last.current) return;
+    if (newest < last.current) { // another start of the gateway: it counts anew
+      last.current = 0;
+      setRows([]);
+    }
+    busy.current = true;
+    get(`/api/events?after=${last.current}`)
+      .then((answer) => {
+        const fresh = Array.isArray(answer) ? answer : answer.events ?? [];
+        const numberOf = (row) => row.number ?? row.n ?? 0;
+        last.current = Math.max(newest, ...fresh.map(numberOf));
+        setRows((was) => [...was, ...fresh].slice(-MOST));
+        setWrong('');
+      })
+      .catch((error) => {
+        if (error.status === 401) toLogin();
+        setWrong(error.name === 'TypeError' ? 'no connection to the gateway' : error.message);
+      })
+      .finally(() => {
+        busy.current = false;
+      });
+  });
+  return [rows, wrong];
+}
+
+export function Events({ bay, newest }) {
+  const [rows, wrong] = useEvents(newest);
+  const [group, setGroup] = useKept('operator.events', 'all');
+  const [text, setText] = useState('');
+  const shown = rows.filter((event) => (bay === null || event.bay === bay) && matches(event, group, text)).reverse();
+  return html`<section class="panel events" aria-labelledby="events-title">
+    <header>
+      <h2 id="events-title">Events</h2>
+      <div class="row compact">
+        <select aria-label="kind of events" value=${group} onChange=${(event) => setGroup(event.target.value)}>
+          ${Object.entries(GROUP_WORDS).map(([key, name]) => html`<option value=${key} selected=${key === group}>${name}</option>`)}
+        </select>
+        <input type="search" placeholder="filter" aria-label="filter events by words" value=${text} onInput=${(event) => setText(event.target.value)} />
+      </div>
+    </header>
+    ${wrong && html`<p class="notice warn small">The list may be old: ${wrong}.</p>`}
+    <div class="scroll" tabindex="0" role="region" aria-label="events, newest first">
+      <table class="stack"><thead><tr><th scope="col">Time</th>${bay === null && html`<th scope="col">Bay</th>`}<th scope="col">Event</th><th scope="col">What</th></tr></thead><tbody>
+        ${shown.slice(0, 300).map((event) => html`<tr key=${event.id}>
+          <td class="nowrap mono">${clock(event.timestamp_ms, { ms: true })}</td>
+          ${bay === null && html`<td>${event.bay}</td>`}
+          <td class="nowrap">${words(event.kind)}</td><td>${told(event)}</td></tr>`)}
+      </tbody></table>
+      ${shown.length === 0 && html`<p class="muted">${rows.length ? 'No event fits the filter.' : 'No event yet.'}</p>`}
+      ${shown.length > 300 && html`<p class="muted small">${shown.length - 300} older ones: filter to see them.</p>`}
+    </div>
+  </section>`;
+}

@@ -1,0 +1,112 @@
+// What the components share: the live link, the time, and things fetched again and again while they are looked at.
+
+import { useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { get, toLogin } from '../lib/api.js';
+import { Freshness } from '../lib/freshness.js';
+import { open } from '../lib/live.js';
+
+/** Steady time now, ms, renewed every `everyMs`; not in the background. */
+export function useNow(everyMs) {
+  const [now, setNow] = useState(performance.now());
+  useEffect(() => {
+    const timer = setInterval(() => !document.hidden && setNow(performance.now()), everyMs);
+    return () => clearInterval(timer);
+  }, [everyMs]);
+  return now;
+}
+
+/**
+ * The newest message of `/api/live` for these bays (none: all), at most every `paceMs`.
+ * @param {string[]} bays @param {number} paceMs
+ * @returns {{view: any, connected: boolean, freshness: Freshness}}
+ */
+export function useLive(bays, paceMs, limitMs) {
+  const [got, setGot] = useState({ view: null, connected: false });
+  const freshness = useRef(new Freshness(limitMs));
+  const path = `/api/live${bays.length ? '?' : ''}${bays.map((bay) => `bay=${encodeURIComponent(bay)}`).join('&')}`;
+  useEffect(() => {
+    let timer = 0;
+    let frame = 0;
+    freshness.current = new Freshness(limitMs);
+    setGot((was) => ({ ...was, view: null }));
+    const link = open(path, {
+      message(text, arrival) {
+        let view = null;
+        try {
+          view = JSON.parse(text);
+        } catch {
+          view = null;
+        }
+        if (view && Array.isArray(view.bays)) {
+          freshness.current.received(0, arrival.receivedMs, Date.now());
+          setGot({ view, connected: true });
+        } else freshness.current.forget();
+        // Drawn, and not sooner than the pace: then the next. In the background no frame is drawn and nothing asked.
+        frame = requestAnimationFrame(() => {
+          timer = setTimeout(link.next, Math.max(0, paceMs - (performance.now() - arrival.askedMs)));
+        });
+      },
+      state: (on) => setGot((was) => ({ ...was, connected: on })),
+      refused: (code) => (code === 4401 || code === 4403) && toLogin(),
+    });
+    return () => {
+      clearTimeout(timer);
+      cancelAnimationFrame(frame);
+      link.close();
+    };
+  }, [path, paceMs, limitMs]);
+  return { ...got, freshness: freshness.current };
+}
+
+/**
+ * `path` fetched when `key` changes, and every `everyMs` (0: never again) while `on` and the page is in front.
+ * @returns {[any, string]} newest answer or null, and what went wrong
+ */
+export function useFetched(path, key, everyMs, on = true) {
+  const [got, setGot] = useState([null, '']);
+  useEffect(() => {
+    if (!on) return undefined;
+    const end = new AbortController();
+    let timer = 0;
+    const once = async () => {
+      if (!document.hidden) {
+        try {
+          const answer = await get(path, { signal: end.signal });
+          setGot([answer, '']);
+        } catch (error) {
+          if (end.signal.aborted) return;
+          if (error.status === 401) toLogin();
+          setGot((was) => [was[0], error.name === 'TypeError' ? 'no connection to the gateway' : error.message]);
+        }
+      }
+      if (everyMs && !end.signal.aborted) timer = setTimeout(once, everyMs);
+    };
+    once();
+    return () => {
+      clearTimeout(timer);
+      end.abort();
+    };
+  }, [path, key, everyMs, on]);
+  return got;
+}
+
+/** A piece of state that outlives a reload of the page, where the browser keeps such things. */
+export function useKept(name, initial) {
+  const [value, setValue] = useState(() => {
+    try {
+      const kept = localStorage.getItem(name);
+      return kept === null ? initial : JSON.parse(kept);
+    } catch {
+      return initial;
+    }
+  });
+  const keep = (next) => {
+    setValue(next);
+    try {
+      localStorage.setItem(name, JSON.stringify(next));
+    } catch {
+      // Private windows keep nothing; the page works without.
+    }
+  };
+  return [value, keep];
+}

@@ -1,0 +1,133 @@
+// The operator's page: all bays, or one of them. `/#bay1` is one.
+
+import { html, render, useEffect, useState } from '../vendor/preact-htm.js';
+import { get, post, toLogin } from '../lib/api.js';
+import { age, clock } from '../lib/format.js';
+import { aimOf, limitsOf } from '../lib/views.js';
+import { Alarms } from './alarms.js';
+import { Bars } from './bars.js';
+import { Decision } from './decision.js';
+import { Events } from './events.js';
+import { Health } from './health.js';
+import { useLive, useNow } from './hooks.js';
+import { Overview } from './overview.js';
+import { LivePicture } from './picture.js';
+import { Registers } from './registers.js';
+import { Health as Sign } from './signs.js';
+import { Trend } from './trend.js';
+
+/** Older than this, nothing is shown as if it were true, ms. */
+const STALE_MS = 1500;
+
+function useHash() {
+  const read = () => decodeURIComponent(location.hash.slice(1));
+  const [hash, setHash] = useState(read());
+  useEffect(() => {
+    const changed = () => setHash(read());
+    addEventListener('hashchange', changed);
+    return () => removeEventListener('hashchange', changed);
+  }, []);
+  return hash;
+}
+
+function Top({ session, bay, connected, ageMs, view }) {
+  const [wall, setWall] = useState(Date.now());
+  useEffect(() => {
+    const timer = setInterval(() => setWall(Date.now()), 1000);
+    return () => clearInterval(timer);
+  }, []);
+  const path = encodeURIComponent(bay ?? session.bays[0] ?? '');
+  const logout = async () => {
+    try {
+      await post('/api/logout', {}, session.csrf);
+    } finally {
+      location.assign('/login');
+    }
+  };
+  const apart = view ? Math.abs(view.server_time_ms - wall) : 0;
+  return html`<header class="top">
+    <a class="brand" href="/"><svg viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="10" fill="none" stroke="currentColor" stroke-width="3" /><path d="M16 2v9M16 21v9M2 16h9M21 16h9" stroke="currentColor" stroke-width="2.4" /></svg>
+      <span>${session.site ?? 'Loading bays'}<span class="muted small"> ${session.instance ?? ''}</span></span></a>
+    <nav aria-label="pages">
+      <a href="/" aria-current="page">Operator</a>
+      <a href=${`/driver/${path}`}>Driver</a>
+      ${session.role === 'technician' && html`<a href=${`/tune/${path}`}>Technician</a>`}
+    </nav>
+    <div class="facts push">
+      <${Sign} state=${connected && ageMs <= STALE_MS ? 'ok' : 'bad'}
+        text=${connected ? (ageMs <= STALE_MS ? 'connected' : `no data for ${age(ageMs)}`) : 'NO CONNECTION'} />
+      <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">clocks ${age(apart)} apart</span>` : ''}</span>
+      ${session.user
+        ? html`<span>${session.user} <span class="muted">(${session.role})</span></span><button type="button" class="plain small" onClick=${logout}>Log out</button>`
+        : html`<a href="/login?next=/">Log in</a>`}
+    </div>
+  </header>`;
+}
+
+function BayBar({ names, bay, alarmsOf }) {
+  const at = names.indexOf(bay);
+  const go = (name) => { location.hash = encodeURIComponent(name); };
+  if (names.length <= 6)
+    return html`<nav class="bays" aria-label="bays">
+      <a href="#" class="button">All bays</a>
+      ${names.map((name) => html`<a class="button" href=${`#${encodeURIComponent(name)}`} aria-current=${name === bay ? 'true' : undefined}>${name}${alarmsOf(name) > 0 ? html` <span class="tag bad">${alarmsOf(name)}</span>` : ''}</a>`)}
+    </nav>`;
+  return html`<nav class="bays" aria-label="bays">
+    <a href="#" class="button">All bays</a>
+    <button type="button" disabled=${at <= 0} onClick=${() => go(names[at - 1])}>Previous</button>
+    <select aria-label="bay" value=${bay} onChange=${(event) => go(event.target.value)}>
+      ${names.map((name) => html`<option value=${name} selected=${name === bay}>${name}</option>`)}
+    </select>
+    <button type="button" disabled=${at < 0 || at >= names.length - 1} onClick=${() => go(names[at + 1])}>Next</button>
+  </nav>`;
+}
+
+function App({ session }) {
+  const hash = useHash();
+  const names = session.bays;
+  const single = names.length === 1;
+  const bay = names.includes(hash) ? hash : single ? names[0] : null;
+  const { view, connected, freshness } = useLive(bay === null ? [] : [bay], bay === null ? 1000 : 100, bay === null ? 2 * STALE_MS : STALE_MS);
+  useNow(250);
+  const ageMs = freshness.ageMs(performance.now(), Date.now());
+  const told = new Map((view?.bays ?? []).map((one) => [one.bay ?? one.state?.bay, one]));
+  const stateOf = (one) => (one && one.state && Number.isFinite(one.age_ms) && one.age_ms + ageMs <= freshness.limitMs ? one.state : null);
+  const summary = view?.alarms ?? null;
+  const alarmsOf = (name) => summary?.by_bay?.[name] ?? summary?.bays?.[name] ?? 0;
+  const one = bay === null ? null : told.get(bay) ?? null;
+  const state = stateOf(one);
+  const known = connected && ageMs <= freshness.limitMs;
+  const newest = view?.events_newest ?? null;
+  document.title = bay ?? `${session.site ?? 'Loading'}: bays`;
+
+  return html`
+    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
+    <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} />
+    <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${known ? '' : 'unknown'}`}>
+      ${!known && view !== null && html`<p class="notice bad banner" role="alert"><b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.</p>`}
+      ${bay === null
+        ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(told.get(name))]))} alarmsOf=${alarmsOf} />
+            <div class="below"><${Alarms} bay=${null} summary=${summary} session=${session} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
+        : html`
+            ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} />`}
+            <h1 class="sr">${bay}</h1>
+            <div class="column a"><${LivePicture} bay=${bay} aim=${one ? aimOf(one) : null} connected=${connected} />${one && html`<${Bars} state=${state} limits=${limitsOf(one)} />`}</div>
+            <div class="column b"><${Decision} state=${state} bay=${bay} />${one && html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} fresh=${known} />`}</div>
+            <div class="column c"><${Alarms} bay=${bay} summary=${summary} session=${session} known=${known} /><${Health} state=${state} links=${known ? view?.links ?? null : null} /></div>
+            <div class="below"><${Events} bay=${bay} newest=${newest} /><${Registers} key=${bay} bay=${bay} known=${known} /></div>`}
+    </main>`;
+}
+
+async function begin() {
+  try {
+    const said = await get('/api/session');
+    const session = { ...said, csrf: said.csrf_token ?? said.csrf ?? null };
+    render(html`<${App} session=${session} />`, document.body);
+  } catch (error) {
+    if (error.status === 401) return toLogin();
+    render(html`<main class="page"><p class="notice bad" role="alert"><b>The gateway does not answer</b> (${error.name === 'TypeError' ? 'no connection' : error.message}). Trying again.</p></main>`, document.body);
+    setTimeout(begin, 2000);
+  }
+}
+
+begin();

@@ -1,0 +1,192 @@
+// R and Z over the last minutes with their thresholds; stop and permit as strips below. No line across what is missing.
+
+import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import uPlot from '../vendor/uplot.js';
+import { nice } from '../lib/bars.js';
+import { clock, number } from '../lib/format.js';
+import { Series } from '../lib/series.js';
+import { useKept } from './hooks.js';
+
+const WINDOWS = [[60, '1 min'], [180, '3 min'], [600, '10 min']];
+const INK = '#16324a';
+const GRID = '#c3c8cb';
+
+/** One chart of one value: its line, its threshold as a dashed line, the hysteresis as a band. */
+function chart(at, { label, unit, decimals, colour, height, bare }) {
+  const scale = Number(getComputedStyle(document.documentElement).fontSize.replace('px', '')) / 16;
+  const font = `${Math.round(12 * scale)}px system-ui, sans-serif`;
+  const limits = { threshold: 0, band: /** @type {[number, number]|null} */ (null), most: 1 };
+  const plot = new uPlot(
+    {
+      width: 300,
+      height: height * scale,
+      pxAlign: 0,
+      padding: [6 * scale, 12 * scale, bare ? 0 : 4, 0],
+      legend: { show: false },
+      cursor: { sync: { key: 'trend' }, drag: { x: false, y: false }, points: { size: 7 } },
+      scales: { x: { time: true }, y: { range: () => [0, limits.most] } },
+      series: [{}, { label, stroke: colour, width: 1.6 * scale, spanGaps: false, points: { show: false } }],
+      axes: [
+        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: bare ? 0 : 26 * scale, show: !bare, space: 90 * scale,
+          values: (_, ticks) => ticks.map((t) => clock(t * 1000)) },
+        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: 56 * scale, space: 26 * scale,
+          values: (_, ticks) => ticks.map((t) => number(t)) },
+      ],
+      hooks: {
+        drawClear: [
+          (u) => {
+            if (!limits.band) return;
+            const [low, high] = limits.band.map((y) => u.valToPos(y, 'y', true));
+            u.ctx.fillStyle = 'rgba(22,50,74,0.12)';
+            u.ctx.fillRect(u.bbox.left, high, u.bbox.width, low - high);
+          },
+        ],
+        draw: [
+          (u) => {
+            const y = u.valToPos(limits.threshold, 'y', true);
+            const { ctx } = u;
+            ctx.save();
+            ctx.strokeStyle = '#1f2529';
+            ctx.lineWidth = 1.4 * devicePixelRatio;
+            ctx.setLineDash([7 * devicePixelRatio, 4 * devicePixelRatio]);
+            ctx.beginPath();
+            ctx.moveTo(u.bbox.left, y);
+            ctx.lineTo(u.bbox.left + u.bbox.width, y);
+            ctx.stroke();
+            ctx.setLineDash([]);
+            ctx.font = `600 ${11 * scale * devicePixelRatio}px system-ui, sans-serif`;
+            ctx.fillStyle = '#1f2529';
+            ctx.textAlign = 'right';
+            const above = y - u.bbox.top > 18 * scale * devicePixelRatio;
+            ctx.textBaseline = above ? 'bottom' : 'top';
+            ctx.fillText(`${label}_th ${number(limits.threshold, 0, unit)}`, u.bbox.left + u.bbox.width - 4, y + (above ? -2 : 3));
+            ctx.restore();
+          },
+        ],
+      },
+    },
+    [[], []],
+    at,
+  );
+  return { plot, limits, unit, decimals };
+}
+
+function strip(canvas, plot, series, from, to) {
+  const ratio = devicePixelRatio || 1;
+  const room = canvas.getBoundingClientRect();
+  const [width, height] = [Math.round(room.width * ratio), Math.round(room.height * ratio)];
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  const g = canvas.getContext('2d');
+  g.clearRect(0, 0, width, height);
+  const { left, width: across } = plot.bbox;
+  const x = (t) => left + ((t - from) / (to - from)) * across;
+  const row = height / 2;
+  for (const [n, name, fill] of [[0, 'stop', '#1f2529'], [1, 'permit', '#5b7285']]) {
+    const [y, tall] = [n * row + row * 0.14, row * 0.72];
+    g.strokeStyle = '#a9b0b4';
+    g.lineWidth = ratio;
+    g.strokeRect(left, y, across, tall);
+    for (const { from: a, to: b, value } of series.stretches(name, from, to)) {
+      g.fillStyle = value ? fill : '#f0f1f2';
+      g.fillRect(x(a), y, Math.max(1, x(b) - x(a)), tall);
+    }
+    g.fillStyle = '#1f2529';
+    g.font = `${Math.min(13 * ratio, row * 0.72)}px system-ui, sans-serif`;
+    g.textAlign = 'right';
+    g.textBaseline = 'middle';
+    g.fillText(name, left - 6 * ratio, y + tall / 2);
+  }
+}
+
+export function Trend({ state, limits, fresh, bay }) {
+  const holder = useRef(null);
+  const tools = useRef(null);
+  const [seconds, setSeconds] = useKept('operator.trend', 60);
+  const [paused, setPaused] = useState(false);
+  const [cursor, setCursor] = useState(null);
+  const live = useRef({});
+  live.current = { seconds, paused, limits };
+
+  useEffect(() => {
+    const series = new Series();
+    const [first, second, below] = holder.current.children;
+    const radius = chart(first, { label: 'R', unit: 'px', decimals: 1, colour: INK, height: 132, bare: true });
+    const distance = chart(second, { label: 'Z', unit: 'mm', decimals: 0, colour: INK, height: 150, bare: false });
+    const start = { steady: performance.now(), wall: Date.now() };
+    const time = () => (start.wall + performance.now() - start.steady) / 1000; // never steps, whoever sets the clock
+    const follow = (u) => {
+      const at = u.cursor.idx;
+      const { t, radius: r, distance: z, stop, permit } = series.row;
+      setCursor(u.cursor.left >= 0 && at != null && t[at] ? { t: t[at], r: r[at], z: z[at], stop: stop[at], permit: permit[at] } : null);
+    };
+    for (const { plot } of [radius, distance]) (plot.hooks.setCursor ??= []).push(follow);
+    const paint = () => {
+      if (document.hidden || live.current.paused) return;
+      const to = time();
+      const from = to - live.current.seconds;
+      const { limits: now } = live.current;
+      const rows = [
+        [radius, 'radius', now.radius_threshold_px, [now.radius_threshold_px - now.radius_hysteresis_px, now.radius_threshold_px], 1.5],
+        [distance, 'distance', now.distance_threshold_mm, [now.distance_threshold_mm, now.distance_threshold_mm + now.distance_hysteresis_mm], 3],
+      ];
+      for (const [one, name, threshold, band, room] of rows) {
+        one.limits.threshold = threshold;
+        one.limits.band = band[1] > band[0] ? band : null;
+        one.limits.most = nice(Math.max(room * threshold, 1.05 * (series.most(name, from) ?? 0)));
+        one.plot.batch(() => {
+          one.plot.setData([series.row.t, series.row[name]], false);
+          one.plot.setScale('x', { min: from, max: to });
+        });
+      }
+      strip(below, distance.plot, series, from, to);
+    };
+    const resize = () => {
+      const width = Math.floor(holder.current.clientWidth);
+      for (const { plot } of [radius, distance]) if (width > 50) plot.setSize({ width, height: plot.height });
+      paint();
+    };
+    const watch = new ResizeObserver(resize);
+    watch.observe(holder.current);
+    resize();
+    const slow = matchMedia('(prefers-reduced-motion: reduce)').matches;
+    const timer = setInterval(paint, slow ? 1000 : 200);
+    tools.current = { series, time, paint };
+    return () => {
+      clearInterval(timer);
+      watch.disconnect();
+      radius.plot.destroy();
+      distance.plot.destroy();
+      tools.current = null;
+    };
+  }, [bay]);
+
+  // Every message is one sample; where the page knows nothing, it says so with a gap.
+  useEffect(() => {
+    if (!tools.current) return;
+    const { series, time } = tools.current;
+    series.add(time(), fresh && state
+      ? { radius_px: state.radius_px, distance_mm: state.distance_mm, stop: state.stop, permit: state.permit }
+      : { radius_px: null, distance_mm: null, stop: null, permit: null });
+  }, [state, fresh]);
+  useEffect(() => tools.current?.paint(), [seconds, paused]);
+
+  const newest = state && fresh ? state : null;
+  const read = cursor
+    ? `${clock(cursor.t * 1000)}: R ${number(cursor.r, 1, 'px')}, Z ${number(cursor.z, 0, 'mm')}, stop ${cursor.stop === null ? 'unknown' : cursor.stop ? 'on' : 'off'}`
+    : `now: R ${number(newest?.radius_px, 1, 'px')}, Z ${number(newest?.distance_mm, 0, 'mm')}`;
+  return html`<section class="panel trend" aria-labelledby="trend-title">
+    <header>
+      <h2 id="trend-title">Trend</h2>
+      <div class="row compact">
+        <span class="small value">${read}</span>
+        <div class="group" role="group" aria-label="length of the trend">
+          ${WINDOWS.map(([s, text]) => html`<button type="button" aria-pressed=${String(seconds === s)} onClick=${() => setSeconds(s)}>${text}</button>`)}
+        </div>
+        <button type="button" aria-pressed=${String(paused)} onClick=${() => setPaused(!paused)}>Pause</button>
+      </div>
+    </header>
+    <div class="charts" ref=${holder} role="img" aria-label=${`Trend of R in px and Z in mm over ${seconds} s; ${read}`}>
+      <div></div><div></div><canvas class="strip"></canvas>
+    </div>
+  </section>`;
+}
