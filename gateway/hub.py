@@ -54,6 +54,11 @@ class Hub:
     def bays(self) -> tuple[str, ...]:
         return tuple(self._states)
 
+    @property
+    def dropped(self) -> int:
+        """Events that the queues of those who subscribe now had no room for."""
+        return sum(queue.dropped for queue in self._queues)
+
     def state(self, bay: str) -> StateVector:
         return self._states[bay]
 

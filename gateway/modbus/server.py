@@ -25,6 +25,7 @@ from gateway.modbus.limits import Limits, Refusal, plain_address
 from gateway.modbus.porch import Porch
 from gateway.modbus.sockets import BACKLOG, allow_open_files, bind_error, listen
 from gateway.modbus.telling import Teller
+from gateway.modbus.traffic import Guest, ServerNow, peers
 
 log = logging.getLogger(__name__)
 # A scanner must not fill the disk: pymodbus logs every odd frame, here the bad ones are counted.
@@ -53,6 +54,7 @@ class ServerStats(DeskStats):
     connections: int = 0  # let in
     open: int = 0  # connected now
     refused: Counter[Refusal] = field(default_factory=Counter)  # connections not let in or cut, frames discarded
+    plc_active_s: float | None = None  # a connection of plc_addresses was last answered then, by the event loop's time
 
 
 class ModbusServer:
@@ -89,6 +91,23 @@ class ModbusServer:
         if self._listener is None:
             raise RuntimeError("the server is not running")
         return self._listener.port
+
+    def now(self) -> ServerNow:
+        """What it has done so far and who is connected. Raises RuntimeError where `port` does."""
+        stats, port = self.stats, self.port
+        now_s = asyncio.get_running_loop().time()
+        return ServerNow(
+            tls=self._tls_contexts is not None,
+            port=port,
+            open=stats.open,
+            connections=stats.connections,
+            requests=stats.requests,
+            exceptions=stats.exceptions,
+            image_faults=stats.image_faults,
+            refused=tuple((why, stats.refused[why]) for why in Refusal),
+            plc_quiet_s=None if stats.plc_active_s is None else max(0.0, now_s - stats.plc_active_s),
+            peers=peers(self._listener.guests(now_s) if self._listener is not None else ()),
+        )
 
     async def __aenter__(self) -> Self:
         allow_open_files(self._config)
@@ -185,6 +204,13 @@ class _Listener(ModbusTcpServer):
         self._stats.open += 1
         return True
 
+    def guests(self, now_s: float) -> list[Guest]:
+        """Who is connected, as of the last sweep."""
+        return [
+            Guest(guest.address, guest.is_plc, guest.answered, max(0.0, now_s - guest.active_s))
+            for guest in self._guests
+        ]
+
     def gone(self, connection: Connection) -> None:
         if self._guests.pop(connection, None) is not None:
             self._stats.open -= 1
@@ -215,6 +241,8 @@ class _Listener(ModbusTcpServer):
             if guest.answered != answered:
                 self._guests[guest] = guest.answered
                 guest.active_s = now_s
+                if guest.is_plc:
+                    self._stats.plc_active_s = now_s
             why = self._limits.overdue(guest, now_s)
             if why is not None:
                 guest.end(why)

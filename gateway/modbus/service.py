@@ -10,6 +10,7 @@ from gateway.config import ModbusConfig
 from gateway.modbus import tls
 from gateway.modbus.answers import Access, Peer, Unit
 from gateway.modbus.server import ModbusServer, plain_peer
+from gateway.modbus.traffic import ServerNow
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +19,16 @@ class Listening:
 
     plain: int | None
     tls: int | None
+    servers: tuple[ModbusServer, ...] = ()
 
     @property
     def first(self) -> int:
         """Of plain TCP; where that is off, of TLS."""
         return self.plain or self.tls or 0
+
+    def now(self) -> tuple[ServerNow, ...]:
+        """What each of the ports has had to do."""
+        return tuple(server.now() for server in self.servers)
 
 
 @asynccontextmanager
@@ -34,6 +40,7 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
     async with AsyncExitStack() as stack:
         plain: int | None = None
         secure: int | None = None
+        servers: list[ModbusServer] = []
         if config.tls is not None:
             server = ModbusServer(
                 config,
@@ -43,11 +50,13 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
                 handshake_deadline_s=config.tls.handshake_deadline_s,
                 peer_of=tls.Roles(config.tls).peer_of,
             )
-            secure = (await stack.enter_async_context(server)).port
+            servers.append(await stack.enter_async_context(server))
+            secure = server.port
         if config.plain:
             peer_of = plain_peer if config.tls is None else reader
-            plain = (await stack.enter_async_context(ModbusServer(config, units, peer_of=peer_of))).port
-        yield Listening(plain, secure)
+            servers.append(await stack.enter_async_context(ModbusServer(config, units, peer_of=peer_of)))
+            plain = servers[-1].port
+        yield Listening(plain, secure, tuple(servers))
 
 
 def reader(transport: Transport) -> Peer | None:

@@ -90,6 +90,12 @@ class MqttPublisher:
         self._published = 0
         self._failed = 0
         self._connections = 0
+        self._connected_now = False
+
+    @property
+    def connected(self) -> bool:
+        """Is there a connection to the broker now?"""
+        return self._connected_now
 
     @property
     def stats(self) -> messages.DeliveryPayload:
@@ -142,9 +148,13 @@ class MqttPublisher:
             async with self._connect() as link, asyncio.TaskGroup() as group:
                 self._connections += 1
                 log.info("%s: connected", self._broker)
-                watch = group.create_task(link.lost())
-                yield link
-                watch.cancel()
+                self._connected_now = True
+                try:
+                    watch = group.create_task(link.lost())
+                    yield link
+                    watch.cancel()
+                finally:
+                    self._connected_now = False
 
     async def _serve(self, link: Link) -> None:
         """Until told to leave. `online` is said only once no bay's retained state is an old one any more."""

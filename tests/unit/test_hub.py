@@ -108,6 +108,7 @@ def test_every_subscriber_gets_every_event_and_its_own_bound() -> None:
 
     assert (stamps(roomy), roomy.dropped) == ([1, 2, 3], 0)
     assert (stamps(tight), tight.dropped) == ([2, 3], 1)
+    assert hub.dropped == 1
     assert stamps(late) == [3]
 
 

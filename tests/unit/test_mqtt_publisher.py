@@ -342,14 +342,18 @@ async def test_a_hung_broker_is_noticed_within_one_and_a_half_keepalives() -> No
 @in_virtual_time
 async def test_a_lost_connection_is_one_link_error_at_once() -> None:
     plant = Plant("bay1", "bay2", "bay3")
+    connected = [plant.publisher.connected]
     async with plant.running():
         await asyncio.sleep(1)
+        connected.append(plant.publisher.connected)
         plant.broker.lose()
         await asyncio.sleep(0)
         await asyncio.sleep(0.01)
         assert plant.link_errors == ["connection lost"]
+        connected.append(plant.publisher.connected)
         await asyncio.sleep(2)
         assert plant.broker.connections == 2
+        assert [*connected, plant.publisher.connected] == [False, True, False, True]
         assert plant.broker.ends == ["cut"]
 
 

@@ -8,6 +8,7 @@ import contextlib
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
 from gateway import __version__
@@ -39,6 +40,20 @@ class Link(Protocol):
 
 
 Connect = Callable[[Message], AbstractAsyncContextManager[Link]]
+
+
+@dataclass(frozen=True, slots=True)
+class SparkplugNow:
+    """The edge node, for pages and metrics. Counters since the start."""
+
+    connected: bool
+    born: bool  # told to the host; not while the primary host is waited for
+    births: int
+    rebirths: int
+    data: int
+    refused: int
+    history_dropped: int
+    history_waiting: int
 
 
 class HostOfflineError(LinkError):
@@ -81,7 +96,23 @@ class SparkplugPublisher:
         self._leaving = asyncio.Event()
         self._alone = asyncio.Lock()
         self._turn = asyncio.Lock()  # messages go out in the order of their sequence numbers
+        self._connected = False
         hub.listen(self._note)
+
+    @property
+    def now(self) -> SparkplugNow:
+        """How the session does, and what it has done so far."""
+        stats = self.node.stats
+        return SparkplugNow(
+            connected=self._connected,
+            born=self.node.born,
+            births=stats.births,
+            rebirths=stats.rebirths,
+            data=stats.data,
+            refused=stats.refused,
+            history_dropped=stats.history_dropped,
+            history_waiting=self.node.waiting,
+        )
 
     async def deliver(self) -> None:
         """One session, until the link breaks or the primary host goes offline (LinkError), or after `farewell`."""
@@ -93,6 +124,7 @@ class SparkplugPublisher:
                 with plain_link_error():
                     await self._session(will)
             finally:
+                self._connected = False
                 self.node.lost()
 
     async def farewell(self, timeout_s: float) -> None:
@@ -107,6 +139,7 @@ class SparkplugPublisher:
         async with self._connect(_message(will)) as link:
             await link.subscribe(self.node.identity.subscriptions)
             log.info("%s: connected as Sparkplug edge node %s", self._broker, self.node.identity.node)
+            self._connected = True
             await self._send(link, lambda: self.node.connected(self._states(), self._now_ms()))
             offline: HostOfflineError | None = None
             try:
