@@ -1,0 +1,60 @@
+"""TLS of the pages: the context made from the files of `[hmi]`, and renewed when they change. IO: reads them."""
+
+import logging
+import ssl
+from pathlib import Path
+
+from gateway.certs.pair import load_pair
+from gateway.clock import Clock
+from gateway.errors import ConfigError
+from gateway.sections.hmi import HmiConfig
+
+log = logging.getLogger(__name__)
+
+CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
+LOOK_S = 60.0
+
+
+def server_context(config: HmiConfig) -> ssl.SSLContext | None:
+    """None: without TLS. Raises ConfigError, naming key and file, for files that can't be used."""
+    if config.tls_cert is None or config.tls_key is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.set_ciphers(CIPHERS)
+    context.set_alpn_protocols(["http/1.1"])
+    context.options |= ssl.OP_NO_RENEGOTIATION
+    load_pair(context, ("hmi.tls_cert", config.tls_cert), ("hmi.tls_key", config.tls_key))
+    return context
+
+
+async def keep_fresh(context: ssl.SSLContext, config: HmiConfig, clock: Clock) -> None:
+    """For ever: a renewed certificate holds for every connection made from then on, without a restart.
+
+    Files that are no good any more are told, and the last good ones go on.
+    """
+    stamps = _look(config)
+    while True:
+        await clock.sleep(LOOK_S)
+        newer = _look(config)
+        if newer == stamps:
+            continue
+        stamps = newer
+        try:
+            server_context(config)  # a trial: a context that has taken half of a pair would serve nobody
+            load_pair(context, ("hmi.tls_cert", config.tls_cert or ""), ("hmi.tls_key", config.tls_key or ""))
+        except ConfigError as error:
+            log.error("%s; the files read before stay in force", error)
+        else:
+            log.warning("hmi: the certificate was read anew")
+
+
+def _look(config: HmiConfig) -> list[tuple[int, int] | None]:
+    found: list[tuple[int, int] | None] = []
+    for name in (config.tls_cert, config.tls_key):
+        try:
+            stat = Path(name or "").stat()
+            found.append((stat.st_mtime_ns, stat.st_ino))
+        except OSError:
+            found.append(None)
+    return found
