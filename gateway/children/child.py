@@ -1,7 +1,8 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
-Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the one
-whose `run(link, job)` does the work; only what it imports is loaded. NAME is what `top` shows.
+Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD NOTES_FD CPUS. MODULE is
+the one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC`, if it has one, says how
+messages become bytes. NAME is what `top` shows. With a NOTES_FD `run` gets a third argument, the notes' end of `Pool`.
 """
 
 import ctypes
@@ -13,7 +14,7 @@ from importlib import import_module
 from types import TracebackType
 from typing import Any
 
-from gateway.children.link import Link
+from gateway.children.link import PICKLE, Link
 from gateway.children.words import Failed
 from gateway.errors import ConfigError, GatewayError
 
@@ -22,7 +23,7 @@ MAX_WORDS = 500
 
 
 def main() -> None:
-    module, name, parent, fd, cpus = sys.argv[1:]
+    name_of_module, name, parent, fd, notes_fd, cpus = sys.argv[1:]
     _die_with(int(parent))
     _name(name)
     link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)))
@@ -34,7 +35,10 @@ def main() -> None:
             link.send(Failed(f"cannot run on the CPUs of `affinity`, {cpus}: {error.strerror}"))
             sys.exit(1)
     try:
-        import_module(module).run(link, link.receive())
+        module = import_module(name_of_module)
+        link.codec = getattr(module, "CODEC", PICKLE)
+        notes = [Link[Any, Any](socket.socket(fileno=int(notes_fd)), link.codec)] if notes_fd else []
+        module.run(link, link.receive(), *notes)
     except GatewayError as error:
         link.send(Failed(str(error)[:MAX_WORDS], config=isinstance(error, ConfigError)))
         sys.exit(1)

@@ -1,52 +1,77 @@
 """A socket between the main process and one child: whole messages, end of file when the other side is gone."""
 
+import array
 import pickle
 import socket
 import sys
-from typing import Generic, TypeVar
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 MAX_MESSAGE_BYTES = 64 * 1024
+MOST_FDS = 16  # that come with one message; the kernel closes what is more
+_FD_BYTES = socket.CMSG_SPACE(MOST_FDS * array.array("i").itemsize)
 
 Out = TypeVar("Out")
 In = TypeVar("In")
 
 
+@dataclass(frozen=True, slots=True)
+class Codec:
+    """How messages become bytes. Both ends must use the same one."""
+
+    packed: Callable[[object], bytes]
+    unpacked: Callable[[bytes], Any]
+
+
+PICKLE = Codec(lambda message: pickle.dumps(message, pickle.HIGHEST_PROTOCOL), pickle.loads)
+
+
 class Link(Generic[Out, In]):
     """One end of a SOCK_SEQPACKET pair: the kernel keeps messages whole, so nobody ever waits for half of one."""
 
-    def __init__(self, sock: socket.socket) -> None:
+    def __init__(self, sock: socket.socket, codec: Codec = PICKLE) -> None:
         self.sock = sock
+        self.codec = codec
         self.ended = False
+        self._fds: deque[int] = deque()
 
     @classmethod
-    def pair(cls) -> tuple["Link[Out, In]", socket.socket]:
+    def pair(cls, codec: Codec = PICKLE) -> tuple["Link[Out, In]", socket.socket]:
         """The main process's end, never blocking, and the socket for the child."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         ours.setblocking(False)
-        return cls(ours), theirs
+        return cls(ours, codec), theirs
 
-    # For the main process.
+    def offer(self, message: Out, fd: int | None = None) -> bool:
+        """Send without waiting, and a descriptor with it: the other side gets its own copy (`taken_fd`).
 
-    def offer(self, message: Out) -> bool:
-        """Send without waiting. False: the child is gone, or has not read for hundreds of messages."""
+        False: the other side is gone, or has not read for hundreds of messages.
+        """
         try:
-            self.sock.send(_packed(message))
+            if fd is None:
+                self.sock.send(self._packed(message), socket.MSG_DONTWAIT)
+            else:
+                socket.send_fds(self.sock, [self._packed(message)], [fd], socket.MSG_DONTWAIT)
         except (BlockingIOError, BrokenPipeError, ConnectionResetError):
             return False
         return True
+
+    # For the main process.
 
     def received(self) -> list[In]:
         """Everything that has arrived; sets `ended` at the end of file. Never waits."""
         messages: list[In] = []
         while not self.ended:
             try:
-                data = self.sock.recv(MAX_MESSAGE_BYTES)
+                data = self.sock.recv(MAX_MESSAGE_BYTES, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 break
             except ConnectionResetError:
                 data = b""
             if data:
-                messages.append(pickle.loads(data))
+                messages.append(self.codec.unpacked(data))
             else:
                 self.ended = True
         return messages
@@ -56,36 +81,50 @@ class Link(Generic[Out, In]):
     def send(self, message: Out) -> None:
         """Send, waiting for room. Ends the process when the main process is gone."""
         try:
-            self.sock.send(_packed(message))
+            self.sock.send(self._packed(message))
         except (BrokenPipeError, ConnectionResetError):
             sys.exit(0)
 
     def receive(self) -> In:
         """Wait for the next message. Ends the process when the main process is gone."""
-        try:
-            data = self.sock.recv(MAX_MESSAGE_BYTES)
-        except ConnectionResetError:
-            data = b""
-        if not data:
-            sys.exit(0)
-        message: In = pickle.loads(data)
+        message: In = self.codec.unpacked(self._read(0))
         return message
 
     def waiting(self) -> list[In]:
         """Everything that has arrived, without waiting for more. Ends the process when the main process is gone."""
-        self.sock.setblocking(False)
-        messages = self.received()
-        self.sock.setblocking(True)
-        if self.ended:
+        messages: list[In] = []
+        while True:
+            try:
+                messages.append(self.codec.unpacked(self._read(socket.MSG_DONTWAIT)))
+            except BlockingIOError:
+                return messages
+
+    def taken_fd(self) -> int | None:
+        """The descriptor that came with the oldest message that had one and was not asked for it. The caller closes it.
+
+        None: there is none; this process had too many open to take one more.
+        """
+        return self._fds.popleft() if self._fds else None
+
+    def _read(self, flags: int) -> bytes:
+        try:
+            data, ancillary, _, _ = self.sock.recvmsg(MAX_MESSAGE_BYTES, _FD_BYTES, flags | socket.MSG_CMSG_CLOEXEC)
+        except ConnectionResetError:
             sys.exit(0)
-        return messages
+        if not data:
+            sys.exit(0)
+        for level, kind, content in ancillary:
+            if level == socket.SOL_SOCKET and kind == socket.SCM_RIGHTS:
+                fds = array.array("i")
+                fds.frombytes(content[: len(content) // fds.itemsize * fds.itemsize])
+                self._fds.extend(fds)
+        return data
 
     def close(self) -> None:
         self.sock.close()
 
-
-def _packed(message: object) -> bytes:
-    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
-    if len(data) > MAX_MESSAGE_BYTES:
-        raise ValueError(f"a message of {len(data)} bytes; at most {MAX_MESSAGE_BYTES}")
-    return data
+    def _packed(self, message: object) -> bytes:
+        data = self.codec.packed(message)
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise ValueError(f"a message of {len(data)} bytes; at most {MAX_MESSAGE_BYTES}")
+        return data

@@ -12,12 +12,12 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from gateway.children.link import Link
+from gateway.children.link import PICKLE, Codec, Link
 from gateway.children.words import Failed, Gone
 from gateway.clock import Clock
 from gateway.errors import LinkError
@@ -45,13 +45,18 @@ In = TypeVar("In")  # and what they say
 
 @dataclass(frozen=True, slots=True)
 class Role(Generic[Out]):
-    """What a child is for: `module` has `run(link, job)`; `name` is what `top` shows; `fds` it inherits."""
+    """What a child is for: `module` has `run(link, job)`; `name` is what `top` shows; `fds` it inherits.
+
+    With `notes` its `run` gets a second link, for words that are to be heard before all others, but not at once: see
+    `Pool.messages`.
+    """
 
     module: str
     name: str
     job: Out
     fds: tuple[int, ...] = ()
     affinity: tuple[int, ...] | None = None
+    notes: bool = False
 
 
 @dataclass(slots=True)
@@ -61,6 +66,7 @@ class Child(Generic[Out, In]):
     process: subprocess.Popen[bytes]
     link: Link[Out, In | Failed]
     pidfd: int
+    notes: Link[Out, In] | None
 
 
 class Pool(Generic[Out, In]):
@@ -70,7 +76,10 @@ class Pool(Generic[Out, In]):
     `wait` tells. A frame crosses the main process twice: each round of the event loop that is spared is spared twice.
     """
 
-    def __init__(self, label: str, clock: Clock, on_news: Callable[[], None] | None = None) -> None:
+    def __init__(
+        self, label: str, clock: Clock, on_news: Callable[[], None] | None = None, codec: Codec = PICKLE
+    ) -> None:
+        self._codec = codec
         self._label = label
         self._clock = clock
         self._children: dict[int, Child[Out, In]] = {}
@@ -81,22 +90,25 @@ class Pool(Generic[Out, In]):
 
     def start(self, token: int, role: Role[Out]) -> None:
         """Start a process and send it its job. Takes a few ms. Raises LinkError."""
-        link, theirs = Link[Out, In | Failed].pair()
-        fd = theirs.fileno()
+        link, theirs = Link[Out, In | Failed].pair(self._codec)
+        notes, their_notes = Link[Out, In].pair(self._codec) if role.notes else (None, None)
+        fds = [sock.fileno() for sock in (theirs, their_notes) if sock is not None]
         cpus = ",".join(map(str, role.affinity or ()))
-        words = [role.module, role.name, str(os.getpid()), str(fd), cpus, "\n".join(sys.path)]
-        with theirs, _without_ctrl_c():
+        words = [role.module, role.name, str(os.getpid()), str(fds[0]), "".join(map(str, fds[1:])), cpus]
+        with theirs, their_notes or nullcontext(), _without_ctrl_c():
             try:
                 process = subprocess.Popen(
-                    [sys.executable, "-c", BOOT, *words],
+                    [sys.executable, "-c", BOOT, *words, "\n".join(sys.path)],
                     stdin=subprocess.DEVNULL,
-                    pass_fds=(fd, *role.fds),
+                    pass_fds=(*fds, *role.fds),
                     env={**ENVIRONMENT, **os.environ},
                 )
             except OSError as error:
                 link.close()
+                if notes is not None:
+                    notes.close()
                 raise LinkError(f"cannot start process {role.name}: {error}") from error
-        child = Child(process, link, os.pidfd_open(process.pid))
+        child = Child(process, link, os.pidfd_open(process.pid), notes)
         self._children[token] = child
         loop = asyncio.get_running_loop()
         loop.add_reader(link.sock, self._arrived, self._spoke, token)
@@ -107,6 +119,15 @@ class Pool(Generic[Out, In]):
         """Never waits. A child that does not take its messages is killed; one that is gone is left alone."""
         child = self._children.get(token)
         if child is not None and not child.link.offer(message):
+            child.process.kill()
+
+    def introduce(self, token: int, other: int, message: Out) -> None:
+        """As `send`, and gives the child the sending end of the other's inbox: what it sends there, the other receives
+        as if it came from here. Nothing is said where the other is gone."""
+        child, introduced = self._children.get(token), self._children.get(other)
+        if child is None or introduced is None:
+            return
+        if not child.link.offer(message, introduced.link.sock.fileno()):
             child.process.kill()
 
     def kill(self, token: int) -> None:
@@ -126,10 +147,15 @@ class Pool(Generic[Out, In]):
         """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
 
         Without `everybody` only from those that the event loop has seen speak or end, which spares some system calls.
+        Notes wake nobody. They are read at every call, before all else, and before a process is told to be gone.
         """
         ended, heard = set(self._ended), self._spoke | self._ended
         self._spoke.clear()  # not replaced: the event loop's readers hold these very sets
         self._ended.clear()
+        for token, child in self._children.items():
+            if child.notes is not None:
+                for note in child.notes.received():
+                    yield token, note
         for token, child in list(self._children.items()):
             if not everybody and token not in heard:
                 continue
@@ -137,6 +163,9 @@ class Pool(Generic[Out, In]):
             status = child.process.poll() if asked else None  # before reading, so that the last words are not missed
             for message in child.link.received():
                 yield token, message
+            if status is not None and child.notes is not None:
+                for note in child.notes.received():
+                    yield token, note
             if status is not None:
                 self._forget(token)
                 yield token, Gone(_how(status))
@@ -191,6 +220,8 @@ class Pool(Generic[Out, In]):
         loop.remove_reader(child.link.sock)
         loop.remove_reader(child.pidfd)
         child.link.close()
+        if child.notes is not None:
+            child.notes.close()
         os.close(child.pidfd)
 
 

@@ -41,6 +41,14 @@ class Return:
 
 
 @dataclass(frozen=True, slots=True)
+class Offer:
+    """Tell the camera that its next frame may go straight to this worker."""
+
+    token: int
+    worker: int
+
+
+@dataclass(frozen=True, slots=True)
 class Emit:
     reading: VisionReading
 
@@ -52,4 +60,4 @@ class GiveUp:
     why: str
 
 
-Action = StartCamera | StartWorker | Kill | Assign | Return | Emit | GiveUp
+Action = StartCamera | StartWorker | Kill | Assign | Return | Offer | Emit | GiveUp

@@ -7,6 +7,11 @@ before it settles: a result that lies waiting is not late.
 Rules
 - Live sources: the newest frame wins. A frame waiting for a worker is replaced by a newer one and counted as skipped.
   No reading is older than one already emitted: a result that a newer one overtook counts as skipped, too.
+- Straight hand-over: while a live camera runs and a worker has nothing to do, the camera is told that its next frame
+  may go straight to that worker (`Offer`), which spares the way through the main process. The camera notes it before
+  it does it, without waking anyone, and every note is reported before the word of a worker or the end of the camera.
+  An offer is for one frame; a frame that comes without one waits here, is assigned here, and ends no offer. So a worker
+  has at most two frames in hand: one assigned when the offer was under way, one handed over by it.
 - Lossless sources (files as fast as possible): every frame waits its turn and readings come in order; an end is told
   when all frames before it have been looked at.
 - A worker that dies, throws, hangs past `vision.deadline_s`, or takes longer than `camera.open_deadline_s` to start, is
@@ -20,45 +25,17 @@ Rules
 import random
 from collections import deque
 from dataclasses import dataclass, field, replace
-from enum import Enum, auto
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.model import FRESH_FRAME, Detection, Quality, VisionReading, VisionStats
 from gateway.supervisor import delay_s
-from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Return, StartCamera, StartWorker
+from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Offer, Return, StartCamera, StartWorker
 from gateway.vision.jobs import FrameRef
+from gateway.vision.seats import Phase, Seat
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 WORKER_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
-
-
-class Phase(Enum):
-    """Of one process. ABSENT: to be started when due. LEAVING: failed, not yet reported gone."""
-
-    ABSENT = auto()
-    STARTING = auto()
-    IDLE = auto()  # a camera: giving frames
-    BUSY = auto()  # workers only
-    ENDING = auto()  # a lossless camera that has ended, while its last frames are looked at
-    LEAVING = auto()
-
-
-@dataclass(slots=True)
-class Seat:
-    """The place of one process; the processes in it come and go, each with its own token."""
-
-    phase: Phase = Phase.ABSENT
-    token: int = 0
-    since_ns: int = 0  # of the phase, or the last sign of life
-    due_ns: int = 0  # when ABSENT or LEAVING: not to be started before
-    frame: FrameRef | None = None  # BUSY workers
-    reaped: bool = False  # the process is gone, whatever the phase
-    failures: int = 0  # in a row
-
-    @property
-    def alive(self) -> bool:
-        return self.phase not in (Phase.ABSENT, Phase.LEAVING)
 
 
 @dataclass(slots=True)
@@ -73,6 +50,7 @@ class Dispatcher:
     stats: VisionStats = field(default_factory=VisionStats)
     _eye: Seat = field(default_factory=Seat)  # the camera's seat
     _lossless: bool = False
+    _offers: bool = False  # this camera may be told of idle workers
     _first_frame_ns: int = 0
     _end: str = ""  # why a camera is ENDING
     _camera_skipped: int = 0  # as told by this camera process so far
@@ -103,22 +81,61 @@ class Dispatcher:
     def opened(self, token: int, lossless: bool) -> None:
         """The camera process has opened its source."""
         if self._is_camera(token):
-            self._lossless = lossless
+            self._lossless, self._offers = lossless, not lossless
 
     def captured(self, token: int, frame: FrameRef, skipped: int, now_ns: int) -> None:
         """A frame is whole; `skipped` frames found no free slot since this camera process began."""
         if not self._is_camera(token):
             return
-        self._count(skipped=skipped - self._camera_skipped)
-        self._camera_skipped = skipped
+        self._heard_of(frame, skipped, now_ns)
+        if self._lossless or frame.seq == self._last_seq:
+            self._skip_older(now_ns)
+            self._waiting.append(frame)
+        else:  # a newer one has been handed over meanwhile
+            self._count(skipped=1)
+            self._release(frame.slot, now_ns)
+
+    def handed(self, token: int, frame: FrameRef, skipped: int, worker: int, then_ns: int, now_ns: int) -> None:
+        """The camera has handed a frame straight to `worker`, at `then_ns`."""
+        if token != self._eye.token:
+            return
+        seat = self._worker(worker)
+        if not self._is_camera(token):  # given up, but the frame lies where it lies; it comes too late to be told
+            self._last_seq = max(self._last_seq, frame.seq)
+            self._told_seq = max(self._told_seq, frame.seq)
+            if seat is None:
+                self._count(skipped=1)
+            else:
+                self._free.discard(frame.slot)
+                seat.take(frame, min(then_ns, now_ns))
+            return
+        self._heard_of(frame, skipped, now_ns)
+        if seat is None:  # it has gone before it could look: the frame is as good as new
+            if frame.seq == self._last_seq:
+                self._skip_older(now_ns)
+                self._waiting.append(frame)
+            else:
+                self._count(skipped=1)
+                self._release(frame.slot, now_ns)
+            return
+        seat.offered = False
+        seat.take(frame, min(then_ns, now_ns))
+        if frame.seq == self._last_seq:
+            self._skip_older(now_ns)
+
+    def _heard_of(self, frame: FrameRef, skipped: int, now_ns: int) -> None:
+        self._count(skipped=max(0, skipped - self._camera_skipped))
+        self._camera_skipped = max(skipped, self._camera_skipped)
         self._free.discard(frame.slot)
-        self._last_seq = frame.seq
+        self._last_seq = max(self._last_seq, frame.seq)
         if self._eye.phase is Phase.STARTING:
             self._first_frame_ns = now_ns
         self._eye.phase, self._eye.since_ns = Phase.IDLE, now_ns
+
+    def _skip_older(self, now_ns: int) -> None:
+        """Nobody waits behind a newer frame, where the newest wins."""
         if self._waiting and not self._lossless:
             self._skip_waiting(now_ns)
-        self._waiting.append(frame)
 
     def ready(self, token: int) -> None:
         """A worker has its detector."""
@@ -126,14 +143,15 @@ class Dispatcher:
             seat.phase = Phase.IDLE
 
     def looked(self, token: int, seq: int, detection: Detection | None, now_ns: int) -> None:
-        """A worker has finished a frame. None: the frame changed under its eyes."""
+        """A worker has finished a frame. None: the frame changed under its eyes, or a newer one came before it."""
         seat = self._worker(token)
-        if seat is None or seat.frame is None or seat.frame.seq != seq:
+        frame = None if seat is None else seat.put_down(seq, now_ns)
+        if seat is None or frame is None:
             return
-        frame = self._put_down(seat, now_ns)
-        seat.phase = Phase.IDLE
+        self._release(frame.slot, now_ns)
         if detection is None:
-            self._count(lost=1)
+            late = seq <= self._told_seq
+            self._count(lost=not late, skipped=late)
             return
         seat.failures = 0
         reading = VisionReading(
@@ -176,8 +194,12 @@ class Dispatcher:
         self._fill_seats(now_ns)
         for seat in self._workers:
             if seat.phase is Phase.IDLE and self._waiting:
-                seat.phase, seat.since_ns, seat.frame = Phase.BUSY, now_ns, self._waiting.popleft()
-                self._out.append(Assign(seat.token, seat.frame))
+                frame = self._waiting.popleft()
+                seat.take(frame, now_ns)
+                self._out.append(Assign(seat.token, frame))
+            elif seat.phase is Phase.IDLE and self._offers and not seat.offered and self._is_camera(self._eye.token):
+                seat.offered, seat.since_ns = True, now_ns
+                self._out.append(Offer(self._eye.token, seat.token))
         if self._lossless:
             self._tell_in_turn(now_ns)
         if self._eye.phase is Phase.ENDING and not self._unfinished():
@@ -198,6 +220,8 @@ class Dispatcher:
                 allowed_s = self.camera.open_deadline_s
             case Phase.BUSY:
                 allowed_s = self.vision.deadline_s
+            case Phase.IDLE if seat.offered:  # it may have been handed a frame: then look at the notes
+                allowed_s = self.vision.deadline_s
             case Phase.IDLE if seat is self._eye and self._free:  # with no free slot the camera waits for us
                 allowed_s = self.camera.deadline_s
             case _:
@@ -213,6 +237,8 @@ class Dispatcher:
                 first = seat.phase is Phase.STARTING
                 allowed_s = self.camera.open_deadline_s if first else self.camera.deadline_s
                 self._camera_down(f"{self.label}: no {'first ' if first else ''}frame within {allowed_s:g} s", now_ns)
+            elif seat.phase is Phase.IDLE:
+                seat.since_ns = now_ns  # the notes have been reported, and tell of no frame
             elif seat.phase is Phase.STARTING:
                 self._worker_down(seat, f"vision process not ready within {self.camera.open_deadline_s:g} s", now_ns)
             else:
@@ -251,7 +277,9 @@ class Dispatcher:
         self._eye.failures += 1
         self._eye.due_ns = now_ns + round(delay_s(self.camera.reconnect, self._eye.failures, self.rng) * NS_PER_S)
         self._first_frame_ns = 0
-        self._lossless = False
+        self._lossless = self._offers = False
+        for seat in self._workers:
+            seat.offered = False
         while self._waiting:
             self._skip_waiting(now_ns)
         for seq in sorted(self._held):
@@ -263,10 +291,13 @@ class Dispatcher:
         delay = delay_s(WORKER_BACKOFF, seat.failures, self.rng) if seat.failures else 0.0
         seat.due_ns = now_ns + round(delay * NS_PER_S)
         seat.failures += 1
-        frame = None if seat.frame is None else self._put_down(seat, now_ns)
+        frames, seat.frames, seat.offered = seat.frames, [], False
         self._leave(seat, why)
-        if frame is not None:
+        for frame in frames:
             self._count(lost=1)
+            self._release(frame.slot, now_ns)
+        if frames:
+            frame = max(frames, key=lambda frame: frame.seq)
             if self._lossless or not self._newer_in_work(frame.seq):
                 fault = VisionReading(frame.t_capture_ns, Quality.PROCESS_FAULT, frame_id=frame.seq, detail=why)
                 self._tell(fault, now_ns)
@@ -278,21 +309,16 @@ class Dispatcher:
         """Under a worker's eyes, or about to be."""
         idle = any(seat.phase is Phase.IDLE for seat in self._workers)
         coming = [frame.seq for frame in self._waiting] if idle else []
-        return any(n > seq for n in (*coming, *(seat.frame.seq for seat in self._workers if seat.frame is not None)))
+        return any(n > seq for n in (*coming, *self._in_work()))
+
+    def _in_work(self) -> list[int]:
+        return [frame.seq for seat in self._workers for frame in seat.frames]
 
     def _leave(self, seat: Seat, why: str) -> None:
         seat.phase = Phase.ABSENT if seat.reaped else Phase.LEAVING
         self._out.append(Kill(seat.token, why))
 
     # Slots and readings.
-
-    def _put_down(self, seat: Seat, now_ns: int) -> FrameRef:
-        frame = seat.frame
-        if frame is None:
-            raise RuntimeError("no frame in this seat")
-        seat.frame = None
-        self._release(frame.slot, now_ns)
-        return frame
 
     def _skip_waiting(self, now_ns: int) -> None:
         self._count(skipped=1)
@@ -306,7 +332,7 @@ class Dispatcher:
             self._out.append(Return(self._eye.token, slot))
 
     def _unfinished(self) -> bool:
-        return bool(self._waiting) or any(seat.frame is not None for seat in self._workers)
+        return bool(self._waiting) or any(seat.frames for seat in self._workers)
 
     def _tell(self, reading: VisionReading, now_ns: int) -> None:
         """Emit what was found in a frame, unless it is too late for it; lossless: in its turn."""
@@ -318,7 +344,7 @@ class Dispatcher:
             self._emit(reading, now_ns)
 
     def _tell_in_turn(self, now_ns: int) -> None:
-        in_work = min((seat.frame.seq for seat in self._workers if seat.frame is not None), default=self._last_seq + 1)
+        in_work = min(self._in_work(), default=self._last_seq + 1)
         for seq in sorted(self._held):
             if seq < in_work:
                 self._emit(self._held.pop(seq), now_ns)

@@ -1,17 +1,15 @@
 """What the main process and its children say to each other: one job at the start, then small messages.
 
-A frame is never among them: messages carry the number of its slot in the shared memory. All are pickled; both ends are
-the same program.
+A frame is never among them: messages carry the number of its slot in the shared memory. How they become bytes stands
+in `wire`.
 """
 
-import copyreg
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib import import_module
-from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 from gateway.clock import Clock
-from gateway.model import Circle, Detection, Ellipse, Rejection
+from gateway.model import Detection
 from gateway.vision.shm import RingSpec
 from gateway.vision.sources import SourceSpec
 
@@ -80,6 +78,13 @@ class GiveBack:
     slot: int
 
 
+@dataclass(frozen=True, slots=True)
+class Straight:
+    """To the camera: its next frame may go straight to this worker, whose inbox comes with it as a descriptor."""
+
+    worker: int
+
+
 # From the children.
 
 
@@ -99,28 +104,28 @@ class Captured:
 
 
 @dataclass(frozen=True, slots=True)
+class Handed:
+    """As `Captured`, of a frame that goes straight to `worker`, at `then_ns`. A note: it wakes nobody, and is always
+    written before the worker can know of the frame."""
+
+    frame: FrameRef
+    skipped: int
+    worker: int
+    then_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class Ready:
     """A vision process has its detector."""
 
 
 @dataclass(frozen=True, slots=True)
 class Looked:
-    """A result. None: the slot changed under the work, so there is no result."""
+    """A result. None: there is no result, since the slot changed under the work, or a newer frame came first."""
 
     seq: int
     detection: Detection | None
 
 
-ToChild = CameraJob | WorkerJob | Look | GiveBack
-FromChild = Opened | Captured | Ready | Looked
-
-
-def _compact(kind: type) -> None:
-    """Pickle a frozen record as a call of its constructor: dataclasses' own way with slots takes four times as long."""
-    names = tuple(field.name for field in fields(kind))
-    values = attrgetter(*names) if len(names) > 1 else lambda record: (getattr(record, names[0]),)
-    copyreg.pickle(kind, lambda record: (kind, values(record)))
-
-
-for _kind in (FrameRef, Look, GiveBack, Captured, Looked, Detection, Circle, Ellipse, Rejection):
-    _compact(_kind)
+ToChild = CameraJob | WorkerJob | Look | GiveBack | Straight
+FromChild = Opened | Captured | Handed | Ready | Looked

@@ -11,7 +11,7 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.config import CameraConfig, VisionConfig
 from gateway.errors import ConfigError
 from gateway.model import VisionReading
-from gateway.vision import actions, shm
+from gateway.vision import actions, shm, wire
 from gateway.vision.dispatch import Dispatcher
 from gateway.vision.jobs import (
     CameraJob,
@@ -19,10 +19,12 @@ from gateway.vision.jobs import (
     DetectorSpec,
     FromChild,
     GiveBack,
+    Handed,
     Look,
     Looked,
     Opened,
     Ready,
+    Straight,
     ToChild,
     WorkerJob,
 )
@@ -97,7 +99,7 @@ class VisionService:
         try:
             while True:
                 self._turns = _Turns(dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring))
-                async with VisionPool(self._bay, self._clock, self._turns.on_news) as pool:
+                async with VisionPool(self._bay, self._clock, self._turns.on_news, wire.CODEC) as pool:
                     await self._turns.run(pool)
                 dispatcher = dispatcher.anew(self._vision)  # other settings
         finally:
@@ -113,6 +115,8 @@ class VisionService:
                 pool.send(token, Look(frame))
             case actions.Return(token, slot):
                 pool.send(token, GiveBack(slot))
+            case actions.Offer(token, idle):
+                pool.introduce(token, idle, Straight(idle))
             case actions.StartCamera(token, first_seq, slots):
                 camera = CameraJob(self._spec, self._clock, ring, first_seq, slots)
                 pool.start(token, self._role("camera", camera, self._camera.affinity))
@@ -126,7 +130,8 @@ class VisionService:
                 raise ConfigError(f"{self._bay}: {why}")
 
     def _role(self, what: str, job: CameraJob | WorkerJob, affinity: tuple[int, ...] | None) -> Role[ToChild]:
-        return Role(f"gateway.vision.{what}", f"gw-{what}-{self._bay}", job, (job.ring.fd,), affinity)
+        name = f"gw-{what}-{self._bay}"
+        return Role(f"gateway.vision.{what}", name, job, (job.ring.fd,), affinity, notes=isinstance(job, CameraJob))
 
 
 class _Turns:
@@ -191,6 +196,8 @@ def _report(dispatcher: Dispatcher, token: int, message: FromChild | Failed | Go
     match message:
         case Captured(frame, skipped):
             dispatcher.captured(token, frame, skipped, now_ns)
+        case Handed(frame, skipped, worker, then_ns):
+            dispatcher.handed(token, frame, skipped, worker, then_ns, now_ns)
         case Looked(seq, detection):
             dispatcher.looked(token, seq, detection, now_ns)
         case Ready():

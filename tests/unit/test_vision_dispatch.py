@@ -10,9 +10,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.model import Circle, Detection, Quality, VisionReading
-from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Return, StartCamera, StartWorker
-from gateway.vision.dispatch import Dispatcher, Phase
+from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Offer, Return, StartCamera, StartWorker
+from gateway.vision.dispatch import Dispatcher
 from gateway.vision.jobs import FrameRef
+from gateway.vision.seats import Phase
 
 MS = 1_000_000
 SEEN = Detection(Circle(10.0, 20.0, 30.0), x_n=0.1, y_n=0.2, stage_ns=(("hsv", 7), ("circle", 3)))
@@ -38,6 +39,9 @@ class Bench:
         self.generation = 0
         self.workers: list[int] = []  # tokens running
         self.work: dict[int, FrameRef] = {}
+        self.offers: list[int] = []  # workers that the camera may hand its next frame to
+        self.notes: list[tuple[int, FrameRef, int, int]] = []  # of the camera, not reported yet
+        self.inbox: dict[int, list[FrameRef]] = {}  # handed over straight
         self.told: list[VisionReading] = []
         self.killed: dict[int, str] = {}
         self.given_up: list[str] = []
@@ -57,7 +61,7 @@ class Bench:
     def carry_out(self, action: Action) -> None:
         match action:
             case StartCamera(token, first_seq, slots):
-                self.camera, self.free, self.seq = token, set(slots), first_seq
+                self.camera, self.free, self.seq, self.offers = token, set(slots), first_seq, []
             case StartWorker(token):
                 self.workers.append(token)
             case Assign(token, frame):
@@ -67,9 +71,15 @@ class Bench:
                 if token == self.camera:
                     assert slot not in self.free, "given back twice"
                     self.free.add(slot)
+            case Offer(token, worker):
+                assert token == self.camera, "offered to a camera that is no more"
+                assert worker not in self.offers, "offered twice"
+                assert worker not in self.work, "offered while it has a frame"
+                self.offers.append(worker)
             case Kill(token, why):
                 self.killed[token] = why
                 self.work.pop(token, None)
+                self.inbox.pop(token, None)
             case Emit(reading):
                 self.told.append(reading)
             case GiveUp(why):
@@ -85,12 +95,16 @@ class Bench:
 
     def capture(self, *, skipped: int = 0) -> FrameRef:
         """A frame comes, captured 2 ms ago; nothing is settled yet."""
+        frame = self._new_frame()
+        self.dispatcher.captured(self.camera, frame, skipped, self.ns)
+        return frame
+
+    def _new_frame(self) -> FrameRef:
         slot = min(self.free)
         self.free.remove(slot)
         self.generation += 2
         frame = FrameRef(slot, self.generation, self.seq, self.ns - 2 * MS)
         self.seq += 1
-        self.dispatcher.captured(self.camera, frame, skipped, self.ns)
         return frame
 
     def frame(self) -> FrameRef:
@@ -98,13 +112,31 @@ class Bench:
         self.settle()
         return frame
 
+    def hand(self, *, to: int | None = None) -> FrameRef:
+        """A frame comes and goes straight to a worker; the camera notes it, and nobody has read the note yet."""
+        worker = self.offers[0] if to is None else to
+        self.offers.remove(worker)
+        frame = self._new_frame()
+        self.notes.append((self.camera, frame, worker, self.ns))
+        self.inbox.setdefault(worker, []).append(frame)
+        return frame
+
+    def hear(self) -> None:
+        """The camera's notes are reported; nothing is settled yet."""
+        for camera, frame, worker, then_ns in self.notes:
+            self.dispatcher.handed(camera, frame, 0, worker, then_ns, self.ns)
+        self.notes.clear()
+
     def look(self, token: int, detection: Detection | None = SEEN) -> None:
-        frame = self.work.pop(token)
+        frame = self.work.pop(token) if token in self.work else self.inbox[token].pop(0)
+        self.hear()
         self.dispatcher.looked(token, frame.seq, detection, self.ns)
         self.settle()
 
     def die(self, token: int, how: str = "was killed by SIGKILL") -> None:
         self.work.pop(token, None)
+        self.inbox.pop(token, None)
+        self.hear()
         self.killed.setdefault(token, how)
         if token in self.workers:
             self.workers.remove(token)
@@ -645,8 +677,192 @@ def test_nothing_to_do_means_nothing_to_do_until_the_next_deadline() -> None:
     bench.frame()
     bench.look(bench.workers[0])
 
-    assert bench.ns + 1000 * MS == bench.dispatcher.next_deadline_ns()
-    assert bench.settle(after_ms=999) == []
+    assert bench.ns + 500 * MS == bench.dispatcher.next_deadline_ns()  # the notes are read, for a frame handed over
+    assert bench.settle(after_ms=500) == []
+    assert bench.ns + 500 * MS == bench.dispatcher.next_deadline_ns()
+    assert bench.settle(after_ms=499) == []
+
+
+# Straight from the camera to a worker.
+
+
+def test_an_idle_worker_is_offered_to_a_live_camera_once() -> None:
+    bench = Bench()
+    bench.ready()
+    assert bench.offers == []  # a film must be looked at in order, and nobody knows yet whether it is one
+    bench.open()
+    bench.settle()
+
+    assert bench.offers == bench.workers
+    bench.settle()
+    assert bench.offers == bench.workers
+
+
+def test_no_offers_for_a_film() -> None:
+    assert running(lossless=True).offers == []
+
+
+def test_a_frame_handed_over_becomes_a_reading_and_the_next_offer_follows() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    frame = bench.hand()
+    bench.ms += 3
+
+    bench.look(worker)
+
+    assert [(r.t_ns, r.frame_id, r.quality) for r in bench.told] == [(frame.t_capture_ns, 1, Quality.GOOD)]
+    assert (bench.told[0].stats.latency_ms, bench.free, bench.offers) == (5.0, {0, 1, 2}, [worker])
+
+
+def test_a_frame_that_comes_without_an_offer_is_assigned_at_once_and_the_offer_stands() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    bench.frame()  # it came before the camera had read of the offer
+    assert bench.work[worker].seq == 1
+
+    bench.hand()  # while the first is under work
+    bench.look(worker)
+    bench.look(worker)
+
+    assert (bench.seqs(), bench.free) == ([1, 2], {0, 1, 2})
+    assert bench.offers == [worker]
+
+
+def test_a_frame_behind_one_handed_over_later_waits_for_nobody() -> None:
+    bench = running(workers=2)
+    bench.hand()
+    late = bench.capture()  # both are heard of together, the note first or last
+    bench.hear()
+    bench.settle()
+    assert list(bench.work.values()) == [late]
+
+    bench = running(workers=1)
+    bench.frame()
+    waiting = bench.frame()
+    bench.hand()
+    bench.hear()
+    bench.settle()
+    assert bench.dispatcher.stats.skipped == 1
+    assert waiting.slot in bench.free
+
+
+def test_a_frame_older_than_one_handed_over_is_skipped() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    older = bench._new_frame()
+    bench.hand()
+    bench.hear()
+
+    bench.dispatcher.captured(bench.camera, older, 0, bench.ns)
+    bench.settle()
+
+    assert (bench.work, bench.dispatcher.stats.skipped, older.slot in bench.free) == ({}, 1, True)
+    bench.look(worker)
+    assert bench.seqs() == [2]
+
+
+def test_a_worker_that_hangs_on_a_frame_handed_over_is_hung_at_its_deadline() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    bench.settle(after_ms=100)
+    bench.hand()  # nobody hears of it
+    bench.settle(after_ms=399)
+    assert bench.dispatcher.next_deadline_ns() == bench.ns + 1 * MS
+    bench.ms += 1
+    bench.hear()  # what is past its deadline is judged after everything was heard
+    bench.settle()
+    assert bench.killed == {}
+
+    bench.settle(after_ms=99)
+    assert bench.killed == {}
+    bench.settle(after_ms=1)
+
+    assert bench.killed == {worker: "vision process gave no result within 0.5 s"}
+    assert bench.qualities() == [Quality.PROCESS_FAULT]
+    assert bench.dispatcher.stats.lost == 1
+
+
+def test_a_worker_that_dies_of_a_frame_handed_over_loses_it_and_is_told_at_once() -> None:
+    bench = running()
+    frame = bench.hand()
+
+    bench.die(bench.workers[0])
+
+    assert [(r.frame_id, r.quality, r.t_ns) for r in bench.told] == [(1, Quality.PROCESS_FAULT, frame.t_capture_ns)]
+    assert (bench.dispatcher.stats.lost, bench.free) == (1, {0, 1, 2})
+
+
+def test_a_worker_that_dies_with_two_frames_loses_both() -> None:
+    bench = running()
+    bench.frame()
+    bench.hand()
+    bench.die(bench.workers[0])
+
+    assert [(r.frame_id, r.quality) for r in bench.told] == [(2, Quality.PROCESS_FAULT)]
+    assert (bench.dispatcher.stats.lost, bench.free) == (2, {0, 1, 2})
+
+
+def test_a_frame_handed_to_a_worker_that_was_gone_already_waits_for_the_next_one() -> None:
+    bench = running()
+    (old,) = bench.workers
+    offers = list(bench.offers)
+    bench.die(old)
+    bench.offers = offers  # the camera has not heard of it
+    frame = bench.hand()
+    bench.hear()
+    bench.settle()
+    assert bench.work == {}
+
+    bench.ready()
+
+    assert bench.work == {bench.workers[0]: frame}
+
+
+def test_a_frame_handed_over_by_a_camera_given_up_is_not_told_and_keeps_its_slot_till_then() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    old = bench.camera
+    bench.settle(after_ms=10_000)
+    assert bench.qualities() == [Quality.LINK_DOWN]
+    frame = bench.hand()  # at the very moment
+    bench.die(old)
+    while bench.camera == old:
+        bench.settle(after_ms=1)
+
+    assert frame.slot not in bench.free
+    assert bench.seq == frame.seq + 1
+    bench.look(worker)
+    assert bench.qualities() == [Quality.LINK_DOWN]
+    assert (frame.slot in bench.free, bench.dispatcher.stats.skipped) == (True, 1)
+
+
+def test_a_camera_that_has_gone_takes_its_offers_with_it() -> None:
+    bench = running()
+    old = bench.camera
+    bench.die(old)
+    while bench.camera == old:
+        bench.settle(after_ms=1)
+    assert bench.offers == []
+    bench.open()
+    bench.settle()
+
+    assert bench.offers == bench.workers
+
+
+def test_a_frame_not_looked_at_because_a_newer_one_came_first_is_skipped_not_lost() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    bench.frame()
+    bench.hand()
+    first, second = bench.work.pop(worker), bench.inbox[worker].pop()
+    bench.hear()
+
+    bench.dispatcher.looked(worker, second.seq, SEEN, bench.ns)  # they reached it in this order
+    bench.dispatcher.looked(worker, first.seq, None, bench.ns)
+    bench.settle()
+
+    assert bench.seqs() == [2]
+    assert (bench.dispatcher.stats.skipped, bench.dispatcher.stats.lost) == (1, 0)
 
 
 # Everything at once.
@@ -668,9 +884,21 @@ class Chaos(RuleBasedStateMachine):
                 self.captured += 1
         self.bench.settle()
 
+    @rule(pick=st.integers(0, 99))
+    def frame_handed_over(self, pick: int) -> None:
+        bench = self.bench
+        if bench.free and bench.offers and bench.camera not in bench.killed:
+            bench.hand(to=bench.offers[pick % len(bench.offers)])
+            self.captured += 1
+
+    @rule()
+    def notes_are_read(self) -> None:
+        self.bench.hear()
+        self.bench.settle()
+
     @rule(pick=st.integers(0, 99), detection=st.sampled_from((SEEN, EMPTY, None)))
     def look(self, pick: int, detection: Detection | None) -> None:
-        busy = sorted(self.bench.work)
+        busy = sorted({*self.bench.work, *(token for token, frames in self.bench.inbox.items() if frames)})
         if busy:
             self.bench.look(busy[pick % len(busy)], detection)
 
@@ -699,7 +927,9 @@ class Chaos(RuleBasedStateMachine):
 
     @rule(ms=st.sampled_from((1, 20, 300, 1100, 11_000)))
     def time_passes(self, ms: int) -> None:
-        self.bench.settle(after_ms=ms)
+        self.bench.ms += ms
+        self.bench.hear()  # what is past its deadline is judged after everything was heard
+        self.bench.settle()
 
     @rule()
     def the_killed_are_reaped(self) -> None:
@@ -709,9 +939,11 @@ class Chaos(RuleBasedStateMachine):
     @invariant()
     def every_slot_is_in_one_place(self) -> None:
         d = self.bench.dispatcher
-        at_work = [seat.frame.slot for seat in d._workers if seat.frame is not None]
+        at_work = [frame.slot for seat in d._workers for frame in seat.frames]
         waiting = [frame.slot for frame in d._waiting]
         assert sorted([*d._free, *at_work, *waiting]) == list(range(d.slots))
+        unread = {note[1].slot for note in self.bench.notes}
+        assert self.bench.free.isdisjoint(unread | set(at_work)) or self.bench.camera in self.bench.killed
 
     @invariant()
     def live_frames_never_queue_up(self) -> None:
@@ -727,13 +959,14 @@ class Chaos(RuleBasedStateMachine):
     def every_frame_is_accounted_for(self) -> None:
         d = self.bench.dispatcher
         held = sum(r.quality is not Quality.PROCESS_FAULT for r in d._held.values())
-        at_work = sum(seat.frame is not None for seat in d._workers)
+        at_work = sum(len(seat.frames) for seat in d._workers) + len(self.bench.notes)
         assert self.captured == d.stats.frames + d.stats.skipped + d.stats.lost + held + at_work + len(d._waiting)
 
     @invariant()
     def a_worker_has_a_frame_if_and_only_if_it_is_busy_and_none_idles_while_one_waits(self) -> None:
         d = self.bench.dispatcher
-        assert all((seat.phase is Phase.BUSY) is (seat.frame is not None) for seat in d._workers)
+        assert all((seat.phase is Phase.BUSY) is bool(seat.frames) for seat in d._workers)
+        assert all(len(seat.frames) <= 2 for seat in d._workers)
         assert not (d._waiting and any(seat.phase is Phase.IDLE for seat in d._workers))
 
 

@@ -1,0 +1,77 @@
+"""Two ends of a link in one process: messages stay whole, descriptors travel, an end is told."""
+
+import os
+import socket
+
+import pytest
+
+from gateway.children.link import MAX_MESSAGE_BYTES, Link
+
+
+def pair() -> tuple[Link[object, object], Link[object, object]]:
+    ours, theirs = Link[object, object].pair()
+    return ours, Link(theirs)
+
+
+def test_messages_come_whole_and_in_order() -> None:
+    ours, theirs = pair()
+    with ours.sock, theirs.sock:
+        assert ours.offer("first")
+        assert ours.offer(("second", 2))
+        assert theirs.receive() == "first"
+        assert theirs.waiting() == [("second", 2)]
+        assert theirs.waiting() == []
+        theirs.send("answer")
+        assert ours.received() == ["answer"]
+        assert not ours.ended
+
+
+def test_what_is_sent_into_an_inbox_by_another_is_received_as_if_from_here() -> None:
+    main_to_worker, worker = pair()
+    main_to_camera, camera = pair()
+    with main_to_worker.sock, worker.sock, main_to_camera.sock, camera.sock:
+        assert main_to_camera.offer("the worker is idle", main_to_worker.sock.fileno())
+        assert camera.waiting() == ["the worker is idle"]
+        fd = camera.taken_fd()
+        assert fd is not None
+        assert not os.get_inheritable(fd)
+        inbox: Link[object, object] = Link(socket.socket(fileno=fd))
+        assert inbox.offer("look at this")
+        inbox.close()
+
+        assert main_to_worker.offer("and at this")
+        assert [worker.receive(), worker.receive()] == ["look at this", "and at this"]
+        assert camera.taken_fd() is None
+        worker.send("seen")
+        assert main_to_worker.received() == ["seen"]
+
+
+def test_an_inbox_whose_owner_is_gone_takes_nothing() -> None:
+    ours, theirs = pair()
+    theirs.close()
+
+    assert not ours.offer("anybody there?")
+    assert ours.received() == []
+    assert ours.ended
+    ours.close()
+
+
+def test_an_inbox_that_nobody_reads_is_full_some_day_and_nobody_waits_for_it() -> None:
+    ours, theirs = pair()
+    with ours.sock, theirs.sock:
+        assert any(not ours.offer("x" * 1000) for _ in range(100_000))
+
+
+def test_a_child_whose_main_process_is_gone_ends() -> None:
+    ours, theirs = pair()
+    ours.close()
+    for talk in (theirs.receive, theirs.waiting, lambda: theirs.send("?")):
+        with pytest.raises(SystemExit):
+            talk()
+    theirs.close()
+
+
+def test_a_message_too_long_for_the_other_side_is_refused_here() -> None:
+    ours, theirs = pair()
+    with ours.sock, theirs.sock, pytest.raises(ValueError, match="at most 65536"):
+        ours.offer("x" * MAX_MESSAGE_BYTES)
