@@ -40,19 +40,14 @@ export function frameSize(text) {
  * radius_hysteresis_px: number, distance_hysteresis_mm: number}}
  */
 export function limitsOf(bay) {
-  const from = bay.thresholds ?? bay;
-  return {
-    radius_threshold_px: from.radius_threshold_px,
-    distance_threshold_mm: from.distance_threshold_mm,
-    radius_hysteresis_px: from.radius_hysteresis_px ?? 0,
-    distance_hysteresis_mm: from.distance_hysteresis_mm ?? 0,
-  };
+  const { radius_threshold_px, distance_threshold_mm, radius_hysteresis_px, distance_hysteresis_mm } = bay.thresholds;
+  return { radius_threshold_px, distance_threshold_mm, radius_hysteresis_px, distance_hysteresis_mm };
 }
 
 /** Where the marker should be. @returns {{u_px: number|null, v_px: number|null, tolerance_px: number|null}} */
 export function aimOf(bay) {
-  const aim = bay.aim ?? { u_px: bay.aim_u_px, v_px: bay.aim_v_px, tolerance_px: bay.aim_tolerance_px };
-  return { u_px: aim.u_px ?? null, v_px: aim.v_px ?? null, tolerance_px: aim.tolerance_px ?? null };
+  const { u_px, v_px, tolerance_px } = bay.aim;
+  return { u_px, v_px, tolerance_px };
 }
 
 const VISION_FINE = ['GOOD', 'NO_TARGET', 'COASTED', 'WAITING'];
@@ -100,3 +95,13 @@ export function decisionWords(state) {
   if (state.stop) return 'STOP';
   return state.permit ? 'PERMIT' : 'NO STOP, NO PERMIT';
 }
+
+/** States of ISA-18.2 in which an alarm waits for somebody to take notice. */
+export const TO_ACKNOWLEDGE = ['unacknowledged', 'returned', 'latched_unacknowledged'];
+
+/** Alarms of a bay that an operator looks at: none that is normal, or put away on purpose. */
+export const standing = (alarm) => !['normal', 'shelved', 'suppressed', 'out_of_service'].includes(alarm.state);
+
+/** May this visitor acknowledge? It needs a login, unless everybody is a technician. */
+export const mayAcknowledge = (session) =>
+  session.role === 'technician' || (session.role === 'viewer' && session.name !== null);

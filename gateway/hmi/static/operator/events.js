@@ -49,10 +49,10 @@ function useEvents(newest) {
     busy.current = true;
     get(`/api/events?after=${last.current}`)
       .then((answer) => {
-        const fresh = Array.isArray(answer) ? answer : answer.events ?? [];
-        const numberOf = (row) => row.number ?? row.n ?? 0;
-        last.current = Math.max(newest, ...fresh.map(numberOf));
-        setRows((was) => [...was, ...fresh].slice(-MOST));
+        const fresh = answer.events.filter((row) => row.number > last.current);
+        const reached = fresh.length ? fresh[fresh.length - 1].number : newest;
+        last.current = Math.max(last.current, reached);
+        setRows((was) => [...was, ...fresh.map((row) => row.event)].slice(-MOST));
         setWrong('');
       })
       .catch((error) => {

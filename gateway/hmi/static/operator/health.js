@@ -26,23 +26,46 @@ const Part = ({ name, sign, detail, facts }) => html`<li>
 </li>`;
 
 function broker(links) {
-  const link = links?.broker ?? null;
-  if (link === null) return { state: 'off', text: 'none', detail: '', facts: [] };
-  const connected = link.connected ?? links.broker_connected ?? null;
-  const delivery = link.delivery ?? links.delivery ?? null;
+  if (!links) return { state: 'off', text: 'not known', facts: [] };
+  const { mqtt } = links;
+  if (mqtt === null) return { state: 'off', text: 'none configured', facts: [] };
   return {
-    state: connected === null ? 'off' : connected ? 'ok' : 'bad',
-    text: connected === null ? 'not known' : connected ? 'connected' : 'not connected',
-    detail: link.detail ?? '',
-    facts: delivery
-      ? [['delivered', count(delivery.published)], ['waiting', count(delivery.queued)], ['failed', count(delivery.failed)], ['dropped', count(delivery.dropped)], ['reconnects', count(delivery.reconnects)]]
-      : [],
+    state: mqtt.connected ? 'ok' : 'bad',
+    text: mqtt.connected ? 'connected' : 'not connected',
+    detail: mqtt.store && !mqtt.store.ok ? `events wait in memory only: ${mqtt.store.detail}` : mqtt.broker,
+    facts: [['delivered', count(mqtt.published)], ['waiting', count(mqtt.queued)], ['failed', count(mqtt.failed)], ['dropped', count(mqtt.dropped)], ['reconnects', count(mqtt.reconnects)]],
+  };
+}
+
+function modbus(links) {
+  if (!links || links.modbus.length === 0) return { state: 'off', text: links ? 'no port' : 'not known', facts: [] };
+  const sum = (key) => links.modbus.reduce((total, port) => total + port[key], 0);
+  const quiet = links.modbus.map((port) => port.plc_quiet_ms).filter((ms) => ms !== null);
+  const peers = links.modbus.flatMap((port) => port.peers);
+  const silent = quiet.length > 0 && Math.min(...quiet) > 5000;
+  return {
+    state: silent ? 'warn' : sum('open') > 0 ? 'ok' : 'off',
+    text: silent ? 'the PLC asks no more' : sum('open') > 0 ? `${sum('open')} connected` : 'nobody connected',
+    detail: peers.slice(0, 3).map((peer) => peer.address).join(', '),
+    facts: [['requests', count(sum('requests'))], ['exceptions', count(sum('exceptions'))], ...(quiet.length ? [['last read', age(Math.min(...quiet))]] : [])],
+  };
+}
+
+function tasks(links) {
+  const down = links?.tasks.filter((task) => !task.running) ?? [];
+  const mended = links?.tasks.filter((task) => task.running) ?? [];
+  if (!links) return { state: 'off', text: 'not known', facts: [] };
+  return {
+    state: down.length ? 'bad' : 'ok',
+    text: down.length ? `${down.length} tasks do not run` : 'all tasks run',
+    detail: down.map((task) => `${task.name}: ${task.last_error}`).join('; '),
+    facts: [['restarted tasks', count(mended.length)], ['events dropped', count(links.events_dropped)]],
   };
 }
 
 export function Health({ state, links }) {
   const [open, setOpen] = useKept('operator.counters', false);
-  const mqtt = broker(links);
+  const [mqtt, reads, gateway] = [broker(links), modbus(links), tasks(links)];
   const unknown = html`<${Sign} state="off" text="not known" />`;
   return html`<section class="panel" aria-labelledby="health-title">
     <header><h2 id="health-title">Health</h2></header>
@@ -56,7 +79,9 @@ export function Health({ state, links }) {
       <${Part} name="PLC"
         sign=${state ? html`<${Sign} state=${plcHealth(state)} text=${{ UNUSED: 'reads only', WAITING: 'no heartbeat yet', ALIVE: 'heartbeat alive', LOST: 'heartbeat lost' }[state.plc.link] ?? words(state.plc.link)} />` : unknown}
         facts=${[['heartbeat', state?.plc.age_ms == null ? NONE : age(state.plc.age_ms)], ['recipe', count(state?.plc.recipe)], ['writes', count(state?.plc.writes)]]} />
+      <${Part} name="Modbus" detail=${reads.detail} sign=${html`<${Sign} state=${reads.state} text=${reads.text} />`} facts=${reads.facts} />
       <${Part} name="Broker" detail=${mqtt.detail} sign=${html`<${Sign} state=${mqtt.state} text=${mqtt.text} />`} facts=${mqtt.facts} />
+      <${Part} name="Gateway" detail=${gateway.detail} sign=${html`<${Sign} state=${gateway.state} text=${gateway.text} />`} facts=${gateway.facts} />
     </ul>
     <details open=${open} onToggle=${(event) => setOpen(event.target.open)}>
       <summary>Counters since the start of the gateway</summary>

@@ -3,13 +3,13 @@
 import { html, render, useEffect, useState } from '../vendor/preact-htm.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { age, clock } from '../lib/format.js';
-import { aimOf, limitsOf } from '../lib/views.js';
+import { aimOf, limitsOf, standing } from '../lib/views.js';
 import { Alarms } from './alarms.js';
 import { Bars } from './bars.js';
 import { Decision } from './decision.js';
 import { Events } from './events.js';
 import { Health } from './health.js';
-import { useLive, useNow } from './hooks.js';
+import { useFetched, useLive, useNow } from './hooks.js';
 import { Overview } from './overview.js';
 import { LivePicture } from './picture.js';
 import { Registers } from './registers.js';
@@ -31,6 +31,7 @@ function useHash() {
 }
 
 function Top({ session, bay, connected, ageMs, view }) {
+  const site = view?.bays.find((one) => one.state !== null)?.state ?? {};
   const [wall, setWall] = useState(Date.now());
   useEffect(() => {
     const timer = setInterval(() => setWall(Date.now()), 1000);
@@ -47,7 +48,7 @@ function Top({ session, bay, connected, ageMs, view }) {
   const apart = view ? Math.abs(view.server_time_ms - wall) : 0;
   return html`<header class="top">
     <a class="brand" href="/"><svg viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="10" fill="none" stroke="currentColor" stroke-width="3" /><path d="M16 2v9M16 21v9M2 16h9M21 16h9" stroke="currentColor" stroke-width="2.4" /></svg>
-      <span>${session.site ?? 'Loading bays'}<span class="muted small"> ${session.instance ?? ''}</span></span></a>
+      <span>${site.site ?? 'Loading bays'}<span class="muted small"> ${site.instance ?? ''}</span></span></a>
     <nav aria-label="pages">
       <a href="/" aria-current="page">Operator</a>
       <a href=${`/driver/${path}`}>Driver</a>
@@ -57,9 +58,9 @@ function Top({ session, bay, connected, ageMs, view }) {
       <${Sign} state=${connected && ageMs <= STALE_MS ? 'ok' : 'bad'}
         text=${connected ? (ageMs <= STALE_MS ? 'connected' : `no data for ${age(ageMs)}`) : 'NO CONNECTION'} />
       <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">clocks ${age(apart)} apart</span>` : ''}</span>
-      ${session.user
-        ? html`<span>${session.user} <span class="muted">(${session.role})</span></span><button type="button" class="plain small" onClick=${logout}>Log out</button>`
-        : html`<a href="/login?next=/">Log in</a>`}
+      ${session.name !== null
+        ? html`<span>${session.name} <span class="muted">(${session.role})</span></span><button type="button" class="plain small" onClick=${logout}>Log out</button>`
+        : session.can_login ? html`<a href="/login?next=/">Log in</a>` : html`<span class="muted">no login (${session.role})</span>`}
     </div>
   </header>`;
 }
@@ -90,15 +91,19 @@ function App({ session }) {
   const { view, connected, freshness } = useLive(bay === null ? [] : [bay], bay === null ? 1000 : 100, bay === null ? 2 * STALE_MS : STALE_MS);
   useNow(250);
   const ageMs = freshness.ageMs(performance.now(), Date.now());
-  const told = new Map((view?.bays ?? []).map((one) => [one.bay ?? one.state?.bay, one]));
+  const told = new Map((view?.bays ?? []).map((one) => [one.bay, one]));
   const stateOf = (one) => (one && one.state && Number.isFinite(one.age_ms) && one.age_ms + ageMs <= freshness.limitMs ? one.state : null);
-  const summary = view?.alarms ?? null;
-  const alarmsOf = (name) => summary?.by_bay?.[name] ?? summary?.bays?.[name] ?? 0;
+  const [asked, setAsked] = useState(0);
+  const [alarms, wrong] = useFetched('/api/alarms', `${view?.alarms.newest_change ?? ''} ${asked}`, 5000);
+  const list = { answer: alarms, wrong, again: () => setAsked((n) => n + 1), session };
+  const counts = new Map();
+  for (const alarm of alarms?.alarms ?? []) if (standing(alarm)) counts.set(alarm.bay, (counts.get(alarm.bay) ?? 0) + 1);
+  const alarmsOf = (name) => counts.get(name) ?? 0;
   const one = bay === null ? null : told.get(bay) ?? null;
   const state = stateOf(one);
   const known = connected && ageMs <= freshness.limitMs;
   const newest = view?.events_newest ?? null;
-  document.title = bay ?? `${session.site ?? 'Loading'}: bays`;
+  document.title = bay ?? 'Loading bays';
 
   return html`
     <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
@@ -107,21 +112,20 @@ function App({ session }) {
       ${!known && view !== null && html`<p class="notice bad banner" role="alert"><b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.</p>`}
       ${bay === null
         ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(told.get(name))]))} alarmsOf=${alarmsOf} />
-            <div class="below"><${Alarms} bay=${null} summary=${summary} session=${session} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
+            <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
             ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} />`}
             <h1 class="sr">${bay}</h1>
             <div class="column a"><${LivePicture} bay=${bay} aim=${one ? aimOf(one) : null} connected=${connected} />${one && html`<${Bars} state=${state} limits=${limitsOf(one)} />`}</div>
             <div class="column b"><${Decision} state=${state} bay=${bay} />${one && html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} fresh=${known} />`}</div>
-            <div class="column c"><${Alarms} bay=${bay} summary=${summary} session=${session} known=${known} /><${Health} state=${state} links=${known ? view?.links ?? null : null} /></div>
+            <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} /><${Health} state=${state} links=${known ? view?.links ?? null : null} /></div>
             <div class="below"><${Events} bay=${bay} newest=${newest} /><${Registers} key=${bay} bay=${bay} known=${known} /></div>`}
     </main>`;
 }
 
 async function begin() {
   try {
-    const said = await get('/api/session');
-    const session = { ...said, csrf: said.csrf_token ?? said.csrf ?? null };
+    const session = await get('/api/session');
     render(html`<${App} session=${session} />`, document.body);
   } catch (error) {
     if (error.status === 401) return toLogin();

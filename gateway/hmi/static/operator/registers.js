@@ -4,21 +4,21 @@ import { html, useRef, useState } from '../vendor/preact-htm.js';
 import { number } from '../lib/format.js';
 import { useFetched, useKept } from './hooks.js';
 
-const hex = (words) => (words ?? []).map((word) => Number(word).toString(16).toUpperCase().padStart(4, '0')).join(' ');
+const hex = (words) => words.map((word) => word.toString(16).toUpperCase().padStart(4, '0')).join(' ');
 
 function valueOf(row) {
-  if (row.text != null && row.text !== '') return row.text;
-  if (row.value == null) return 'no value';
-  if (typeof row.value !== 'number') return String(row.value);
-  const decimals = row.scale && row.scale < 1 ? Math.min(6, Math.ceil(-Math.log10(row.scale))) : Number.isInteger(row.value) ? 0 : 3;
-  return number(row.value, decimals);
+  if (row.value === null) return 'no value';
+  const shown = number(row.value, Number.isInteger(row.value) ? 0 : row.value >= 1e5 ? 1 : 3).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '');
+  const bits = row.bits.filter((bit) => bit.on).map((bit) => bit.name);
+  if (row.bits.length) return html`${shown}<span class="names"> ${bits.join(', ') || 'none set'}</span>`;
+  return row.text === null ? shown : html`${shown}<span class="names"> ${row.text}</span>`;
 }
 
 /** Rows with all the words in address, name or meaning. Pure. */
 export function found(rows, text) {
   const wanted = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
-    const said = `${row.address} ${row.name} ${row.unit ?? ''} ${row.meaning ?? ''}`.toLowerCase();
+    const said = `${row.address} ${row.name} ${row.unit} ${row.meaning} ${row.text ?? ''}`.toLowerCase();
     return wanted.every((word) => said.includes(word));
   });
 }
@@ -29,17 +29,17 @@ export function Registers({ bay, known }) {
   const [answer, wrong] = useFetched(`/api/bays/${encodeURIComponent(bay)}/registers`, bay, 500, open);
   const before = useRef(new Map());
   const changed = useRef(new Map());
-  const rows = answer === null ? [] : Array.isArray(answer) ? answer : answer.registers ?? [];
+  const rows = answer === null ? [] : answer.registers;
   const now = performance.now();
   for (const row of rows) {
-    const raw = hex(row.words ?? row.raw);
+    const raw = hex(row.words);
     if (before.current.has(row.address) && before.current.get(row.address) !== raw) changed.current.set(row.address, now);
     before.current.set(row.address, raw);
   }
   const shown = found(rows, text);
   return html`<section class="panel registers" aria-labelledby="registers-title">
     <details open=${open} onToggle=${(event) => setOpen(event.target.open)}>
-      <summary><h2 id="registers-title">Registers as the PLC reads them${answer?.unit_id != null ? ` (unit ${answer.unit_id})` : ''}</h2></summary>
+      <summary><h2 id="registers-title">Registers as the PLC reads them${answer === null ? '' : ` (unit ${answer.unit_id})`}</h2></summary>
       ${open && html`<div class="row compact">
         <input type="search" placeholder="address, name, meaning" aria-label="search registers" value=${text} onInput=${(event) => setText(event.target.value)} />
         <span class="small muted">${rows.length ? `${shown.length} of ${rows.length} rows; ◆ changed just now` : ''}</span>
@@ -50,9 +50,9 @@ export function Registers({ bay, known }) {
           ${shown.map((row) => {
             const fresh = now - (changed.current.get(row.address) ?? -1e9) < 1200;
             return html`<tr key=${row.address} class=${fresh ? 'changed' : ''}>
-              <td class="right mono">${row.address}</td><td>${row.name}</td>
-              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${valueOf(row)}</td><td>${row.unit ?? ''}</td>
-              <td class="mono nowrap">${hex(row.words ?? row.raw)}</td><td class="wide muted">${row.meaning ?? ''}</td></tr>`;
+              <td class="right mono">${row.address}</td><td>${row.name}${row.writable ? html` <span class="tag">PLC writes</span>` : ''}</td>
+              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${valueOf(row)}</td><td>${row.unit}</td>
+              <td class="mono nowrap">${hex(row.words)}</td><td class="wide muted">${row.meaning}</td></tr>`;
           })}
         </tbody></table>
       </div>`}
