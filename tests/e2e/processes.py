@@ -34,10 +34,14 @@ def _alive(process: psutil.Process) -> bool:
 
 
 class Gateway:
-    """`python -m gateway ARGS`; a context manager. With `--json` its lines are collected as they come."""
+    """`python -m gateway ARGS`; a context manager. With `--json` its lines are collected as they come.
+
+    The pages of a simulation are on a free port, unless ARGS say where: other tests may run beside this one.
+    """
 
     def __init__(self, *args: str) -> None:
-        self._args = args
+        placed = args[0] != "simulate" or {"--hmi-port", "--no-hmi"} & set(args)
+        self._args = args if placed else (*args, "--hmi-port", "0")
         self._lines: queue.Queue[Row | None] = queue.Queue()
         self.rows: list[Row] = []
         self.other: list[str] = []

@@ -20,7 +20,8 @@ PIPE_BYTES = 4096  # the smallest there is: it fills in a moment
 def start(folder: Path, *args: str, stdout: int, stderr: int) -> "subprocess.Popen[bytes]":
     path = folder / "scenario.toml"
     path.write_text(STANDING)
-    command = [sys.executable, "-m", "gateway", "simulate", "--scenario", str(path), "--modbus-port", "0", *args]
+    ports = ("--modbus-port", "0", "--hmi-port", "0")
+    command = [sys.executable, "-m", "gateway", "simulate", "--scenario", str(path), *ports, *args]
     return subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=stdout, stderr=stderr, bufsize=0, pipesize=PIPE_BYTES
     )

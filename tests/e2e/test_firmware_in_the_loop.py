@@ -200,7 +200,7 @@ def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
     done = subprocess.run(
         [
             *(sys.executable, "-m", "gateway", "simulate", "--trials", "3", "--modbus-port", "0"),
-            *("--json", "--ranger", "firmware", "--ranger-log", str(log)),
+            *("--no-hmi", "--json", "--ranger", "firmware", "--ranger-log", str(log)),
         ],
         capture_output=True,
         text=True,
