@@ -11,9 +11,14 @@ import uvicorn
 from gateway import loop
 from gateway.children.link import Link
 from gateway.clock import SystemClock
+from gateway.hmi import patience, tls
 from gateway.hmi.desk import Desk
+from gateway.hmi.logins import Logins
 from gateway.hmi.orders import About, FromHmi, HmiJob, ToHmi
+from gateway.hmi.telling import CAUTION, Told
 from gateway.hmi.web import app, site_of
+
+log = logging.getLogger(__name__)
 
 NICE = 10  # whoever looks at pages must not take the processor from the camera and the PLC
 GRACE_S = 1  # of open connections at the end
@@ -32,24 +37,27 @@ async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:
     pace = SystemClock()
     desk = Desk(about, link, pace)
     config = about.config.hmi
+    context = tls.server_context(config)
+    logins = Logins(config, pace, _log, instance=about.config.instance)
     server = uvicorn.Server(
         uvicorn.Config(
-            app(site_of(desk, pace)),
-            log_level="warning",
-            access_log=False,
-            lifespan="off",
-            server_header=False,
-            proxy_headers=False,
+            app(site_of(desk, pace), logins, pace),
+            **patience.settings(context),
             ws_max_size=MAX_TEXT,
-            ws_per_message_deflate=False,
             limit_concurrency=4 * config.max_viewers + 64,
             timeout_graceful_shutdown=GRACE_S,
-            ssl_certfile=config.tls_cert,
-            ssl_keyfile=config.tls_key,
         )
     )
     sockets = [socket.socket(fileno=fd) for fd in about.sockets]
     async with asyncio.TaskGroup() as group:
         pulling = group.create_task(desk.keep(), name="desk")
+        fresh = None if context is None else group.create_task(tls.keep_fresh(context, config, pace), name="tls")
         await server.serve(sockets)
         pulling.cancel()
+        if fresh is not None:
+            fresh.cancel()
+    logins.close()
+
+
+def _log(told: Told) -> None:
+    log.log(logging.WARNING if told.what in CAUTION else logging.INFO, "hmi: %s", told)

@@ -13,6 +13,9 @@ class What(StrEnum):
     CHANGED = "changed"  # something was asked for that is more than looking, and was answered
 
 
+CAUTION = (What.LOGIN_FAILED, What.LOGIN_THROTTLED, What.REFUSED)
+
+
 @dataclass(frozen=True, slots=True)
 class Told:
     """One thing a person did or tried. Nothing in it is longer than a line, or could look like another record."""

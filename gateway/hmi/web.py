@@ -10,12 +10,15 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
 
 from gateway.clock import NS_PER_MS, Clock
-from gateway.hmi import views
+from gateway.hmi import login, views
 from gateway.hmi.desk import Desk
 from gateway.hmi.live import Live
+from gateway.hmi.logins import Logins
 from gateway.hmi.pictures import Picture, Pictures
+from gateway.hmi.security import protected
 
 STATIC = Path(str(files("gateway.hmi") / "static"))
 
@@ -41,7 +44,7 @@ def site_of(desk: Desk, pace: Clock) -> Site:
 
 
 def routes(site: Site) -> list[BaseRoute]:
-    """Every address there is. Who may call which stands in `security`."""
+    """Every address there is. Who may call which stands in `access`."""
     return [
         Route("/", _page("index.html")),
         Route("/driver", _page("driver.html")),
@@ -55,8 +58,10 @@ def routes(site: Site) -> list[BaseRoute]:
     ]
 
 
-def app(site: Site) -> Starlette:
-    return Starlette(routes=routes(site))
+def app(site: Site, logins: Logins, pace: Clock) -> ASGIApp:
+    """All routes behind the guard. Raises GatewayError for a route that has no row in `access`."""
+    table = [*routes(site), *login.routes(logins, site.desk.bays)]
+    return protected(Starlette(routes=table), table, logins, pace)
 
 
 Endpoint = Callable[[Request], Awaitable[Response]]
