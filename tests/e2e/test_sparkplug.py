@@ -25,6 +25,8 @@ from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Packet, Tap
 from tests.e2e.sparkplug_plant import SparkPlant, decode, host_state, kind, rebirth_request, values
 
+pytestmark = pytest.mark.xdist_group("sparkplug")  # all look at two recorded lives
+
 NODE = "gw"
 GROUP = "Plant 7"
 ASSERTIONS = 299  # that the specification marks as testable

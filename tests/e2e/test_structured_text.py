@@ -19,6 +19,8 @@ from gateway.model import Reason
 from tests.e2e.processes import Gateway
 from tests.structured_text import Instance, Program
 
+pytestmark = pytest.mark.xdist_group("structured text")  # building the parser takes seconds
+
 pytestmark = pytest.mark.timeout(300)  # the parser takes its time on a busy machine
 
 # Far, on the mark, far again, and once more: a slow machine may miss the first visit.

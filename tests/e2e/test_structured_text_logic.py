@@ -21,6 +21,8 @@ from tests.node_function import run_function
 from tests.permitted import permitted
 from tests.structured_text import Instance, Program, RefusedError, parse
 
+pytestmark = pytest.mark.xdist_group("structured text")  # building the parser takes seconds
+
 pytestmark = pytest.mark.timeout(300)  # the parser takes its time on a busy machine
 
 ADDRESS = {register.name: register.address for register in REGISTERS}

@@ -8,6 +8,8 @@ import pytest
 from gateway.ranger.protocol import NO_FLAGS, Damaged, Decoder, Event, Hello, Measurement
 from tests.firmware.bench_runs import BOOTLOADER, PERIOD_MS, Run, run
 
+pytestmark = pytest.mark.xdist_group("wire")  # most look at one emulated minute
+
 MOVING = "track 0 2500\ntrack 30000 200\ntrack 60000 3500\n"
 HELLO_MS = 26
 
