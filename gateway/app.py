@@ -17,11 +17,14 @@ from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
 from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.hmi import tls as pages_tls
 from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.door import door, url
 from gateway.hmi.feed import BayParts, Feed
-from gateway.hmi.orders import About, LinksNow, TaskNow
+from gateway.hmi.orders import About
+from gateway.hmi.parts import Parts
 from gateway.hmi.service import HmiService
+from gateway.hmi.watch import Watch
 from gateway.hub import Hub
 from gateway.modbus import identity, tls
 from gateway.modbus.answers import Unit
@@ -36,7 +39,7 @@ from gateway.mqtt.topics import Topics
 from gateway.ranger.port import check_url
 from gateway.ranger.service import RangerService
 from gateway.shared_state import SharedStateWriter
-from gateway.strict.faults import at, without_password
+from gateway.strict.faults import at
 from gateway.supervisor import Supervisor, Task
 from gateway.vision import shm
 from gateway.vision.service import VisionService
@@ -95,6 +98,12 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         except credentials.CredentialsError as error:
             faults.append(at(error.place, error.said, source=source, text=text, shared=SHARED_SECTIONS))
         look(("mqtt", "root"), partial(Topics, config.mqtt.root, config.site, config.instance))
+    if config.hmi.enabled:
+        try:
+            pages_tls.server_context(config.hmi)
+        except ConfigError as error:
+            key, _, said = str(error).partition(": ")
+            faults.append(at(tuple(key.split(".")), said, source=source, text=text))
     if faults:
         raise ConfigError("\n".join(faults))
 
@@ -131,15 +140,8 @@ async def run(
         hub = Hub(bay.name for bay in config.bays)
         chronicle = Chronicle(hub)
         # Publisher and companions subscribe before the first state, or the start events would be missed.
-        voices: list[tuple[str, MqttPublisher | SparkplugPublisher]] = []
-        publisher: MqttPublisher | None = None
-        if config.mqtt is not None:
-            outbox = shared.enter_context(outbox_of(config.mqtt, config.site, config.instance))
-            publisher = MqttPublisher(config.mqtt, config.site, config.instance, hub, clock, outbox=outbox)
-            voices.append(("mqtt.deliver", publisher))
-            if config.mqtt.sparkplug is not None:
-                edge_node = SparkplugPublisher(config.mqtt, config.site, config.instance, hub, clock)
-                voices.append(("mqtt.sparkplug", edge_node))
+        parts = Parts(config, hub)
+        voices = _voices(config, clock, parts, shared)
         backoff = config.mqtt.reconnect if config.mqtt is not None else Reconnect()
         tasks = [*companions(hub), *(Task(name, voice.deliver, backoff) for name, voice in voices)]
         controls = {
@@ -184,17 +186,23 @@ async def run(
         units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}
         hmi_url: str | None = None
         if config.hmi.enabled:
-            parts = {
+            shown = {
                 bay.name: BayParts(controls[bay.name], units[bay.unit_id].read, visions[bay.name])
                 for bay in config.bays
             }
-            feed = Feed(chronicle, parts, clock, lambda: _links(supervisor, config, publisher))
+            watch = Watch(
+                {bay.name: bay.fusion for bay in config.bays}, lambda bay: controls[bay].state(), parts.signs, clock
+            )
+            tasks.append(Task("alarms", watch.run))
+            feed = Feed(chronicle, shown, clock, lambda: parts.links(watch), watch.act)
             about = About(config.model_copy(update={"mqtt": None}), clock, rings, source=source)
             pages, hmi_url = _pages(about, feed, shared)
             tasks.append(pages)
         supervisor = Supervisor(tasks, clock)
+        parts.tasks = supervisor.records
         try:
             async with serving(config.modbus, units, clock) as bound, asyncio.TaskGroup() as group:
+                parts.modbus = bound.now
                 supervised = group.create_task(supervisor.run(), name="supervisor")
                 on_started(Running(config.modbus.host, bound.first, hub, supervisor, bound.tls, hmi_url))
                 try:
@@ -210,6 +218,21 @@ async def run(
             raise _deliberate(group_error) from group_error
 
 
+def _voices(
+    config: GatewayConfig, clock: Clock, parts: Parts, shared: ExitStack
+) -> list[tuple[str, MqttPublisher | SparkplugPublisher]]:
+    """Those that tell the plant, each with the name of its task."""
+    if config.mqtt is None:
+        return []
+    outbox = shared.enter_context(outbox_of(config.mqtt, config.site, config.instance))
+    publisher = MqttPublisher(config.mqtt, config.site, config.instance, parts.hub, clock, outbox=outbox)
+    parts.publisher = publisher
+    if config.mqtt.sparkplug is None:
+        return [("mqtt.deliver", publisher)]
+    parts.sparkplug = SparkplugPublisher(config.mqtt, config.site, config.instance, parts.hub, clock)
+    return [("mqtt.deliver", publisher), ("mqtt.sparkplug", parts.sparkplug)]
+
+
 def _pages(about: About, feed: Feed, shared: ExitStack) -> tuple[Task, str | None]:
     """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait."""
     config = about.config.hmi
@@ -219,18 +242,6 @@ def _pages(about: About, feed: Feed, shared: ExitStack) -> tuple[Task, str | Non
     except LinkError as error:
         log.warning("%s; trying again", error)
     return Task("hmi", HmiService(feed, about, sockets).run), url(config, sockets) if sockets else None
-
-
-def _links(supervisor: Supervisor, config: GatewayConfig, publisher: MqttPublisher | None) -> LinksNow:
-    """For the pages: how the parts do."""
-    return LinksNow(
-        tasks=tuple(
-            TaskNow(name, row.running, row.starts, row.link_errors, row.crashes, row.last_error[:200])
-            for name, row in supervisor.records.items()
-        ),
-        broker=None if config.mqtt is None else without_password(config.mqtt.url),
-        delivery=None if publisher is None else publisher.stats,
-    )
 
 
 def _deliberate(group: BaseExceptionGroup[BaseException]) -> BaseException:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from gateway.children.link import Link
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import GatewayError, LinkError
+from gateway.hmi.alarms.records import Deed
 from gateway.hmi.orders import (
     MAX_STATES,
     About,
@@ -64,6 +65,7 @@ class Desk:
         self.newest_event = 0
         self.events_missed = 0
         self.links = LinksNow()
+        self.links_ns: int | None = None  # the gateway's clock when it told them
         self.answered_ns = 0  # the gateway's clock at the newest answer
         self.answers = 0
         self._link = link
@@ -130,7 +132,7 @@ class Desk:
         """A copy of frame `seq` of a bay's camera, or of its newest."""
         return self._rings[bay].snapshot(seq)
 
-    async def order(self, what: Check | Apply, who: Writer) -> None:
+    async def order(self, what: Check | Apply | Deed, who: Writer) -> None:
         """Have it done. Raises RefusedError with the reason, LinkError when the main process does not answer."""
         self._ordered += 1
         number = self._ordered
@@ -225,6 +227,7 @@ class Desk:
                 self.events.append(row)
         if answer.links is not None:
             self.links = answer.links
+            self.links_ns = answer.now_ns
         self.newest_event = answer.newest_event
         self.answered_ns = answer.now_ns
         self.answers = answer.number

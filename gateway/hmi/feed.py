@@ -12,6 +12,7 @@ from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import VisionConfig
 from gateway.errors import GatewayError
+from gateway.hmi.alarms.records import Deed, Reply
 from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.orders import (
     MAX_STATES,
@@ -44,11 +45,17 @@ class Feed:
     """Answers the web process."""
 
     def __init__(
-        self, chronicle: Chronicle, bays: Mapping[str, BayParts], clock: Clock, links: Callable[[], LinksNow] = LinksNow
+        self,
+        chronicle: Chronicle,
+        bays: Mapping[str, BayParts],
+        clock: Clock,
+        links: Callable[[], LinksNow],
+        alarms: Callable[[Deed], Reply],
     ) -> None:
         self._bays = bays
         self._clock = clock
         self._links = links
+        self._alarms = alarms
         self._chronicle = chronicle
 
     def answer(self, ask: Ask) -> Answer:
@@ -67,6 +74,8 @@ class Feed:
         return BayNow(bay.control.state(), tuple(bay.image()), bay.vision.settings)
 
     def carry_out(self, order: Order) -> Done:
+        if isinstance(order.what, Deed):
+            return Done(order.number, self._alarms(order.what).why)
         bay = self._bays.get(order.what.bay)
         if bay is None:
             return Done(order.number, f"no bay {order.what.bay!r}")

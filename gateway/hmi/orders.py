@@ -4,15 +4,19 @@ The web process pulls: it asks for the newest, and gets one answer. So nothing e
 stalled or hostile costs the main process nothing. Orders are the few things that a signed-in person may ask for.
 """
 
+import copyreg
 import pickle
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 from gateway.clock import Clock
 from gateway.config import GatewayConfig, VisionConfig
+from gateway.hmi.alarms.records import Change, Deed, Standing
+from gateway.modbus.traffic import ServerNow
 from gateway.model import Event, FunctionCheck, StateVector
 from gateway.mqtt.messages import DeliveryPayload
+from gateway.mqtt.sparkplug.node import SparkplugNow
 from gateway.plc import Writer
 from gateway.vision.shm import RingSpec
 
@@ -82,7 +86,7 @@ class Order:
 
     number: int
     who: Writer
-    what: Check | Apply
+    what: Check | Apply | Deed
 
 
 # To the web process.
@@ -116,6 +120,25 @@ class LinksNow:
     tasks: tuple[TaskNow, ...] = ()
     broker: str | None = None  # its address without a password; None: there is none
     delivery: DeliveryPayload | None = None
+    broker_connected: bool = False
+    sparkplug: SparkplugNow | None = None  # None: not configured
+    modbus: tuple[ServerNow, ...] = ()
+    events_dropped: int = 0  # by queues of the main process
+    alarms: Standing = field(default_factory=Standing)
+    changes: tuple[Change, ...] = ()  # of alarms, the newest few
+
+
+def _unpacked(packed: bytes) -> LinksNow:
+    return LinksNow(*pickle.loads(zlib.decompress(packed)))
+
+
+def _packed(links: LinksNow) -> tuple[object, tuple[bytes]]:
+    """Packed on its way: once a second, and with everything broken at once it would not fit into one message."""
+    values = tuple(getattr(links, part.name) for part in fields(LinksNow))
+    return _unpacked, (zlib.compress(pickle.dumps(values, pickle.HIGHEST_PROTOCOL), 1),)
+
+
+copyreg.pickle(LinksNow, _packed)  # type: ignore[arg-type]  # the stub wants a narrower callable
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,10 +10,12 @@ from gateway.bay import BayControl
 from gateway.children.link import Link
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
 from gateway.errors import ConfigError
+from gateway.hmi.alarms.table import Signs
 from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.desk import Desk
 from gateway.hmi.feed import BayParts, Feed
 from gateway.hmi.orders import About, Ask, FromHmi, LinksNow, Order, ToHmi
+from gateway.hmi.watch import Watch
 from gateway.hub import Hub
 from gateway.vision import shm
 from gateway.vision.shm import Ring
@@ -43,6 +45,7 @@ class Plant:
     controls: dict[str, BayControl]
     eyes: dict[str, Eyes]
     rings: dict[str, Ring]
+    watch: Watch
     asks: list[Ask] = field(default_factory=list)
     answering: bool = True
     near: Link[ToHmi, FromHmi] | None = None
@@ -63,12 +66,17 @@ async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | Non
         name: BayParts(controls[name], lambda: range(100), eyes[name])  # type: ignore[arg-type]  # what it needs of it
         for name in names
     }
-    feed = Feed(chronicle, parts, clock, LinksNow)
+    watch = Watch({bay.name: bay.fusion for bay in config.bays}, hub.state, Signs, clock)
+    feed = Feed(
+        chronicle, parts, clock, lambda: LinksNow(alarms=watch.standing(100), changes=watch.changes()), watch.act
+    )
     specs = {name: shm.create(3, 0.1) for name in names}
     near, far = Link[ToHmi, FromHmi].pair()
     about = About(config, clock, specs)
     desk = Desk(about, Link[FromHmi, ToHmi](far), clock)
-    made = Plant(desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()})
+    made = Plant(
+        desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, watch
+    )
     made.near = near
 
     def hear() -> None:
@@ -86,6 +94,7 @@ async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | Non
     try:
         async with asyncio.TaskGroup() as group:
             ticking = [group.create_task(control.run()) for control in controls.values()]
+            ticking.append(group.create_task(watch.run()))
             kept = group.create_task(desk.keep()) if keep else None
             yield made
             for task in (*ticking, *([kept] if kept else [])):

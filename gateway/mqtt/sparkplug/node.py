@@ -61,6 +61,20 @@ class Stats:
     history_dropped: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class SparkplugNow:
+    """The edge node, for pages and metrics. Counters since the start."""
+
+    connected: bool
+    born: bool  # told to the host; not while the primary host is waited for
+    births: int
+    rebirths: int
+    data: int
+    refused: int
+    history_dropped: int
+    history_waiting: int
+
+
 @dataclass(slots=True)
 class Change:
     """What a bay's stop became while nobody could be told."""

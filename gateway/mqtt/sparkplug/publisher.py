@@ -8,7 +8,6 @@ import contextlib
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
 from gateway import __version__
@@ -21,7 +20,7 @@ from gateway.mqtt import credentials, payloads
 from gateway.mqtt.door import Door
 from gateway.mqtt.faults import plain_link_error
 from gateway.mqtt.link import Incoming, Message
-from gateway.mqtt.sparkplug.node import EdgeNode, Identity, Publish
+from gateway.mqtt.sparkplug.node import EdgeNode, Identity, Publish, SparkplugNow
 from gateway.mqtt.sparkplug.numbers import BdSeq
 
 log = logging.getLogger(__name__)
@@ -40,20 +39,6 @@ class Link(Protocol):
 
 
 Connect = Callable[[Message], AbstractAsyncContextManager[Link]]
-
-
-@dataclass(frozen=True, slots=True)
-class SparkplugNow:
-    """The edge node, for pages and metrics. Counters since the start."""
-
-    connected: bool
-    born: bool  # told to the host; not while the primary host is waited for
-    births: int
-    rebirths: int
-    data: int
-    refused: int
-    history_dropped: int
-    history_waiting: int
 
 
 class HostOfflineError(LinkError):
