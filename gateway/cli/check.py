@@ -10,6 +10,10 @@ examples:
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gateway.config import HmiConfig
 
 NAME = "check"
 HELP = "check a configuration file"
@@ -19,6 +23,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, nargs="?", metavar="CONFIG.toml")
     parser.add_argument("--full", action="store_true", help="print every key with its value, defaults included")
     parser.add_argument("--keys", action="store_true", help="print the table of all keys instead")
+
+
+def _let_in(hmi: "HmiConfig") -> str:
+    """Who may do what on the pages, in words."""
+    everybody = {
+        "none": "nothing without a login",
+        "driver": "the driver's display without a login",
+        "viewer": "everybody may look",
+        "technician": "everybody may do everything",
+    }
+    names = ", ".join(f"{user.name} ({user.role})" for user in hmi.users)
+    return f"{everybody[hmi.without_login]}; {f'users: {names}' if names else 'no users'}"
 
 
 def main(args: argparse.Namespace) -> int:
@@ -49,6 +65,11 @@ def main(args: argparse.Namespace) -> int:
     if modbus.writes:
         print(f"  writes to the handshake block: {'over TLS only' if modbus.tls else 'by everybody who may connect'}")
     print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}")
+    if settings.hmi.enabled:
+        hmi = settings.hmi
+        print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_let_in(hmi)}")
+        for line in hmi.warnings():
+            print(f"  warning: {line}")
     for bay in settings.bays:
         camera = without_password(bay.camera.url)
         print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, ranger {bay.ranger.port}")

@@ -8,7 +8,19 @@ from importlib import import_module
 from gateway import __version__
 from gateway.errors import ConfigError, GatewayError
 
-VERBS = ("run", "simulate", "check", "detect", "evaluate", "tune", "calibrate", "registers", "state", "certs")
+VERBS = (
+    "run",
+    "simulate",
+    "check",
+    "detect",
+    "evaluate",
+    "tune",
+    "calibrate",
+    "registers",
+    "state",
+    "certs",
+    "password",
+)
 
 EPILOG = """\
 first steps:

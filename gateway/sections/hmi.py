@@ -19,6 +19,7 @@ _HASH = re.compile(
     r"\$argon2id\$v=19\$m=([1-9]\d{0,9}),t=([1-9]\d{0,9}),p=([1-9]\d{0,9})"
     r"\$[A-Za-z0-9+/]{11,86}\$[A-Za-z0-9+/]{22,171}"
 )
+USER_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _LABELS = re.compile(r"(?!-)[a-z0-9_-]{1,63}(?<!-)(\.(?!-)[a-z0-9_-]{1,63}(?<!-))*")
 
 
@@ -58,7 +59,7 @@ class HmiUser(Section):
         pattern=r"^[A-Za-z0-9._-]{1,64}$", description="as typed at login; letters, digits, `.`, `_`, `-`"
     )
     role: Literal["viewer", "technician"] = Field(
-        "viewer", description="a viewer sees everything; a technician also tunes, saves and acknowledges"
+        "viewer", description="a viewer sees everything and acknowledges alarms; a technician also tunes and saves"
     )
     password_hash: PasswordHash = Field(
         repr=False, description="argon2id, as `gateway password` prints it; never the password itself"
