@@ -116,7 +116,8 @@ def test_no_more_pictures_are_made_than_the_pace_allows_however_fast_they_are_as
                     await asyncio.sleep(0.01)
 
             async def viewer() -> int:
-                after, count = None, 0
+                after: int | None = None
+                count = 0
                 while not stop.is_set():
                     picture = await pictures.newer("bay1", after, 640)
                     assert picture is not None
@@ -130,7 +131,7 @@ def test_no_more_pictures_are_made_than_the_pace_allows_however_fast_they_are_as
 
             _, _, *counts = await asyncio.gather(end(), camera(), *(viewer() for _ in range(5)))
             assert 32 <= pictures.encoded <= 42
-            assert all(32 <= count <= 42 for count in counts)
+            assert all(count is not None and 32 <= count <= 42 for count in counts)
 
     run(scene())
 

@@ -1,0 +1,194 @@
+"""The web process as a user meets it: it comes with the first visitor, and whatever becomes of it, the bay goes on."""
+
+import asyncio
+import http.client
+import json
+import os
+import signal
+import socket
+import time
+import urllib.parse
+from collections.abc import Iterator
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from pymodbus.client import ModbusTcpClient
+from websockets.asyncio.client import ClientConnection, connect
+
+from gateway.modbus.registers import REGISTERS
+from tests.e2e.processes import Gateway, Row, survivors
+
+QUICK = ("--modbus-port", "0", "--json")
+
+
+@pytest.fixture
+def gateway() -> Iterator[Gateway]:
+    with Gateway("simulate", *QUICK, "--hmi-port", "0") as gateway:
+        yield gateway
+
+
+def web(gateway: Gateway) -> list[psutil.Process]:
+    return [process for process in gateway.family() if process.name() == "gw-hmi"]
+
+
+def got(url: str, path: str, timeout_s: float = 20.0) -> tuple[int, dict[str, str], bytes]:
+    address = urllib.parse.urlsplit(url)
+    connection = http.client.HTTPConnection(address.hostname or "", address.port, timeout=timeout_s)
+    try:
+        connection.request("GET", path)
+        response = connection.getresponse()
+        return response.status, {key.lower(): value for key, value in response.getheaders()}, response.read()
+    finally:
+        connection.close()
+
+
+def state(gateway: Gateway) -> Row:
+    return gateway.wait_for(lambda row: row["type"] == "state")
+
+
+def eventually(fact: Any, timeout_s: float = 20.0) -> Any:
+    deadline = time.monotonic() + timeout_s
+    while not (value := fact()):
+        assert time.monotonic() < deadline, "not in time"
+        time.sleep(0.05)
+    return value
+
+
+def test_no_web_process_without_a_visitor_and_a_killed_one_comes_back_on_the_same_port(gateway: Gateway) -> None:
+    url = gateway.started()["hmi"]
+    gateway.wait_for(lambda row: row["type"] == "state" and row["vision"] == "good")
+    assert web(gateway) == []
+    status, headers, jpeg = got(url, "/api/bays/bay1/picture?width=320")
+    assert (status, headers["content-type"], jpeg[:3]) == (200, "image/jpeg", b"\xff\xd8\xff")
+    seen = json.loads(headers["x-frame-view"])
+    assert seen["frame_id"] == int(headers["x-frame-id"])
+    (first,) = web(gateway)
+    assert first.nice() == 10
+
+    before = state(gateway)
+    first.kill()
+    assert survivors([first]) == []
+    assert got(url, "/api/bays/bay1/picture")[0] == 200  # the connection waits until the next one has come up
+    after = state(gateway)
+    assert [process.pid for process in web(gateway)] != [first.pid]
+    assert after["seq"] > before["seq"]
+    assert not [row for row in gateway.rows if row["type"] == "event" and row["kind"] == "sensor_fault"]
+
+
+def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(gateway: Gateway) -> None:
+    url = gateway.started()["hmi"]
+    assert got(url, "/api/bays/bay1/picture")[0] == 200
+    (process,) = web(gateway)
+    os.kill(process.pid, signal.SIGSTOP)
+    begun, first = time.monotonic(), state(gateway)
+    time.sleep(1.0)
+    last = gateway.wait_for(lambda row: row["type"] == "state" and row["seq"] > first["seq"] + 50)
+    assert time.monotonic() - begun < 10  # 50 ticks a second on a machine with room
+    assert last["reason"] != "gateway_fault"
+    code, _ = gateway.end()
+    assert code == 0
+    assert survivors([process]) == []
+
+
+def test_the_web_process_dies_with_a_gateway_that_is_killed(gateway: Gateway) -> None:
+    url = gateway.started()["hmi"]
+    assert got(url, "/api/bays/bay1/picture")[0] == 200
+    family = gateway.family()
+    assert [process for process in family if process.name() == "gw-hmi"]
+    gateway.process.kill()
+    gateway.process.wait(10)
+    assert survivors(family) == []
+
+
+def test_a_taken_port_keeps_no_bay_from_working_and_is_tried_again(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with Gateway("simulate", *QUICK, "--hmi-port", str(port)) as gateway:
+            assert gateway.started()["hmi"] is None
+            gateway.wait_for(lambda row: row["type"] == "state" and row["vision"] == "good")
+            taken.close()
+            url = f"http://127.0.0.1:{port}/"
+
+            def served() -> bool:
+                try:
+                    return got(url, "/api/bays/bay1/picture")[0] == 200
+                except OSError:
+                    return False
+
+            eventually(served, 60)
+            assert "another program listens there" in gateway.stderr
+
+
+HEARTBEAT = next(row.address for row in REGISTERS if row.name == "heartbeat")
+
+
+def heartbeat(client: ModbusTcpClient) -> int:
+    block = client.read_holding_registers(HEARTBEAT, count=1, device_id=1)
+    assert not block.isError()
+    return int(block.registers[0])
+
+
+async def watch(pages: AsyncExitStack, url: str, number: int, *, stalled: bool) -> list[int]:
+    """One page: live view and pictures; a stalled one answers nothing."""
+    host = urllib.parse.urlsplit(url).netloc
+    page: ClientConnection = await pages.enter_async_context(
+        connect(f"ws://{host}/api/live?bay=bay1", open_timeout=30, origin=f"http://{host}")  # type: ignore[arg-type]
+    )
+    views = [0]
+
+    async def live() -> None:
+        async for text in page:
+            view = json.loads(text)
+            assert view["bays"][0]["bay"] == "bay1"
+            views[0] += 1
+            await page.send("next")
+
+    async def pictures() -> None:
+        after = ""
+        while True:
+            status, headers, _ = await asyncio.to_thread(got, url, f"/api/bays/bay1/picture?width=480{after}")
+            assert status in (200, 204)
+            if status == 200:
+                after = f"&after={headers['x-frame-id']}"
+
+    if not stalled:
+        group = await pages.enter_async_context(asyncio.TaskGroup())
+        tasks = [group.create_task(live()), *([group.create_task(pictures())] if number < 8 else [])]
+        pages.callback(lambda: [task.cancel() for task in tasks])
+    return views
+
+
+def test_twenty_viewers_some_of_them_stalled_do_not_slow_the_registers(gateway: Gateway) -> None:
+    started = gateway.started()
+    gateway.wait_for(lambda row: row["type"] == "state" and row["vision"] == "good")
+    url = started["hmi"]
+    with ModbusTcpClient("127.0.0.1", port=started["modbus_port"]) as client:
+
+        def pace_hz(seconds: float) -> float:
+            """Fusion ticks a second, as a PLC sees them."""
+            begun_s, first = time.monotonic(), heartbeat(client)
+            time.sleep(seconds)
+            last, spent_s = heartbeat(client), time.monotonic() - begun_s
+            return float((last - first) % 65536) / spent_s
+
+        quiet_hz = pace_hz(2.0)
+
+        async def crowd() -> tuple[float, list[int]]:
+            async with AsyncExitStack() as pages:
+                views = [await watch(pages, url, number, stalled=number >= 15) for number in range(20)]
+                await asyncio.sleep(1.0)
+                for count in views:
+                    count[0] = 0
+                pace = await asyncio.to_thread(pace_hz, 3.0)
+                return pace, [count[0] for count in views]
+
+        crowded_hz, seen = asyncio.run(crowd())
+    # A tenth as quick as this, and the registers would say GATEWAY_FAULT; a shared machine may be slow by itself.
+    assert crowded_hz > 0.6 * quiet_hz, (quiet_hz, crowded_hz)
+    assert all(count >= 3 for count in seen[:15]), seen
+    assert seen[15:] == [0] * 5
+    faults = [row for row in gateway.rows if row["type"] == "state" and row["reason"] == "gateway_fault"]
+    assert faults == []
