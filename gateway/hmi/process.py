@@ -39,9 +39,10 @@ async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:
     config = about.config.hmi
     context = tls.server_context(config)
     logins = Logins(config, pace, _log, instance=about.config.instance)
+    site = site_of(desk, pace)
     server = uvicorn.Server(
         uvicorn.Config(
-            app(site_of(desk, pace), logins, pace),
+            app(site, logins, pace),
             **patience.settings(context),
             ws_max_size=MAX_TEXT,
             limit_concurrency=4 * config.max_viewers + 64,
@@ -49,13 +50,14 @@ async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:
         )
     )
     sockets = [socket.socket(fileno=fd) for fd in about.sockets]
-    async with asyncio.TaskGroup() as group:
-        pulling = group.create_task(desk.keep(), name="desk")
-        fresh = None if context is None else group.create_task(tls.keep_fresh(context, config, pace), name="tls")
-        await server.serve(sockets)
-        pulling.cancel()
-        if fresh is not None:
-            fresh.cancel()
+    with site.workshop:
+        async with asyncio.TaskGroup() as group:
+            pulling = group.create_task(desk.keep(), name="desk")
+            fresh = None if context is None else group.create_task(tls.keep_fresh(context, config, pace), name="tls")
+            await server.serve(sockets)
+            pulling.cancel()
+            if fresh is not None:
+                fresh.cancel()
     logins.close()
 
 

@@ -19,6 +19,8 @@ from gateway.hmi.live import Live
 from gateway.hmi.logins import Logins
 from gateway.hmi.pictures import Picture, Pictures
 from gateway.hmi.security import protected
+from gateway.hmi.workbench import routes as workbench
+from gateway.hmi.workbench.workshop import Workshop
 
 STATIC = Path(str(files("gateway.hmi") / "static"))
 
@@ -31,6 +33,7 @@ class Site:
     pictures: Pictures
     live: Live
     drivers: Live
+    workshop: Workshop
 
 
 def site_of(desk: Desk, pace: Clock) -> Site:
@@ -40,6 +43,7 @@ def site_of(desk: Desk, pace: Clock) -> Site:
         pictures=Pictures(desk, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
         live=Live(desk, views.live_json, config.max_viewers),
         drivers=Live(desk, views.driver_json, config.max_viewers),
+        workshop=Workshop(desk, pace),
     )
 
 
@@ -54,6 +58,7 @@ def routes(site: Site) -> list[BaseRoute]:
         Route("/api/bays/{bay}/picture", _picture(site)),
         WebSocketRoute("/api/live", site.live.serve),
         WebSocketRoute("/api/driver", site.drivers.serve),
+        *workbench.routes(site.workshop),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
 

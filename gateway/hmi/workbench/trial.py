@@ -1,0 +1,138 @@
+"""Settings tried on frozen frames, beside the settings in force and the robust method as it is shipped. Pure.
+
+The clock and the question whether to go on are handed in. A trial runs the very detectors that the bay's vision
+process runs, the tried and those in force in turn, so that the ratio of their times holds on a busy machine, too. In a
+recording each follows the marker as it would live; a single frame is looked at by itself, a few times.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from gateway.clock import NS_PER_S
+from gateway.config import VisionConfig
+from gateway.errors import GatewayError
+from gateway.hmi.workbench import measures
+from gateway.hmi.workbench.measures import Apart, Jitter, Times
+from gateway.model import Detection
+from gateway.vision import methods
+from gateway.vision.pipeline import NowNs
+from gateway.vision.pixels import Image
+from gateway.vision.shm import Snapshot
+
+REPEATS = 9  # of a single frame, where the time is asked for
+LIMIT_S = 20.0
+LIKELY = 0.5  # confidence from which on the robust method's answer may stand as a reference
+
+
+class EndedError(GatewayError):
+    """The trial was given up: somebody wants another one, or nobody this one any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """What one setting makes of the frames."""
+
+    found: tuple[Detection, ...]  # one a frame
+    found_share: float
+    jitter: Jitter | None
+    times: Times
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """`reference`: the robust method with its shipped gates; without a circle where it is not sure."""
+
+    frames: int  # looked at: fewer than given where the time ran out
+    tried: Side
+    in_force: Side
+    reference: tuple[Detection, ...]
+    from_in_force: Apart | None
+    from_reference: Apart | None
+    time_ratio: float  # of the tried to those in force
+    timed: bool  # often enough for times to be worth a look
+    cut_short: bool
+
+
+class Reference:
+    """The robust method's own answers, kept for the frames at hand: a slider asks for the same ones again and again."""
+
+    KEPT = 512
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, int, bool], Detection] = {}
+
+    def of(self, frame: Snapshot, lens: VisionConfig) -> Detection:
+        """Without a circle where it is not sure. `lens`: whose intrinsics count."""
+        settings = shipped(lens)
+        key = (frame.seq, frame.t_capture_ns, settings.intrinsics is not None)
+        if key not in self._known:
+            while len(self._known) >= self.KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = methods.detector(settings)(frame.image)
+        return self._known[key]
+
+
+def shipped(lens: VisionConfig) -> VisionConfig:
+    """The robust method as it is shipped. With a lens it tells the tilted disc's own centre, the paper's never does."""
+    return VisionConfig(
+        method="robust",
+        tracking=False,
+        min_confidence=LIKELY,
+        intrinsics=lens.intrinsics if lens.method == "robust" else None,
+    )
+
+
+def run(
+    frames: Sequence[Snapshot],
+    tried: VisionConfig,
+    in_force: VisionConfig,
+    reference: Reference,
+    now_ns: NowNs,
+    *,
+    timed: bool,
+    wanted: Callable[[], bool] = lambda: True,
+    limit_s: float = LIMIT_S,
+) -> Result:
+    """At least one frame. Raises EndedError as soon as `wanted` says no. `timed`: a single frame several times."""
+    until_ns = now_ns() + round(limit_s * NS_PER_S)
+    alone = len(frames) == 1
+    runs = [frames[0]] * (REPEATS if timed else 1) if alone else list(frames)
+    ours, theirs = (_detector(settings, now_ns, alone=alone) for settings in (tried, in_force))
+    if alone and timed:  # tables are made and memory is fetched in the first run
+        ours(frames[0].image, 0), theirs(frames[0].image, 0)
+    left: list[Detection] = []
+    right: list[Detection] = []
+    references: list[Detection] = []
+    for n, frame in enumerate(runs):
+        if not wanted():
+            raise EndedError("given up for a newer one")
+        pair = (left, ours), (right, theirs)
+        for found, detector in pair if n % 2 == 0 else reversed(pair):
+            found.append(detector(frame.image, frame.t_capture_ns))
+        if not alone or n == 0:
+            references.append(reference.of(frame, tried))
+        if now_ns() > until_ns:
+            break
+    looked_at = 1 if alone else len(left)
+    at = [frame.t_capture_ns for frame in runs[:looked_at]]
+    return Result(
+        frames=looked_at,
+        tried=_side(left, looked_at, at),
+        in_force=_side(right, looked_at, at),
+        reference=tuple(references),
+        from_in_force=measures.apart(left[:looked_at], right[:looked_at]),
+        from_reference=measures.apart(left[:looked_at], references),
+        time_ratio=measures.time_ratio(left, right),
+        timed=len(left) >= measures.FEWEST,
+        cut_short=len(left) < len(runs),
+    )
+
+
+def _detector(settings: VisionConfig, now_ns: NowNs, *, alone: bool) -> Callable[[Image, int], Detection]:
+    return methods.detector(settings.model_copy(update={"tracking": settings.tracking and not alone}), now_ns)
+
+
+def _side(found: Sequence[Detection], frames: int, times_ns: Sequence[int]) -> Side:
+    """`found` has more entries than there are frames where a single one was looked at several times."""
+    told = tuple(found[:frames])
+    return Side(told, measures.found_share(told), measures.jitter(times_ns, told), measures.times(found))

@@ -1,0 +1,258 @@
+"""What technicians do at the bays, whoever asks over which wire: freeze, record, try, go live, write back. asyncio.
+
+Pictures are worked on by the bench's one thread; the file is read and written on another; nothing here blocks the loop.
+"""
+
+import asyncio
+import itertools
+from collections import OrderedDict, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.config import VisionConfig
+from gateway.errors import LinkError
+from gateway.hmi.desk import Seen
+from gateway.hmi.orders import About, Apply, Check
+from gateway.hmi.pictures import encoded as jpeg
+from gateway.hmi.workbench import configfile, eyedropper, profile, stages, trial
+from gateway.hmi.workbench.bench import Bench
+from gateway.hmi.workbench.eyedropper import Mode, Picked
+from gateway.hmi.workbench.profile import Proposal
+from gateway.hmi.workbench.remarks import Remark, remarks
+from gateway.hmi.workbench.snapshots import LONGEST_S, Recorder, Store, Taken
+from gateway.hmi.workbench.stages import Panel
+from gateway.hmi.workbench.trial import Reference, Result
+from gateway.model import FunctionCheck
+from gateway.plc import Writer
+from gateway.vision.shm import Snapshot
+from gateway.vision.tuning import exposure
+from gateway.vision.tuning.exposure import Light
+
+KEPT_TRIALS = 24  # whose pictures may still be fetched
+KEPT_UNDO = 20  # of a bay
+NEWER_S = 3.0  # the main process tells of new settings within this
+LOOK_S = 0.02  # between two looks for a new frame while recording
+LIGHTS = 5  # frames of a recording that are looked at for exposure
+
+
+class Desk(Protocol):
+    """What the workshop needs of gateway.hmi.desk."""
+
+    about: About
+
+    @property
+    def clock(self) -> Clock: ...
+
+    def seen(self, bay: str) -> Seen | None: ...
+
+    async def newer(self, bay: str, number: int, seconds: float) -> Seen | None: ...
+
+    def snapshot(self, bay: str, seq: int | None = None) -> Snapshot | None: ...
+
+    async def order(self, what: Check | Apply, who: Writer) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A trial with all that the page shows of it."""
+
+    number: int
+    result: Result
+    remarks: tuple[Remark, ...]
+    panels: tuple[Panel, ...]
+    lights: tuple[Light, ...]  # empty: not asked for
+    shown: int  # the panels are of this frame
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """What saving would do. `why_not`: it can't be done; the diff is then what a person would change by hand."""
+
+    proposal: Proposal
+    digest: str  # of the file as it was read
+    why_not: str
+
+
+class Workshop:
+    """One for the web process. `pace` is real time. To be closed: `with`."""
+
+    def __init__(self, desk: Desk, pace: Clock) -> None:
+        self.desk = desk
+        self.store = Store()
+        self.bench = Bench()
+        self._pace = pace
+        self._reference = Reference()
+        self._numbers = itertools.count(1)
+        self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
+        self._undo: dict[str, deque[VisionConfig]] = {}
+        self._saving = asyncio.Lock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bench.close()
+
+    @property
+    def file(self) -> Path | None:
+        return Path(self.desk.about.source) if self.desk.about.source else None
+
+    async def in_force(self, bay: str) -> VisionConfig:
+        """Raises LinkError where the main process has not told of it."""
+        seen = self.desk.seen(bay) or await self.desk.newer(bay, 0, NEWER_S)
+        if seen is None:
+            raise LinkError("the gateway has not told of this bay yet")
+        return seen.now.vision
+
+    def function_check(self, bay: str) -> FunctionCheck:
+        seen = self.desk.seen(bay)
+        return FunctionCheck.OFF if seen is None else seen.now.state.function_check
+
+    # Pictures.
+
+    def freeze(self, bay: str) -> Taken:
+        """Raises LinkError where there is no frame."""
+        return self.store.still(bay, self.newest(bay), self.desk.clock.wall_ns())
+
+    def newest(self, bay: str) -> Snapshot:
+        frame = self.desk.snapshot(bay)
+        if frame is None:
+            raise LinkError("there is no frame: the camera has given none yet")
+        return frame
+
+    async def record(self, bay: str, seconds: float) -> Taken:
+        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes."""
+        recorder = Recorder()
+        begun_ns = self._pace.now_ns()
+        until_ns = begun_ns + round(min(seconds, LONGEST_S) * NS_PER_S)
+        while self._pace.now_ns() < until_ns and not recorder.full:
+            frame = self.desk.snapshot(bay)
+            if frame is not None and frame.seq != recorder.newest:
+                recorder.offer(frame)
+            await self._pace.sleep(LOOK_S)
+        if not recorder.frames:
+            raise LinkError("there is no frame: the camera has given none yet")
+        return self.store.recording(bay, recorder.frames, self.desk.clock.wall_ns(), full=recorder.full)
+
+    async def picture(self, who: str, frame: Snapshot, width_px: int) -> bytes:
+        return await self.bench.work(f"picture {who}", lambda _: jpeg(frame.image, width_px))
+
+    # Trials.
+
+    async def try_(
+        self,
+        who: str,
+        bay: str,
+        frames: Sequence[Snapshot],
+        settings: VisionConfig,
+        *,
+        shown: int,
+        timed: bool,
+        width_px: int,
+    ) -> Tried:
+        """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError."""
+        in_force = await self.in_force(bay)
+        number = next(self._numbers)
+
+        def work(wanted: Callable[[], bool]) -> tuple[Tried, dict[str, tuple[bytes, str]]]:
+            result = trial.run(
+                frames, settings, in_force, self._reference, self._pace.now_ns, timed=timed, wanted=wanted
+            )
+            at = min(shown, result.frames - 1)
+            image = frames[at].image
+            panels = stages.panels(image, settings, result.tried.found[at], width_px)
+            said = remarks(frames, settings, in_force, result)
+            lights = _lights(frames, result) if timed else ()
+            height, width = image.shape[:2]
+            tried = Tried(number, result, tuple(said), panels, lights, at, width, height)
+            return tried, {panel.name: stages.encoded(panel) for panel in panels}
+
+        tried, pictures = await self.bench.work(who, work)
+        self._pictures[number] = bay, pictures
+        while len(self._pictures) > KEPT_TRIALS:
+            self._pictures.popitem(last=False)
+        return tried
+
+    def panel(self, bay: str, number: int, name: str) -> tuple[bytes, str] | None:
+        """A picture of a trial and its media type; None: there is none (any more)."""
+        of, pictures = self._pictures.get(number, ("", {}))
+        return pictures.get(name) if of == bay else None
+
+    async def pick(
+        self, who: str, frame: Snapshot, at: tuple[float, float], size_px: int, settings: VisionConfig, mode: Mode
+    ) -> Picked:
+        """Raises ValueError for a click beside the picture."""
+        return await self.bench.work(
+            f"pick {who}", lambda _: eyedropper.pick(frame.image, *at, size_px, settings, mode)
+        )
+
+    # Settings.
+
+    async def check(self, bay: str, mode: FunctionCheck, who: Writer) -> FunctionCheck:
+        """Begin or end a function check. Raises RefusedError, LinkError."""
+        await self._order(bay, Check(bay, mode), who)
+        return self.function_check(bay)
+
+    async def apply(self, bay: str, settings: VisionConfig, who: Writer) -> VisionConfig:
+        """Let settings go live. Raises RefusedError, LinkError; what was in force can then still be gone back to."""
+        before = await self.in_force(bay)
+        await self._order(bay, Apply(bay, settings), who)
+        if before != settings:
+            self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
+        return await self.in_force(bay)
+
+    async def undo(self, bay: str, who: Writer) -> VisionConfig | None:
+        """Back to what was in force before the newest `apply`. None: there was none."""
+        kept = self._undo.get(bay)
+        if not kept:
+            return None
+        await self._order(bay, Apply(bay, kept[-1]), who)
+        kept.pop()
+        return await self.in_force(bay)
+
+    def undo_steps(self, bay: str) -> int:
+        return len(self._undo.get(bay, ()))
+
+    async def _order(self, bay: str, what: Check | Apply, who: Writer) -> None:
+        """Done, and told by the main process, so that whoever asks next is told the new state."""
+        await self.desk.order(what, who)
+        seen = self.desk.seen(bay)
+        await self.desk.newer(bay, seen.number if seen else 0, NEWER_S)
+
+    # The file.
+
+    async def in_file(self, bay: str) -> VisionConfig:
+        """What the file says. Raises ConfigError, where there is no file, too."""
+        loaded = await asyncio.to_thread(configfile.load, configfile.named(self.file))
+        return profile.in_file(loaded.text, bay, source=str(loaded.path))
+
+    async def plan(self, bay: str, settings: VisionConfig) -> Planned:
+        """Raises ConfigError where there is no file, or it is not one that the gateway reads."""
+        path = configfile.named(self.file)
+        loaded = await asyncio.to_thread(configfile.load, path)
+        proposal = profile.propose(loaded.text, bay, settings, source=str(path))
+        return Planned(proposal, loaded.digest, configfile.why_not_writable(path))
+
+    async def save(self, bay: str, settings: VisionConfig, digest: str) -> tuple[Proposal, Path]:
+        """Write what `plan` has shown. Raises ChangedOnDiskError where the file is another one now, ConfigError."""
+        path = configfile.named(self.file)
+        async with self._saving:
+            loaded = await asyncio.to_thread(configfile.load, path)
+            configfile.same(loaded, digest)
+            proposal = profile.propose(loaded.text, bay, settings, source=str(path))
+            # Not left half way: whoever goes away finds the file either as it was or as it should be.
+            return proposal, await asyncio.shield(asyncio.to_thread(configfile.save, loaded, proposal.text))
+
+
+def _lights(frames: Sequence[Snapshot], result: Result) -> tuple[Light, ...]:
+    count = result.frames
+    chosen = sorted({round(n * (count - 1) / max(1, LIGHTS - 1)) for n in range(LIGHTS)})
+    return tuple(exposure.measure(frames[n].image, result.reference[n].circle) for n in chosen)
