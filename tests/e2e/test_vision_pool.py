@@ -610,3 +610,33 @@ def frame_memory(pid: int) -> set[int]:
             if "memfd:gateway-frames" in os.readlink(fd):
                 found.add(fd.stat().st_ino)
     return found
+
+
+def test_settings_change_while_it_runs_and_the_frames_are_counted_on(tmp_path: Path) -> None:
+    image = np.full((240, 320, 3), 120, np.uint8)
+    cv2.circle(image, (150, 110), 50, (30, 30, 200), -1)
+    for n in range(2):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), image)
+
+    async def scene() -> None:
+        async with Bay(str(tmp_path), detector=None, loop=True, fps=30.0) as bay:
+            first = await bay.until(lambda reading: reading.quality is Quality.GOOD)
+            settings = bay._service.settings
+            with pytest.raises(ConfigError, match=r"vision\.workers can't change"):
+                bay._service.apply(settings.model_copy(update={"workers": 3}))
+            before = family()
+
+            bay._service.apply(settings.model_copy(update={"method": "paper", "tracking": False}))
+
+            def by_the_paper(reading: VisionReading) -> bool:
+                return reading.quality is Quality.GOOD and reading.tracking is Tracking.OFF
+
+            changed = await bay.until(by_the_paper, first)
+            assert bay._service.settings.method == "paper"
+            assert not [process for process in before if process.is_running()]
+            told = [reading for reading in bay.readings if reading.quality in (Quality.GOOD, Quality.NO_TARGET)]
+            assert all(old.frame_id < new.frame_id for old, new in pairwise(told))
+            assert bay.readings[changed].stats.frames >= bay.readings[first].stats.frames
+            assert not [r for r in bay.readings if r.quality in (Quality.PROCESS_FAULT, Quality.LINK_DOWN)]
+
+    asyncio.run(scene())
