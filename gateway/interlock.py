@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from gateway import fusion, guidance, handshake, ne107
-from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, HandshakeConfig
+from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, HandshakeConfig, RecipeConfig
 from gateway.model import FunctionCheck, FusionMemory, Quality, RangeReading, Reason, StateVector
 from gateway.plc import Control, Handshake, PlcLink, PlcWrite, ResetVerdict
 
@@ -27,6 +27,13 @@ class Recipe:
 
     fusion: FusionConfig
     guidance: GuidanceConfig
+
+    @staticmethod
+    def of(bay: BayConfig, recipe: RecipeConfig) -> "Recipe":
+        return Recipe(
+            bay.fusion.model_copy(update=recipe.fusion.model_dump(exclude_none=True)),
+            bay.guidance.model_copy(update=recipe.guidance.model_dump(exclude_none=True)),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +54,7 @@ class Rules:
         if gateway is None:
             return Rules(recipes)
         for recipe in gateway.recipes:
-            recipes[recipe.id] = Recipe(
-                bay.fusion.model_copy(update=recipe.fusion.model_dump(exclude_none=True)),
-                bay.guidance.model_copy(update=recipe.guidance.model_dump(exclude_none=True)),
-            )
+            recipes[recipe.id] = Recipe.of(bay, recipe)
         return Rules(recipes, gateway.modbus.handshake if gateway.modbus.writes else None)
 
 

@@ -188,7 +188,7 @@ class AlarmView(BaseModel):
 
 
 class AlarmSummary(BaseModel):
-    """How many alarms there are, and which one to look at first."""
+    """How many alarms of the whole gateway there are, and which one to look at first."""
 
     model_config = FROZEN
     unacknowledged: Count = Field(description="states unacknowledged, returned and latched_unacknowledged")
@@ -197,6 +197,7 @@ class AlarmSummary(BaseModel):
     shelved: Count
     suppressed: Count
     out_of_service: Count
+    by_bay: dict[str, int] = Field(description="alarms that are shown (neither normal nor hidden), by bay, if any")
     first: AlarmView | None = Field(description="the most important of those that are shown; null: none")
     newest_change: Count = Field(description="number of the newest change; grows with each")
 
@@ -274,6 +275,7 @@ class RegisterView(BaseModel):
     name: str
     type: str
     unit: str
+    scale: float = Field(description="of an integer: units per count")
     value: float | None = Field(description="in the unit; null: no value, the PLC reads the type's own word for that")
     text: str | None = Field(description="name of the code; null: this register holds none")
     bits: tuple[BitView, ...] = Field(description="empty: this register holds none")
@@ -368,3 +370,4 @@ class Problem(BaseModel):
     title: str = Field(description="of the status")
     status: int
     detail: str = Field(description="in words, for people")
+    error: str = Field(description="a short code, for programs")
