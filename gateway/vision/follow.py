@@ -4,16 +4,25 @@ What is told as measured is what the search measured in this very frame. A frame
 as long as the track is young enough (`vision.coast_s`) and says anything at all; the prediction is then told beside an
 empty `circle`, so that nobody can mistake it for a measurement. After that the marker is *lost*.
 
-The gate refuses no measurement: the search alone decides what is the marker. A measured circle that can't be the one
-followed begins a track of its own.
+**A jump is on trial.** A circle that the track cannot explain, at another place or of another size, may be another red
+thing: a lamp, when the marker is covered. It is told as measured when CONFIRMED_HITS frames running have shown it and
+its sightings fit each other; until then as refused (`jump`), and the frame is coasted or lost. The marker at its place
+ends the trial, and so does a frame that shows nothing. During a trial the whole frame is searched, so that the window
+round the prediction can't hide what the search prefers. Where nothing is followed there is nothing to contradict, and
+the first sight counts. Sightings count only if each is newer than the last. What stood beside the marker before it was
+covered is not believed so soon: see `bystanders`.
 """
 
 from dataclasses import replace
 from typing import Protocol
 
-from gateway.model import Circle, Detection, Tracking
+from gateway.model import Circle, Detection, Rejection, Tracking
+from gateway.vision.bystanders import Bystanders
 from gateway.vision.pixels import Image
 from gateway.vision.tracking import NS_PER_S, Prediction, Track, usable
+
+JUMP = "jump"  # the code of a circle on trial among those refused
+TOLD = 5  # of those refused
 
 
 class Search(Protocol):
@@ -34,30 +43,63 @@ class Follower:
         self._search = search
         self._coast_ns = round(coast_s * NS_PER_S)
         self._track: Track | None = None
+        self._trial: Track | None = None  # what may be another thing than the one followed
+        self._others: Bystanders | None = None
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         track = self._track
         expected = None if track is None else track.at(t_ns)
-        found = self._search(image, t_ns, expected)
-        if found.circle is not None and usable(found.circle):
-            self._track = self._taught(found.circle, found.visible, t_ns, expected)
+        undecided = self._trial is not None and not self._trial.confirmed
+        found = self._search(image, t_ns, None if undecided else expected)
+        if found.circle is None or not usable(found.circle):
+            self._trial = None
+        elif self._believed(found.circle, found, t_ns, expected, image):
+            seen = self._others or Bystanders(found.circle, t_ns)
+            self._others = seen.with_measured(found.circle, t_ns, found.rejected)
             return replace(found, tracking=Tracking.MEASURED, predicted=None)
+        else:
+            refused = (Rejection(found.circle, JUMP), *found.rejected[: TOLD - 1])
+            found = Detection(None, candidates=found.candidates, rejected=refused, stage_ns=found.stage_ns)
         if track is not None and expected is not None and self._may_coast(track, expected, t_ns, image):
             return replace(found, circle=None, tracking=Tracking.COASTED, predicted=expected.circle)
-        if track is not None and t_ns > track.t_ns:
+        if track is not None and t_ns > track.t_ns and not (self._trial is not None and self._young(track, t_ns)):
             self._track = None
         return replace(found, circle=None, tracking=Tracking.LOST, predicted=None)
 
-    def _taught(self, found: Circle, visible: float | None, t_ns: int, expected: Prediction | None) -> Track | None:
-        track = self._track
-        follows = track is not None and expected is not None and expected.admits(found)
-        late = track is not None and track.t_ns - t_ns > self._coast_ns  # the clock was set back: begin with it anew
-        if track is not None and follows and not late:
+    def _believed(self, circle: Circle, found: Detection, t_ns: int, expected: Prediction | None, image: Image) -> bool:
+        """Is it a measurement: of what is followed, of something new that nothing contradicts, or of one confirmed?"""
+        track, trial = self._track, self._trial
+        if track is not None and (expected is None or expected.admits(circle) or t_ns <= track.t_ns):
+            self._track, self._trial = self._taught(track, circle, found.visible, t_ns, expected), None
+            return True
+        height, width = image.shape[:2]
+        held = self._others is not None and self._others.holds(circle, t_ns, found.rejected, width, height)
+        if track is None and trial is None and not held:
+            self._track, self._others = Track.begun(circle, t_ns), None
+            return True
+        forecast = None if trial is None or t_ns < trial.t_ns else trial.at(t_ns)
+        if trial is not None and forecast is not None and forecast.admits(circle):
+            trial = trial.with_measured(circle, t_ns, found.visible)
+        else:
+            trial = Track.begun(circle, t_ns)
+        if trial is not None and trial.confirmed and not held:
+            self._track, self._trial, self._others = trial, None, None
+            return True
+        self._trial = trial
+        return False
+
+    def _taught(
+        self, track: Track, found: Circle, visible: float | None, t_ns: int, expected: Prediction | None
+    ) -> Track | None:
+        late = track.t_ns - t_ns > self._coast_ns  # the clock was set back: begin with it anew
+        if expected is not None and expected.admits(found) and not late:
             return track.with_measured(found, t_ns, visible)
         return Track.begun(found, t_ns)
 
+    def _young(self, track: Track, t_ns: int) -> bool:
+        return 0 < t_ns - track.t_ns <= self._coast_ns
+
     def _may_coast(self, track: Track, expected: Prediction, t_ns: int, image: Image) -> bool:
-        young = 0 < t_ns - track.t_ns <= self._coast_ns
         height, width = image.shape[:2]
         inside = -0.5 <= expected.circle.u_px <= width - 0.5 and -0.5 <= expected.circle.v_px <= height - 0.5
-        return young and inside and track.confirmed and expected.useful
+        return self._young(track, t_ns) and inside and track.confirmed and expected.useful

@@ -19,6 +19,7 @@ from dataclasses import replace
 
 from gateway.config import VisionConfig
 from gateway.model import Circle, Detection
+from gateway.vision.bystanders import WEAKER
 from gateway.vision.pipeline import NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.rivals import Spots, spots
@@ -28,7 +29,6 @@ from gateway.vision.tracking import Prediction
 LOOK, WHOLE, FAINT = 8, 64, 128  # frames; each a multiple of the one before
 LOOK_NS = 300_000_000  # a slow camera's truck is no slower
 ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
-WEAKER = "weaker"  # the search's code for a candidate that passed every gate, beside a better one
 SAME_PLACE = 0.5  # of two circles: their centres are closer than so many radii
 
 

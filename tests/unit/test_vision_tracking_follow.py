@@ -10,7 +10,18 @@ from hypothesis import strategies as st
 
 from gateway import fusion
 from gateway.config import FusionConfig
-from gateway.model import Circle, Detection, Quality, RangeReading, Reason, StateVector, Tick, Tracking, VisionReading
+from gateway.model import (
+    Circle,
+    Detection,
+    Quality,
+    RangeReading,
+    Reason,
+    Rejection,
+    StateVector,
+    Tick,
+    Tracking,
+    VisionReading,
+)
 from gateway.vision.dispatch import _quality as quality_of
 from gateway.vision.follow import Follower
 from gateway.vision.pixels import Image
@@ -122,20 +133,104 @@ def test_coasting_can_be_switched_off() -> None:
     assert drive.frame(11, at(11)).tracking is Tracking.MEASURED
 
 
-def test_a_jump_is_told_at_once_and_begins_a_track_of_its_own() -> None:
+LAMP = Circle(500.0, 400.0, 30.0)
+
+
+def test_a_jump_is_measured_when_the_third_frame_shows_it_and_then_followed() -> None:
     drive = Drive()
     drive.seen(0, 20)
-    away = Circle(500.0, 400.0, 30.0)
-    assert drive.frame(20, away) == Detection(
-        away, candidates=3, stage_ns=(("search", 5),), tracking=Tracking.MEASURED, predicted=None
-    )
-    assert drive.frame(21, None).tracking is Tracking.LOST  # nobody knows the way of the new one yet
-    for n in range(22, 26):
-        drive.frame(n, away)
-    hidden = drive.frame(26, None)
+    for n in (20, 21):
+        refused = drive.frame(n, LAMP)
+        assert refused.predicted is not None
+        assert refused == Detection(
+            None,
+            candidates=3,
+            rejected=(Rejection(LAMP, "jump"),),
+            stage_ns=(("search", 5),),
+            tracking=Tracking.COASTED,
+            predicted=refused.predicted,
+        )
+        assert refused.predicted.u_px == pytest.approx(at(n).u_px, abs=1.0)
+    third = drive.frame(22, LAMP)
+    assert third == Detection(LAMP, candidates=3, stage_ns=(("search", 5),), tracking=Tracking.MEASURED)
+    hidden = drive.frame(23, None)
     assert hidden.tracking is Tracking.COASTED
     assert hidden.predicted is not None
     assert hidden.predicted.u_px == pytest.approx(500, abs=2)
+
+
+@pytest.mark.parametrize("size", [0.5, 0.7, 1.5, 2.0])
+def test_another_size_at_the_same_place_is_a_jump_too(size: float) -> None:
+    drive = Drive()
+    drive.seen(0, 20)
+    other = replace(at(20), radius_px=size * at(20).radius_px)
+    assert [drive.frame(20 + n, other).tracking for n in range(3)] == [Tracking.COASTED] * 2 + [Tracking.MEASURED]
+
+
+def test_what_jumps_to_and_fro_is_never_measured() -> None:
+    drive = Drive(coast_s=0.3)
+    drive.seen(0, 20)
+    for n in range(20, 50):
+        assert drive.frame(n, LAMP if n % 2 else Circle(60.0, 400.0, 25.0)).tracking is not Tracking.MEASURED
+
+
+@pytest.mark.parametrize("between", ["marker", "nothing"])
+def test_only_frames_running_confirm_a_jump(between: str) -> None:
+    drive = Drive()
+    drive.seen(0, 20)
+    for n in (20, 23, 26):
+        assert drive.frame(n, LAMP).tracking is Tracking.COASTED
+        assert drive.frame(n + 1, LAMP).tracking is Tracking.COASTED
+        back = drive.frame(n + 2, at(n + 2) if between == "marker" else None)
+        assert back.tracking is (Tracking.MEASURED if between == "marker" else Tracking.COASTED)
+
+
+def test_a_frame_that_comes_twice_confirms_nothing() -> None:
+    drive = Drive()
+    drive.seen(0, 20)
+    assert [drive.frame(20, LAMP).tracking for _ in range(5)] == [Tracking.COASTED] * 5
+    assert drive.frame(21, LAMP).tracking is Tracking.COASTED
+    assert drive.frame(22, LAMP).tracking is Tracking.MEASURED
+
+
+def test_a_trial_outlives_the_track_it_contradicts() -> None:
+    """A slow camera: the marker is lost by its age before the lamp has been seen three times."""
+    drive = Drive(coast_s=0.3)
+    drive.seen(0, 20)
+    labels = [drive.frame(0, LAMP, 19 * PERIOD_NS + n * 200 * MS).tracking for n in (1, 2, 3)]
+    assert labels == [Tracking.COASTED, Tracking.LOST, Tracking.MEASURED]
+
+
+def test_a_marker_seen_once_is_no_less_contradicted_by_a_flash() -> None:
+    drive = Drive()
+    drive.seen(0, 1)
+    assert drive.frame(1, LAMP).tracking is Tracking.LOST  # nothing to coast on, and no measurement
+    assert drive.frame(2, at(2)).tracking is Tracking.MEASURED
+
+
+def test_a_clock_set_back_ends_a_trial_and_does_not_stall_it() -> None:
+    drive = Drive(coast_s=0.3)
+    drive.seen(0, 20)
+    for n in (20, 31):
+        drive.frame(n, LAMP)  # the track is given up, the trial goes on
+    labels = [drive.frame(n, LAMP, n * PERIOD_NS).tracking for n in (1, 2, 3)]
+    assert labels == [Tracking.LOST, Tracking.LOST, Tracking.MEASURED]
+
+
+def test_during_a_trial_the_whole_frame_is_searched() -> None:
+    drive = Drive()
+    drive.seen(0, 20)
+    for n in range(20, 24):
+        drive.frame(n, LAMP)
+    assert [expected is None for expected in drive.search.expected[19:]] == [False, False, True, True, False]
+
+
+def test_at_most_five_refused_are_told() -> None:
+    many = Detection(LAMP, rejected=tuple(Rejection(replace(LAMP, u_px=float(n)), "weaker") for n in range(5)))
+    answers = iter([Detection(at(0)), many])
+    find = Follower(lambda *_: next(answers), 0.3)
+    find(FRAME, 0)
+    assert [refused.why for refused in find(FRAME, PERIOD_NS).rejected] == ["jump"] + ["weaker"] * 4
 
 
 def test_frame_gaps_and_a_slow_camera() -> None:
@@ -224,6 +319,21 @@ def test_permit_falls_with_the_first_hidden_frame_and_returns_with_the_marker() 
     assert told[30:39] == [(False, True, None, Reason.TARGET_COASTED)] * 9
     assert told[39:50] == [(False, True, None, Reason.NO_TARGET)] * 11
     assert told[50:] == [(True, False, False, Reason.NONE)] * 10
+
+
+def test_a_lamp_beside_a_covered_marker_gets_no_permit_before_it_is_confirmed() -> None:
+    drive, settings = Drive(), FusionConfig()
+    state: StateVector = fusion.initial("bay", 0)
+    told = []
+    for n in range(34):
+        found = drive.frame(n, LAMP if n >= 30 else at(n))
+        state = fusion.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
+        state = fusion.step(state, reading(found, n * PERIOD_NS), n * PERIOD_NS, settings)
+        told.append((state.permit, state.stop, state.reason))
+    assert (
+        told[29:]
+        == [(True, False, Reason.NONE)] + [(False, True, Reason.TARGET_COASTED)] * 2 + [(True, False, Reason.NONE)] * 2
+    )
 
 
 @given(st.lists(STEPS, max_size=40), st.floats(0, 3))

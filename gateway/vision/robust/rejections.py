@@ -17,5 +17,6 @@ REJECTION_MEANING: dict[str, str] = {
     "blur": "a glow, not a disc: no rim that is sharp for its size",
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not whole",
     "weaker": "a red disc, but another one in this picture has more evidence",
+    "jump": "with tracking: a red disc where the marker that is followed can't be, or of another size; on trial",
 }
 """`Rejection.why` -> meaning."""

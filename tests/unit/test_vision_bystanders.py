@@ -1,0 +1,159 @@
+"""A lamp that was seen beside the marker is not taken for it when the marker is covered."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateway.model import Circle, Detection, Rejection, Tracking
+from gateway.vision.bystanders import HELD_NS, WEAKER, Bystanders
+from gateway.vision.follow import Follower
+from gateway.vision.pixels import Image
+from gateway.vision.tracking import Prediction
+
+PERIOD_NS = 33_000_000
+WIDTH, HEIGHT = 640, 480
+FRAME = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+MARKER, LAMP = Circle(300.0, 240.0, 60.0), Circle(480.0, 300.0, 24.0)
+HEARD = (Rejection(LAMP, WEAKER),)
+BESIDE = Bystanders(MARKER, 0).with_measured(MARKER, 0, HEARD)
+
+
+def test_a_bystander_is_held_for_a_while() -> None:
+    assert BESIDE.holds(LAMP, 1, (), WIDTH, HEIGHT)
+    assert BESIDE.holds(LAMP, HELD_NS, (), WIDTH, HEIGHT)
+    assert not BESIDE.holds(LAMP, HELD_NS + 1, (), WIDTH, HEIGHT)
+    assert not BESIDE.holds(LAMP, -1, (), WIDTH, HEIGHT)  # the clock was set back
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(LAMP, u_px=LAMP.u_px + 13),
+        replace(LAMP, v_px=LAMP.v_px - 13),
+        replace(LAMP, radius_px=35.0),
+        replace(LAMP, radius_px=16.0),
+        MARKER,
+        replace(MARKER, u_px=100.0),
+    ],
+)
+def test_something_else_is_not_held(other: Circle) -> None:
+    assert not BESIDE.holds(other, 1, (), WIDTH, HEIGHT)
+
+
+def test_a_refused_thing_that_was_no_red_disc_is_no_bystander() -> None:
+    none = Bystanders(MARKER, 0).with_measured(MARKER, 0, (Rejection(LAMP, "leak"),))
+    assert not none.holds(LAMP, 1, (), WIDTH, HEIGHT)
+
+
+def test_it_is_known_again_where_it_hangs_and_where_it_came_with_the_truck() -> None:
+    """The truck has come nearer since the lamp was heard: all that is on it by as much."""
+    nearer = BESIDE.with_measured(Circle(280.0, 220.0, 90.0), 5, ())
+    with_it = Circle(280.0 + 1.5 * 180, 220.0 + 1.5 * 60, 36.0)
+    assert nearer.holds(LAMP, 6, (), WIDTH, HEIGHT)
+    assert nearer.holds(with_it, 6, (), WIDTH, HEIGHT)
+    assert not BESIDE.holds(with_it, 6, (), WIDTH, HEIGHT)
+    assert not nearer.holds(replace(with_it, u_px=with_it.u_px - 40), 6, (), WIDTH, HEIGHT)
+
+
+def test_what_is_heard_anew_replaces_what_was_heard() -> None:
+    elsewhere = Circle(100.0, 100.0, 20.0)
+    anew = BESIDE.with_measured(MARKER, 1, (Rejection(elsewhere, WEAKER),))
+    assert anew.holds(elsewhere, 2, (), WIDTH, HEIGHT)
+    assert not anew.holds(LAMP, 2, (), WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize(
+    ("u", "v", "held"),
+    [(64.0, 240.0, False), (67.0, 240.0, True), (300.0, 415.0, False), (576.0, 240.0, False), (300.0, 60.0, False)],
+)
+def test_a_marker_that_may_have_left_the_picture_holds_nothing(u: float, v: float, held: bool) -> None:
+    marker = replace(MARKER, u_px=u, v_px=v)
+    beside = Bystanders(marker, 0).with_measured(marker, 0, HEARD)
+    assert beside.holds(LAMP, 1, (), WIDTH, HEIGHT) is held
+
+
+def test_a_marker_that_is_still_seen_holds_nothing() -> None:
+    """The search has changed its mind, as it may: what was followed first was perhaps the lamp."""
+    assert not BESIDE.holds(LAMP, 1, (Rejection(replace(MARKER, u_px=305.0), WEAKER),), WIDTH, HEIGHT)
+    assert BESIDE.holds(LAMP, 1, (Rejection(replace(MARKER, u_px=305.0), "fill"),), WIDTH, HEIGHT)
+    assert BESIDE.holds(LAMP, 1, (Rejection(Circle(100.0, 100.0, 20.0), WEAKER),), WIDTH, HEIGHT)
+
+
+# -- followed ----------------------------------------------------------------------------------------------------------
+
+
+class Bay:
+    """Frames with and without the marker, the lamp always there. A window that holds the marker hides the lamp."""
+
+    def __init__(self, coast_s: float = 0.3) -> None:
+        self.covered = False
+        self.n = -1
+        self.find = Follower(self._search, coast_s)
+
+    def _search(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
+        if self.covered:
+            return Detection(LAMP)
+        return Detection(MARKER, rejected=HEARD if expected is None else ())
+
+    def frames(self, count: int, *, covered: bool) -> list[Detection]:
+        self.covered = covered
+        found = []
+        for _ in range(count):
+            self.n += 1
+            found.append(self.find(FRAME, self.n * PERIOD_NS))
+        return found
+
+
+def test_a_lamp_is_not_measured_while_the_marker_is_covered() -> None:
+    bay = Bay()
+    assert all(one.circle == MARKER for one in bay.frames(20, covered=False))
+    hidden = bay.frames(200, covered=True)
+    assert {one.circle for one in hidden} == {None}
+    assert [one.tracking for one in hidden] == [Tracking.COASTED] * 9 + [Tracking.LOST] * 191
+    assert all(one.rejected == (Rejection(LAMP, "jump"),) for one in hidden)
+    back = [one.circle for one in bay.frames(3, covered=False)]
+    assert back[-1] == MARKER
+
+
+def test_a_marker_that_comes_back_while_it_is_coasted_is_measured_at_once() -> None:
+    bay = Bay()
+    bay.frames(20, covered=False)
+    bay.frames(7, covered=True)
+    assert bay.frames(1, covered=False)[0].circle == MARKER
+
+
+def test_what_stays_alone_is_measured_in_the_end() -> None:
+    """The marker may be gone for good, or it was the lamp that was followed first."""
+    bay = Bay()
+    bay.frames(20, covered=False)
+    labels = [one.tracking for one in bay.frames(HELD_NS // PERIOD_NS + 2, covered=True)]
+    assert Tracking.MEASURED not in labels[: HELD_NS // PERIOD_NS - 1]
+    assert labels[-1] is Tracking.MEASURED
+
+
+def test_a_frame_without_anything_does_not_let_the_lamp_in() -> None:
+    bay = Bay()
+    bay.frames(20, covered=False)
+    bay.frames(30, covered=True)
+    bay.n += 1
+    bay.find = _blind_once(bay.find, bay.n * PERIOD_NS)
+    assert all(one.circle is None for one in bay.frames(10, covered=True))
+
+
+def _blind_once(find: Follower, t_ns: int) -> Follower:
+    search = find._search
+    find._search = lambda *_: Detection(None)
+    assert find(FRAME, t_ns).tracking is Tracking.LOST
+    find._search = search
+    return find
+
+
+def test_no_measured_circle_is_a_bystander_of_the_one_before() -> None:
+    """Whatever is covered when: a lamp that was heard is never told between two sights of the marker."""
+    chance = np.random.default_rng(5)
+    bay = Bay()
+    bay.frames(5, covered=False)
+    for _ in range(40):
+        for one in bay.frames(int(chance.integers(1, 40)), covered=bool(chance.integers(2))):
+            assert one.circle in (None, MARKER)
