@@ -5,7 +5,7 @@
 
 import { driverDistance } from './lib/format.js';
 import { Freshness } from './lib/freshness.js';
-import { CODES, column, driverView } from './lib/guidance.js';
+import { CODES, WITH_AMOUNT, column, driverView } from './lib/guidance.js';
 import { LANGUAGES, chosen } from './lib/lang.js';
 import { open } from './lib/live.js';
 import { PATHS } from './lib/symbols.js';
@@ -79,9 +79,9 @@ function show(now) {
   if (path.getAttribute('d') !== PATHS[what.symbol]) path.setAttribute('d', PATHS[what.symbol]);
   put('word', texts.codes[now.code]);
   const sideways = now.code === 'LEFT' || now.code === 'RIGHT';
-  const amount = now.amount_mm ?? (sideways ? null : now.to_go_mm);
+  const amount = WITH_AMOUNT.includes(now.code) ? now.amount_mm ?? (sideways ? null : now.to_go_mm) : null;
   const [digits, unit] = driverDistance(amount);
-  const past = !sideways && (now.code === 'BACK' || now.code === 'TOO_FAR' || (now.to_go_mm ?? 0) < 0);
+  const past = now.code === 'BACK' || now.code === 'TOO_FAR';
   const label = sideways ? texts.sideways : past ? texts.past : texts.toGo;
   if (now.code === 'FAULT') number('amount', '', texts.fault, '');
   else number('amount', label, amount === null ? null : digits, unit);
@@ -159,6 +159,7 @@ dark.addEventListener('change', theme);
 document.documentElement.lang = language;
 const letters = Math.max(...Object.values(texts.codes).map((word) => word.length));
 document.documentElement.style.setProperty('--letters', String(letters));
+document.documentElement.style.setProperty('--stop-letters', String(texts.codes.STOP.length));
 /** @type {HTMLElement} */ (deadman.querySelector('.word')).textContent = texts.codes.STOP;
 stopNow(texts.noConnection);
 

@@ -16,10 +16,10 @@ export const CODES = {
   LEFT: { kind: 'go', symbol: 'left', nearer: true },
   RIGHT: { kind: 'go', symbol: 'right', nearer: true },
   SLOW: { kind: 'care', symbol: 'slow', nearer: true },
-  STOP: { kind: 'halt', symbol: 'octagon', nearer: false },
+  STOP: { kind: 'halt', symbol: 'stop', nearer: false },
   OK: { kind: 'done', symbol: 'tick', nearer: false },
-  TOO_FAR: { kind: 'halt', symbol: 'octagon', nearer: false },
-  FAULT: { kind: 'halt', symbol: 'octagon', nearer: false },
+  TOO_FAR: { kind: 'halt', symbol: 'stop', nearer: false },
+  FAULT: { kind: 'halt', symbol: 'stop', nearer: false },
 };
 
 /**
@@ -55,6 +55,9 @@ export function driverView(text, bay) {
   if (!whole || (said.stop && CODES[said.code].nearer)) return null;
   return said;
 }
+
+/** Codes whose amount the driver needs to see; beside the others it would only be noise. */
+export const WITH_AMOUNT = ['FORWARD', 'SLOW', 'BACK', 'TOO_FAR', 'LEFT', 'RIGHT'];
 
 const COLUMN_MM = 3000;
 const PAST_MM = 500;

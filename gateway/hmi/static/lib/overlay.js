@@ -108,7 +108,7 @@ function paintAim(g, aim, frame, place, wide, stroke) {
   const bottom = place.top + frame.height * place.scale;
   if (known(aim.tolerance_px) && aim.tolerance_px > 0) {
     const half = aim.tolerance_px * place.scale;
-    g.fillStyle = 'rgba(143,211,255,0.14)';
+    g.fillStyle = 'rgba(143,211,255,0.08)';
     g.fillRect(x - half, place.top, 2 * half, bottom - place.top);
     stroke(AIM, [2, 3], () => {
       for (const side of [x - half, x + half]) {

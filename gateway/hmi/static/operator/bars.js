@@ -6,7 +6,7 @@ import { NONE, number, words } from '../lib/format.js';
 
 const share = (x) => `${(100 * x).toFixed(2)}%`;
 
-function Bar({ name, long, value, decimals, unit, threshold, thresholdName, hysteresis, reachedAbove, most, why }) {
+function Bar({ name, long, value, decimals, unit, threshold, hysteresis, reachedAbove, most, why }) {
   const bar = barOf({ value, threshold, hysteresis, reachedAbove, most });
   const sign = reachedAbove ? '≥' : '≤';
   const verdict =
@@ -36,7 +36,7 @@ function Bar({ name, long, value, decimals, unit, threshold, thresholdName, hyst
     <p class="small verdict">
       <svg viewBox="0 0 12 12" aria-hidden="true"><rect x="1" y="1" width="10" height="10" fill=${bar.reached ? '#1f2529' : 'none'} stroke="#1f2529" stroke-width="1.6" stroke-dasharray=${bar.reached === null ? '2 2' : 'none'} /></svg>
       <span>${verdict}</span>
-      <span class="muted push nowrap">▲ ${thresholdName} ${number(threshold, 0, unit)}${hysteresis > 0 ? ` (hysteresis ${number(hysteresis, 0, unit)})` : ''}</span>
+      <span class="muted push nowrap">▲ ${name}<sub>th</sub> ${number(threshold, 0, unit)}${hysteresis > 0 ? ` (hysteresis ${number(hysteresis, 0, unit)})` : ''}</span>
     </p>
   </div>`;
 }
@@ -47,10 +47,10 @@ export function Bars({ state, limits }) {
   return html`<section class="panel" aria-labelledby="bars-title">
     <header><h2 id="bars-title">Position against thresholds</h2></header>
     <${Bar} name="R" long="radius of the marker in the picture" value=${state?.radius_px ?? null} decimals=${1} unit="px"
-      threshold=${limits.radius_threshold_px} thresholdName="R_th" hysteresis=${limits.radius_hysteresis_px} reachedAbove=${true}
+      threshold=${limits.radius_threshold_px} hysteresis=${limits.radius_hysteresis_px} reachedAbove=${true}
       most=${nice(1.5 * limits.radius_threshold_px)} why=${vision ? words(vision) : 'no data'} />
     <${Bar} name="Z" long="distance to the truck" value=${state?.distance_mm ?? null} decimals=${0} unit="mm"
-      threshold=${limits.distance_threshold_mm} thresholdName="Z_th" hysteresis=${limits.distance_hysteresis_mm} reachedAbove=${false}
+      threshold=${limits.distance_threshold_mm} hysteresis=${limits.distance_hysteresis_mm} reachedAbove=${false}
       most=${Math.min(4000, nice(6 * limits.distance_threshold_mm))} why=${range ? words(range) : 'no data'} />
   </section>`;
 }

@@ -2,7 +2,7 @@
 
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import { CODES } from '../lib/guidance.js';
-import { NONE, mm, px, signed, words } from '../lib/format.js';
+import { NONE, mm, signed, words } from '../lib/format.js';
 import { decisionWords } from '../lib/views.js';
 import { Arrow, Decision as Sign, Ne107 } from './signs.js';
 
@@ -54,7 +54,7 @@ export function Decision({ state, bay }) {
     </dl>
     <div class="guidance">
       <div class="told">
-        ${guidance ? html`<${Arrow} name=${CODES[guidance.name]?.symbol ?? 'octagon'} />` : html`<span class="arrow"></span>`}
+        ${guidance ? html`<${Arrow} name=${CODES[guidance.name]?.symbol ?? 'stop'} />` : html`<span class="arrow"></span>`}
         <div>
           <h2>Driver is told</h2>
           <p class="said">${guidance ? words(guidance.name).toUpperCase() : NONE}${guidance?.amount_mm != null ? html` <span class="value">${mm(guidance.amount_mm)}</span>` : ''}</p>
@@ -64,7 +64,7 @@ export function Decision({ state, bay }) {
         <${Fact} name="To go">${mm(guidance?.to_go_mm)}<//>
         <${Fact} name="Closing">${signed(guidance?.closing_mm_s, 0, 'mm/s')}<//>
         <${Fact} name="Off to the side">${signed(guidance?.offset_u_px, 0, 'px')}${guidance?.offset_mm != null ? ` · ${signed(guidance.offset_mm, 0, 'mm')}` : ''}<//>
-        <${Fact} name="Off in height">${px(guidance?.offset_v_px, 0)}<//>
+        <${Fact} name="Off in height">${signed(guidance?.offset_v_px, 0, 'px')}<//>
       </dl>
       ${sideways && html`<p class="sr">keep ${words(guidance.name)}</p>`}
     </div>

@@ -11,11 +11,10 @@ function Tile({ name, state, alarms }) {
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
     <span class="row spread"><b>${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} /></span>
     <span class="state"><${Decision} stop=${state?.stop ?? null} permit=${state?.permit ?? null} fault=${trouble} /><b>${decisionWords(state)}</b></span>
-    <span class="small why">${state === null ? 'nothing known' : state.stop ? words(state.reason.name) : `driver: ${words(state.guidance.name)}`}</span>
+    <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${state === null ? 'nothing known' : state.stop ? words(state.reason.name) : words(state.guidance.name)}</span>
     <span class="small row spread">
       <span>R <span class="value">${state ? px(state.radius_px, 0) : NONE}</span></span>
       <span>Z <span class="value">${state ? mm(state.distance_mm) : NONE}</span></span>
-      ${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'octagon'} />`}
     </span>
     ${alarms > 0 && html`<span class="tag bad">${alarms} ${alarms === 1 ? 'alarm' : 'alarms'}</span>`}
   </a></li>`;

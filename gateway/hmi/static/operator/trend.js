@@ -8,28 +8,31 @@ import { Series } from '../lib/series.js';
 import { useKept } from './hooks.js';
 
 const WINDOWS = [[60, '1 min'], [180, '3 min'], [600, '10 min']];
+const AXIS = 26; // height of the time axis
 const INK = '#16324a';
 const GRID = '#c3c8cb';
 
+const textScale = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
+
 /** One chart of one value: its line, its threshold as a dashed line, the hysteresis as a band. */
-function chart(at, { label, unit, decimals, colour, height, bare }) {
-  const scale = Number(getComputedStyle(document.documentElement).fontSize.replace('px', '')) / 16;
+function chart(at, { label, unit, colour, bare }) {
+  const scale = textScale();
   const font = `${Math.round(12 * scale)}px system-ui, sans-serif`;
   const limits = { threshold: 0, band: /** @type {[number, number]|null} */ (null), most: 1 };
   const plot = new uPlot(
     {
       width: 300,
-      height: height * scale,
+      height: 100,
       pxAlign: 0,
-      padding: [6 * scale, 12 * scale, bare ? 0 : 4, 0],
+      padding: [10 * scale, 30 * scale, bare ? 8 * scale : 0, 0],
       legend: { show: false },
       cursor: { sync: { key: 'trend' }, drag: { x: false, y: false }, points: { size: 7 } },
       scales: { x: { time: true }, y: { range: () => [0, limits.most] } },
       series: [{}, { label, stroke: colour, width: 1.6 * scale, spanGaps: false, points: { show: false } }],
       axes: [
-        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: bare ? 0 : 26 * scale, show: !bare, space: 90 * scale,
+        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: bare ? 0 : AXIS * scale, show: !bare, space: 90 * scale,
           values: (_, ticks) => ticks.map((t) => clock(t * 1000)) },
-        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: 56 * scale, space: 26 * scale,
+        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: 52 * scale, space: 26 * scale, label: `${label}, ${unit}`, labelSize: 20 * scale, labelFont: `600 ${font}`, labelGap: 0,
           values: (_, ticks) => ticks.map((t) => number(t)) },
       ],
       hooks: {
@@ -68,7 +71,23 @@ function chart(at, { label, unit, decimals, colour, height, bare }) {
     [[], []],
     at,
   );
-  return { plot, limits, unit, decimals };
+  return { plot, limits };
+}
+
+function hatched(g, left, top, width, height, ratio) {
+  g.save();
+  g.beginPath();
+  g.rect(left, top, width, height);
+  g.clip();
+  g.strokeStyle = '#b9c0c4';
+  g.lineWidth = ratio;
+  g.beginPath();
+  for (let x = left - height; x < left + width; x += 8 * ratio) {
+    g.moveTo(x, top + height);
+    g.lineTo(x + height, top);
+  }
+  g.stroke();
+  g.restore();
 }
 
 function strip(canvas, plot, series, from, to) {
@@ -83,15 +102,16 @@ function strip(canvas, plot, series, from, to) {
   const row = height / 2;
   for (const [n, name, fill] of [[0, 'stop', '#1f2529'], [1, 'permit', '#5b7285']]) {
     const [y, tall] = [n * row + row * 0.14, row * 0.72];
-    g.strokeStyle = '#a9b0b4';
-    g.lineWidth = ratio;
-    g.strokeRect(left, y, across, tall);
+    hatched(g, left, y, across, tall, ratio); // not known, unless something is drawn over it
     for (const { from: a, to: b, value } of series.stretches(name, from, to)) {
-      g.fillStyle = value ? fill : '#f0f1f2';
+      g.fillStyle = value ? fill : '#ffffff';
       g.fillRect(x(a), y, Math.max(1, x(b) - x(a)), tall);
     }
+    g.strokeStyle = '#6f787e';
+    g.lineWidth = ratio;
+    g.strokeRect(left, y, across, tall);
     g.fillStyle = '#1f2529';
-    g.font = `${Math.min(13 * ratio, row * 0.72)}px system-ui, sans-serif`;
+    g.font = `${row * 0.66}px system-ui, sans-serif`;
     g.textAlign = 'right';
     g.textBaseline = 'middle';
     g.fillText(name, left - 6 * ratio, y + tall / 2);
@@ -110,8 +130,8 @@ export function Trend({ state, limits, fresh, bay }) {
   useEffect(() => {
     const series = new Series();
     const [first, second, below] = holder.current.children;
-    const radius = chart(first, { label: 'R', unit: 'px', decimals: 1, colour: INK, height: 132, bare: true });
-    const distance = chart(second, { label: 'Z', unit: 'mm', decimals: 0, colour: INK, height: 150, bare: false });
+    const radius = chart(first, { label: 'R', unit: 'px', colour: INK, bare: true });
+    const distance = chart(second, { label: 'Z', unit: 'mm', colour: INK, bare: false });
     const start = { steady: performance.now(), wall: Date.now() };
     const time = () => (start.wall + performance.now() - start.steady) / 1000; // never steps, whoever sets the clock
     const follow = (u) => {
@@ -141,8 +161,14 @@ export function Trend({ state, limits, fresh, bay }) {
       strip(below, distance.plot, series, from, to);
     };
     const resize = () => {
-      const width = Math.floor(holder.current.clientWidth);
-      for (const { plot } of [radius, distance]) if (width > 50) plot.setSize({ width, height: plot.height });
+      const { clientWidth: width, clientHeight: height } = holder.current;
+      const room = height - below.clientHeight - 8;
+      if (width < 50 || room < 100) return;
+      const axis = AXIS * textScale();
+      const [upper, lower] = [Math.floor((room - axis) / 2), Math.ceil((room + axis) / 2)];
+      second.style.top = `${upper}px`;
+      radius.plot.setSize({ width, height: upper });
+      distance.plot.setSize({ width, height: lower });
       paint();
     };
     const watch = new ResizeObserver(resize);
