@@ -87,6 +87,29 @@ class Watch:
             self.complaints.append(f"a request to {url}")
 
 
+@contextlib.contextmanager
+def visited(
+    browser: Browser, url: str, *, width_px: int = 1366, height_px: int = 900, before: str = ""
+) -> Iterator[tuple[Page, Watch]]:
+    """The page as a new visitor sees it: no cookies, nothing cached. `before`: a script to run first.
+
+    Whoever uses this looks into the watch's complaints in the end.
+    """
+    context = browser.new_context(viewport={"width": width_px, "height": height_px})
+    try:
+        watch = Watch(urlsplit(url).netloc)
+        watch.over(context)
+        if before:
+            context.add_init_script(before)
+        page = context.new_page()
+        answer = page.goto(url)
+        assert answer is not None
+        assert answer.ok, f"{url}: {answer.status}"
+        yield page, watch
+    finally:
+        context.close()
+
+
 def until(page: Page, fact: Callable[[], object], timeout_s: float = PATIENCE_MS / 1000) -> None:
     """Wait until `fact` holds, while the page goes on (a plain sleep would keep its messages from being heard)."""
     deadline = time.monotonic() + timeout_s

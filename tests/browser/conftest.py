@@ -1,7 +1,7 @@
 """A browser for the whole room and, for each test, pages that are watched."""
 
 from collections.abc import Callable, Iterator
-from urllib.parse import urlsplit
+from contextlib import ExitStack
 
 import pytest
 from playwright.sync_api import Browser, Page
@@ -29,21 +29,12 @@ def watches() -> Iterator[list[Watch]]:
 
 @pytest.fixture
 def visit(browser: Browser, watches: list[Watch]) -> Iterator[Visit]:
-    """visit(url, width_px=1366, height_px=900) opens a page as a new visitor would: no cookies, nothing cached."""
-    contexts = []
+    """visit(url, ...): `chromium.visited` until the end of the test."""
+    with ExitStack() as open_pages:
 
-    def opened(url: str, width_px: int = 1366, height_px: int = 900) -> Page:
-        context = browser.new_context(viewport={"width": width_px, "height": height_px})
-        contexts.append(context)
-        watch = Watch(urlsplit(url).netloc)
-        watch.over(context)
-        watches.append(watch)
-        page = context.new_page()
-        answer = page.goto(url)
-        assert answer is not None
-        assert answer.ok, f"{url}: {answer.status}"
-        return page
+        def opened(url: str, **how: object) -> Page:
+            page, watch = open_pages.enter_context(chromium.visited(browser, url, **how))  # type: ignore[arg-type]
+            watches.append(watch)
+            return page
 
-    yield opened
-    for context in contexts:
-        context.close()
+        yield opened

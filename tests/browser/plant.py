@@ -1,0 +1,83 @@
+"""A simulated bay with its pages, as a user starts it: `gateway simulate` with a configuration file of its own."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import uuid4
+
+import psutil
+
+from tests.e2e.processes import Gateway
+
+# The truck moves to and fro without an end, and all goes well. Ten frames a second leave the machine to the browser.
+TO_AND_FRO = """
+seed = 7
+repeat = true
+camera = { fps = 10 }
+start = { distance_cm = 70 }
+legs = [
+  { distance_cm = 45, speed_cm_s = 10 },
+  { distance_cm = 70, speed_cm_s = 10 },
+]
+"""
+STANDING = """
+seed = 3
+camera = { fps = 10 }
+start = { distance_cm = 45 }
+"""
+CONFIG = """\
+# The bay of a test. This comment and the others must outlive whatever a page writes here.
+site = "north_works"
+instance = "{instance}"
+log_level = "warning"
+
+[hmi]
+enabled = true
+port = 0                      # any free one
+without_login = "{role}"
+{users}
+[camera]
+deadline_s = 3.0              # on a busy machine, too
+
+[vision]                      # the paper's method: its mask is what its thresholds make it
+method = "paper"
+min_area_px2 = 200.0          # smaller red things are no marker
+
+[fusion.cross_check]          # the simulated camera's
+focal_px = 600.0
+marker_radius_mm = 90.0
+
+[guidance]
+aim_u_px = 319.5
+aim_v_px = 239.5
+"""
+
+
+@dataclass
+class Plant:
+    gateway: Gateway
+    config: Path
+    url: str  # ends without a slash
+    modbus_port: int
+
+    def process(self, name: str) -> psutil.Process:
+        """A child by the name it gives itself."""
+        (found,) = (each for each in self.gateway.family() if each.name() == name)
+        return found
+
+
+@contextlib.contextmanager
+def plant(
+    folder: Path, scenario: str = TO_AND_FRO, *, role: str = "technician", users: str = "", bays: int = 1
+) -> Iterator[Plant]:
+    """Runs until the block ends; leaves no process behind."""
+    config, story = folder / "plant.toml", folder / "scenario.toml"
+    config.write_text(CONFIG.format(instance=f"test-{uuid4().hex[:12]}", role=role, users=users))
+    story.write_text(scenario)
+    with Gateway(
+        *("simulate", "--json", "--config", str(config), "--scenario", str(story)),
+        *("--modbus-port", "0", "--hmi-port", "0", "--bays", str(bays)),
+    ) as gateway:
+        started = gateway.started()
+        yield Plant(gateway, config, started["hmi"].rstrip("/"), started["modbus_port"])
