@@ -36,7 +36,7 @@ def host_and_port(authority: str, scheme: str) -> tuple[str, int]:
         if not name.startswith("[") or (tail and not tail.startswith(":")):
             raise ValueError("no host")
         name, port = name[1:], tail[1:]
-        if ":" not in name or (tail and not port):
+        if ":" not in name or set(name) & set("[]") or (tail and not port):
             raise ValueError("no host")
     else:
         name, colon, port = authority.partition(":")

@@ -1,0 +1,259 @@
+"""The pages' guard, called as a server would, in virtual time; behind it an application that answers everything."""
+
+import asyncio
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from http.cookies import SimpleCookie
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.types import ASGIApp, Message
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from gateway.hmi import login
+from gateway.hmi.access import RULES, Rule
+from gateway.hmi.logins import Logins
+from gateway.hmi.passwords import Passwords
+from gateway.hmi.security import Guard, protected
+from gateway.hmi.telling import Told, What
+from gateway.hmi.visitor import visitor_of
+from gateway.sections.hmi import HmiConfig, HmiUser
+from tests.virtual_time import LoopClock
+
+# Both are "correct horse battery"; the smallest that the configuration takes.
+HASH = "$argon2id$v=19$m=19456,t=1,p=1$c29tZXNhbHRzb21lc2FsdA$W+2f2aTQVuXP2kOFsVBogWmXqhlPdId3xAJac1/d60o"
+PASSWORD = "correct horse battery"
+USERS = (
+    HmiUser(name="vera", role="viewer", password_hash=HASH),
+    HmiUser(name="tom", role="technician", password_hash=HASH),
+)
+HOST = "10.0.0.5:8080"
+ORIGIN = f"http://{HOST}"
+BAYS = ("north", "south")
+
+
+class QuickPasswords(Passwords):
+    """Looks at the password itself, at once: a thread's work takes no virtual time."""
+
+    async def check(self, name: str, password: str) -> HmiUser | None:
+        self.checks += 1
+        user = self._users.get(name)
+        return user if password == PASSWORD else None
+
+
+async def _echo(request: Request) -> Response:
+    visitor = visitor_of(request.scope)
+    body = (await request.body()).decode()
+    return JSONResponse({"who": visitor.name, "role": visitor.level.role, "body": body, "by": str(visitor.writer)})
+
+
+async def _wait(request: Request) -> Response:
+    await asyncio.sleep(float(request.query_params.get("wait_s", "0")))
+    return await _echo(request)
+
+
+async def _talk(socket: WebSocket) -> None:
+    await socket.accept()
+    try:
+        while True:
+            await socket.send_text("data")
+            await socket.receive_text()
+    except WebSocketDisconnect:
+        pass
+
+
+def stand_ins(logins: Logins) -> list[BaseRoute]:
+    """A route for each row of the table; those of the login are the real ones."""
+    real = login.routes(logins, BAYS)
+    taken = {route.path for route in real if isinstance(route, Route)}
+    made: list[BaseRoute] = []
+    for rule in RULES:
+        if rule.method == "WS":
+            made.append(WebSocketRoute(rule.path, _talk))
+        elif rule.path not in taken:
+            made.append(Route(rule.path, _wait, methods=[rule.method]))
+    return real + made
+
+
+@dataclass
+class Answer:
+    status: int
+    headers: dict[str, str]
+    text: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.text)
+
+
+@dataclass
+class House:
+    """A guard with what it told."""
+
+    config: HmiConfig
+    told: list[Told] = field(default_factory=list)
+    app: ASGIApp | None = None
+    quick: bool = True
+
+    def __post_init__(self) -> None:
+        clock = LoopClock()
+        self.logins = Logins(self.config, clock, self.told.append, instance="g1")
+        if self.quick:
+            self.logins.passwords = QuickPasswords(self.config.users)
+        routes = stand_ins(self.logins)
+        self.guard: Guard = protected(self.app or Starlette(routes=routes), routes, self.logins, clock)
+
+    def what(self) -> list[What]:
+        return [told.what for told in self.told]
+
+
+def house(without_login: str = "driver", **keys: Any) -> House:
+    """On 10.0.0.5, without TLS, with vera (viewer) and tom (technician); `keys` as in `[hmi]`."""
+    users = keys.pop("users", USERS)
+    keys = {"host": "10.0.0.5", "without_login": without_login, **keys}
+    return House(HmiConfig.model_validate({"users": users, **keys}))
+
+
+@dataclass
+class Browser:
+    """Keeps its cookies; sends Host, and Origin where a browser does."""
+
+    house: House
+    address: str = "10.0.0.99"
+    host: str = HOST
+    scheme: str = "http"
+    cookies: dict[str, str] = field(default_factory=dict)
+    csrf: str = ""
+
+    async def get(self, path: str, headers: Mapping[str, str] | None = None, *, method: str = "GET") -> Answer:
+        return await self.call(method, path, headers or {})
+
+    async def post(self, path: str, body: object = None, headers: Mapping[str, str] | None = None) -> Answer:
+        """With everything that an honest page sends; a header with the value "-" is left out."""
+        said = {"origin": f"{self.scheme}://{self.host}", "content-type": "application/json", "x-csrf-token": self.csrf}
+        return await self.call("POST", path, {**said, **(headers or {})}, json.dumps(body or {}).encode())
+
+    async def login(self, name: str, password: str = PASSWORD, **more: object) -> Answer:
+        self.csrf = (await self.get("/api/session")).json["csrf"]
+        answer = await self.post("/api/login", {"name": name, "password": password, **more})
+        if answer.status == 200:
+            self.csrf = answer.json["csrf"]
+        return answer
+
+    async def call(self, method: str, path: str, headers: Mapping[str, str], body: bytes | None = None) -> Answer:
+        return await self.raw(method, path, self._headers(headers, body), [body or b""])
+
+    def scope(self, kind: str, path: str, headers: list[tuple[bytes, bytes]]) -> dict[str, Any]:
+        path, _, query = path.partition("?")
+        return {
+            "type": kind,
+            "asgi": {"version": "3.0"},
+            "http_version": "1.1",
+            "scheme": self.scheme,
+            "path": path,
+            "raw_path": path.encode(),
+            "root_path": "",
+            "query_string": query.encode(),
+            "headers": headers,
+            "client": (self.address, 40000),
+            "server": ("10.0.0.5", 8080),
+        }
+
+    async def raw(self, method: str, path: str, headers: list[tuple[bytes, bytes]], parts: list[bytes]) -> Answer:
+        """`parts` are the pieces in which the body arrives."""
+        inbox: list[Message] = [
+            {"type": "http.request", "body": part, "more_body": n < len(parts) - 1} for n, part in enumerate(parts)
+        ]
+        sent: list[Message] = []
+
+        async def receive() -> Message:
+            if not inbox:
+                await asyncio.Event().wait()
+            return inbox.pop(0)
+
+        async def send(message: Any) -> None:
+            sent.append(message)
+
+        await self.house.guard({**self.scope("http", path, headers), "method": method}, receive, send)
+        assert [message["type"] for message in sent[:1]] == ["http.response.start"]
+        found = {key.decode().lower(): value.decode() for key, value in sent[0]["headers"]}
+        assert len(found) == len(sent[0]["headers"]), f"a header twice: {sent[0]['headers']}"
+        for name, morsel in SimpleCookie(found.get("set-cookie", "")).items():
+            if morsel.value:
+                self.cookies[name] = morsel.value
+            else:
+                self.cookies.pop(name, None)
+        return Answer(sent[0]["status"], found, b"".join(message.get("body", b"") for message in sent[1:]).decode())
+
+    async def socket(self, path: str, headers: Mapping[str, str] | None = None) -> "Socket":
+        """A WebSocket, after the server's first word."""
+        said = {"origin": f"{self.scheme}://{self.host}", **(headers or {})}
+        made = Socket(self.house.guard, self.scope("websocket", path, self._headers(said, None)))
+        await made.settle()
+        return made
+
+    def _headers(self, more: Mapping[str, str], body: bytes | None) -> list[tuple[bytes, bytes]]:
+        said = {"host": self.host}
+        if self.cookies:
+            said["cookie"] = "; ".join(f"{name}={value}" for name, value in self.cookies.items())
+        if body is not None:
+            said["content-length"] = str(len(body))
+        said.update(more)
+        return [(key.encode(), value.encode("latin-1")) for key, value in said.items() if value != "-"]
+
+
+class Socket:
+    """The page's end of a WebSocket."""
+
+    def __init__(self, app: ASGIApp, scope: dict[str, Any]) -> None:
+        self.sent: list[Message] = []
+        self._inbox: asyncio.Queue[Message] = asyncio.Queue()
+        self._inbox.put_nowait({"type": "websocket.connect"})
+        scope = {**scope, "subprotocols": [], "extensions": {"websocket.http.response": {}}}
+        self.task = asyncio.get_running_loop().create_task(self._run(app, scope))
+
+    async def _run(self, app: ASGIApp, scope: dict[str, Any]) -> None:
+        async def send(message: Any) -> None:
+            self.sent.append(message)
+
+        await app(scope, self._inbox.get, send)
+
+    async def settle(self) -> None:
+        for _ in range(20):
+            await asyncio.sleep(0)
+
+    async def say(self, text: str = "next") -> None:
+        self._inbox.put_nowait({"type": "websocket.receive", "text": text})
+        await self.settle()
+
+    async def leave(self) -> None:
+        self._inbox.put_nowait({"type": "websocket.disconnect", "code": 1001})
+        await self.task
+
+    @property
+    def data(self) -> int:
+        """Messages with data so far."""
+        return sum(message["type"] == "websocket.send" for message in self.sent)
+
+    @property
+    def status(self) -> int | None:
+        """101 when open, the HTTP status of a refusal, None: nothing yet."""
+        for message in self.sent:
+            if message["type"] == "websocket.accept":
+                return 101
+            if message["type"] == "websocket.http.response.start":
+                return int(message["status"])
+        return None
+
+    @property
+    def closed(self) -> int | None:
+        return next((message["code"] for message in self.sent if message["type"] == "websocket.close"), None)
+
+
+def example(rule: Rule) -> str:
+    """A path that fits."""
+    return rule.path.replace("{bay}", "north").replace("{alarm}", "7").replace("{path:path}", "lib/api.js")

@@ -1,0 +1,134 @@
+"""Who is logged in, and how long."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.hmi.access import Level
+from gateway.hmi.sessions import MAX_PER_USER, MAX_SESSIONS, Sessions
+
+S = 1_000_000_000
+HOUR = 3600 * S
+
+
+def sessions(ended: list[str] | None = None) -> Sessions:
+    numbers = itertools.count(1)
+    told = ended if ended is not None else []
+    return Sessions(
+        lifetime_ns=12 * HOUR, idle_ns=HOUR, ended=told.append, token=lambda size: f"token {next(numbers)}/{size}"
+    )
+
+
+def test_a_session_from_its_begin_to_its_end() -> None:
+    ended: list[str] = []
+    book = sessions(ended)
+    identity, session = book.open("anna", Level.VIEWER, 5 * S)
+    assert (identity, session.csrf) == ("token 1/32", "token 2/32")
+    assert identity not in repr(session)  # whoever reads the memory, or a log of it, can't use it
+    found = book.find(identity, 7 * S)
+    assert found is not None
+    assert (found.key, found.user, found.level) == (session.key, "anna", Level.VIEWER)
+    assert (found.opened_ns, found.seen_ns) == (5 * S, 7 * S)
+    assert book.find("token 2/32", 7 * S) is None
+    assert book.find(session.key, 7 * S) is None
+    assert book.find("", 7 * S) is None
+    assert book.find("x" * 10_000, 7 * S) is None
+    book.close(session.key)
+    book.close(session.key)
+    assert ended == [session.key]
+    assert book.find(identity, 8 * S) is None
+    assert len(book) == 0
+
+
+def test_real_ids_are_long_and_never_the_same() -> None:
+    book = Sessions(lifetime_ns=HOUR, idle_ns=HOUR)
+    made = [book.open(f"user{n}", Level.VIEWER, 0) for n in range(100)]
+    ids = {identity for identity, _ in made} | {session.csrf for _, session in made}
+    assert len(ids) == 200
+    assert all(len(identity) == 43 for identity in ids)  # 256 bits
+
+
+@pytest.mark.parametrize(
+    ("seen_h", "asked_h", "goes_on"),
+    [
+        ([], 0.99, True),
+        ([], 1.0, False),
+        ([0.9], 1.8, True),
+        ([0.9], 1.9, False),
+        ([0.9 * n for n in range(1, 14)], 11.99, True),
+        ([0.9 * n for n in range(1, 14)], 12.0, False),  # however busy
+    ],
+)
+def test_idle_and_absolute_time(seen_h: list[float], asked_h: float, goes_on: bool) -> None:
+    ended: list[str] = []
+    book = sessions(ended)
+    identity, session = book.open("anna", Level.VIEWER, 0)
+    for hours in seen_h:
+        book.find(identity, round(hours * HOUR))
+    assert (book.find(identity, round(asked_h * HOUR)) is not None) == goes_on
+    assert ended == ([] if goes_on else [session.key])
+    assert len(book) == goes_on
+
+
+def test_how_long_is_left() -> None:
+    book = sessions()
+    identity, session = book.open("anna", Level.VIEWER, HOUR)
+    assert book.left_ns(session, HOUR) == 12 * HOUR
+    assert book.left_ns(session, 14 * HOUR) == 0
+    again = book.find(identity, HOUR + 1)
+    assert again is not None
+    assert book.left_ns(again, HOUR + 1) == 12 * HOUR - 1  # being seen does not make it longer
+
+
+def test_one_user_has_so_many_and_the_one_seen_longest_ago_goes() -> None:
+    ended: list[str] = []
+    book = sessions(ended)
+    made = [book.open("anna", Level.VIEWER, n * S) for n in range(MAX_PER_USER)]
+    book.find(made[0][0], 100 * S)
+    book.open("anna", Level.VIEWER, 101 * S)
+    assert ended == [made[1][1].key]
+    assert len(book) == MAX_PER_USER
+
+
+def test_all_together_have_so_many() -> None:
+    ended: list[str] = []
+    book = sessions(ended)
+    made = [book.open(f"user {n}", Level.VIEWER, n) for n in range(MAX_SESSIONS)]
+    assert ended == []
+    book.open("one more", Level.VIEWER, MAX_SESSIONS)
+    assert ended == [made[0][1].key]
+    assert len(book) == MAX_SESSIONS
+
+
+def test_what_is_over_is_swept_though_nobody_asks() -> None:
+    ended: list[str] = []
+    book = sessions(ended)
+    for n in range(5):
+        book.open(f"user {n}", Level.VIEWER, n)
+    book.open("late", Level.VIEWER, HOUR + 10)
+    assert len(ended) == 5
+    assert len(book) == 1
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 20), st.integers(0, HOUR)), max_size=60))
+def test_never_more_than_allowed_and_each_end_is_told_once(steps: list[tuple[str, int, int]]) -> None:
+    ended: list[str] = []
+    book = sessions(ended)
+    made: list[tuple[str, str]] = []
+    now_ns = 0
+    for user, which, later_ns in steps:
+        now_ns += later_ns
+        if which % 3 or not made:
+            identity, session = book.open(user, Level.VIEWER, now_ns)
+            made.append((identity, session.key))
+        elif which % 2:
+            book.find(made[which % len(made)][0], now_ns)
+        else:
+            book.close(made[which % len(made)][1])
+    book.sweep(now_ns)
+    alive = [key for identity, key in made if book.find(identity, now_ns) is not None]
+    assert len(alive) == len(book)
+    assert len(ended) == len(set(ended))
+    assert sorted([*ended, *alive]) == sorted(key for _, key in made)
