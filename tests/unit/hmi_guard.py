@@ -14,6 +14,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from gateway.clock import SystemClock
 from gateway.hmi import login
 from gateway.hmi.access import RULES, Rule
 from gateway.hmi.logins import Logins
@@ -98,9 +99,10 @@ class House:
     told: list[Told] = field(default_factory=list)
     app: ASGIApp | None = None
     quick: bool = True
+    real_time: bool = False
 
     def __post_init__(self) -> None:
-        clock = LoopClock()
+        clock = SystemClock() if self.real_time else LoopClock()
         self.logins = Logins(self.config, clock, self.told.append, instance="g1")
         if self.quick:
             self.logins.passwords = QuickPasswords(self.config.users)
