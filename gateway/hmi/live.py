@@ -13,6 +13,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from gateway.hmi.desk import Desk
 
 WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages of now
+SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
 TAKEN_S = 30.0  # a page that has not answered for so long is let go
 TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
 MAX_ANSWER = 64  # characters: "next", or whatever else is as short
@@ -40,7 +41,7 @@ class Live:
     most: int
     urgent: bool = True
     counts: Counts = field(default_factory=Counts)
-    _made: dict[tuple[str, ...], tuple[int, str]] = field(default_factory=dict)
+    _made: dict[tuple[str, ...], tuple[int, int, str]] = field(default_factory=dict)
 
     async def serve(self, page: WebSocket) -> None:
         """Serve one page until it goes. `?bay=` (several; none: all) says what it shows."""
@@ -79,10 +80,11 @@ class Live:
                     return
 
     def _rendered(self, bays: tuple[str, ...]) -> str:
-        number, text = self._made.get(bays, (-1, ""))
-        if number != self.desk.answers:
+        number, made_ns, text = self._made.get(bays, (-1, 0, ""))
+        now_ns = self.desk.clock.now_ns()
+        if number != self.desk.answers or now_ns - made_ns > SHARED_NS:
             if len(self._made) > 2 * len(self.desk.bays) + 16:  # anybody may ask for any mixture
                 self._made.clear()
             text = self.render(self.desk, bays)
-            self._made[bays] = (self.desk.answers, text)
+            self._made[bays] = (self.desk.answers, now_ns, text)
         return text

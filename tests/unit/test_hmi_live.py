@@ -5,10 +5,11 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import pytest
 from starlette.websockets import WebSocket
 
 from gateway.hmi import views
-from gateway.hmi.live import BAD_ANSWER, TAKEN_S, TOO_MANY, UNKNOWN_BAY, Live
+from gateway.hmi.live import BAD_ANSWER, TAKEN_S, TOO_MANY, UNKNOWN_BAY, Live, Render
 from tests.unit.hmi_desk import plant
 from tests.virtual_time import run
 
@@ -71,6 +72,32 @@ def test_a_page_that_stalls_gets_the_newest_when_it_comes_back_and_nothing_of_wh
                 page.leave()
             assert len(page.sent) == 3  # at 0, 20 and 40 s
             assert all(view["bays"][0]["age_ms"] <= 130.0 for view in page.sent)
+
+    run(scene())
+
+
+@pytest.mark.parametrize("render", [views.live_json, views.driver_json])
+def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(render: Render) -> None:
+    """To a page that was there, and to one that is opened only then. (After 5 s the web process gives up.)"""
+
+    def ages_ms(page: Page) -> list[float]:
+        return [view.get("bays", [view])[0]["age_ms"] for view in page.sent]
+
+    async def scene() -> None:
+        async with plant() as made:
+            live, page, late = Live(made.desk, render, 4), Page("bay=bay1"), Page("bay=bay1")
+            async with asyncio.TaskGroup() as group:
+                served = [group.create_task(live.serve(page.socket))]
+                await asyncio.sleep(1)
+                made.answering = False
+                before = len(page.sent)
+                await asyncio.sleep(3)
+                served.append(group.create_task(live.serve(late.socket)))
+                await asyncio.sleep(1.5)
+                for each in served:
+                    each.cancel()
+            assert ages_ms(page)[before:] == [pytest.approx(age_ms, abs=150) for age_ms in (2000, 4000)]
+            assert ages_ms(late)[0] == pytest.approx(3000, abs=150)
 
     run(scene())
 
