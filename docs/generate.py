@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 
 from gateway import configdoc
+from gateway.hmi import access
 from gateway.hmi.alarms import states as alarm_states
 from gateway.hmi.alarms import table as alarm_table
 from gateway.modbus import export, timing
@@ -60,6 +61,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "verdicts": scoring.markdown,
     },
     "config.md": {"keys": configdoc.markdown},
+    "hmi-security.md": {"access": access.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
     "mqtt.md": reference.BLOCKS,
     "plc-integration.md": plc_reference.BLOCKS,
