@@ -3,45 +3,19 @@
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import { get, toLogin } from '../lib/api.js';
 import { clock, words } from '../lib/format.js';
+import { GROUP_WORDS, matches, told } from './eventwords.js';
 import { useKept } from './hooks.js';
 
 const MOST = 1000;
-const GROUPS = {
-  all: () => true,
-  stop: (kind) => /^(stop|latch|target)/.test(kind),
-  sensors: (kind) => /^(sensor|target)/.test(kind),
-  plc: (kind) => /^(plc|write|recipe|latch)/.test(kind),
-  service: (kind) => /^(start|shutdown|function|settings)/.test(kind),
-};
-const GROUP_WORDS = { all: 'all', stop: 'stop and position', sensors: 'sensors', plc: 'PLC', service: 'service' };
-
-/** Does the event hold all the words? Pure. */
-export function matches(event, group, text) {
-  if (!(GROUPS[group] ?? GROUPS.all)(event.kind)) return false;
-  const said = [event.kind, words(event.kind), event.bay, event.sensor, event.detail, event.reason?.text, event.reason?.name].join(' ').toLowerCase();
-  return text.toLowerCase().split(/\s+/).every((word) => said.includes(word));
-}
-
-/** In words: what the event adds to its kind. */
-export function told(event) {
-  const parts = [];
-  if (event.sensor) parts.push(words(event.sensor));
-  if (event.quality && event.quality.name !== 'GOOD') parts.push(words(event.quality.name));
-  if (event.write?.name) parts.push(`${event.write.name}: ${event.write.old ?? '–'} → ${event.write.new ?? '–'}`);
-  if (event.kind === 'stop_raised' && event.reason) parts.push(event.reason.text);
-  if (event.detail) parts.push(event.detail);
-  if (event.write?.address) parts.push(`by ${[event.write.subject, event.write.address].filter(Boolean).join(', ')}`);
-  return parts.join(' · ');
-}
-
 /** Follows `/api/events` as its newest number grows. */
 function useEvents(newest) {
   const [rows, setRows] = useState([]);
   const [wrong, setWrong] = useState('');
   const busy = useRef(false);
   const last = useRef(0);
+  const notBefore = useRef(0);
   useEffect(() => {
-    if (newest == null || busy.current || newest === last.current) return;
+    if (newest == null || busy.current || newest === last.current || performance.now() < notBefore.current) return;
     if (newest < last.current) { // another start of the gateway: it counts anew
       last.current = 0;
       setRows([]);
@@ -57,6 +31,7 @@ function useEvents(newest) {
       })
       .catch((error) => {
         if (error.status === 401) toLogin();
+        notBefore.current = performance.now() + 3000;
         setWrong(error.name === 'TypeError' ? 'no connection to the gateway' : error.message);
       })
       .finally(() => {

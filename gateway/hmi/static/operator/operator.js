@@ -1,9 +1,9 @@
 // The operator's page: all bays, or one of them. `/#bay1` is one.
 
-import { html, render, useEffect, useState } from '../vendor/preact-htm.js';
+import { html, render, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { age, clock } from '../lib/format.js';
-import { aimOf, limitsOf, standing } from '../lib/views.js';
+import { aimOf, limitsOf } from '../lib/views.js';
 import { Alarms } from './alarms.js';
 import { Bars } from './bars.js';
 import { Decision } from './decision.js';
@@ -30,7 +30,14 @@ function useHash() {
   return hash;
 }
 
+function Link({ connected, ageMs, began }) {
+  if (connected && ageMs <= STALE_MS) return html`<${Sign} state="ok" text="connected" />`;
+  if (!connected && performance.now() - began < 2000) return html`<${Sign} state="off" text="connecting" />`;
+  return html`<${Sign} state="bad" text=${connected ? (Number.isFinite(ageMs) ? `no data for ${age(ageMs)}` : 'no data') : 'NO CONNECTION'} />`;
+}
+
 function Top({ session, bay, connected, ageMs, view }) {
+  const began = useRef(performance.now());
   const site = view?.bays.find((one) => one.state !== null)?.state ?? {};
   const [wall, setWall] = useState(Date.now());
   useEffect(() => {
@@ -55,8 +62,7 @@ function Top({ session, bay, connected, ageMs, view }) {
       ${session.role === 'technician' && html`<a href=${`/tune/${path}`}>Technician</a>`}
     </nav>
     <div class="facts push">
-      <${Sign} state=${connected && ageMs <= STALE_MS ? 'ok' : 'bad'}
-        text=${connected ? (ageMs <= STALE_MS ? 'connected' : `no data for ${age(ageMs)}`) : 'NO CONNECTION'} />
+      <${Link} connected=${connected} ageMs=${ageMs} began=${began.current} />
       <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">clocks ${age(apart)} apart</span>` : ''}</span>
       ${session.name !== null
         ? html`<span>${session.name} <span class="muted">(${session.role})</span></span><button type="button" class="plain small" onClick=${logout}>Log out</button>`
@@ -96,9 +102,8 @@ function App({ session }) {
   const [asked, setAsked] = useState(0);
   const [alarms, wrong] = useFetched('/api/alarms', `${view?.alarms.newest_change ?? ''} ${asked}`, 5000);
   const list = { answer: alarms, wrong, again: () => setAsked((n) => n + 1), session };
-  const counts = new Map();
-  for (const alarm of alarms?.alarms ?? []) if (standing(alarm)) counts.set(alarm.bay, (counts.get(alarm.bay) ?? 0) + 1);
-  const alarmsOf = (name) => counts.get(name) ?? 0;
+  const byBay = view?.alarms.by_bay ?? {};
+  const alarmsOf = (name) => (Object.hasOwn(byBay, name) ? byBay[name] : 0);
   const one = bay === null ? null : told.get(bay) ?? null;
   const state = stateOf(one);
   const known = connected && ageMs <= freshness.limitMs;

@@ -6,9 +6,13 @@ import { useFetched, useKept } from './hooks.js';
 
 const hex = (words) => words.map((word) => word.toString(16).toUpperCase().padStart(4, '0')).join(' ');
 
+/** An integer register shows what its count can tell; a float up to three places. */
+const decimalsOf = (row) =>
+  row.type.startsWith('float') ? (Math.abs(row.value) >= 1e5 ? 1 : 3) : Math.max(0, Math.min(6, Math.ceil(-Math.log10(row.scale))));
+
 function valueOf(row) {
   if (row.value === null) return 'no value';
-  const shown = number(row.value, Number.isInteger(row.value) ? 0 : row.value >= 1e5 ? 1 : 3).replace(/(\.\d*?)0+$/, '$1').replace(/\.$/, '');
+  const shown = number(row.value, decimalsOf(row));
   const bits = row.bits.filter((bit) => bit.on).map((bit) => bit.name);
   if (row.bits.length) return html`${shown}<span class="names"> ${bits.join(', ') || 'none set'}</span>`;
   return row.text === null ? shown : html`${shown}<span class="names"> ${row.text}</span>`;

@@ -8,6 +8,7 @@ import { Series } from '../lib/series.js';
 import { useKept } from './hooks.js';
 
 const WINDOWS = [[60, '1 min'], [180, '3 min'], [600, '10 min']];
+const FONT = "'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', sans-serif";
 const AXIS = 26; // height of the time axis
 const INK = '#16324a';
 const GRID = '#c3c8cb';
@@ -17,7 +18,7 @@ const textScale = () => parseFloat(getComputedStyle(document.documentElement).fo
 /** One chart of one value: its line, its threshold as a dashed line, the hysteresis as a band. */
 function chart(at, { label, unit, colour, bare }) {
   const scale = textScale();
-  const font = `${Math.round(12 * scale)}px system-ui, sans-serif`;
+  const font = `${Math.round(12 * scale)}px ${FONT}`;
   const limits = { threshold: 0, band: /** @type {[number, number]|null} */ (null), most: 1 };
   const plot = new uPlot(
     {
@@ -57,12 +58,17 @@ function chart(at, { label, unit, colour, bare }) {
             ctx.lineTo(u.bbox.left + u.bbox.width, y);
             ctx.stroke();
             ctx.setLineDash([]);
-            ctx.font = `600 ${11 * scale * devicePixelRatio}px system-ui, sans-serif`;
+            ctx.font = `600 ${11 * scale * devicePixelRatio}px ${FONT}`;
+            const text = `${label}_th ${number(limits.threshold, 0, unit)}`;
+            const tall = 15 * scale * devicePixelRatio;
+            const wide = ctx.measureText(text).width + 8 * devicePixelRatio;
+            const top = y - u.bbox.top > tall + 4 ? y - tall - 2 : y + 2;
+            ctx.fillStyle = 'rgba(240,241,242,0.85)';
+            ctx.fillRect(u.bbox.left + 4, top, wide, tall);
             ctx.fillStyle = '#1f2529';
-            ctx.textAlign = 'right';
-            const above = y - u.bbox.top > 18 * scale * devicePixelRatio;
-            ctx.textBaseline = above ? 'bottom' : 'top';
-            ctx.fillText(`${label}_th ${number(limits.threshold, 0, unit)}`, u.bbox.left + u.bbox.width - 4, y + (above ? -2 : 3));
+            ctx.textAlign = 'left';
+            ctx.textBaseline = 'middle';
+            ctx.fillText(text, u.bbox.left + 4 + 4 * devicePixelRatio, top + tall / 2);
             ctx.restore();
           },
         ],
@@ -111,7 +117,7 @@ function strip(canvas, plot, series, from, to) {
     g.lineWidth = ratio;
     g.strokeRect(left, y, across, tall);
     g.fillStyle = '#1f2529';
-    g.font = `${row * 0.66}px system-ui, sans-serif`;
+    g.font = `${row * 0.66}px ${FONT}`;
     g.textAlign = 'right';
     g.textBaseline = 'middle';
     g.fillText(name, left - 6 * ratio, y + tall / 2);

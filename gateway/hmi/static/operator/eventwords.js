@@ -1,0 +1,32 @@
+// Events as words, and the filter over them. Pure.
+
+import { words } from '../lib/format.js';
+
+/** Kinds of events by what they are about. */
+const GROUPS = {
+  all: () => true,
+  stop: (kind) => /^(stop|latch|target)/.test(kind),
+  sensors: (kind) => /^(sensor|target)/.test(kind),
+  plc: (kind) => /^(plc|write|recipe|latch)/.test(kind),
+  service: (kind) => /^(start|shutdown|function|settings)/.test(kind),
+};
+export const GROUP_WORDS = { all: 'all', stop: 'stop and position', sensors: 'sensors', plc: 'PLC', service: 'service' };
+
+/** Is it of the group, and does it hold all the words? Addresses of writers count, too. */
+export function matches(event, group, text) {
+  if (!(GROUPS[group] ?? GROUPS.all)(event.kind)) return false;
+  const said = [event.kind, words(event.kind), event.bay, event.sensor, event.detail, event.reason?.text, event.reason?.name, told(event)].join(' ').toLowerCase();
+  return text.toLowerCase().split(/\s+/).every((word) => said.includes(word));
+}
+
+/** In words: what the event adds to its kind. */
+export function told(event) {
+  const parts = [];
+  if (event.sensor) parts.push(words(event.sensor));
+  if (event.quality && event.quality.name !== 'GOOD') parts.push(words(event.quality.name));
+  if (event.write?.name) parts.push(`${event.write.name}: ${event.write.old ?? '–'} → ${event.write.new ?? '–'}`);
+  if (event.kind === 'stop_raised' && event.reason) parts.push(event.reason.text);
+  if (event.detail) parts.push(event.detail);
+  if (event.write?.address) parts.push(`by ${[event.write.subject, event.write.address].filter(Boolean).join(', ')}`);
+  return parts.join(' · ');
+}

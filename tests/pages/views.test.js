@@ -1,0 +1,79 @@
+import assert from 'node:assert/strict';
+import test from 'node:test';
+import { safePath } from '../static/lib/api.js';
+import { waitMs } from '../static/lib/live.js';
+import { WIDTHS, widthFor } from '../static/lib/pictures.js';
+import {
+  decisionWords, frameSize, frameView, inOrder, mayAcknowledge, plcHealth, rangeHealth, standing, urgency, visionHealth,
+} from '../static/lib/views.js';
+
+const state = (vision, range = 'GOOD', link = 'ALIVE') => ({
+  stop: false, permit: true, ne107: { name: 'GOOD' }, plc: { link }, vision: { quality: { name: vision } }, range: { quality: { name: range } },
+});
+
+test('after the login: only paths of this server', () => {
+  const origin = 'https://gateway.plant:8443';
+  assert.equal(safePath('/tune/bay1?x=1#y', origin), '/tune/bay1?x=1#y');
+  for (const evil of ['//evil.example/', 'https://evil.example/', '/\\evil.example', 'javascript:alert(1)', '/\t/evil.example', '\\\\evil', '', null, undefined, 'tune', '/a\nb'])
+    assert.equal(safePath(evil, origin), '/', String(evil));
+});
+
+test('a frame: what was seen, and nothing of what makes no sense', () => {
+  const seen = frameView({ quality: 'GOOD', circle: { u: 1, v: 2, radius_px: 3 }, predicted: null, ellipse: { u: 1, v: 2, semi_major_px: 3, semi_minor_px: 2, angle_rad: 0.1 } });
+  assert.deepEqual(seen.circle, { u: 1, v: 2, radius: 3 });
+  assert.equal(seen.ellipse.major, 3);
+  assert.equal(frameView({ circle: { u: 1, v: null, radius_px: 3 } }).circle, null);
+  assert.equal(frameView({ ellipse: { u: 1 } }).ellipse, null);
+});
+
+test('the size of a frame', () => {
+  assert.deepEqual(frameSize('640x480'), { width: 640, height: 480 });
+  for (const nonsense of [null, '', '0x480', '640', 'axb', '640x480x3']) assert.equal(frameSize(nonsense), null);
+});
+
+test('an empty bay is in order; a camera that is gone is not', () => {
+  assert.deepEqual([visionHealth(state('NO_TARGET')), rangeHealth(state('NO_TARGET', 'NO_ECHO'))], ['ok', 'ok']);
+  assert.equal(rangeHealth(state('GOOD', 'NO_ECHO')), 'warn');
+  for (const bad of ['STALE', 'LINK_DOWN', 'PROCESS_FAULT', 'SOMETHING_NEW']) assert.equal(visionHealth(state(bad)), 'bad');
+  for (const bad of ['STALE', 'LINK_DOWN', 'STUCK', 'WRONG_VERSION', 'SOMETHING_NEW']) assert.equal(rangeHealth(state('GOOD', bad)), 'bad');
+  assert.deepEqual(['ALIVE', 'UNUSED', 'WAITING', 'LOST', 'NEW'].map((link) => plcHealth(state('GOOD', 'GOOD', link))), ['ok', 'off', 'off', 'bad', 'bad']);
+});
+
+test('nothing known is never a permit', () => {
+  assert.equal(decisionWords(null), 'NOT KNOWN');
+  assert.equal(decisionWords({ stop: true, permit: false }), 'STOP');
+  assert.equal(decisionWords({ stop: true, permit: true }), 'STOP');
+  assert.equal(decisionWords({ stop: false, permit: true }), 'PERMIT');
+  assert.equal(decisionWords({ stop: false, permit: false }), 'NO STOP, NO PERMIT');
+});
+
+test('bays in trouble come first; the rest as people count', () => {
+  const ne107 = (name) => ({ ...state('GOOD'), ne107: { name } });
+  const row = (name, value, alarms = 0) => ({ name, rank: urgency(value, alarms) });
+  const bays = [row('bay10', ne107('GOOD')), row('bay2', ne107('GOOD')), row('bay3', ne107('MAINTENANCE_REQUIRED')), row('bay4', ne107('FAILURE')),
+    row('bay5', null), row('bay6', ne107('GOOD'), 1), row('bay7', ne107('FUNCTION_CHECK')), row('bay8', ne107('OUT_OF_SPECIFICATION')), row('bay9', ne107('NEW'))];
+  assert.deepEqual(inOrder(bays).map(({ name }) => name), ['bay5', 'bay9', 'bay4', 'bay7', 'bay8', 'bay3', 'bay6', 'bay2', 'bay10']);
+});
+
+test('who may acknowledge: somebody with a name, unless everybody is a technician', () => {
+  assert.equal(mayAcknowledge({ role: 'viewer', name: null }), false);
+  assert.equal(mayAcknowledge({ role: 'viewer', name: 'anna' }), true);
+  assert.equal(mayAcknowledge({ role: 'technician', name: null }), true);
+  assert.equal(mayAcknowledge({ role: 'driver', name: null }), false);
+  assert.deepEqual(['normal', 'unacknowledged', 'acknowledged', 'returned', 'shelved', 'suppressed'].map((s) => standing({ state: s })), [false, true, true, true, false, false]);
+});
+
+test('a lost server is asked again soon, then less often, never all pages at once', () => {
+  assert.equal(waitMs(0, 0.5), 0);
+  assert.equal(waitMs(1, 0), 250);
+  assert.equal(waitMs(50, 0), 4000);
+  assert.ok(waitMs(50, 0.999) < 4000 && waitMs(50, 0.999) > 2600);
+});
+
+test('few widths of pictures, so that viewers share them', () => {
+  assert.equal(widthFor(300, 1), 320);
+  assert.equal(widthFor(640, 1), 640);
+  assert.equal(widthFor(700, 1), 640); // a tenth of enlargement is not seen
+  assert.equal(widthFor(500, 2), 960);
+  assert.equal(widthFor(9000, 3), WIDTHS[WIDTHS.length - 1]);
+});
