@@ -30,6 +30,7 @@ def run(link: Link[FromHmi, ToHmi], job: HmiJob) -> None:
     os.nice(NICE)
     cv2.setNumThreads(1)
     logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
+    log.setLevel(logging.INFO)  # who logged in and who changed something is always told
     loop.run(_serve(job.unpacked(), link))
 
 

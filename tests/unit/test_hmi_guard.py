@@ -329,6 +329,29 @@ async def test_brute_force_all_at_once() -> None:
 
 
 @virtual
+async def test_who_types_the_right_password_is_never_held_up() -> None:
+    browser = Browser(house())
+    for _ in range(30):
+        assert (await browser.login("tom")).status == 200
+    program = Browser(browser.house, address="10.0.0.8")
+    for _ in range(30):
+        assert (await program.get("/metrics", basic("vera", PASSWORD))).status == 200
+        await asyncio.sleep(301)  # so that each is checked anew
+
+
+@virtual
+async def test_a_stranger_who_guesses_does_not_lock_the_technician_out() -> None:
+    built = house()
+    technician = Browser(built)
+    await technician.login("tom")
+    for n in range(100):
+        stranger = Browser(built, address=f"10.1.0.{n}")
+        await stranger.login("tom", f"guess {n:04}")
+    assert (await Browser(built, address="10.1.0.200").login("tom")).status == 429
+    assert (await technician.login("tom")).status == 200
+
+
+@virtual
 async def test_nothing_tells_whether_a_user_exists() -> None:
     browser = Browser(house())
     known, unknown = await browser.login("tom", "wrong password"), await browser.login("tim", "wrong password")
