@@ -160,7 +160,7 @@ async def run(
                 bay.camera,
                 bay.vision,
                 clock,
-                controls[bay.name].on_vision,
+                parts.noting(bay.name, controls[bay.name].on_vision),
                 ring=rings[bay.name],
             )
             for bay in config.bays

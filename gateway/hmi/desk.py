@@ -37,6 +37,8 @@ WATCHED_S = 0.1
 IDLE_S = 1.0
 ANSWER_S = 5.0  # the main process answers within milliseconds; after this it is taken for hung
 ORDER_S = 5.0
+YOUNG_S = 1.5  # what a program asks for is at most so old, where the main process answers
+FRESH_WAIT_S = 3.0
 KEPT_EVENTS = 1000
 URGENT_SHARE = MAX_STATES - 2  # of one answer; the rest goes round among all bays
 
@@ -149,6 +151,28 @@ class Desk:
             del self._orders[number]
         if result.why:
             raise RefusedError(result.why)
+        if isinstance(what, Deed):
+            await self.links_anew()
+
+    async def links_anew(self) -> None:
+        """Ask for links and alarms now, and wait for them for a while: who has just changed one wants to see it."""
+        told_ns, self._links_ns = self.links_ns, 0
+        self._wanted.set()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(IDLE_S):
+                while self.links_ns == told_ns:
+                    await self._changed.wait()
+
+    async def fresh(self, *bays: str) -> None:
+        """Wait for a while until what is known of these bays is young. Of many, each is pulled in its turn."""
+        with contextlib.suppress(TimeoutError), self.watching(*bays, urgent=False):
+            async with asyncio.timeout(FRESH_WAIT_S):
+                while not all(self._young(bay) for bay in bays):
+                    await self._changed.wait()
+
+    def _young(self, bay: str) -> bool:
+        seen = self._seen.get(bay)
+        return seen is not None and self.clock.now_ns() - seen.now_ns <= YOUNG_S * NS_PER_S
 
     async def keep(self) -> None:
         """Pull for ever. Raises LinkError when the main process is gone or answers no more."""

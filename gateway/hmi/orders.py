@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, fields
 from gateway.clock import Clock
 from gateway.config import GatewayConfig, VisionConfig
 from gateway.hmi.alarms.records import Change, Deed, Standing
+from gateway.hmi.latencies import Histogram
 from gateway.modbus.traffic import ServerNow
 from gateway.model import Event, FunctionCheck, StateVector
 from gateway.mqtt.messages import DeliveryPayload
@@ -126,6 +127,7 @@ class LinksNow:
     events_dropped: int = 0  # by queues of the main process
     alarms: Standing = field(default_factory=Standing)
     changes: tuple[Change, ...] = ()  # of alarms, the newest few
+    latencies: tuple[Histogram, ...] = ()
 
 
 def _unpacked(packed: bytes) -> LinksNow:

@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 
 from gateway.config import GatewayConfig
 from gateway.hmi.alarms.table import Signs
+from gateway.hmi.latencies import Latencies
 from gateway.hmi.orders import LinksNow, TaskNow
 from gateway.hmi.watch import Watch
 from gateway.hub import Hub
 from gateway.modbus.traffic import ServerNow
+from gateway.model import VisionReading
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
 from gateway.strict.faults import without_password
@@ -27,8 +29,13 @@ class Parts:
     hub: Hub
     publisher: MqttPublisher | None = None
     sparkplug: SparkplugPublisher | None = None
+    latencies: Latencies = field(default_factory=Latencies)
     modbus: Callable[[], tuple[ServerNow, ...]] = tuple
     tasks: dict[str, TaskRecord] = field(default_factory=dict)
+
+    def noting(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
+        """`emit`, and a note of how long the frame took, if there is anybody to tell."""
+        return self.latencies.noting(bay, emit) if self.config.hmi.enabled else emit
 
     def links(self, watch: Watch) -> LinksNow:
         """For the pages, about once a second."""
@@ -46,6 +53,7 @@ class Parts:
             events_dropped=self.hub.dropped,
             alarms=watch.standing(MOST_ALARMS),
             changes=watch.changes(),
+            latencies=self.latencies.histograms(),
         )
 
     def signs(self) -> Signs:

@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from urllib.parse import quote
 
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import RedirectResponse, Response
 from starlette.types import Scope
 from starlette.websockets import WebSocketClose
 
 from gateway.errors import GatewayError
+from gateway.hmi.problems import problem
 
 
 class RefusalError(GatewayError):
@@ -24,9 +25,8 @@ class RefusalError(GatewayError):
 
 
 def answer(refusal: RefusalError) -> Response:
-    """`{"error": code, "detail": text}`."""
-    body = {"error": refusal.code, "detail": str(refusal)}
-    return JSONResponse(body, refusal.status, headers=refusal.headers)
+    """Problem details; `error` is the code, `detail` the text."""
+    return problem(refusal.status, refusal.code, str(refusal), refusal.headers)
 
 
 def to_login(scope: Scope, *, need: str) -> Response:

@@ -1,11 +1,13 @@
 """The pages' application: one table of routes, behind one guard. Assembled here, served by `process`."""
 
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
@@ -13,11 +15,13 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from gateway.clock import NS_PER_MS, Clock
-from gateway.hmi import login, views
+from gateway.hmi import api, login, openapi, views
 from gateway.hmi.desk import Desk
 from gateway.hmi.live import Live
 from gateway.hmi.logins import Logins
+from gateway.hmi.metrics.family import Pages
 from gateway.hmi.pictures import Picture, Pictures
+from gateway.hmi.problems import of_starlette
 from gateway.hmi.security import protected
 from gateway.hmi.workbench import routes as workbench
 from gateway.hmi.workbench.workshop import Workshop
@@ -65,8 +69,18 @@ def routes(site: Site) -> list[BaseRoute]:
 
 def app(site: Site, logins: Logins, pace: Clock) -> ASGIApp:
     """All routes behind the guard. Raises GatewayError for a route that has no row in `access`."""
-    table = [*routes(site), *login.routes(logins, site.desk.bays)]
-    return protected(Starlette(routes=table), table, logins, pace)
+    refusals: Counter[str] = Counter()
+
+    def pages() -> Pages:
+        viewers = {"live": site.live.counts, "driver": site.drivers.counts}
+        return Pages(viewers, site.pictures.encoded, refusals)
+
+    programs = api.routes(site.desk, pages, openapi.document(logins.cookie))
+    table = [*routes(site), *login.routes(logins, site.desk.bays), *programs]
+    problems = {HTTPException: of_starlette, Exception: of_starlette}
+    guard = protected(Starlette(routes=table, exception_handlers=problems), table, logins, pace)
+    refusals = guard.counts
+    return guard
 
 
 Endpoint = Callable[[Request], Awaitable[Response]]
