@@ -136,6 +136,26 @@ def threshold_noise(chance: Chance, image: Image) -> Image:
     return np.asarray(np.clip((smooth - smooth.mean()) * float(chance.uniform(1, 8)) + 110, 0, 255), np.uint8)
 
 
+def greenest_red(chance: Chance, image: Image) -> Image:
+    """The red with the most green, and a little less or more of it: here a few pixels, there all, or row by row and
+    column by column so that only the blur makes it red. Beside much green, in which nothing can be."""
+    height, width = image.shape[:2]
+    r = int(chance.integers(46, 90) if chance.random() < 0.5 else chance.integers(60, 256))
+    image[:] = (0.7 * r, r, r) if chance.random() < 0.5 else (0.83 * r, 0.89 * r + 3, r)
+    bound = np.array([0.832 * r, 0.888 * r, r])
+    for _ in range(int(chance.integers(1, 12))):
+        x, y = int(chance.integers(0, width)), int(chance.integers(0, height))
+        patch = image[y : y + int(chance.integers(1, 40)), x : x + int(chance.integers(1, 70))]
+        swing = np.zeros(patch.shape)
+        if chance.random() < 0.5:
+            swing[:: int(chance.integers(2, 4))] = chance.integers(-40, 41, 3)
+        if chance.random() < 0.5:
+            swing[:, :: int(chance.integers(2, 4))] += chance.integers(-40, 41, 3)
+        near = bound + chance.integers(-4, 5, 3) + chance.normal(0, float(chance.choice([0, 0, 2])), patch.shape)
+        patch[:] = np.clip(near + swing - swing.mean(axis=(0, 1)), 0, 255).astype(np.uint8)
+    return image
+
+
 def speckles(chance: Chance, image: Image) -> Image:
     image[chance.random(image.shape[:2]) < chance.uniform(0.02, 0.9)] = red(chance)
     return image
@@ -151,7 +171,7 @@ def scene(chance: Chance, image: Image) -> Image:
 
 
 KINDS: tuple[Callable[[Chance, Image], Image], ...] = (
-    *(discs, bars, lines, rings, equals, all_red, edges, colour_noise, threshold_noise, speckles, scene),
+    *(discs, bars, lines, rings, equals, all_red, edges, colour_noise, threshold_noise, greenest_red, speckles, scene),
 )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from gateway.config import VisionConfig
 from gateway.model import Detection
 from gateway.vision import pipeline, stages
-from gateway.vision.exact import build
+from gateway.vision.exact import build, red
 from gateway.vision.exact.geometry import Box, Opening
 from gateway.vision.exact.kernel import Kernel, load
 from gateway.vision.exact.lattice import BlurScanner, KernelScanner, Lattice, PyramidScanner, Scanner
@@ -233,7 +234,7 @@ def test_without_wide_registers_all_is_the_same(library: Path, tmp_path: Path, m
     assert wide is not None
     assert narrow is not None
     chance = np.random.default_rng(11)
-    red = 0
+    reds = 0
     for _ in range(60):
         width, height = (int(n) for n in chance.integers(1, 300, 2))
         noise = chance.integers(0, 256, (height, width, 3), np.uint8)
@@ -243,8 +244,62 @@ def test_without_wide_registers_all_is_the_same(library: Path, tmp_path: Path, m
         told = wide.cleaned(image, window, 5)
         assert np.array_equal(told, narrow.cleaned(image, window, 5))
         assert np.array_equal(wide.mask(image, window), narrow.mask(image, window))
-        red += int(np.count_nonzero(told))
-    assert red > 1000
+        reds += int(np.count_nonzero(told))
+    assert reds > 1000
+
+
+@pytest.mark.parametrize(
+    ("change", "most"),
+    [
+        ({}, 29),
+        ({"red_high_1": (4, 255, 255)}, 28),
+        ({"red_low_1": (0, 120, 46), "red_low_2": (156, 120, 46)}, 23),
+        ({"red_low_1": (0, 0, 46), "red_low_2": (156, 0, 46)}, 0),  # grey is red
+        ({"red_high_1": (40, 255, 255)}, 0),  # so is yellow
+    ],
+)
+def test_no_red_has_more_green_than_the_kernel_is_told(change: dict[str, tuple[int, int, int]], most: int) -> None:
+    params = PAPER.model_copy(update=change)
+    ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
+    k = red.green(red.tables(params))
+    assert k == most
+    for b in range(0, 256, 3):
+        g, r = np.meshgrid(np.arange(256), np.arange(256), indexing="ij")
+        reds = stages.red_mask(stages.bgr_to_hsv(np.dstack([np.full_like(g, b), g, r]).astype(np.uint8)), *ranges)
+        assert k == 0 or np.all((32 * g <= k * r + 26)[reds > 0])
+
+
+def test_the_greenest_red_is_red_whatever_the_roundings(library: Path) -> None:
+    """Rows that differ by one in green: the same in all columns, so that no pixel saves its neighbours."""
+    kernel = load(PAPER, library)
+    assert kernel is not None
+    pairs = np.unpackbits(red.tables(PAPER)[:8192], bitorder="little").reshape(256, 256)
+    reds = 0
+    image = np.empty((5, 40, 3), np.uint8)
+    for r in range(46, 62):
+        g = int(np.flatnonzero(pairs[r])[-1])
+        image[:] = (round(0.832 * r), g, r)
+        for rows in product((-1, 0, 1), repeat=5):
+            image[:, :, 1] = np.array(rows)[:, None] + g
+            plain = pipeline.trace(image, PAPER).initial
+            reds += int(np.count_nonzero(plain))
+            assert np.array_equal(kernel.mask(image, Box(0, 0, 40, 5)), plain), (r, rows)
+    assert reds > 10_000
+
+
+def test_chunks_that_cant_be_red_are_left_out_at_every_place(library: Path) -> None:
+    """One red dot, blurred, in green: at every column, so on both sides of every border between two chunks."""
+    kernel = load(PAPER, library)
+    assert kernel is not None
+    for width in (32, 33, 63, 64, 100, 131):
+        for x in range(width):
+            image = np.full((7, width, 3), (70, 100, 100), np.uint8)
+            image[1:6, max(0, x - 1) : x + 2] = (0, 0, 255)
+            plain = pipeline.trace(image, PAPER).initial
+            for x0 in (0, 3, 31):
+                told = kernel.mask(image, Box(min(x0, width - 1), 0, width, 7))
+                assert np.array_equal(told, plain[:, min(x0, width - 1) :]), (width, x, x0)
+            assert np.any(plain)
 
 
 @pytest.mark.parametrize("change", [{"gaussian_kernel_px": 7}, {"gaussian_sigma_px": 1.0}])

@@ -13,7 +13,7 @@ import zlib
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernel.c")
-SOURCES = (SOURCE, *(SOURCE.with_name(name) for name in ("blur.h", "morph.h", "red.h", "wide.h")))
+SOURCES = (SOURCE, *(SOURCE.with_name(name) for name in ("blur.h", "maybe.h", "morph.h", "red.h", "wide.h")))
 LIBRARY = Path(__file__).with_name("_kernel.so")
 FLAGS = ("-O3", "-std=c11", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror")
 TIMEOUT_S = 120.0

@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "blur.h"
+#include "maybe.h"
 #include "morph.h"
 #include "red.h"
 
@@ -65,24 +66,61 @@ static void blur_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, p
     add_columns(sums + 3 * HALO, 3 * (x1 - x0), w, row);
 }
 
+/* Columns x0 to x1 - 1 of row y: where the blurred pixel is red 255, else 0. Returns 0 if no pixel is, and that was seen at
+ * once. `row`: room for 3 (x1 - x0) + 1 bytes; `may`: for chunks_of(x1 - x0 + 2 HALO). */
+static int mask_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y, ptrdiff_t x0,
+                    ptrdiff_t x1, const uint16_t *w, const Rule *rule, const uint8_t *tables, uint16_t *sums, uint8_t *row,
+                    uint8_t *may, uint8_t *mask)
+{
+    ptrdiff_t from = x0 - HALO < 0 ? 0 : x0 - HALO, to = x1 + HALO > width ? width : x1 + HALO, n = chunks_of(to - from);
+    const uint8_t *rows[5];
+    int any = 0;
+    for (int i = 0; i < 5; i++)
+        rows[i] = image + mirrored(y + i - HALO, height) * stride + 3 * from;
+    if (!may_be_red(rows, to - from, rule, may)) {
+        blur_row(image, stride, height, width, y, x0, x1, w, sums, row);
+        red_row(row, x1 - x0, rule, tables, mask);
+        return 1;
+    }
+    memset(mask, 0, (size_t)(x1 - x0));
+    for (ptrdiff_t j = 0; j < n; j++) { /* the chunks that may be red, and those beside them: HALO is less than a chunk */
+        if (!may[j])
+            continue;
+        ptrdiff_t first = j ? j - 1 : 0;
+        while (j + 1 < n && (may[j] || may[j + 1]))
+            j++; /* a gap of one chunk is beside both */
+        ptrdiff_t a = from + CHUNK * first, b = from + CHUNK * (j + 1);
+        a = a < x0 ? x0 : a;
+        b = b > x1 ? x1 : b;
+        if (a >= b)
+            continue;
+        blur_row(image, stride, height, width, y, a, b, w, sums, row);
+        red_row(row, b - a, rule, tables, mask + a - x0);
+        any = 1;
+    }
+    return any;
+}
+
 /* cells[i][j] = 1 where row ys[i] has a horizontal run of red over column xs[j] that is at least `side` pixels long, or
  * at least (side + 1) / 2 and touches the picture's left or right edge, or fills the row; else 0. Columns ascend.
- * `row`: room for 4 width + 1 bytes. */
+ * `row`: room for 4 width + 1 + chunks_of(width) bytes. */
 void gateway_scan(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, const int32_t *ys,
                   ptrdiff_t rows, const int32_t *xs, ptrdiff_t columns, ptrdiff_t side, const uint16_t *w,
                   const Rule *rule, const uint8_t *tables, uint16_t *sums, uint8_t *row, uint8_t *cells)
 {
-    uint8_t *reds = row + 3 * width + 1;
+    uint8_t *reds = row + 3 * width + 1, *may = reds + width;
     for (ptrdiff_t i = 0; i < rows; i++) {
         uint8_t *out = cells + i * columns;
+        int any = 0;
         memset(out, 0, (size_t)columns);
         for (ptrdiff_t x = 0; x < width; x += TILE) {
             ptrdiff_t end = x + TILE < width ? x + TILE : width;
             for (ptrdiff_t y = ys[i] + HALO + 1; i + 1 < rows && y < height && y <= ys[i + 1] + HALO; y++)
                 fetch_ahead(image + y * stride, 3 * x, 3 * end);
-            blur_row(image, stride, height, width, ys[i], x, end, w, sums, row);
-            red_row(row, end - x, rule, tables, reds + x);
+            any |= mask_row(image, stride, height, width, ys[i], x, end, w, rule, tables, sums, row, may, reds + x);
         }
+        if (!any)
+            continue;
         ptrdiff_t j = 0;
         for (const uint8_t *at = memchr(reds, 255, (size_t)width); at && j < columns;) {
             const uint8_t *end = memchr(at, 0, (size_t)(reds + width - at));
@@ -117,15 +155,11 @@ uint32_t gateway_disagreements(const Rule *rule, const uint8_t *tables)
     return wrong;
 }
 
-/* Columns x0 to x1 - 1 of row y: where the blurred pixel is red 255, else 0. */
-static void mask_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y, ptrdiff_t x0,
-                     ptrdiff_t x1, const uint16_t *w, const Rule *rule, const uint8_t *tables, uint16_t *sums,
-                     uint8_t *row, uint8_t *mask)
+/* The row that will be looked at some rows later. */
+static void fetch_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t y, ptrdiff_t x0, ptrdiff_t x1)
 {
     if (y + ROWS_AHEAD < height)
         fetch_ahead(image + (y + ROWS_AHEAD) * stride, 3 * x0, 3 * x1);
-    blur_row(image, stride, height, width, y, x0, x1, w, sums, row);
-    red_row(row, x1 - x0, rule, tables, mask);
 }
 
 /* M_0 of a window, x1 - x0 bytes a row. */
@@ -133,22 +167,26 @@ void gateway_mask(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrd
                   ptrdiff_t x1, ptrdiff_t y1, const uint16_t *w, const Rule *rule, const uint8_t *tables,
                   uint16_t *sums, uint8_t *row, uint8_t *mask)
 {
-    for (ptrdiff_t y = y0; y < y1; y++, mask += x1 - x0)
-        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, mask);
+    uint8_t *may = row + 4 * width + 1;
+    for (ptrdiff_t y = y0; y < y1; y++, mask += x1 - x0) {
+        fetch_row(image, stride, height, y, x0, x1);
+        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, may, mask);
+    }
 }
 
 /* M_c of a window: M_0, erosion, dilation, dilation, erosion with a square of `side` (odd, < 32). Pixels outside the picture
  * take no part. Beyond the window's own edges all counts as not red for the first erosion, and as not there for the rest.
- * `sheets`: memory for `sheet_in`, pad = 2 (side / 2); `row`: room for 4 width + 1 bytes. */
+ * `sheets`: memory for `sheet_in`, pad = 2 (side / 2); `row`: as for `gateway_scan`. */
 void gateway_clean(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t x0,
                    ptrdiff_t y0, ptrdiff_t x1, ptrdiff_t y1, ptrdiff_t side, const uint16_t *w, const Rule *rule,
                    const uint8_t *tables, uint16_t *sums, uint8_t *row, uint64_t *sheets, uint8_t *mask)
 {
     ptrdiff_t reach = side / 2, pad = 2 * reach;
     Sheet sheet = sheet_in(sheets, x1 - x0, y1 - y0, pad);
-    uint8_t *reds = row + 3 * width + 1;
+    uint8_t *reds = row + 3 * width + 1, *may = reds + width;
     for (ptrdiff_t y = y0; y < y1; y++) {
-        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, reds);
+        fetch_row(image, stride, height, y, x0, x1);
+        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, may, reds);
         pack(reds, sheet.w, sheet.now + (y - y0) * sheet.pitch);
     }
     centre(&sheet, 0, x0 == 0, y0 == 0, x1 == width, y1 == height);

@@ -22,6 +22,7 @@ from gateway.vision.stages import Mask
 log = logging.getLogger(__name__)
 
 HALO_PX = 2
+CHUNK_PX, MAYBE_KERNEL_PX = 32, 5  # of `maybe.h`
 # Half of the kernel of OpenCV's 8-bit Gaussian with sigma 0, from the middle, in 16ths. Larger ones are left to it.
 WEIGHTS: dict[int, tuple[int, int, int]] = {1: (16, 0, 0), 3: (8, 4, 0), 5: (6, 4, 1)}
 _POINTER, _SIZE = ctypes.c_void_p, ctypes.c_ssize_t
@@ -47,6 +48,8 @@ class Kernel:
         library.gateway_disagreements.argtypes = [_POINTER, _POINTER]
         library.gateway_disagreements.restype = ctypes.c_uint32
         self._rule[0] = library.gateway_disagreements(*self._constants[1:]) == 0  # else the tables work alone
+        if params.gaussian_kernel_px == MAYBE_KERNEL_PX:
+            self._rule[-1] = red.green(self._tables)
         self._sums = np.empty(0, np.uint16)
         self._row = np.empty(0, np.uint8)
         self._width = 0
@@ -100,7 +103,7 @@ class Kernel:
     def _make_room(self, width: int) -> None:
         if self._width < width:
             self._sums = np.empty(3 * (width + 2 * HALO_PX), np.uint16)
-            self._row = np.empty(4 * width + 1, np.uint8)
+            self._row = np.empty(4 * width + 1 + -(-width // CHUNK_PX), np.uint8)
             self._width = width
             self._scratch = (self._sums.ctypes.data, self._row.ctypes.data)
 

@@ -25,10 +25,11 @@ typedef struct {
 } Bound;
 
 /* Red needs r to be the largest channel, r >= value, and all three bounds: x = r (saturation), g - b and b - g (hue, on
- * either side of 0; 0 where negative). `wide`: 1 if all that is so. */
+ * either side of 0; 0 where negative). `wide`: 1 if all that is so. `green`: see `maybe.h`. */
 typedef struct {
     int32_t wide, value;
     Bound saturation, yellow, purple;
+    int32_t green;
 } Rule;
 
 /* One load of four bytes: a row has one to spare. */

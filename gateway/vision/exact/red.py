@@ -14,6 +14,7 @@ from gateway.config import VisionConfig
 from gateway.vision import stages
 
 LARGEST_FACTOR = 127  # signed bytes
+LARGEST_GREEN = 31  # five binary places
 NEVER = 32767  # no number of a bound is so large: 255 * 127 = 32385
 HUE_OF_60_DEGREES = 30
 
@@ -37,7 +38,7 @@ def tables(params: VisionConfig) -> NDArray[np.uint8]:
 
 
 def rule(params: VisionConfig) -> Rule:
-    """The `Rule` of `red.h`, with `wide` 0: whether it holds is for the kernel to say. (14,) int32.
+    """The `Rule` of `red.h`, with `wide` 0: whether it holds is for the kernel to say; and `green` 0. (15,) int32.
 
     Each bound is the ideal one's ratio, in factors of a byte, with what OpenCV's rounding makes of the colours nearest
     to it on either side.
@@ -57,7 +58,18 @@ def rule(params: VisionConfig) -> Rule:
         hue = _hsv(blue, green, np.full_like(d, 255))[..., 0]
         inside = (hue <= h_1) | (hue >= h_2)
         on_hue.append(_bound(Fraction(2 * HUE_OF_60_DEGREES, 2 * width + 1), d[may], x[may], inside[may]))
-    return np.array([0, value, *on_s, *on_hue[0], *on_hue[1]], np.int32)
+    return np.array([0, value, *on_s, *on_hue[0], *on_hue[1], 0], np.int32)
+
+
+def green(both: NDArray[np.uint8]) -> int:
+    """The k of `maybe.h`, from `tables`: the smallest with 32 g <= k r + 26 for every red colour, 1 to 31; 0: none."""
+    pairs = np.unpackbits(both[: 256 * 256 // 8], bitorder="little").reshape(256, 256)
+    r, g = (axis.astype(np.int64) for axis in np.nonzero(pairs))
+    excess = 32 * g - 26
+    if np.any((r == 0) & (excess > 0)):
+        return 0
+    k = int(np.max(-(-excess // np.maximum(r, 1)), initial=1))
+    return max(k, 1) if k <= LARGEST_GREEN else 0
 
 
 def _bound(ratio: Fraction, d: NDArray[np.int64], x: NDArray[np.int64], inside: Flags) -> tuple[int, int, int, int]:
