@@ -16,6 +16,7 @@ from playwright.sync_api import (
     Request,
     WebError,
     WebSocket,
+    expect,
     sync_playwright,
 )
 
@@ -39,6 +40,7 @@ SERVER_GONE = re.compile(r"net::ERR_|WebSocket (connection|is)|Failed to fetch")
 def chromium() -> Iterator[Browser]:
     """Headless, with a new and empty profile that is removed in the end."""
     with sync_playwright() as playwright:
+        expect.set_options(timeout=PATIENCE_MS)
         browser = playwright.chromium.launch(executable_path=EXECUTABLE, headless=True, args=FLAGS)
         try:
             yield browser
@@ -53,7 +55,7 @@ class Watch:
     host: str  # with its port
     complaints: list[str] = field(default_factory=list)
     requests: int = 0
-    server_gone: bool = False  # set by a test that ends the server: then a refused connection is no fault of the page
+    excused: re.Pattern[str] | None = None  # what the console may say, in a test that provokes it
 
     def over(self, context: BrowserContext) -> None:
         context.set_default_timeout(PATIENCE_MS)
@@ -65,7 +67,7 @@ class Watch:
     def _console(self, message: ConsoleMessage) -> None:
         if message.type != "error":
             return
-        if self.server_gone and SERVER_GONE.search(message.text):
+        if self.excused is not None and self.excused.search(message.text):
             return
         self.complaints.append(f"console: {message.text} ({message.location})")
 

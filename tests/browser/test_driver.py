@@ -9,7 +9,7 @@ import psutil
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.chromium import Watch, until
+from tests.browser.chromium import SERVER_GONE, Watch, until
 from tests.browser.conftest import Visit
 from tests.browser.plant import Plant, plant
 
@@ -116,7 +116,7 @@ def test_a_web_process_that_hangs_is_stop_until_it_goes_on(bay: Plant, page: Pag
 
 
 def test_a_web_process_that_dies_is_stop_until_there_is_a_new_one(bay: Plant, page: Page, watches: list[Watch]) -> None:
-    watches[0].server_gone = True
+    watches[0].excused = SERVER_GONE
     first = bay.process("gw-hmi")
     first.kill()
     stop_in_time(page)
@@ -128,7 +128,7 @@ def test_a_gateway_that_dies_is_stop(visit: Visit, watches: list[Watch], tmp_pat
     with plant(tmp_path) as bay:
         page = visit(f"{bay.url}/driver", before=RECORDER)
         driving(page)
-        watches[0].server_gone = True
+        watches[0].excused = SERVER_GONE
         bay.gateway.process.kill()
         stop_in_time(page)
         stays_stopped(page)

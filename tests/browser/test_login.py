@@ -1,0 +1,95 @@
+"""Who may see what, as a person meets it: the way to the login, a wrong password, both roles, and out again."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from gateway.hmi.passwords import hashed
+from tests.browser import judgements
+from tests.browser.chromium import Watch
+from tests.browser.conftest import Visit
+from tests.browser.plant import Plant, plant
+
+VIEWER, TECHNICIAN = ("olga", "viewer", "spout-and-truck-41"), ("theo", "technician", "lime-kiln-dust-77")
+# Chromium tells the console about every answer that is no success.
+REFUSED = re.compile(r"the server responded with a status of 40[13]")
+
+
+@pytest.fixture(scope="module")
+def bay(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    users = "".join(
+        f'[[hmi.users]]\nname = "{name}"\nrole = "{role}"\npassword_hash = "{hashed(password)}"\n'
+        for name, role, password in (VIEWER, TECHNICIAN)
+    )
+    with plant(tmp_path_factory.mktemp("plant"), role="driver", users=users) as running:
+        yield running
+
+
+def log_in(page: Page, name: str, password: str) -> None:
+    """As people do: the name is where the cursor stands already."""
+    expect(page.get_by_label("Name")).to_be_focused()
+    page.keyboard.type(name)
+    page.keyboard.press("Tab")
+    page.keyboard.type(password)
+    page.keyboard.press("Enter")
+
+
+def test_a_stranger_is_led_to_the_login_and_from_there_to_where_he_wanted(bay: Plant, visit: Visit) -> None:
+    page = visit(f"{bay.url}/#bay1")
+    expect(page).to_have_url(re.compile(r"/login\?next="))
+    log_in(page, VIEWER[0], VIEWER[2])
+    expect(page.locator(".picture .tag")).to_have_text("LIVE")
+    expect(page.locator("header.top")).to_contain_text("olga (viewer)")
+    judgements.accessible(page)
+
+
+def test_what_a_wrong_password_meets(bay: Plant, visit: Visit, watches: list[Watch]) -> None:
+    page = visit(f"{bay.url}/login")
+    watches[0].excused = REFUSED
+    log_in(page, VIEWER[0], "not-her-password")
+    trouble = page.get_by_role("alert")
+    expect(trouble).to_be_visible()
+    expect(page.get_by_label("Password", exact=True)).to_have_value("")
+    expect(page.get_by_label("Password", exact=True)).to_be_focused()
+    expect(page).to_have_url(re.compile("/login"))
+    said = trouble.inner_text()
+    page.get_by_label("Name").fill("nobody-of-this-name")
+    page.get_by_label("Password", exact=True).fill("not-a-password")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("button", name="Log in")).to_be_enabled()
+    assert trouble.inner_text() == said  # whether there is such a user stays untold
+
+
+def test_a_viewer_sees_and_a_technician_tunes(bay: Plant, visit: Visit, watches: list[Watch]) -> None:
+    for (name, _, password), tunes in ((VIEWER, False), (TECHNICIAN, True)):
+        page = visit(f"{bay.url}/login?next=/")
+        log_in(page, name, password)
+        expect(page.locator("header.top")).to_contain_text(name)
+        expect(page.get_by_role("link", name="Technician")).to_have_count(int(tunes))
+        answer = page.request.get(f"{bay.url}/tune/bay1", max_redirects=0)
+        assert answer.ok == tunes
+
+
+def test_the_cookie_is_for_no_script_and_no_other_site_and_ends_with_the_logout(
+    bay: Plant, visit: Visit, watches: list[Watch]
+) -> None:
+    page = visit(f"{bay.url}/login")
+    watches[0].excused = REFUSED  # a picture may have been asked for in the moment of the logout
+    log_in(page, VIEWER[0], VIEWER[2])
+    expect(page.locator("header.top")).to_contain_text("olga")
+    (cookie,) = page.context.cookies()
+    assert (cookie["httpOnly"], cookie["sameSite"], cookie["path"]) == (True, "Strict", "/")
+    assert page.evaluate("() => document.cookie") == ""
+    page.get_by_role("button", name="Log out").click()
+    expect(page).to_have_url(re.compile("/login"))
+    assert page.context.cookies() == []
+    kept = [{"name": cookie["name"], "value": cookie["value"], "url": bay.url}]
+    page.context.add_cookies(kept)  # type: ignore[arg-type]  # whoever stole it before has nothing now
+    assert page.request.get(f"{bay.url}/api/bays/bay1/picture").status == 401
+
+
+def test_the_drivers_display_needs_no_login(bay: Plant, visit: Visit) -> None:
+    page = visit(f"{bay.url}/driver")
+    expect(page.locator("body")).to_have_attribute("data-fresh", "true")
