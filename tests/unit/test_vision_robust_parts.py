@@ -9,7 +9,7 @@ import pytest
 from gateway.model import Ellipse
 from gateway.sim import decoys
 from gateway.vision.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
-from gateway.vision.robust import candidates, ellipses, evidence
+from gateway.vision.robust import candidates, colours, ellipses, evidence
 from gateway.vision.robust.candidates import Seed
 from gateway.vision.robust.colours import EVEN_PX, GOOD, clearest_rim, quality, roundness
 from gateway.vision.robust.decision import ODDS, POWERS, Candidate, Limits, alike, confidence, veto, weight
@@ -268,6 +268,18 @@ def test_half_hidden_but_even_rims_stay_with_all_colours() -> None:
 
     assert quality(by_all_colours) < GOOD
     assert rim == by_all_colours
+
+
+@pytest.mark.parametrize(("contrast", "taken"), [(20.0, False), (90.0, True)])
+def test_a_crease_in_red_cloth_is_not_taken_for_its_rim(
+    monkeypatch: pytest.MonkeyPatch, contrast: float, taken: bool
+) -> None:
+    """However well its edges lie on an ellipse: most of the fall from red to not red must be there."""
+    sheet = decoys.sheet(160, 120, "concrete", 2)
+    sheet.disc(80.0, 60.0, 30.0)
+    uneven, crease = replace(RIM, support=0.7, wave_px=0.5), replace(RIM, contrast=contrast)
+    monkeypatch.setattr(colours, "refine", lambda *_, opponent=False, **__: crease if opponent else uneven)
+    assert clearest_rim(sheet.finished(), RIM.ellipse) == (crease if taken else uneven)
 
 
 @pytest.mark.parametrize("disturbance", DISTURBANCES, ids=lambda d: d.name)

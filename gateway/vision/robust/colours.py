@@ -1,10 +1,15 @@
 """The rim of a candidate, measured in the colours in which it is clearest. Pure."""
 
+import numpy as np
+
 from gateway.model import Ellipse
 from gateway.vision.pixels import Image
+from gateway.vision.robust.conic import from_ellipse
+from gateway.vision.robust.rays import sample
 from gateway.vision.robust.rim import Rim, refine
 
 GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which nothing better is looked for
+MOST, WELL = 0.6, 0.25  # of the whole fall, so much is at the rim and not in creases; of the semi-minor axis
 CLEARLY = 0.05  # more quality is asked of red against green where all colours lie evenly on their ellipse
 SEARCH_PX, SEARCH = (
     3.0,
@@ -36,8 +41,20 @@ def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | No
     if rim is not None and quality(rim) >= GOOD and rim.wave_px <= EVEN_PX:
         return rim
     other = refine(image, seed, search_px=search_px, opponent=True)
-    if other is None or rim is None:
-        return rim or other
+    if other is None or other.contrast < MOST * _fall(image, other.ellipse):
+        return rim
+    if rim is None:
+        return other
     # Half hidden, but even: both see the same. Colours mixed by a lens weigh a little more in a* than in truth.
     better_by = CLEARLY if rim.wave_px <= EVEN_PX else 0.0
     return other if quality(other) > quality(rim) + better_by else rim
+
+
+def _fall(image: Image, rim: Ellipse) -> float:
+    """Of red against green, from well inside the rim to well outside, median over the rays in the picture."""
+    apart = np.array((-WELL, WELL), np.float32) * np.float32(rim.semi_minor_px)
+    rays = sample(image, from_ellipse(rim), 32, apart, WELL * rim.semi_minor_px, opponent=True)
+    if rays is None or not rays.inside.any():
+        return 0.0
+    within, beyond = rays.colours[:, rays.inside]
+    return float(np.median(within - beyond))
