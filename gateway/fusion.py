@@ -72,8 +72,9 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
 
     memory, z_vision_mm = _cross_check(state.memory, vision, rng, now_ns, config.cross_check)
     memory = _decide(memory, vision, rng, now_ns, config, stopped=state.stop)
-    if vision.quality in (Quality.GOOD, Quality.NO_TARGET):
-        memory = replace(memory, target_seen=vision.quality is Quality.GOOD)
+    seen = vision.quality is Quality.GOOD
+    if seen != memory.target_seen and vision.quality in (Quality.GOOD, Quality.NO_TARGET):
+        memory = replace(memory, target_seen=seen)
     known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
     d = memory.d if known else None
     fault = _fault(vision, rng, memory)
@@ -151,7 +152,8 @@ def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
 def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
     """No stamp from the future, no GOOD without a circle that can exist, and no coordinates without it."""
     predicted = reading.predicted if reading.quality is Quality.COASTED else None
-    reading = replace(reading, t_ns=min(reading.t_ns, now_ns), predicted=predicted)
+    if reading.t_ns > now_ns or reading.predicted is not predicted:
+        reading = replace(reading, t_ns=min(reading.t_ns, now_ns), predicted=predicted)
     circle = reading.circle
     if reading.quality is not Quality.GOOD:
         return _without_circle(reading, reading.quality)
@@ -163,7 +165,8 @@ def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
 
 
 def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
-    reading = replace(reading, t_ns=min(reading.t_ns, now_ns))
+    if reading.t_ns > now_ns:
+        reading = replace(reading, t_ns=now_ns)
     z = reading.distance_mm
     if reading.quality is not Quality.GOOD:
         return replace(reading, distance_mm=None) if z is not None else reading
@@ -217,7 +220,8 @@ def _cross_check(
         return memory, z_vision_mm
     tolerance_mm = check.tolerance_mm + check.tolerance_share * rng.distance_mm
     if abs(seen_mm - rng.distance_mm) <= tolerance_mm:
-        return replace(memory, disagree_since_ns=None, disagree=False), z_vision_mm
+        agreed = memory.disagree_since_ns is None and not memory.disagree
+        return memory if agreed else replace(memory, disagree_since_ns=None, disagree=False), z_vision_mm
     since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
     lasting = now_ns - since_ns >= check.lasting_s * NS_PER_S
     return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting), z_vision_mm
@@ -228,12 +232,12 @@ def _decide(
 ) -> FusionMemory:
     """Equation 14, then hysteresis and debounce (both off by default). `stopped`: was stop on, whatever for?"""
     if vision.circle is None or rng.distance_mm is None:
-        return replace(memory, pending_since_ns=None)
+        return _settled(memory)
     radius_th = config.radius_threshold_px - (config.radius_hysteresis_px if memory.d else 0.0)
     distance_th = config.distance_threshold_mm + (config.distance_hysteresis_mm if memory.d else 0.0)
     raw = vision.circle.radius_px >= radius_th and rng.distance_mm <= distance_th
     if raw == memory.d:
-        return replace(memory, pending_since_ns=None)
+        return _settled(memory)
     since_ns = now_ns if memory.pending_since_ns is None else memory.pending_since_ns
     wait_s = config.raise_debounce_s if raw else config.clear_debounce_s
     if raw and stopped:
@@ -243,8 +247,15 @@ def _decide(
     return replace(memory, pending_since_ns=since_ns)
 
 
+def _settled(memory: FusionMemory) -> FusionMemory:
+    """No change of D is pending."""
+    return memory if memory.pending_since_ns is None else replace(memory, pending_since_ns=None)
+
+
 def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory) -> Reason:
     """The one reason, if any, for which the state must not be trusted."""
+    if vision.quality is Quality.GOOD and rng.quality is Quality.GOOD and not memory.disagree:
+        return Reason.NONE
     reasons: list[Reason] = []
     if vision.quality is not Quality.GOOD:
         reasons.append(VISION_REASON.get(vision.quality, Reason.VISION_FAULT))

@@ -85,14 +85,14 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     fail_safe = recipe.fusion.fail_safe
     stop = fused.stop or memory.latched or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
-    decided = replace(
-        fused,
-        stop=stop,
-        permit=fused.permit and not stop and allowed and fused.function_check is not FunctionCheck.PERMIT_OFF,
-        reason=_reason(fused, plc, stop=stop, fail_safe=fail_safe),
-        memory=memory,
-        plc=plc,
-    )
+    permit = fused.permit and not stop and allowed and fused.function_check is not FunctionCheck.PERMIT_OFF
+    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe)
+    # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
+    same = (stop, permit, reason) == (fused.stop, fused.permit, fused.reason)
+    if same and memory is fused.memory and plc is fused.plc:
+        decided = fused
+    else:
+        decided = replace(fused, stop=stop, permit=permit, reason=reason, memory=memory, plc=plc)
     return _guided(decided, state, observation, recipe, in_use=allowed)
 
 

@@ -63,6 +63,7 @@ class Dispatcher:
     _tokens: int = 0
     _results_ns: deque[int] = field(default_factory=lambda: deque(maxlen=4096))  # within the last second
     _out: list[Action] = field(default_factory=list)
+    _news: list[VisionReading] = field(default_factory=list)  # to be emitted
 
     def __post_init__(self) -> None:
         self._workers = [Seat() for _ in range(self.vision.workers)]
@@ -188,6 +189,12 @@ class Dispatcher:
 
     # What to do.
 
+    def news(self) -> list[VisionReading]:
+        """What is known to be told by now, to be emitted in this order: someone waits for it. May be called before
+        `settle`, which else returns it first."""
+        news, self._news = self._news, []
+        return news
+
     def settle(self, now_ns: int) -> list[Action]:
         """Deadlines, replacements, assignments; then everything to be carried out, in order."""
         self._check_deadlines(now_ns)
@@ -205,7 +212,7 @@ class Dispatcher:
         if self._eye.phase is Phase.ENDING and not self._unfinished():
             self._camera_down(self._end, now_ns)
         out, self._out = self._out, []
-        return sorted(out, key=lambda action: not isinstance(action, Emit))  # readings first: someone waits for them
+        return [*map(Emit, self.news()), *out]  # readings first: someone waits for them
 
     def next_deadline_ns(self) -> int | None:
         """When `settle` must be called at the latest if nothing happens; None: only when something happens."""
@@ -351,17 +358,20 @@ class Dispatcher:
 
     def _emit(self, reading: VisionReading, now_ns: int) -> None:
         self._told_seq = max(self._told_seq, reading.frame_id)
-        results = self._results_ns
+        results, old = self._results_ns, self.stats
+        frames, latency_ms = old.frames, old.latency_ms
         if reading.quality in FRESH_FRAME:
             results.append(now_ns)
-            latency_ms = max(0, now_ns - reading.t_ns) / NS_PER_MS
-            self.stats = replace(self.stats, frames=self.stats.frames + 1, latency_ms=latency_ms)
+            frames, latency_ms = frames + 1, max(0, now_ns - reading.t_ns) / NS_PER_MS
         while results and now_ns - results[0] >= NS_PER_S:
             results.popleft()
-        self.stats = replace(self.stats, rate_hz=float(len(results)))
-        self._out.append(Emit(replace(reading, stats=self.stats)))
+        rate_hz = float(len(results))
+        self.stats = VisionStats(frames, old.skipped, old.lost, old.restarts, old.reopens, rate_hz, latency_ms)
+        self._news.append(replace(reading, stats=self.stats))
 
     def _count(self, *, skipped: int = 0, lost: int = 0, restarts: int = 0, reopens: int = 0) -> None:
+        if not (skipped or lost or restarts or reopens):
+            return
         old = self.stats
         self.stats = replace(
             old,

@@ -188,6 +188,8 @@ class _Turns:
         late = deadline_ns is not None and now_ns >= deadline_ns
         for token, message in pool.messages(everybody=everybody or late):
             _report(self._dispatcher, token, message, self._clock.now_ns())
+        for reading in self._dispatcher.news():
+            self._carry_out(actions.Emit(reading), pool)
         for action in self._dispatcher.settle(self._clock.now_ns() if everybody or late else now_ns):
             self._carry_out(action, pool)
 
