@@ -16,7 +16,7 @@ from gateway.hmi.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
 from gateway.hmi.logins import Logins
 from gateway.hmi.security import BODY_S, ENDED, REQUEST_S, calls, protected, without_rule
 from gateway.hmi.telling import What
-from tests.unit.hmi_guard import HOST, ORIGIN, PASSWORD, Browser, House, example, house
+from tests.unit.hmi_guard import HOST, ORIGIN, PASSWORD, Browser, example, house
 from tests.virtual_time import LoopClock, run
 
 NEEDS = {"driver": Level.DRIVER, "viewer": Level.VIEWER, "technician": Level.TECHNICIAN, "none": Level.OPEN}
@@ -663,19 +663,5 @@ def test_a_cookie_beside_ours_does_not_hide_it(others: list[tuple[str, str]]) ->
         before = "; ".join(f"{name}={value.replace(';', '')}" for name, value in others)
         answer = await browser.get("/api/session", {"cookie": f"{before}; {ours}" if before else ours})
         assert answer.json["name"] == ("vera" if len(before) < 4000 else None)
-
-    run(whole())
-
-
-def test_the_real_pages_have_a_row_each() -> None:
-    """Builds the web process's own application: a new route without a row fails here."""
-    from gateway.hmi import web
-    from tests.unit.hmi_desk import plant
-
-    async def whole() -> None:
-        async with plant() as made:
-            clock = LoopClock()
-            logins = Logins(House(made.desk.about.config.hmi).config, clock, print)
-            assert web.app(web.site_of(made.desk, clock), logins, clock) is not None
 
     run(whole())
