@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.clock import NS_PER_MS
+from gateway.clock import NS_PER_MS, NS_PER_S
 from gateway.model import Circle, Detection
 
 FEWEST = 5  # frames that can be judged, for a spread
@@ -46,23 +46,30 @@ def found_share(found: Sequence[Detection]) -> float:
 
 
 def jitter(times_ns: Sequence[int], found: Sequence[Detection]) -> Jitter | None:
-    """Each of three frames in a row against the straight line through its neighbours. None: too few to say.
+    """Each of five frames in a row against the cubic through its four neighbours. None: too few to say.
 
-    A truck's motion is nearly straight over three frames; what is left is the method's own noise, sqrt(1 + a^2 + b^2)
-    times, where a and b are the shares of the neighbours.
+    What a truck does in five frames is as good as a cubic, sway and brakes included; what is left is the method's own
+    noise, sqrt(1 + the sum of the squared weights of the neighbours) times.
     """
     left: list[NDArray[np.float64]] = []
     rows = [(t, one.circle) for t, one in zip(times_ns, found, strict=True)]
-    for (t0, before), (t1, at), (t2, after) in zip(rows, rows[1:], rows[2:], strict=False):
-        if before is None or at is None or after is None or not t0 < t1 < t2:
+    for five in zip(rows, rows[1:], rows[2:], rows[3:], rows[4:], strict=False):
+        circles = [circle for _, circle in five if circle is not None]
+        t_s = np.array([(t - five[2][0]) / NS_PER_S for t, _ in five])
+        if len(circles) < 5 or not (np.diff(t_s) > 0).all():
             continue
-        share = (t1 - t0) / (t2 - t0)
-        off = _numbers(at) - (1 - share) * _numbers(before) - share * _numbers(after)
-        left.append(off / np.sqrt(1 + share**2 + (1 - share) ** 2))
+        seen = np.array([_numbers(circle) for circle in circles])
+        weights = _cubic_at_0(t_s[[0, 1, 3, 4]])
+        left.append((seen[2] - weights @ seen[[0, 1, 3, 4]]) / np.sqrt(1 + weights @ weights))
     if len(left) < FEWEST:
         return None
     u, v, radius = (float(value) for value in _SIGMA * np.median(np.abs(np.array(left)), axis=0))
     return Jitter(u, v, radius)
+
+
+def _cubic_at_0(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4,): weights of values at four times by which the cubic through them is at time 0 (Lagrange)."""
+    return np.array([np.prod(np.delete(t_s, n) / (np.delete(t_s, n) - t_s[n])) for n in range(4)])
 
 
 def apart(found: Sequence[Detection], other: Sequence[Detection]) -> Apart | None:
@@ -82,13 +89,12 @@ def apart(found: Sequence[Detection], other: Sequence[Detection]) -> Apart | Non
 
 
 def times(found: Sequence[Detection]) -> Times:
-    """At least one detection with times."""
-    by_stage: dict[str, list[int]] = {}
-    for one in found:
-        for stage, ns in one.stage_ns:
-            by_stage.setdefault(stage, []).append(ns)
-    stages = tuple((stage, float(np.median(spent)) / NS_PER_MS) for stage, spent in by_stage.items())
-    return Times(float(np.median([_total_ns(one) for one in found])) / NS_PER_MS, stages)
+    """At least one detection. A stage that a frame did without took no time in it: the stages add up to the whole."""
+    names = dict.fromkeys(stage for one in found for stage, _ in one.stage_ns)
+    rows = [dict(one.stage_ns) for one in found]
+    medians = ((name, float(np.median([row.get(name, 0) for row in rows])) / NS_PER_MS) for name in names)
+    total = float(np.median([_total_ns(one) for one in found])) / NS_PER_MS
+    return Times(total, tuple((name, ms) for name, ms in medians if ms > 0))
 
 
 def time_ratio(found: Sequence[Detection], other: Sequence[Detection]) -> float:

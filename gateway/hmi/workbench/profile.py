@@ -61,7 +61,7 @@ def export(bay: str, settings: VisionConfig, *, site: str, wall_ns: int) -> str:
     at = datetime.fromtimestamp(wall_ns // NS_PER_S, UTC).strftime("%Y-%m-%d %H:%M:%S")
     head = (
         f"# Vision profile of {site}, bay {bay}, exported {at} UTC.\n"
-        "# To be imported on a bay's tuning page, or pasted into [vision] of a configuration file.\n\n"
+        "# To be imported on a bay's tuning page, or pasted into [vision] of a configuration file.\n"
     )
     return with_keys(head, ("vision",), {key: getattr(settings, key) for key in tuned.TUNED}, source="profile")
 

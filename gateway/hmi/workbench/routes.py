@@ -174,7 +174,14 @@ async def _trial(call: Call) -> Response:
     frames, shown = call.frames(asked)
     settings = await call.settings(asked.vision)
     made = await call.shop.try_(
-        call.who(asked.tab), call.bay, frames, settings, shown=shown, timed=asked.timed, width_px=asked.width_px
+        call.who(asked.tab),
+        call.bay,
+        frames,
+        settings,
+        shown=shown,
+        timed=asked.timed,
+        width_px=asked.width_px,
+        whole=asked.live,
     )
     return JSONResponse(answers.tried(call.bay, made))
 

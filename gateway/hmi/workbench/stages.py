@@ -47,10 +47,18 @@ class Edges:
 
 def panels(image: Image, settings: VisionConfig, found: Detection, width_px: int = WIDTH_PX) -> tuple[Panel, ...]:
     """Of the method that `settings` name. `found`: what it made of this picture."""
-    scale = min(width_px, LARGEST_PX) / image.shape[1]
-    if scale > 1:
-        scale = float(math.floor(scale))  # a pixel stays a square
+    scale = _scale(image, width_px)
     return _paper(image, settings, scale) if settings.method == "paper" else _robust(image, found, scale)
+
+
+def whole(image: Image, width_px: int) -> Panel:
+    """The picture itself."""
+    return Panel("picture", "Picture", "as the camera gave it", scaled(image, _scale(image, width_px)), False)
+
+
+def _scale(image: Image, width_px: int) -> float:
+    scale = min(width_px, LARGEST_PX) / image.shape[1]
+    return float(math.floor(scale)) if scale > 1 else float(scale)  # enlarged, a pixel stays a square
 
 
 def encoded(panel: Panel) -> tuple[bytes, str]:

@@ -53,23 +53,27 @@ class Result:
     cut_short: bool
 
 
-class Reference:
-    """The robust method's own answers, kept for the frames at hand: a slider asks for the same ones again and again."""
+class Known:
+    """Answers about single frames, kept for the frames at hand: a slider asks for the same ones again and again."""
 
     KEPT = 512
 
     def __init__(self) -> None:
-        self._known: dict[tuple[int, int, bool], Detection] = {}
+        self._known: dict[tuple[int, int, VisionConfig], Detection] = {}
 
-    def of(self, frame: Snapshot, lens: VisionConfig) -> Detection:
-        """Without a circle where it is not sure. `lens`: whose intrinsics count."""
-        settings = shipped(lens)
-        key = (frame.seq, frame.t_capture_ns, settings.intrinsics is not None)
+    def of(self, frame: Snapshot, settings: VisionConfig, now_ns: NowNs = lambda: 0) -> Detection:
+        """By itself: without tracking."""
+        alone = settings.model_copy(update={"tracking": False})
+        key = (frame.seq, frame.t_capture_ns, alone)
         if key not in self._known:
             while len(self._known) >= self.KEPT:
                 del self._known[next(iter(self._known))]
-            self._known[key] = methods.detector(settings)(frame.image)
+            self._known[key] = methods.detector(alone, now_ns)(frame.image, 0)
         return self._known[key]
+
+    def reference(self, frame: Snapshot, lens: VisionConfig) -> Detection:
+        """The robust method's, without a circle where it is not sure. `lens`: whose intrinsics count."""
+        return self.of(frame, shipped(lens))
 
 
 def shipped(lens: VisionConfig) -> VisionConfig:
@@ -82,23 +86,43 @@ def shipped(lens: VisionConfig) -> VisionConfig:
     )
 
 
+def look(
+    frame: Snapshot,
+    tried: VisionConfig,
+    in_force: VisionConfig,
+    known: Known,
+    now_ns: NowNs,
+    wanted: Callable[[], bool] = lambda: True,
+) -> Result:
+    """One frame, once: for a slider that is being moved. Its times are those of single looks, perhaps long ago.
+
+    Raises EndedError as soon as `wanted` says no.
+    """
+    found: list[Detection] = []
+    for settings in (tried, in_force, shipped(tried)):
+        if not wanted():
+            raise EndedError("given up for a newer one")
+        found.append(known.of(frame, settings, now_ns))
+    left, right, reference = found
+    return _result([left], [right], [reference], [frame.t_capture_ns], timed=False, cut_short=False)
+
+
 def run(
     frames: Sequence[Snapshot],
     tried: VisionConfig,
     in_force: VisionConfig,
-    reference: Reference,
+    known: Known,
     now_ns: NowNs,
     *,
-    timed: bool,
     wanted: Callable[[], bool] = lambda: True,
     limit_s: float = LIMIT_S,
 ) -> Result:
-    """At least one frame. Raises EndedError as soon as `wanted` says no. `timed`: a single frame several times."""
+    """At least one frame; a single one is looked at REPEATS times. Raises EndedError as soon as `wanted` says no."""
     until_ns = now_ns() + round(limit_s * NS_PER_S)
     alone = len(frames) == 1
-    runs = [frames[0]] * (REPEATS if timed else 1) if alone else list(frames)
+    runs = [frames[0]] * REPEATS if alone else list(frames)
     ours, theirs = (_detector(settings, now_ns, alone=alone) for settings in (tried, in_force))
-    if alone and timed:  # tables are made and memory is fetched in the first run
+    if alone:  # tables are made and memory is fetched in the first run
         ours(frames[0].image, 0), theirs(frames[0].image, 0)
     left: list[Detection] = []
     right: list[Detection] = []
@@ -110,21 +134,34 @@ def run(
         for found, detector in pair if n % 2 == 0 else reversed(pair):
             found.append(detector(frame.image, frame.t_capture_ns))
         if not alone or n == 0:
-            references.append(reference.of(frame, tried))
+            references.append(known.reference(frame, tried))
         if now_ns() > until_ns:
             break
-    looked_at = 1 if alone else len(left)
-    at = [frame.t_capture_ns for frame in runs[:looked_at]]
+    at = [frame.t_capture_ns for frame in runs[: len(references)]]
+    timed = len(left) >= measures.FEWEST
+    return _result(left, right, references, at, timed=timed, cut_short=len(left) < len(runs))
+
+
+def _result(
+    left: Sequence[Detection],
+    right: Sequence[Detection],
+    references: Sequence[Detection],
+    times_ns: Sequence[int],
+    *,
+    timed: bool,
+    cut_short: bool,
+) -> Result:
+    frames = len(references)
     return Result(
-        frames=looked_at,
-        tried=_side(left, looked_at, at),
-        in_force=_side(right, looked_at, at),
+        frames=frames,
+        tried=_side(left, frames, times_ns),
+        in_force=_side(right, frames, times_ns),
         reference=tuple(references),
-        from_in_force=measures.apart(left[:looked_at], right[:looked_at]),
-        from_reference=measures.apart(left[:looked_at], references),
+        from_in_force=measures.apart(left[:frames], right[:frames]),
+        from_reference=measures.apart(left[:frames], references),
         time_ratio=measures.time_ratio(left, right),
-        timed=len(left) >= measures.FEWEST,
-        cut_short=len(left) < len(runs),
+        timed=timed,
+        cut_short=cut_short,
     )
 
 

@@ -25,7 +25,7 @@ from gateway.hmi.workbench.profile import Proposal
 from gateway.hmi.workbench.remarks import Remark, remarks
 from gateway.hmi.workbench.snapshots import LONGEST_S, Recorder, Store, Taken
 from gateway.hmi.workbench.stages import Panel
-from gateway.hmi.workbench.trial import Reference, Result
+from gateway.hmi.workbench.trial import Known, Result
 from gateway.model import FunctionCheck
 from gateway.plc import Writer
 from gateway.vision.shm import Snapshot
@@ -65,7 +65,7 @@ class Tried:
     remarks: tuple[Remark, ...]
     panels: tuple[Panel, ...]
     lights: tuple[Light, ...]  # empty: not asked for
-    shown: int  # the panels are of this frame
+    shown: int  # the panels are of this frame of those that were given
     width_px: int
     height_px: int
 
@@ -87,7 +87,7 @@ class Workshop:
         self.store = Store()
         self.bench = Bench()
         self._pace = pace
-        self._reference = Reference()
+        self._known = Known()
         self._numbers = itertools.count(1)
         self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
         self._undo: dict[str, deque[VisionConfig]] = {}
@@ -157,22 +157,30 @@ class Workshop:
         shown: int,
         timed: bool,
         width_px: int,
+        whole: bool = False,
     ) -> Tried:
-        """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError."""
+        """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError.
+
+        Not `timed`: a look at the one frame, for a slider that is being moved. `whole`: the frame itself is among the
+        pictures, for who can't fetch it otherwise.
+        """
         in_force = await self.in_force(bay)
+        if not timed:
+            frames = [frames[shown]]
         number = next(self._numbers)
 
         def work(wanted: Callable[[], bool]) -> tuple[Tried, dict[str, tuple[bytes, str]]]:
-            result = trial.run(
-                frames, settings, in_force, self._reference, self._pace.now_ns, timed=timed, wanted=wanted
-            )
-            at = min(shown, result.frames - 1)
+            sides = (settings, in_force, self._known, self._pace.now_ns)
+            result = trial.run(frames, *sides, wanted=wanted) if timed else trial.look(frames[0], *sides, wanted)
+            at = min(shown, result.frames - 1) if timed else 0
             image = frames[at].image
             panels = stages.panels(image, settings, result.tried.found[at], width_px)
+            if whole:
+                panels = (stages.whole(image, width_px), *panels)
             said = remarks(frames, settings, in_force, result)
             lights = _lights(frames, result) if timed else ()
             height, width = image.shape[:2]
-            tried = Tried(number, result, tuple(said), panels, lights, at, width, height)
+            tried = Tried(number, result, tuple(said), panels, lights, at if timed else shown, width, height)
             return tried, {panel.name: stages.encoded(panel) for panel in panels}
 
         tried, pictures = await self.bench.work(who, work)
@@ -189,10 +197,8 @@ class Workshop:
     async def pick(
         self, who: str, frame: Snapshot, at: tuple[float, float], size_px: int, settings: VisionConfig, mode: Mode
     ) -> Picked:
-        """Raises ValueError for a click beside the picture."""
-        return await self.bench.work(
-            f"pick {who}", lambda _: eyedropper.pick(frame.image, *at, size_px, settings, mode)
-        )
+        """Takes back a trial that `who` has under way: settings change now. Raises ValueError beside the picture."""
+        return await self.bench.work(who, lambda _: eyedropper.pick(frame.image, *at, size_px, settings, mode))
 
     # Settings.
 

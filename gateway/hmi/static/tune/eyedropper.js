@@ -1,0 +1,121 @@
+// The picture itself, to click on: which colours are there, and which ranges would admit them. Works by keyboard, too.
+
+import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { css } from './settings.js';
+
+const ZOOM = 10; // of the loupe
+const HALF = 9; // pixels of the picture to each side in it
+const SIZES = [1, 5, 9, 15, 31];
+
+/**
+ * @param {{bitmap: ImageBitmap|null, frame: {width_px: number, height_px: number}|null, pick: Function, picked: any,
+ *          waiting: boolean, live: boolean, failed: string}} props  `bitmap` may be smaller than the frame
+ */
+export function Eyedropper({ bitmap, frame, pick, picked, failed, live }) {
+  const canvas = useRef(null);
+  const loupe = useRef(null);
+  const [at, setAt] = useState(null);
+  const [size, setSize] = useState(9);
+  const [mode, setMode] = useState('replace');
+  const scale = bitmap && frame ? bitmap.width / frame.width_px : 1;
+
+  useEffect(() => {
+    const to = canvas.current;
+    if (!to || !bitmap) return;
+    Object.assign(to, { width: bitmap.width, height: bitmap.height });
+    const g = to.getContext('2d');
+    g.drawImage(bitmap, 0, 0);
+    if (!at) return;
+    const [x, y] = [(at.u + 0.5) * scale, (at.v + 0.5) * scale];
+    const half = Math.max(4, (size * scale) / 2);
+    const arm = half + Math.max(8, bitmap.width / 50);
+    for (const [colour, wide] of [['#000', 4], ['#fff', 1.8]]) {
+      g.strokeStyle = colour;
+      g.lineWidth = (wide * bitmap.width) / 640;
+      g.strokeRect(x - half, y - half, 2 * half, 2 * half);
+      g.beginPath();
+      for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+        g.moveTo(x + dx * half, y + dy * half);
+        g.lineTo(x + dx * arm, y + dy * arm);
+      }
+      g.stroke();
+    }
+  }, [bitmap, at, size, scale]);
+
+  useEffect(() => {
+    const to = loupe.current;
+    if (!to) return;
+    const side = (2 * HALF + 1) * ZOOM;
+    Object.assign(to, { width: side, height: side });
+    const g = to.getContext('2d');
+    g.imageSmoothingEnabled = false;
+    g.fillStyle = '#888';
+    g.fillRect(0, 0, side, side);
+    if (!bitmap || !at) return;
+    g.drawImage(bitmap, (at.u - HALF) * scale, (at.v - HALF) * scale, (2 * HALF + 1) * scale, (2 * HALF + 1) * scale, 0, 0, side, side);
+    const box = size * ZOOM;
+    for (const [colour, wide] of [['#000', 4], ['#fff', 2]]) {
+      g.strokeStyle = colour;
+      g.lineWidth = wide;
+      g.strokeRect((side - box) / 2, (side - box) / 2, box, box);
+    }
+  }, [bitmap, at, size, scale]);
+
+  const place = (event) => {
+    const room = canvas.current.getBoundingClientRect();
+    const u = Math.floor(((event.clientX - room.left) / room.width) * frame.width_px);
+    const v = Math.floor(((event.clientY - room.top) / room.height) * frame.height_px);
+    return { u: Math.min(frame.width_px - 1, Math.max(0, u)), v: Math.min(frame.height_px - 1, Math.max(0, v)) };
+  };
+  const keyed = (event) => {
+    if (!frame) return;
+    const now = at ?? { u: Math.round(frame.width_px / 2), v: Math.round(frame.height_px / 2) };
+    const by = event.shiftKey ? 10 : 1;
+    const [du, dv] = { ArrowLeft: [-by, 0], ArrowRight: [by, 0], ArrowUp: [0, -by], ArrowDown: [0, by] }[event.key] ?? [0, 0];
+    if (du || dv) {
+      event.preventDefault();
+      setAt({ u: Math.min(frame.width_px - 1, Math.max(0, now.u + du)), v: Math.min(frame.height_px - 1, Math.max(0, now.v + dv)) });
+    } else if (event.key === 'Enter' || event.key === ' ') {
+      event.preventDefault();
+      setAt(now);
+      pick(now, size, mode);
+    }
+  };
+  const patch = picked?.patch;
+  return html`<figure class="tile picture">
+      <figcaption><h3>Picture</h3><span class="small">click the marker to take its colours</span></figcaption>
+      ${bitmap
+        ? html`<canvas ref=${canvas} class="shot" tabindex="0" role="application" aria-label="picture; arrow keys move the eyedropper, Shift by ten, Enter takes the colours there"
+            aria-describedby="picked" onPointerMove=${(event) => event.pointerType === 'mouse' && setAt(place(event))}
+            onClick=${(event) => {
+              const here = place(event);
+              setAt(here);
+              pick(here, size, mode);
+            }} onKeyDown=${keyed}></canvas>`
+        : html`<div class="shot empty">no picture yet</div>`}
+    </figure>
+    <section class="tile eyedropper" aria-labelledby="eyedropper-title">
+      <h3 id="eyedropper-title">Eyedropper</h3>
+      <div class="loupe"><canvas ref=${loupe} role="img" aria-label="the picture under the pointer, enlarged"></canvas>
+        <div>
+          <p class="mono">${at ? `u ${at.u}  v ${at.v}` : 'u –  v –'}</p>
+          <label class="small">patch <select onChange=${(event) => setSize(Number(event.target.value))} value=${size}>
+            ${SIZES.map((n) => html`<option value=${n} selected=${n === size}>${n} × ${n} px</option>`)}</select></label>
+          <fieldset class="small"><legend class="sr">a click</legend>
+            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'replace'} onChange=${() => setMode('replace')} /> sets both ranges</label>
+            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'widen'} onChange=${() => setMode('widen')} /> widens them</label></fieldset>
+        </div></div>
+      <div id="picked" aria-live="polite" class="small">
+        ${failed ? html`<p class="said warning"><span aria-hidden="true">▲</span> ${failed}</p>` : ''}
+        ${patch
+          ? html`<p><span class="swatch" ref=${(element) => element && (element.style.backgroundColor = css([patch.hue, patch.s, patch.v]))}></span>
+              H <b>${patch.hue}</b> (${signedRange(patch, 0)}), S <b>${patch.s}</b> (${patch.low[1]} to ${patch.high[1]}), V <b>${patch.v}</b> (${patch.low[2]} to ${patch.high[2]})</p>
+            <p>these ranges admit <b>${(100 * picked.admitted_share).toFixed(1)} %</b> of the picture; ${picked.hanging_px} of ${picked.admitted_px} px hang together here</p>
+            ${picked.warnings.map((text) => html`<p class="said warning"><span aria-hidden="true">▲</span> ${text}</p>`)}`
+          : html`<p class="muted">${live ? 'A click freezes the picture first.' : 'Ranges for the clicked patch, with room for the light to change.'}</p>`}
+      </div>
+    </section>`;
+}
+
+/** The hues of a patch on the file's scale; they may run over red's zero. */
+const signedRange = (patch, axis) => `${(patch.low[axis] + 180) % 180} to ${(patch.high[axis] + 180) % 180}`;

@@ -1,0 +1,66 @@
+// The way out and in: going live, the file with its difference, profiles.
+
+import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+
+const kind = (line) => (/^(\+\+\+|---|@@)/.test(line) ? 'place' : line.startsWith('+') ? 'added' : line.startsWith('-') ? 'removed' : '');
+
+/** Shows what saving would change, and saves. */
+export function SaveDialog({ plan, live, save, close }) {
+  const dialog = useRef(null);
+  const [state, setState] = useState({ busy: false, said: '', done: null });
+  useEffect(() => {
+    const element = dialog.current;
+    element.showModal();
+    return () => element.close();
+  }, []);
+  const go = async () => {
+    setState({ busy: true, said: '', done: null });
+    try {
+      setState({ busy: false, said: '', done: await save(plan) });
+    } catch (error) {
+      setState({ busy: false, said: error.message, done: null });
+    }
+  };
+  const nothing = plan.changes.length === 0;
+  return html`<dialog ref=${dialog} class="save" aria-labelledby="save-title" onCancel=${(event) => { event.preventDefault(); close(); }}>
+    <h2 id="save-title">Save to the configuration's file</h2>
+    <p class="mono">${plan.path}</p>
+    ${nothing
+      ? html`<p>The file says just this already: there is nothing to save.</p>`
+      : html`<pre class="diff" tabindex="0" aria-label="what would change in the file">${plan.diff.trimEnd().split('\n').map((line) => html`<span class=${kind(line)}>${line}${'\n'}</span>`)}</pre>`}
+    ${!live && !nothing && html`<p class="notice warn">These settings are not live: the file would say something else than what runs now.</p>`}
+    ${plan.why_not && html`<p class="notice bad">It can't be saved: ${plan.why_not}</p>`}
+    <div aria-live="assertive">
+      ${state.said && html`<p class="notice bad">${state.said}</p>`}
+      ${state.done && html`<p class="notice" data-saved>Saved. The text before is kept in <span class="mono">${state.done.backup}</span>.</p>`}
+    </div>
+    <p class="hint">The file is read when the gateway starts. Comments and everything else in it stay as they are.</p>
+    <div class="row">
+      ${!state.done && html`<button type="button" class="primary" disabled=${nothing || Boolean(plan.why_not) || state.busy} onClick=${go}>Save</button>`}
+      <button type="button" onClick=${close}>${state.done ? 'Close' : 'Cancel'}</button>
+    </div>
+  </dialog>`;
+}
+
+/** Hands a text to the browser as a file to keep. */
+export function download(name, text) {
+  const link = document.createElement('a');
+  const url = URL.createObjectURL(new Blob([text], { type: 'application/toml' }));
+  Object.assign(link, { href: url, download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+}
+
+/** A button that takes a profile's file. */
+export function ImportButton({ take }) {
+  const field = useRef(null);
+  const chosen = async (event) => {
+    const [file] = event.target.files;
+    event.target.value = '';
+    if (file) take(file.name, file.size > 65_536 ? null : await file.text());
+  };
+  return html`<button type="button" onClick=${() => field.current.click()}>Import…</button>
+    <input ref=${field} type="file" class="sr" tabindex="-1" aria-label="a profile to import" accept=".toml,text/plain,application/toml" onChange=${chosen} />`;
+}
