@@ -80,7 +80,7 @@ const NE107_ORDER = ['FAILURE', 'FUNCTION_CHECK', 'OUT_OF_SPECIFICATION', 'MAINT
 export function urgency(state, alarms = 0) {
   if (state === null) return 0;
   const at = NE107_ORDER.indexOf(state.ne107.name);
-  return (at < 0 ? 0 : at + 1) - (alarms > 0 ? 0.5 : 0);
+  return at + 1 - (alarms > 0 ? 0.5 : 0); // a signal that this page does not know counts most
 }
 
 /** Those in trouble first, then by name as people count (bay2 before bay10). @param {{name: string, rank: number}[]} bays */
