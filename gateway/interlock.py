@@ -179,4 +179,6 @@ def _guided(
     )
     if track is not memory.track:
         memory = replace(memory, track=track)
+    if told == decided.guidance and memory is decided.memory:
+        return decided
     return replace(decided, memory=memory, guidance=told)

@@ -1,5 +1,6 @@
 """The camera process: open the source, stamp and number its frames, write them into the ring, hand them on."""
 
+import gc
 import socket
 from collections import deque
 
@@ -15,6 +16,8 @@ def run(link: Link[Opened | Captured, GiveBack | Straight], job: CameraJob, note
     """Until the source ends (LinkError) or the main process is gone. Never returns."""
     ring = Ring(job.ring, writable=True)
     source = job.spec.open(job.clock)
+    gc.collect()
+    gc.freeze()  # as in `worker`
     link.send(Opened(source.lossless))
     desk = Desk(link, job.slots)
     seq, skipped = job.first_seq - 1, 0

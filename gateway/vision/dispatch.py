@@ -367,7 +367,7 @@ class Dispatcher:
             results.popleft()
         rate_hz = float(len(results))
         self.stats = VisionStats(frames, old.skipped, old.lost, old.restarts, old.reopens, rate_hz, latency_ms)
-        self._news.append(replace(reading, stats=self.stats))
+        self._news.append(_with(reading, self.stats))
 
     def _count(self, *, skipped: int = 0, lost: int = 0, restarts: int = 0, reopens: int = 0) -> None:
         if not (skipped or lost or restarts or reopens):
@@ -386,6 +386,26 @@ class Dispatcher:
 
     def _worker(self, token: int) -> Seat | None:
         return next((seat for seat in self._workers if seat.token == token and seat.alive), None)
+
+
+def _with(reading: VisionReading, stats: VisionStats) -> VisionReading:
+    """`replace`, in a quarter of its time."""
+    return VisionReading(
+        reading.t_ns,
+        reading.quality,
+        reading.circle,
+        reading.frame_id,
+        reading.x_n,
+        reading.y_n,
+        reading.detail,
+        stats,
+        reading.stage_ns,
+        reading.ellipse,
+        reading.confidence,
+        reading.visible,
+        reading.tracking,
+        reading.predicted,
+    )
 
 
 def _quality(detection: Detection) -> Quality:

@@ -149,6 +149,7 @@ class _Turns:
         self._carry_out = carry_out
         self._pool: VisionPool | None = None
         self._armed_ns: int | None = None  # when the task wakes by itself; None: not
+        self._deadline_ns: int | None = 0  # the dispatcher's, since the last turn
         self._failure: BaseException | None = None
         self._over = False
 
@@ -163,7 +164,7 @@ class _Turns:
         self._pool = pool
         while not self._over:
             self._take(pool, everybody=True)
-            self._armed_ns = self._dispatcher.next_deadline_ns()
+            self._armed_ns = self._deadline_ns
             left_ns = None if self._armed_ns is None else max(0, self._armed_ns - self._clock.now_ns())
             await pool.wait(None if left_ns is None else left_ns / NS_PER_S)
             if self._failure is not None:
@@ -178,12 +179,12 @@ class _Turns:
             self._failure = error
             self._pool.wake()
             return
-        deadline_ns = self._dispatcher.next_deadline_ns()
+        deadline_ns = self._deadline_ns
         if deadline_ns is not None and (self._armed_ns is None or deadline_ns < self._armed_ns):
             self._pool.wake()
 
     def _take(self, pool: VisionPool, *, everybody: bool) -> None:
-        now_ns, deadline_ns = self._clock.now_ns(), self._dispatcher.next_deadline_ns()
+        now_ns, deadline_ns = self._clock.now_ns(), self._deadline_ns
         # A result that lies waiting is not late: when a deadline is past, everybody is heard before it is judged.
         late = deadline_ns is not None and now_ns >= deadline_ns
         for token, message in pool.messages(everybody=everybody or late):
@@ -192,6 +193,7 @@ class _Turns:
             self._carry_out(actions.Emit(reading), pool)
         for action in self._dispatcher.settle(self._clock.now_ns() if everybody or late else now_ns):
             self._carry_out(action, pool)
+        self._deadline_ns = self._dispatcher.next_deadline_ns()
 
 
 def _report(dispatcher: Dispatcher, token: int, message: FromChild | Failed | Gone, now_ns: int) -> None:

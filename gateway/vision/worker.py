@@ -1,5 +1,7 @@
 """A vision process: look at the frames it is given, in place. What the detector throws ends the process."""
 
+import gc
+
 import cv2
 
 from gateway.children.link import Link
@@ -15,6 +17,8 @@ def run(link: Link[Ready | Looked, Look], job: WorkerJob) -> None:
     cv2.setNumThreads(1)  # workers are the parallelism; threads inside them only fight
     ring = Ring(job.ring, writable=False)
     detect = job.detector.build(job.clock.now_ns)
+    gc.collect()
+    gc.freeze()  # 40,000 objects of the libraries, kept for good, are not looked through again every now and then
     link.send(Ready())
     newest = 0
     while True:

@@ -40,6 +40,7 @@ class Kernel:
         self._clean.argtypes = [*picture, *[_SIZE] * 5, *loops, _POINTER]
         self._scan.restype = self._mask.restype = self._clean.restype = None
         self._sheets = np.empty(0, np.uint64)
+        self._sheets_at = 0
         self._weights = np.array(WEIGHTS[params.gaussian_kernel_px], np.uint16)
         self._tables = red.tables(params)
         self._rule = red.rule(params)
@@ -94,9 +95,10 @@ class Kernel:
         need = 2 * pitch * (rows + 2 * pad) + 3 * pitch + 2
         if self._sheets.size < need:
             self._sheets = np.empty(need, np.uint64)
+            self._sheets_at = self._sheets.ctypes.data
         self._clean(
             image.ctypes.data, image.strides[0], height, width, window.x0, window.y0, window.x1, window.y1, side_px,
-            *self._constants, *self._scratch, self._sheets.ctypes.data, mask.ctypes.data,
+            *self._constants, *self._scratch, self._sheets_at, mask.ctypes.data,
         )  # fmt: skip
         return mask
 

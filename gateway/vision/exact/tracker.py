@@ -147,7 +147,7 @@ class ExactTracker:
         fresh = lattice.scan_rows(image, first, end)
         rows, columns = lattice.inside(near)
         fresh[max(rows.start - first, 0) : max(rows.stop - first, 0), columns] = 0
-        return bool(cv2.bitwise_and(fresh, clutter.unknown[first:end]).any())
+        return bool(cv2.hasNonZero(cv2.bitwise_and(fresh, clutter.unknown[first:end])))
 
     def _expected(self, t_ns: int, width: int, height: int) -> Box:
         """Where the contour's box should be: each of its sides goes on as it went between the last two frames."""
