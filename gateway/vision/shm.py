@@ -72,6 +72,10 @@ class Ring:
         self._spec = spec
         access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
         self._memory = mmap.mmap(spec.fd, spec.size_bytes, access=access)
+        self._headers = tuple(
+            np.frombuffer(self._memory, np.int64, HEADER_FIELDS, slot * spec.slot_bytes) for slot in range(spec.slots)
+        )
+        self._pictures: dict[int, Image] = {}  # by slot, of the size that it had the last time
 
     def write(self, slot: int, image: Image, seq: int = 0, t_capture_ns: int = 0) -> int:
         """Copy one frame into a slot; returns its generation. Raises LinkError for a frame that is too large."""
@@ -115,13 +119,14 @@ class Ring:
         return None
 
     def _header(self, slot: int) -> NDArray[np.int64]:
-        return np.frombuffer(self._memory, np.int64, HEADER_FIELDS, self._offset(slot))
-
-    def _pixels(self, slot: int, height: int, width: int) -> Image:
-        flat = np.frombuffer(self._memory, np.uint8, height * width * 3, self._offset(slot) + PAGE)
-        return flat.reshape(height, width, 3)
-
-    def _offset(self, slot: int) -> int:
         if not 0 <= slot < self._spec.slots:
             raise IndexError(f"slot {slot} of {self._spec.slots}")
-        return slot * self._spec.slot_bytes
+        return self._headers[slot]
+
+    def _pixels(self, slot: int, height: int, width: int) -> Image:
+        known = self._pictures.get(slot)
+        if known is not None and known.shape == (height, width, 3):
+            return known
+        flat = np.frombuffer(self._memory, np.uint8, height * width * 3, slot * self._spec.slot_bytes + PAGE)
+        self._pictures[slot] = flat.reshape(height, width, 3)
+        return self._pictures[slot]
