@@ -39,7 +39,9 @@ def _let_in(hmi: "HmiConfig") -> str:
 
 def main(args: argparse.Namespace) -> int:
     from gateway import app, config, configdoc
+    from gateway.clock import SystemClock
     from gateway.errors import ConfigError
+    from gateway.hmi import tls as pages_tls
     from gateway.strict.faults import without_password
     from gateway.strict.tomlfile import read_toml
 
@@ -68,7 +70,7 @@ def main(args: argparse.Namespace) -> int:
     if settings.hmi.enabled:
         hmi = settings.hmi
         print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_let_in(hmi)}")
-        for line in hmi.warnings():
+        for line in (*hmi.warnings(), *pages_tls.warnings(hmi, SystemClock().wall_ns())):
             print(f"  warning: {line}")
     for bay in settings.bays:
         camera = without_password(bay.camera.url)

@@ -38,6 +38,8 @@ async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:
     pace = SystemClock()
     desk = Desk(about, link, pace)
     config = about.config.hmi
+    for line in config.warnings():
+        log.warning("%s", line)
     context = tls.server_context(config)
     logins = Logins(config, pace, _log, instance=about.config.instance)
     site = site_of(desk, pace)

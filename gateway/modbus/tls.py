@@ -8,7 +8,6 @@ everything, as the specification's authorisation says.
 import logging
 import ssl
 from asyncio import Transport
-from datetime import UTC, datetime
 from pathlib import Path
 
 from cryptography import x509
@@ -25,7 +24,6 @@ from gateway.modbus.limits import plain_address
 log = logging.getLogger(__name__)
 
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
-WARN_DAYS = 30
 MAX_SHOWN = 200  # characters of a subject or a role
 LOOK_NS = 1_000_000_000  # between two looks at the files, at most so often
 WARN_NS = 24 * 3600 * 1_000_000_000  # a gateway runs for years
@@ -66,18 +64,8 @@ def server_context(config: TlsConfig) -> ssl.SSLContext:
 
 def warnings(config: TlsConfig, wall_ns: int) -> list[str]:
     """What an operator should mend soon: certificates about to expire, a key that others may read."""
-    found: list[str] = []
-    now = datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC)
-    if Path(config.key).stat().st_mode & 0o077:
-        found.append(f"modbus.tls.key: {config.key} can be read by others; chmod 600")
-    for key, name in (("cert", config.cert), ("ca", config.ca)):
-        for certificate in x509.load_pem_x509_certificates(Path(name).read_bytes()):
-            end = certificate.not_valid_after_utc
-            if end < now:
-                found.append(f"modbus.tls.{key}: {name} expired on {end:%Y-%m-%d}: no client will connect; renew it")
-            elif (end - now).days < WARN_DAYS:
-                found.append(f"modbus.tls.{key}: {name} expires on {end:%Y-%m-%d}, in {(end - now).days} days")
-    return found
+    certs = [("modbus.tls.cert", config.cert), ("modbus.tls.ca", config.ca)]
+    return pair.warnings(certs, ("modbus.tls.key", config.key), wall_ns)
 
 
 class Contexts:

@@ -7,6 +7,7 @@ import ssl
 import tomllib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from gateway.errors import ConfigError
 from gateway.hmi import patience, tls
 from gateway.hmi.security import ENDED
 from gateway.sections.hmi import HmiConfig
-from tests.plant_certs import Plant
+from tests.plant_certs import NOW, Plant
 from tests.unit.hmi_guard import HASH, PASSWORD, USERS, House
 
 HURRY_S = 30.0  # nothing here takes so long, on any machine
@@ -298,6 +299,29 @@ def test_files_that_are_no_good(plant: Plant, tmp_path: Path, key: str, text: st
     assert said in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_certificate_that_ends_soon_and_a_key_that_others_read(plant: Plant, tmp_path: Path) -> None:
+    config = pages(plant)
+
+    def at(days: float) -> list[str]:
+        return tls.warnings(config, round((NOW + timedelta(days=days)).timestamp() * 1e9))
+
+    assert tls.warnings(HmiConfig(), 0) == []
+    assert at(0) == []
+    (soon,) = at(10.5)
+    assert soon.startswith("hmi.tls_cert: ")
+    assert soon.endswith("in 19 days")
+    (late,) = at(31)
+    assert late.endswith("no client will connect; renew it")
+    key = tmp_path / "open.key"
+    key.write_bytes(plant.folder.key_path("gateway").read_bytes())
+    key.chmod(0o644)
+    assert tls.warnings(pages(plant, tls_key=str(key)), round(NOW.timestamp() * 1e9)) == [
+        f"hmi.tls_key: {key} can be read by others; chmod 600"
+    ]
+    (gone,) = tls.warnings(pages(plant, tls_cert=str(tmp_path / "none.pem")), 0)
+    assert "can't be looked at" in gone
 
 
 def test_check_says_who_may_do_what(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
