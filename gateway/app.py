@@ -7,6 +7,7 @@ import asyncio
 import logging
 import os
 import re
+import secrets
 import socket
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -140,7 +141,7 @@ async def run(
         hub = Hub(bay.name for bay in config.bays)
         chronicle = Chronicle(hub)
         # Publisher and companions subscribe before the first state, or the start events would be missed.
-        parts = Parts(config, hub)
+        parts = Parts(config, hub, boot=secrets.token_hex(8))
         voices = _voices(config, clock, parts, shared)
         backoff = config.mqtt.reconnect if config.mqtt is not None else Reconnect()
         tasks = [*companions(hub), *(Task(name, voice.deliver, backoff) for name, voice in voices)]
@@ -195,7 +196,7 @@ async def run(
             )
             tasks.append(Task("alarms", watch.run))
             feed = Feed(chronicle, shown, clock, lambda: parts.links(watch), watch.act)
-            about = About(config.model_copy(update={"mqtt": None}), clock, rings, source=source)
+            about = About(config.model_copy(update={"mqtt": None}), clock, rings, source=source, boot=parts.boot)
             pages, hmi_url = _pages(about, feed, shared)
             tasks.append(pages)
         supervisor = Supervisor(tasks, clock)
@@ -225,7 +226,9 @@ def _voices(
     if config.mqtt is None:
         return []
     outbox = shared.enter_context(outbox_of(config.mqtt, config.site, config.instance))
-    publisher = MqttPublisher(config.mqtt, config.site, config.instance, parts.hub, clock, outbox=outbox)
+    publisher = MqttPublisher(
+        config.mqtt, config.site, config.instance, parts.hub, clock, outbox=outbox, boot=parts.boot
+    )
     parts.publisher = publisher
     if config.mqtt.sparkplug is None:
         return [("mqtt.deliver", publisher)]

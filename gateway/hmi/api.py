@@ -8,7 +8,8 @@ import asyncio
 import json
 import os
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import Literal
 
 import cv2
@@ -51,7 +52,8 @@ class Programs:
     desk: Desk
     pages: Callable[[], Pages]
     document: dict[str, object]  # OpenAPI's
-    _encoding: asyncio.Lock
+    thread: Executor
+    encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def bay(self, request: Request) -> BayConfig | None:
         name = request.path_params["bay"]
@@ -85,9 +87,12 @@ class Call:
     many: bool = False  # the model is that of each element of a list
 
 
-def routes(desk: Desk, pages: Callable[[], Pages], document: dict[str, object]) -> list[BaseRoute]:
-    """To be put among the application's."""
-    programs = Programs(desk, pages, document, asyncio.Lock())
+def routes(
+    desk: Desk, pages: Callable[[], Pages], document: dict[str, object], *, thread: Executor | None = None
+) -> list[BaseRoute]:
+    """To be put among the application's. `thread`: where snapshots are encoded; by default one of their own."""
+    thread = thread or ThreadPoolExecutor(1, thread_name_prefix="snapshots")
+    programs = Programs(desk, pages, document, thread)
 
     def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
         async def call(request: Request) -> Response:
@@ -171,11 +176,12 @@ def _snapshot(ending: Literal["jpg", "png"]) -> Answer:
         """The newest frame whole, without anything painted on it."""
         if (bay := programs.bay(request)) is None:
             return _no_bay(request)
-        async with programs._encoding:  # one at a time: whoever asks for many waits for their own
+        async with programs.encoding:  # one at a time: whoever asks for many waits for their own
             frame = programs.desk.snapshot(bay.name)
             if frame is None:
                 return problem(503, "no_frame", f"the camera of {bay.name} has shown nothing yet")
-            done, data = await asyncio.to_thread(cv2.imencode, f".{ending}", frame.image)
+            loop = asyncio.get_running_loop()
+            done, data = await loop.run_in_executor(programs.thread, cv2.imencode, f".{ending}", frame.image)
         if not done:
             return problem(500, "fault", f"this frame can't be made a {ending.upper()}")
         age_ms = (programs.desk.clock.now_ns() - frame.t_capture_ns) / NS_PER_MS

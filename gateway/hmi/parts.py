@@ -23,10 +23,11 @@ MAX_ERROR = 200
 
 @dataclass(slots=True)
 class Parts:
-    """`modbus` and `tasks` are set once there are any."""
+    """`modbus` and `tasks` are set once there are any. `boot`: a random number of this start, in the events' ids."""
 
     config: GatewayConfig
     hub: Hub
+    boot: str = ""
     publisher: MqttPublisher | None = None
     sparkplug: SparkplugPublisher | None = None
     latencies: Latencies = field(default_factory=Latencies)

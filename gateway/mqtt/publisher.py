@@ -56,7 +56,8 @@ class Sent:
 
 
 class MqttPublisher:
-    """One gateway's voice. Raises ConfigError for a URL or a topic root that could never work."""
+    """One gateway's voice. `boot`: a random number of this start. Raises ConfigError for a URL or a topic root that
+    could never work."""
 
     def __init__(
         self,
@@ -69,12 +70,13 @@ class MqttPublisher:
         *,
         outbox: Outbox | None = None,
         connector: Connect | None = None,
+        boot: str | None = None,
     ) -> None:
         self._config = config
         self._hub = hub
         self._clock = clock
         self._topics = Topics(config.root, site, instance)
-        self._gateway = payloads.Gateway(self._topics, hub.bays, version, secrets.token_hex(8))
+        self._gateway = payloads.Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
         self._broker = credentials.broker_of(config)
         self._connect = connector or self._connector()
         self._event_expiry_s = round(config.event_expiry_h * 3600)

@@ -4,7 +4,7 @@ import asyncio
 import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from gateway.bay import BayControl
 from gateway.children.link import Link
@@ -17,6 +17,7 @@ from gateway.hmi.feed import BayParts, Feed
 from gateway.hmi.orders import About, Ask, FromHmi, LinksNow, Order, ToHmi
 from gateway.hmi.watch import Watch
 from gateway.hub import Hub
+from gateway.modbus.showing import image_of
 from gateway.vision import shm
 from gateway.vision.shm import Ring
 from tests.virtual_time import LoopClock
@@ -46,6 +47,8 @@ class Plant:
     eyes: dict[str, Eyes]
     rings: dict[str, Ring]
     watch: Watch
+    links: LinksNow = field(default_factory=LinksNow)  # how everything but the alarms does
+    signs: Signs = field(default_factory=Signs)
     asks: list[Ask] = field(default_factory=list)
     answering: bool = True
     near: Link[ToHmi, FromHmi] | None = None
@@ -63,16 +66,22 @@ async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | Non
     controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
     eyes = {name: Eyes() for name in names}
     parts = {
-        name: BayParts(controls[name], lambda: range(100), eyes[name])  # type: ignore[arg-type]  # what it needs of it
+        name: BayParts(controls[name], image_of(controls[name], "big", clock), eyes[name])  # type: ignore[arg-type]
         for name in names
     }
-    watch = Watch({bay.name: bay.fusion for bay in config.bays}, hub.state, Signs, clock)
+    watch = Watch(
+        {bay.name: bay.fusion for bay in config.bays}, lambda bay: controls[bay].state(), lambda: made.signs, clock
+    )
     feed = Feed(
-        chronicle, parts, clock, lambda: LinksNow(alarms=watch.standing(100), changes=watch.changes()), watch.act
+        chronicle,
+        parts,
+        clock,
+        lambda: replace(made.links, alarms=watch.standing(100), changes=watch.changes()),
+        watch.act,
     )
     specs = {name: shm.create(3, 0.1) for name in names}
     near, far = Link[ToHmi, FromHmi].pair()
-    about = About(config, clock, specs)
+    about = About(config, clock, specs, boot="0123456789abcdef")
     desk = Desk(about, Link[FromHmi, ToHmi](far), clock)
     made = Plant(
         desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, watch

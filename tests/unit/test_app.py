@@ -39,7 +39,7 @@ class Publisher:
     told: StateVector | None = None
 
     def __init__(
-        self, config: MqttConfig, site: str, instance: str, hub: Hub, clock: SystemClock, *, outbox: Outbox
+        self, config: MqttConfig, site: str, instance: str, hub: Hub, clock: SystemClock, *, outbox: Outbox, boot: str
     ) -> None:
         self._hub = hub
 
