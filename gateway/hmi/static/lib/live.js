@@ -5,6 +5,10 @@ const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 4000;
 const SILENCE_MS = 5000; // a server that says nothing for so long is taken for lost, and asked anew
 
+// Codes of the gateway's own with which it ends a link: from REFUSED on; one of them only means that this page slept.
+const REFUSED = 4000;
+const NO_ANSWER = 4400;
+
 /** How long to wait before connection `tries` (0: at once), with up to a third of chance so that pages spread out. */
 export function waitMs(tries, chance) {
   if (tries <= 0) return 0;
@@ -21,9 +25,10 @@ export function waitMs(tries, chance) {
  * Keeps a link to `path` until it is closed. After each `message` call `next()` once, when it has been drawn.
  * @param {string} path with its query
  * @param {{message: (text: string, arrival: Arrival) => void, state?: (open: boolean) => void,
- *          refused?: (code: number) => void}} tell
+ *          refused?: (why: string) => void}} tell `why`: in the server's words
+ * @param {{restsHidden?: boolean}} [how] `restsHidden`: a lost link is made again only when the page can be seen
  */
-export function open(path, tell) {
+export function open(path, tell, { restsHidden = false } = {}) {
   let socket = /** @type {WebSocket|null} */ (null);
   let tries = 0;
   let closed = false;
@@ -31,14 +36,14 @@ export function open(path, tell) {
   let heardMs = performance.now();
   let retry = 0;
 
-  const ended = (mine, code) => {
+  const ended = (mine, code, why = '') => {
     if (socket !== mine) return;
     socket = null;
     tell.state?.(false);
     if (closed) return;
-    if (code === 1008 || code === 4401 || code === 4403) tell.refused?.(code);
+    if (code >= REFUSED && code !== NO_ANSWER) tell.refused?.(why || `code ${code}`);
     tries += 1;
-    retry = setTimeout(connect, waitMs(tries, Math.random()));
+    if (!(restsHidden && document.hidden)) retry = setTimeout(connect, waitMs(tries, Math.random()));
   };
   const connect = () => {
     if (closed) return;
@@ -53,7 +58,7 @@ export function open(path, tell) {
       tries = 0;
       tell.message(String(event.data), { askedMs, receivedMs: heardMs });
     };
-    mine.onclose = (event) => ended(mine, event.code);
+    mine.onclose = (event) => ended(mine, event.code, event.reason);
     mine.onerror = () => {}; // a close follows
   };
   const next = () => {
@@ -71,13 +76,14 @@ export function open(path, tell) {
     }
   }, 1000);
   const awake = () => {
-    if (!socket && !closed) {
+    if (!socket && !closed && !document.hidden) {
       tries = 0;
       connect();
     }
   };
   addEventListener('online', awake);
   addEventListener('pageshow', awake);
+  document.addEventListener('visibilitychange', awake);
   connect();
   return {
     next,
@@ -87,6 +93,7 @@ export function open(path, tell) {
       clearInterval(watch);
       removeEventListener('online', awake);
       removeEventListener('pageshow', awake);
+      document.removeEventListener('visibilitychange', awake);
       const mine = socket;
       socket = null;
       mine?.close();

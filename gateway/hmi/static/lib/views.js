@@ -1,6 +1,6 @@
 // The JSON of the server as the pages use it: one place that knows its field names. Pure.
 
-import { known } from './format.js';
+import { known, words } from './format.js';
 
 /**
  * What was seen in one frame, px of that frame.
@@ -60,6 +60,13 @@ export function visionHealth(state) {
   return name === 'WAITING' ? 'off' : VISION_FINE.includes(name) ? 'ok' : 'bad';
 }
 
+/** Why there may be no picture, in words; empty: nothing is wrong with the camera, or nothing known. */
+export function cameraFault(state) {
+  if (state === null || visionHealth(state) !== 'bad') return '';
+  const { quality, detail } = state.vision;
+  return detail ? `${words(quality.name)}: ${detail}` : words(quality.name);
+}
+
 /** @returns {'ok'|'off'|'warn'|'bad'} */
 export function rangeHealth(state) {
   const { name } = state.range.quality;
@@ -80,7 +87,7 @@ const NE107_ORDER = ['FAILURE', 'FUNCTION_CHECK', 'OUT_OF_SPECIFICATION', 'MAINT
 export function urgency(state, alarms = 0) {
   if (state === null) return 0;
   const at = NE107_ORDER.indexOf(state.ne107.name);
-  return at + 1 - (alarms > 0 ? 0.5 : 0); // a signal that this page does not know counts most
+  return Math.min(at + 1, alarms > 0 ? 3.5 : Infinity); // a signal that this page does not know counts most
 }
 
 /** Those in trouble first, then by name as people count (bay2 before bay10). @param {{name: string, rank: number}[]} bays */

@@ -18,10 +18,10 @@ export function useNow(everyMs) {
 /**
  * The newest message of `/api/live` for these bays (none: all), at most every `paceMs`.
  * @param {string[]} bays @param {number} paceMs
- * @returns {{view: any, connected: boolean, freshness: Freshness}}
+ * @returns {{view: any, connected: boolean, refusal: string, freshness: Freshness}}
  */
 export function useLive(bays, paceMs, limitMs) {
-  const [got, setGot] = useState({ view: null, connected: false });
+  const [got, setGot] = useState({ view: null, connected: false, refusal: '' });
   const freshness = useRef(new Freshness(limitMs));
   const path = `/api/live${bays.length ? '?' : ''}${bays.map((bay) => `bay=${encodeURIComponent(bay)}`).join('&')}`;
   useEffect(() => {
@@ -39,7 +39,7 @@ export function useLive(bays, paceMs, limitMs) {
         }
         if (view && Array.isArray(view.bays)) {
           freshness.current.received(0, arrival.receivedMs, Date.now());
-          setGot({ view, connected: true });
+          setGot({ view, connected: true, refusal: '' });
         } else freshness.current.forget();
         // Drawn, and not sooner than the pace: then the next. In the background no frame is drawn and nothing asked.
         frame = requestAnimationFrame(() => {
@@ -47,8 +47,8 @@ export function useLive(bays, paceMs, limitMs) {
         });
       },
       state: (on) => setGot((was) => ({ ...was, connected: on })),
-      refused: (code) => (code === 4401 || code === 4403) && toLogin(),
-    });
+      refused: (why) => setGot((was) => ({ ...was, refusal: `The gateway refuses this page: ${why}.` })),
+    }, { restsHidden: true });
     return () => {
       clearTimeout(timer);
       cancelAnimationFrame(frame);

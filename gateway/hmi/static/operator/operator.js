@@ -3,7 +3,7 @@
 import { html, render, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { age, clock } from '../lib/format.js';
-import { aimOf, limitsOf } from '../lib/views.js';
+import { aimOf, cameraFault, limitsOf } from '../lib/views.js';
 import { Alarms } from './alarms.js';
 import { Bars } from './bars.js';
 import { Decision } from './decision.js';
@@ -94,7 +94,7 @@ function App({ session }) {
   const names = session.bays;
   const single = names.length === 1;
   const bay = names.includes(hash) ? hash : single ? names[0] : null;
-  const { view, connected, freshness } = useLive(bay === null ? [] : [bay], bay === null ? 1000 : 100, bay === null ? 2 * STALE_MS : STALE_MS);
+  const { view, connected, refusal, freshness } = useLive(bay === null ? [] : [bay], bay === null ? 1000 : 100, bay === null ? 2 * STALE_MS : STALE_MS);
   useNow(250);
   const ageMs = freshness.ageMs(performance.now(), Date.now());
   const told = new Map((view?.bays ?? []).map((one) => [one.bay, one]));
@@ -115,13 +115,14 @@ function App({ session }) {
     <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} />
     <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${known ? '' : 'unknown'}`}>
       ${!known && view !== null && html`<p class="notice bad banner" role="alert"><b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.</p>`}
+      ${refusal && html`<p class="notice bad banner" role="alert">${refusal}</p>`}
       ${bay === null
         ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(told.get(name))]))} alarmsOf=${alarmsOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
             ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} />`}
             <h1 class="sr">${bay}</h1>
-            <div class="column a"><${LivePicture} bay=${bay} aim=${one ? aimOf(one) : null} connected=${connected} />${one && html`<${Bars} state=${state} limits=${limitsOf(one)} />`}</div>
+            <div class="column a"><${LivePicture} bay=${bay} aim=${one ? aimOf(one) : null} connected=${connected} fault=${cameraFault(state)} />${one && html`<${Bars} state=${state} limits=${limitsOf(one)} />`}</div>
             <div class="column b"><${Decision} state=${state} bay=${bay} />${one && html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} fresh=${known} />`}</div>
             <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} /><${Health} state=${state} links=${known ? view?.links ?? null : null} /><${Events} bay=${bay} newest=${newest} /></div>
             <div class="below"><${Registers} key=${bay} bay=${bay} known=${known} /></div>`}

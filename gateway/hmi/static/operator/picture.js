@@ -9,7 +9,8 @@ import { useKept } from './hooks.js';
 /** An older picture is not live any more, ms. */
 const LIVE_MS = 1500;
 
-export function LivePicture({ bay, aim, connected }) {
+/** `fault`: what is wrong with the camera, in words; empty: nothing that is known. */
+export function LivePicture({ bay, aim, connected, fault }) {
   const box = useRef(null);
   const photo = useRef(null);
   const lines = useRef(null);
@@ -99,7 +100,7 @@ export function LivePicture({ bay, aim, connected }) {
         ${!live &&
         html`<div class="no-picture">
           <p class="big">NO LIVE PICTURE</p>
-          <p>${connected ? told.text : 'no connection to the gateway'}${ageMs !== null ? html`; what is behind is <b>${age(ageMs)}</b> old` : ''}</p>
+          <p>${connected ? fault || told.text : 'no connection to the gateway'}${ageMs !== null ? html`; what is behind is <b>${age(ageMs)}</b> old` : ''}</p>
         </div>`}
       </div>
       <figcaption class="small">
