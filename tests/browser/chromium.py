@@ -32,7 +32,7 @@ FLAGS = (
     "--disable-sync",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # what a page should not ask is not asked on a wire
 )
-PATIENCE_MS = 30_000.0  # for a busy machine; every wait ends as soon as it can
+PATIENCE_MS = 45_000.0  # for a busy machine; every wait ends as soon as it can
 SERVER_GONE = re.compile(r"net::ERR_|WebSocket (connection|is)|Failed to fetch")
 
 
