@@ -6,7 +6,7 @@ ends as soon as it notices, and whoever waited for it is told so.
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import TypeVar
 
 from gateway.errors import GatewayError
@@ -35,10 +35,10 @@ class Wish:
 
 
 class Bench:
-    """One event loop, one thread."""
+    """One event loop, one thread: `thread`, or its own."""
 
-    def __init__(self) -> None:
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="workbench")
+    def __init__(self, thread: Executor | None = None) -> None:
+        self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="workbench")
         self._turn = asyncio.Lock()
         self._wishes: dict[str, Wish] = {}
         self.done = 0

@@ -7,10 +7,11 @@ import asyncio
 import itertools
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, TypeVar, TypeVarTuple
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
@@ -37,6 +38,10 @@ KEPT_UNDO = 20  # of a bay
 NEWER_S = 3.0  # the main process tells of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
 LIGHTS = 5  # frames of a recording that are looked at for exposure
+
+
+T = TypeVar("T")
+Ts = TypeVarTuple("Ts")
 
 
 class Desk(Protocol):
@@ -80,12 +85,16 @@ class Planned:
 
 
 class Workshop:
-    """One for the web process. `pace` is real time. To be closed: `with`."""
+    """One for the web process. `pace` is real time. To be closed: `with`.
 
-    def __init__(self, desk: Desk, pace: Clock) -> None:
+    `thread`: for pictures and for the file; by default the bench has one of its own, and the file takes the loop's.
+    """
+
+    def __init__(self, desk: Desk, pace: Clock, thread: Executor | None = None) -> None:
         self.desk = desk
         self.store = Store()
-        self.bench = Bench()
+        self.bench = Bench(thread)
+        self._files = thread
         self._pace = pace
         self._known = Known()
         self._numbers = itertools.count(1)
@@ -237,13 +246,13 @@ class Workshop:
 
     async def in_file(self, bay: str) -> VisionConfig:
         """What the file says. Raises ConfigError, where there is no file, too."""
-        loaded = await asyncio.to_thread(configfile.load, configfile.named(self.file))
+        loaded = await self._off(configfile.load, configfile.named(self.file))
         return profile.in_file(loaded.text, bay, source=str(loaded.path))
 
     async def plan(self, bay: str, settings: VisionConfig) -> Planned:
         """Raises ConfigError where there is no file, or it is not one that the gateway reads."""
         path = configfile.named(self.file)
-        loaded = await asyncio.to_thread(configfile.load, path)
+        loaded = await self._off(configfile.load, path)
         proposal = profile.propose(loaded.text, bay, settings, source=str(path))
         return Planned(proposal, loaded.digest, configfile.why_not_writable(path))
 
@@ -251,11 +260,15 @@ class Workshop:
         """Write what `plan` has shown. Raises ChangedOnDiskError where the file is another one now, ConfigError."""
         path = configfile.named(self.file)
         async with self._saving:
-            loaded = await asyncio.to_thread(configfile.load, path)
+            loaded = await self._off(configfile.load, path)
             configfile.same(loaded, digest)
             proposal = profile.propose(loaded.text, bay, settings, source=str(path))
             # Not left half way: whoever goes away finds the file either as it was or as it should be.
-            return proposal, await asyncio.shield(asyncio.to_thread(configfile.save, loaded, proposal.text))
+            return proposal, await asyncio.shield(self._off(configfile.save, loaded, proposal.text))
+
+    def _off(self, work: Callable[[*Ts], T], *args: *Ts) -> "asyncio.Future[T]":
+        """On a thread: a disk may take its time."""
+        return asyncio.get_running_loop().run_in_executor(self._files, work, *args)
 
 
 def _lights(frames: Sequence[Snapshot], result: Result) -> tuple[Light, ...]:
