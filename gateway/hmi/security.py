@@ -14,22 +14,23 @@ from contextlib import contextmanager
 from typing import Any
 
 from starlette.responses import Response
-from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from gateway.clock import Clock
 from gateway.errors import GatewayError
 from gateway.hmi.access import RULES, Level, Rule, find
+from gateway.hmi.bodies import whole_body
 from gateway.hmi.callers import called_rightly, header, same_origin
 from gateway.hmi.headers import cache_control, security_headers
 from gateway.hmi.logins import Logins
 from gateway.hmi.refusals import RefusalError, answer_to, to_login
+from gateway.hmi.rows import without_rule
 from gateway.hmi.telling import Told, What, shown
 from gateway.hmi.visitor import Visitor, with_visitor
 
-BODY_S = 10.0  # a body must have arrived within this
-REQUEST_S = 120.0  # and be answered within this, by a route and by the one who reads
+REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
 ENDED = 4401  # close code of a WebSocket whose session has ended
 FOREIGN = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or another origin of this one
 SECRET_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
@@ -40,33 +41,6 @@ def protected(app: ASGIApp, routes: Sequence[BaseRoute], logins: Logins, clock: 
     if missing := without_rule(routes):
         raise GatewayError(f"these routes have no row in gateway/hmi/access.py: {', '.join(missing)}")
     return Guard(app, logins, clock)
-
-
-def without_rule(routes: Sequence[BaseRoute], rules: Iterable[Rule] = RULES) -> list[str]:
-    """The routes, as `METHOD path`, that have no row of their own."""
-    known = {(rule.method, _shape(rule.path)) for rule in rules}
-    return [f"{method} {path}" for method, path in calls(routes) if (method, _shape(path)) not in known]
-
-
-def calls(routes: Sequence[BaseRoute], before: str = "") -> Iterator[tuple[str, str]]:
-    """Every method and path there is. A mounted application is one path with everything below it."""
-    for route in routes:
-        match route:
-            case Route():
-                methods = sorted(route.methods or {"(any)"})
-                yield from ((method, before + route.path) for method in methods if method != "HEAD")
-            case WebSocketRoute():
-                yield "WS", before + route.path
-            case Mount() if route.routes:
-                yield from calls(route.routes, before + route.path)
-            case Mount():
-                yield "GET", before + route.path + "/{path:path}"
-            case _:
-                yield "(any)", f"{before}{route!r}"
-
-
-def _shape(path: str) -> str:
-    return re.sub(r"\{\w+(:\w+)?\}", lambda found: "{:path}" if found[1] == ":path" else "{}", path)
 
 
 class Guard:
@@ -101,7 +75,7 @@ class Guard:
             self._may(rule, visitor)
             if rule.method == "POST":
                 self._not_forged(scope, visitor)
-            receive = await self._whole_body(scope, receive, rule)
+            receive = await whole_body(scope, receive, rule, self._clock)
         except RefusalError as refusal:
             await self._refuse(scope, receive, outgoing, refusal, visitor, address)
             return
@@ -168,35 +142,6 @@ class Guard:
         if not hmac.compare_digest(token.encode(), visitor.csrf.encode()):
             said = "the X-CSRF-Token is missing or is not that of this login; /api/session tells it"
             raise RefusalError(403, "csrf", said, told=bool(token))
-
-    async def _whole_body(self, scope: Scope, receive: Receive, rule: Rule) -> Receive:
-        """The body is read before anybody works on it: whole, in time, and not longer than the row allows."""
-        if scope["type"] != "http":
-            return receive
-        too_long = RefusalError(
-            413, "too_long", f"at most {rule.body_bytes} bytes", headers={"Connection": "close"}, told=True
-        )
-        try:
-            length = header(scope["headers"], b"content-length")
-        except ValueError:
-            raise too_long from None
-        if length is not None and not (length.isdigit() and len(length) < 10 and int(length) <= rule.body_bytes):
-            raise too_long
-        if rule.method != "POST" and length in (None, "0"):
-            return receive  # and what comes without a length is not read by any route
-        body = bytearray()
-        try:
-            async with self._clock.timeout(BODY_S):
-                while (message := await receive())["type"] == "http.request":
-                    body += message.get("body", b"")
-                    if len(body) > rule.body_bytes:
-                        raise too_long
-                    if not message.get("more_body", False):
-                        return _again(bytes(body), receive)
-        except TimeoutError:
-            said = f"the request was not there within {BODY_S:g} s"
-            raise RefusalError(408, "slow", said, headers={"Connection": "close"}) from None
-        raise RefusalError(400, "gone", "the caller went away")
 
     async def _refuse(
         self,
@@ -298,20 +243,6 @@ class _Outgoing:
             self.begun = True
             self.closed = message["type"] == "websocket.close"
         await self._send(message)
-
-
-def _again(body: bytes, receive: Receive) -> Receive:
-    """`receive` that gives the whole body at once, and then goes on as before."""
-    first = True
-
-    async def whole() -> Message:
-        nonlocal first
-        if first:
-            first = False
-            return {"type": "http.request", "body": body, "more_body": False}
-        return await receive()
-
-    return whole
 
 
 def _challenge(rule: Rule) -> dict[str, str]:

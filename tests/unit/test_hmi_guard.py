@@ -13,8 +13,10 @@ from starlette.staticfiles import StaticFiles
 
 from gateway.errors import GatewayError
 from gateway.hmi.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
+from gateway.hmi.bodies import BODY_S
 from gateway.hmi.logins import Logins
-from gateway.hmi.security import BODY_S, ENDED, REQUEST_S, calls, protected, without_rule
+from gateway.hmi.rows import calls, without_rule
+from gateway.hmi.security import ENDED, REQUEST_S, protected
 from gateway.hmi.telling import What
 from tests.unit.hmi_guard import HOST, ORIGIN, PASSWORD, Browser, example, house
 from tests.virtual_time import LoopClock, run
@@ -122,6 +124,15 @@ async def test_a_viewer_without_login_looks_and_touches_nothing() -> None:
     await browser.login("vera")
     answer = await browser.post("/api/alarms/7/acknowledge")
     assert (answer.status, answer.json["by"]) == (200, "10.0.0.99 (vera, role viewer)")
+
+
+@virtual
+async def test_the_way_to_the_login_is_not_bent() -> None:
+    """What was asked for stands in one parameter, whatever it holds."""
+    browser = Browser(house())
+    answer = await browser.get('/?a=b&need=none#x"<\r\n')
+    assert answer.status == 303
+    assert answer.headers["location"] == "/login?next=/%3Fa%3Db%26need%3Dnone%23x%22%3C%0D%0A&need=viewer"
 
 
 # A route that nobody has thought about
