@@ -36,7 +36,7 @@ export function Alarms({ bay, answer, wrong, again, session, known }) {
     again();
   };
   const open = listed.filter((alarm) => TO_ACKNOWLEDGE.includes(alarm.state));
-  return html`<section class=${`panel alarms ${open.length ? 'ringing' : ''}`} aria-labelledby="alarms-title">
+  return html`<section class=${`panel alarms ${listed.length ? '' : 'none'}`} aria-labelledby="alarms-title">
     <header>
       <h2 id="alarms-title">Alarms</h2>
       <span class="small">${answer === null ? '' : listed.length === 0 ? 'none' : `${listed.length} stand, ${open.length} not acknowledged`}</span>
@@ -45,7 +45,7 @@ export function Alarms({ bay, answer, wrong, again, session, known }) {
     ${(wrong || !known) && html`<p class="notice warn small">The list may be old: ${wrong || 'no connection to the gateway'}.</p>`}
     ${refused && html`<p class="notice bad small" role="alert">Not acknowledged: ${refused}</p>`}
     ${answer !== null && listed.length === 0 && html`<p class="muted">No alarm stands.</p>`}
-    <ul>
+    <ul tabindex=${listed.length > 2 ? 0 : undefined} aria-label="alarms, the most important first">
       ${listed.map((alarm) => {
         const waits = TO_ACKNOWLEDGE.includes(alarm.state);
         return html`<li key=${alarm.id} class=${waits ? 'waits' : ''}>
