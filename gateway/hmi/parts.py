@@ -18,7 +18,7 @@ from gateway.supervisor import TaskRecord
 
 PLC_QUIET_S = 5.0  # ten times the slowest poll that is any use; the alarm's own on-delay comes on top
 MOST_ALARMS = 100  # told of; the rest is counted
-MAX_ERROR = 200
+MAX_ERROR = 120
 
 
 @dataclass(slots=True)

@@ -37,7 +37,7 @@ from gateway.model import StateVector
 
 NS_PER_S = 1_000_000_000
 HISTORY = 1000  # changes kept, of all alarms
-MAX_DETAIL = 200
+MAX_DETAIL = 120
 # What an operator must look at first.
 _RANK = {
     AlarmState.UNACKNOWLEDGED: 0,

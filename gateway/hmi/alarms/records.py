@@ -6,7 +6,7 @@ from enum import StrEnum
 from gateway.hmi.alarms.states import AlarmState, Cue
 
 SHELVE_MOST_MIN = 12 * 60  # one shift
-MAX_NOTE = 200
+MAX_NOTE = 120
 DEEDS = (Cue.ACKNOWLEDGE, Cue.RESET, Cue.SHELVE, Cue.UNSHELVE, Cue.REMOVE, Cue.RESTORE)
 """What a person may do."""
 
