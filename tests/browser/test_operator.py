@@ -8,7 +8,7 @@ import psutil
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.chromium import until
+from tests.browser.chromium import PATIENCE_MS, until
 from tests.browser.conftest import Visit
 from tests.browser.plant import Plant, plant
 from tests.e2e.plc import Plc
@@ -107,7 +107,7 @@ def test_the_decision_is_the_plcs(bay: Plant, page: Page) -> None:
     stop = page.locator("dl.facts-grid div", has=page.locator("dt", has_text=re.compile("^Stop$"))).locator("dd")
     with Plc(bay.modbus_port) as plc:
         for bit, word in ((1, "on"), (0, "off")):
-            plc.wait_for(lambda image, bit=bit: image["stop"] == bit)  # type: ignore[misc]
+            plc.wait_for(lambda image, bit=bit: image["stop"] == bit, PATIENCE_MS / 1000)  # type: ignore[misc]
             expect(stop).to_have_text(word)
             if plc.last["stop"] == bit:
                 expect(page.locator(".decision .word")).to_have_text(re.compile("STOP" if bit else "^(?!STOP)"))
