@@ -1,0 +1,100 @@
+"""The OpenAPI description: valid, whole, of one mind with rights and routes, and kept by the real application."""
+
+import json
+from typing import Any
+
+import pytest
+from openapi_spec_validator import validate
+
+from gateway.hmi import openapi
+from gateway.hmi.access import RULES, Level
+from gateway.hmi.api import CALLS
+
+DOCUMENT = openapi.document()
+OPERATIONS = [
+    pytest.param(path, method, operation, id=f"{method} {path}")
+    for path, methods in DOCUMENT["paths"].items()
+    for method, operation in methods.items()
+]
+# What only the pages themselves ask for.
+PAGES_OWN = {
+    ("GET", "/api/session"), ("POST", "/api/login"), ("POST", "/api/logout"), ("GET", "/api/bays/{bay}/picture"),
+    ("GET", "/static/{path:path}"), ("GET", "/favicon.ico"),
+}  # fmt: skip
+
+
+def test_it_is_valid() -> None:
+    validate(DOCUMENT)
+    assert DOCUMENT["openapi"].startswith("3.1")
+    assert json.loads(json.dumps(DOCUMENT)) == DOCUMENT
+
+
+def test_every_address_for_programs_is_described() -> None:
+    described = {(call.method, call.path) for call in CALLS}
+    programs = {
+        (rule.method, rule.path) for rule in RULES
+        if rule.method != "WS" and not rule.page and rule.least < Level.TECHNICIAN
+    }  # fmt: skip
+    assert programs - PAGES_OWN <= described
+    assert described <= {(rule.method, rule.path) for rule in RULES}
+    alarms = {rule.path for rule in RULES if rule.path.startswith("/api/alarms/")}
+    assert alarms == {call.path for call in CALLS if call.method == "POST"}
+
+
+@pytest.mark.parametrize(("path", "method", "operation"), OPERATIONS)
+def test_every_call_says_who_may_and_how(path: str, method: str, operation: dict[str, Any]) -> None:
+    least = next(rule.least for rule in RULES if (rule.method, rule.path) == (method.upper(), path))
+    assert operation["x-role"] == least.role
+    ways = {
+        (Level.OPEN, "get"): [{}],
+        (Level.VIEWER, "get"): [{"basic": []}, {"session": []}],
+        (Level.VIEWER, "post"): [{"session": [], "csrf": []}],
+        (Level.TECHNICIAN, "post"): [{"session": [], "csrf": []}],
+    }
+    assert operation["security"] == ways[least, method]
+    assert {"401", "403"} <= set(operation["responses"]) or least is Level.OPEN
+    for status, response in operation["responses"].items():
+        kinds = list(response["content"])
+        problem = int(status) >= 400 and path != "/healthz"
+        assert (kinds == ["application/problem+json"]) == problem, status
+
+
+def test_ids_are_unique_and_what_is_referred_to_is_there() -> None:
+    ids = [operation.values[2]["operationId"] for operation in OPERATIONS]  # type: ignore[index]
+    assert len(set(ids)) == len(ids)
+    schemas = DOCUMENT["components"]["schemas"]
+    refs = {text.rsplit("/", 1)[1] for text in _refs(DOCUMENT)}
+    assert refs <= set(schemas)
+    assert {"LiveView", "DriverView", "FrameView"} <= set(schemas)
+    assert set(schemas) - refs <= {"LiveView", "DriverView", "FrameView"}  # the live views' own
+
+
+def _refs(part: Any) -> list[str]:
+    if isinstance(part, dict):
+        own = [part["$ref"]] if isinstance(part.get("$ref"), str) else []
+        return own + [ref for value in part.values() for ref in _refs(value)]
+    return [ref for value in part for ref in _refs(value)] if isinstance(part, list) else []
+
+
+def test_every_field_of_every_model_is_described_by_its_name_or_in_words() -> None:
+    """Units stand in the names: a number without one is a count, a pixel, or says what it is."""
+    bare = [
+        f"{model}.{name}"
+        for model, schema in DOCUMENT["components"]["schemas"].items()
+        for name, field in schema.get("properties", {}).items()
+        if field.get("type") == "number" and "description" not in field
+        if not name.endswith(("_ms", "_px", "_mm", "_mm_s", "_rad", "_hz", "_deg", "_s")) and name not in ("u", "v")
+    ]
+    assert bare == []
+
+
+def test_a_call_that_nobody_may_make_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    fewer = tuple(rule for rule in RULES if rule.path != "/api/alarms")
+    monkeypatch.setattr(openapi, "RULES", fewer)
+    with pytest.raises(LookupError, match="GET /api/alarms has no row"):
+        openapi.document()
+
+
+def test_the_cookie_is_named_as_it_is() -> None:
+    schemes = openapi.document("__Host-north-session")["components"]["securitySchemes"]
+    assert schemes["session"]["name"] == "__Host-north-session"
