@@ -60,10 +60,13 @@ class Link(Generic[Out, In]):
 
     # For the main process.
 
-    def received(self) -> list[In]:
-        """Everything that has arrived; sets `ended` at the end of file. Never waits."""
+    def received(self, most: int | None = None) -> list[In]:
+        """Everything that has arrived, or the `most` oldest of it; sets `ended` at the end of file. Never waits.
+
+        Without a limit it ends with a system call that finds nothing.
+        """
         messages: list[In] = []
-        while not self.ended:
+        while not self.ended and len(messages) != most:
             try:
                 data = self.sock.recv(MAX_MESSAGE_BYTES, socket.MSG_DONTWAIT)
             except BlockingIOError:

@@ -67,6 +67,7 @@ class Child(Generic[Out, In]):
     link: Link[Out, In | Failed]
     pidfd: int
     notes: Link[Out, In] | None
+    notes_due: int = 0  # at most so many are written and not read, or may be written
 
 
 class Pool(Generic[Out, In]):
@@ -123,10 +124,11 @@ class Pool(Generic[Out, In]):
 
     def introduce(self, token: int, other: int, message: Out) -> None:
         """As `send`, and gives the child the sending end of the other's inbox: what it sends there, the other receives
-        as if it came from here. Nothing is said where the other is gone."""
+        as if it came from here. Nothing is said where the other is gone. At most one note may follow from each call."""
         child, introduced = self._children.get(token), self._children.get(other)
         if child is None or introduced is None:
             return
+        child.notes_due += 1
         if not child.link.offer(message, introduced.link.sock.fileno()):
             child.process.kill()
 
@@ -146,25 +148,25 @@ class Pool(Generic[Out, In]):
     def messages(self, *, everybody: bool = True) -> Iterator[tuple[int, In | Failed | Gone]]:
         """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
 
-        Without `everybody` only from those that the event loop has seen speak or end, which spares some system calls.
-        Notes wake nobody. They are read at every call, before all else, and before a process is told to be gone.
+        Without `everybody` only from those that the event loop has seen speak or end, and only the oldest word of each
+        that has not ended: it will see the others, too. That spares some system calls. Notes wake nobody. They are read
+        at every call, before all else, and before a process is told to be gone.
         """
         ended, heard = set(self._ended), self._spoke | self._ended
         self._spoke.clear()  # not replaced: the event loop's readers hold these very sets
         self._ended.clear()
         for token, child in self._children.items():
-            if child.notes is not None:
-                for note in child.notes.received():
-                    yield token, note
+            for note in _notes(child, everybody=everybody):
+                yield token, note
         for token, child in list(self._children.items()):
             if not everybody and token not in heard:
                 continue
             asked = everybody or token in ended
             status = child.process.poll() if asked else None  # before reading, so that the last words are not missed
-            for message in child.link.received():
+            for message in child.link.received(None if asked else 1):
                 yield token, message
-            if status is not None and child.notes is not None:
-                for note in child.notes.received():
+            if status is not None:
+                for note in _notes(child, everybody=True):
                     yield token, note
             if status is not None:
                 self._forget(token)
@@ -223,6 +225,15 @@ class Pool(Generic[Out, In]):
         if child.notes is not None:
             child.notes.close()
         os.close(child.pidfd)
+
+
+def _notes(child: Child[Out, In], *, everybody: bool) -> list[In]:
+    """Those that have been written; without `everybody` no more than may have been."""
+    if child.notes is None or not (child.notes_due or everybody):
+        return []
+    notes = child.notes.received(None if everybody else child.notes_due)
+    child.notes_due = max(0, child.notes_due - len(notes))
+    return notes
 
 
 @contextmanager

@@ -198,12 +198,12 @@ class _Turns:
 
 def _report(dispatcher: Dispatcher, token: int, message: FromChild | Failed | Gone, now_ns: int) -> None:
     match message:
-        case Captured(frame, skipped):
-            dispatcher.captured(token, frame, skipped, now_ns)
-        case Handed(frame, skipped, worker, then_ns):
-            dispatcher.handed(token, frame, skipped, worker, then_ns, now_ns)
         case Looked(seq, detection):
             dispatcher.looked(token, seq, detection, now_ns)
+        case Handed(frame, skipped, worker, then_ns):
+            dispatcher.handed(token, frame, skipped, worker, then_ns, now_ns)
+        case Captured(frame, skipped):
+            dispatcher.captured(token, frame, skipped, now_ns)
         case Ready():
             dispatcher.ready(token)
         case Opened(lossless):
