@@ -1,0 +1,147 @@
+import assert from 'node:assert/strict';
+import test from 'node:test';
+import { css, differing, groups, partLimits, placeOf, range, same, stepOf, title, typed, valueAt, widely } from '../static/tune/settings.js';
+import { trials } from '../static/tune/trials.js';
+
+const key = (name, kind, low, high, more = {}) => ({ name, kind, low, high, unit: '', step: null, default: 0, belongs: 'paper', choices: [], meaning: '', ...more });
+const AREA = key('min_area_px2', 'number', 0, 1e8, { unit: 'px²' });
+const KERNEL = key('gaussian_kernel_px', 'whole', 1, 31, { unit: 'px', step: 2 });
+const SHARE = key('min_radius_share', 'number', 0.002, 1, { unit: 'of the diagonal', default: 0.012, belongs: 'robust' });
+const FILL = key('min_fill', 'number', 0, 1);
+const RED = key('red_low_1', 'colour', null, null);
+const METHOD = key('method', 'choice', null, null, { belongs: 'both' });
+
+test('a key as people read it', () => {
+  assert.equal(title(KERNEL), 'gaussian kernel');
+  assert.equal(title(FILL), 'min fill');
+  assert.equal(range(KERNEL), '1 to 31, odd');
+  assert.equal(range(SHARE), '0.002 to 1');
+});
+
+test('every key stands in one group', () => {
+  const all = [AREA, KERNEL, SHARE, FILL, RED, METHOD];
+  const parts = groups(all);
+  assert.deepEqual(Object.values(parts).flat().map((one) => one.name).sort(), all.map((one) => one.name).sort());
+  assert.deepEqual(parts.red, [RED]);
+  assert.deepEqual(parts.clean, [KERNEL]);
+  assert.deepEqual(parts.gates, [AREA, FILL]);
+});
+
+test('which settings differ; colours are lists', () => {
+  assert.equal(same([0, 43, 46], [0, 43, 46]), true);
+  assert.equal(same([0, 43, 46], [0, 43, 47]), false);
+  assert.deepEqual(differing([RED, FILL], { red_low_1: [1, 2, 3], min_fill: 0 }, { red_low_1: [1, 2, 3], min_fill: 0.5 }), ['min_fill']);
+});
+
+test('what is typed is taken only where the gateway would take it', () => {
+  assert.equal(typed(KERNEL, '7'), 7);
+  for (const bad of ['8', '33', '-1', '', ' ', 'x', '7.5', 'Infinity', '1e400']) assert.equal(typed(KERNEL, bad), null, bad);
+  assert.equal(typed(FILL, '0.25'), 0.25);
+  assert.equal(typed(FILL, '1.01'), null);
+  assert.equal(typed(AREA, '1e8'), 1e8);
+});
+
+test('a wide range is laid out by powers of ten, and comes back to itself', () => {
+  assert.equal(widely(AREA), true);
+  assert.equal(widely(KERNEL), false);
+  assert.equal(placeOf(AREA, 0), 0);
+  assert.equal(placeOf(AREA, 1e8), 1000);
+  assert.equal(valueAt(AREA, 0), 0);
+  assert.equal(valueAt(AREA, 1000), 1e8);
+  let last = -1;
+  for (let place = 0; place <= 1000; place += 1) {
+    const value = valueAt(AREA, place);
+    assert.ok(value >= last && value <= 1e8, `${place}: ${value}`);
+    if (value >= 10) assert.ok(Math.abs(placeOf(AREA, value) - place) <= 3, `${place}: ${value}`);
+    last = value;
+  }
+});
+
+test('sliders move as finely as the key asks', () => {
+  assert.equal(stepOf(KERNEL), 2);
+  assert.equal(stepOf(SHARE), 0.001);
+  assert.equal(stepOf(FILL), 0.01);
+  assert.equal(stepOf(key('coast_s', 'number', 0, 10)), 0.05);
+});
+
+test('low never lies above high', () => {
+  const settings = { red_low_1: [3, 43, 46], red_high_1: [10, 255, 200] };
+  assert.deepEqual(partLimits('red_low_1', 0, settings), [0, 10]);
+  assert.deepEqual(partLimits('red_high_1', 0, settings), [3, 180]);
+  assert.deepEqual(partLimits('red_high_1', 2, settings), [46, 255]);
+});
+
+test('colours on the file\'s scale', () => {
+  assert.equal(css([0, 255, 255]), 'rgb(255, 0, 0)');
+  assert.equal(css([60, 255, 255]), 'rgb(0, 255, 0)');
+  assert.equal(css([120, 255, 255]), 'rgb(0, 0, 255)');
+  assert.equal(css([180, 255, 255]), 'rgb(255, 0, 0)');
+  assert.equal(css([90, 0, 128]), 'rgb(128, 128, 128)');
+});
+
+/** Trials whose answers come when the test says so. */
+function bench() {
+  const asked = [];
+  const told = [];
+  const made = trials(
+    (wish) => new Promise((done, fail) => asked.push({ wish, done, fail })),
+    { done: (result, wish) => told.push([result, wish.n]), failed: (error, wish) => told.push([error.message, wish.n]), busy: (on) => told.push(on) },
+    { quickMs: 1, restMs: 40 },
+  );
+  return { asked, told, made };
+}
+const ms = (n) => new Promise((done) => setTimeout(done, n));
+const until = async (holds) => {
+  for (let n = 0; n < 2000 && !holds(); n += 1) await ms(5);
+  assert.ok(holds());
+};
+
+test('while one runs only the newest wish waits', async () => {
+  const { asked, told, made } = bench();
+  made.want({ n: 1 }, { timed: false });
+  await until(() => asked.length === 1);
+  for (const n of [2, 3, 4]) {
+    made.want({ n }, { timed: false });
+    await ms(5);
+  }
+  await ms(20);
+  assert.equal(asked.length, 1);
+  asked[0].done('first');
+  await until(() => asked.length === 2);
+  assert.equal(asked[1].wish.n, 4);
+  asked[1].done('last');
+  await until(() => told.at(-1) === false);
+  assert.deepEqual(told, [true, ['first', 1], true, ['last', 4], false]);
+  made.close();
+});
+
+test('when the controls rest the time is measured; a newer wish does not wait for that, and its answer is not shown', async () => {
+  const { asked, told, made } = bench();
+  made.want({ n: 1 });
+  await until(() => asked.length === 1);
+  asked[0].done('look');
+  await until(() => asked.length === 2);
+  assert.equal(asked[1].wish.timed, true);
+  made.want({ n: 2 }, { timed: false });
+  await until(() => asked.length === 3);
+  asked[1].fail(new Error('given up'));
+  asked[2].done('newer');
+  await until(() => told.at(-1) === false);
+  assert.deepEqual(told.filter(Array.isArray), [['look', 1], ['newer', 2]]);
+  made.close();
+});
+
+test('after a failure the next wish is tried; after the end nothing is told', async () => {
+  const { asked, told, made } = bench();
+  made.want({ n: 1 }, { timed: false });
+  await until(() => asked.length === 1);
+  asked[0].fail(new Error('busy'));
+  await until(() => told.at(-1) === false);
+  made.want({ n: 2 });
+  await until(() => asked.length === 2);
+  made.close();
+  asked[1].done('late');
+  await ms(80);
+  assert.deepEqual(told, [true, ['busy', 1], false, true]);
+  assert.equal(asked.length, 2);
+});
