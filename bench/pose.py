@@ -55,7 +55,12 @@ def pose_error(seed: int) -> PoseError | None:
     normal = -scene.rotation[:, 2]
     found = disc_pose(rim.ellipse, lens, 1.0)
     told = disc_pose(
-        rim.ellipse, lens, 1.0, facing=(float(normal[0]), float(normal[1]), float(normal[2])), usual_tilt_rad=0.02
+        rim.ellipse,
+        lens,
+        1.0,
+        facing=(float(normal[0]), float(normal[1]), float(normal[2])),
+        usual_tilt_rad=0.02,
+        usually=1.0,
     )
     if found is None or told is None:
         return None

@@ -77,7 +77,7 @@ def pose(disc: Disc, lens: Intrinsics, facing: NDArray[np.float64] | None = None
         found = disc_pose(ellipse, lens, RADIUS_MM)
     else:
         x, y, z = (float(value) for value in facing)
-        found = disc_pose(ellipse, lens, RADIUS_MM, facing=(x, y, z), usual_tilt_rad=0.02)
+        found = disc_pose(ellipse, lens, RADIUS_MM, facing=(x, y, z), usual_tilt_rad=0.02, usually=1.0)
     assert found is not None
     return found
 
@@ -129,14 +129,32 @@ def test_the_other_pose_leans_as_far_to_the_other_side() -> None:
     assert one.tilt_rad == pytest.approx(other.tilt_rad, rel=0.1)
 
 
-def test_a_disc_parallel_to_the_image_plane_needs_no_correction_wherever_it_is() -> None:
+def test_a_disc_parallel_to_the_image_plane_needs_no_correction_and_gets_little() -> None:
     """Its image is a circle round its own centre; the other pose leans by twice the angle it is off the axis."""
     disc = standing(250.0, 120.0, 900.0, 0.0, 0.0)
     found = pose(disc, Intrinsics(fx=1200, fy=1200, cx=960, cy=540))
     assert found.poses[0].off_rad < 1e-3
     assert found.poses[1].off_rad == pytest.approx(2 * math.atan(math.hypot(250, 120) / 900), rel=0.02)
     u, v = disc.own_centre(Intrinsics(fx=1200, fy=1200, cx=960, cy=540))
-    assert math.hypot(found.u_px - u, found.v_px - v) < 0.1
+    wrong = found.poses[1]
+    assert math.hypot(found.u_px - u, found.v_px - v) < 0.1 * math.hypot(wrong.u_px - u, wrong.v_px - v)
+    assert math.hypot(found.u_px - u, found.v_px - v) < 0.4
+
+
+@pytest.mark.parametrize("range_deg", [(0.0, 10.0), (10.0, 20.0), (20.0, 30.0)])
+def test_the_weighted_centre_is_no_worse_than_the_ellipse_s_in_95_of_100_cases(range_deg: tuple[float, float]) -> None:
+    """Tilts of any size towards any side: nobody mounts markers so, and still the correction does no harm."""
+    chance, lens = np.random.default_rng(7), Intrinsics(fx=1200, fy=1200, cx=960, cy=540)
+    before, after = [], []
+    for _ in range(300):
+        z = float(chance.uniform(700, 1600))
+        right, down = chance.uniform(-0.25, 0.25) * z, chance.uniform(-0.15, 0.15) * z
+        disc = standing(right, down, z, float(chance.uniform(*range_deg)), float(chance.uniform(0, 360)))
+        ellipse, (u, v), found = disc.ellipse(lens), disc.own_centre(lens), pose(disc, lens)
+        before.append(math.hypot(ellipse.u_px - u, ellipse.v_px - v))
+        after.append(math.hypot(found.u_px - u, found.v_px - v))
+    assert np.percentile(after, 95) <= np.percentile(before, 95)
+    assert np.median(after) < np.median(before)
 
 
 def test_what_can_t_be_told_apart_is_told_as_spread() -> None:
@@ -192,7 +210,7 @@ def test_no_ellipse_raises(ellipse: Ellipse, lens: Intrinsics) -> None:
 
 
 def test_the_detector_corrects_the_centre_where_the_lens_is_known() -> None:
-    """Parallel to the image plane but for 4 degrees, at the side of the frame: the usual prior knows which way."""
+    """Parallel to the image plane but for 4 degrees, at the side of the frame: the usual prior leans the right way."""
     lens = Intrinsics(fx=500, fy=500, cx=320, cy=240)
     disc = standing(150.0, 60.0, 500.0, 4.0, 0.0)
     phi = np.radians(np.arange(0, 360, 0.25))
@@ -210,6 +228,6 @@ def test_the_detector_corrects_the_centre_where_the_lens_is_known() -> None:
     before = math.hypot(unknown.circle.u_px - u, unknown.circle.v_px - v)
     after = math.hypot(known.circle.u_px - u, known.circle.v_px - v)
     assert before > 0.5
-    assert after < 0.3 * before
+    assert after < 0.75 * before
     assert known.circle.radius_px == unknown.circle.radius_px
     assert known.x_n == pytest.approx((known.circle.u_px - 320) / 500)

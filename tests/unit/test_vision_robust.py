@@ -10,6 +10,8 @@ import pytest
 from gateway.config import Intrinsics, VisionConfig
 from gateway.model import Circle, Detection
 from gateway.sim import decoys
+from gateway.vision.bystanders import WEAKER
+from gateway.vision.follow import JUMP
 from gateway.vision.pixels import Image
 from gateway.vision.robust.decision import GATES
 from gateway.vision.robust.detect import STAGES, detect
@@ -234,7 +236,7 @@ def test_the_same_picture_gives_the_same_answer_bit_for_bit() -> None:
 
 
 def test_every_code_of_a_rejection_is_explained() -> None:
-    codes = {code for code, _ in GATES} | {"rim", "weaker"}
+    codes = {code for code, _ in GATES} | {"rim", WEAKER, JUMP}
 
     assert codes == set(REJECTION_MEANING)
 

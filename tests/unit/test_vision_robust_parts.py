@@ -17,6 +17,7 @@ from gateway.vision.robust.evidence import Evidence, masked_median
 from gateway.vision.robust.redness import pyramid, redness
 from gateway.vision.robust.reference import SHARE_MEANING
 from gateway.vision.robust.rim import Rim, refine
+from gateway.vision.robust.search import _rim_near
 
 LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
 RIM = Rim(
@@ -268,6 +269,20 @@ def test_half_hidden_but_even_rims_stay_with_all_colours() -> None:
 
     assert quality(by_all_colours) < GOOD
     assert rim == by_all_colours
+
+
+def test_a_rim_that_was_seen_drawn_out_along_a_red_band_is_found_round() -> None:
+    """Before the band there is no edge of redness, only one of brightness."""
+    sheet = decoys.sheet(200, 120, "concrete", 2)
+    sheet.box(100.0, 60.0, 99.0, 28.0, (24.0, 22.0, 105.0))
+    sheet.disc(100.0, 60.0, 40.0)
+    image, seen = sheet.finished(), Ellipse(100.0, 60.0, 58.0, 33.0, 0.0)
+    drawn_out, rim = clearest_rim(image, seen), _rim_near(image, seen)
+    assert rim is not None
+
+    assert drawn_out is None or drawn_out.ellipse.semi_major_px > 45
+    assert rim.ellipse.semi_major_px == pytest.approx(40, abs=0.1)
+    assert (rim.ellipse.u_px, rim.ellipse.v_px) == pytest.approx((100, 60), abs=0.1)
 
 
 @pytest.mark.parametrize(("contrast", "taken"), [(20.0, False), (90.0, True)])

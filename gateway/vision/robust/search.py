@@ -8,7 +8,7 @@ from gateway.model import Circle, Ellipse
 from gateway.vision.pixels import Image
 from gateway.vision.robust import candidates, evidence
 from gateway.vision.robust.candidates import Seed
-from gateway.vision.robust.colours import clearest_rim
+from gateway.vision.robust.colours import CLEARLY, clearest_rim, quality
 from gateway.vision.robust.decision import Candidate, Limits, alike, circle_of, confidence, promise, veto, weight
 from gateway.vision.robust.evidence import LOOK_PX, Evidence
 from gateway.vision.robust.redness import Level, pyramid
@@ -22,6 +22,7 @@ RIMS = 5  # whose rim is refined
 REJECTED = 5  # told
 FINEST_PX = 10.0  # radius of the smallest disc on the finest level, px of it, at least
 COARSEST_PX = 8  # side of the coarsest level
+FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
 EXPECTED_REACH = 0.25  # how far off a prediction's rim is looked for, of its radius
 
 
@@ -95,13 +96,29 @@ def _refined(image: Image, levels: Sequence[Level], worth: Sequence[Evidence]) -
     rims: list[Rim] = []
     told: list[Told] = []
     for found in worth:
-        rim = clearest_rim(image, found.ellipse)
+        rim = _rim_near(image, found.ellipse)
         if rim is None:
             told.append((promise(found), circle_of(found.ellipse), "rim"))
         elif not any(alike(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = evidence.of_ellipses(levels, [rim.ellipse for rim in rims])
     return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], told
+
+
+def _rim_near(image: Image, seen: Ellipse) -> Rim | None:
+    """The rim at full resolution near the one seen in redness; from a circle, too, where that one is flat.
+
+    A disc before a red band has no edge of redness where it hides the band: the ellipse through the others is drawn out
+    along it. Brightness shows the rim there, if it is looked for where a round disc has it.
+    """
+    rim = clearest_rim(image, seen)
+    if seen.semi_minor_px >= FLAT * seen.semi_major_px:
+        return rim
+    mean_px = math.sqrt(seen.semi_major_px * seen.semi_minor_px)
+    other = clearest_rim(image, Ellipse(seen.u_px, seen.v_px, mean_px, mean_px, 0.0))
+    if other is None or rim is None:
+        return rim
+    return other if quality(other) > quality(rim) + CLEARLY else rim
 
 
 def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | None, list[Told]]:
