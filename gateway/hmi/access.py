@@ -47,6 +47,7 @@ class Rule:
     least: Level
     says: str
     body_bytes: int = 0  # of a POST, at most
+    tries: bool = False  # a POST that changes nothing but what its own page looks at: not told
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:
@@ -71,6 +72,10 @@ def _get(path: str, least: Level, says: str) -> Rule:
 
 def _post(path: str, least: Level, says: str, body_bytes: int = BODY_BYTES) -> Rule:
     return Rule("POST", path, least, says, body_bytes)
+
+
+def _try(path: str, says: str, body_bytes: int = BODY_BYTES) -> Rule:
+    return Rule("POST", path, Level.TECHNICIAN, says, body_bytes, tries=True)
 
 
 RULES: tuple[Rule, ...] = (
@@ -105,18 +110,18 @@ RULES: tuple[Rule, ...] = (
     _post("/api/alarms/{alarm}/restore", Level.TECHNICIAN, "put an alarm back into service"),
     _get("/tune/{bay}", Level.TECHNICIAN, "the technician's page"),
     _post("/api/bays/{bay}/function-check", Level.TECHNICIAN, "begin or end a function check"),
-    _post("/api/bays/{bay}/freeze", Level.TECHNICIAN, "keep the newest frame to try settings on"),
-    _post("/api/bays/{bay}/record", Level.TECHNICIAN, "keep the frames of the next few seconds"),
+    _try("/api/bays/{bay}/freeze", "keep the newest frame to try settings on"),
+    _try("/api/bays/{bay}/record", "keep the frames of the next few seconds"),
     _get("/api/bays/{bay}/taken", Level.TECHNICIAN, "the kept frames and recordings"),
     _get("/api/bays/{bay}/taken/{name}/{frame}", Level.TECHNICIAN, "one of these frames as a picture"),
-    _post("/api/bays/{bay}/trial", Level.TECHNICIAN, "try settings on a kept frame or a recording"),
+    _try("/api/bays/{bay}/trial", "try settings on a kept frame or a recording"),
     _get("/api/bays/{bay}/trial/{number}/{panel}", Level.TECHNICIAN, "a stage of a trial as a picture"),
-    _post("/api/bays/{bay}/eyedropper", Level.TECHNICIAN, "the red ranges that would admit a place in a frame"),
+    _try("/api/bays/{bay}/eyedropper", "the red ranges that would admit a place in a frame"),
     _get("/api/bays/{bay}/profile", Level.TECHNICIAN, "the settings in force, and what may be set"),
     _get("/api/bays/{bay}/profile/export", Level.TECHNICIAN, "the settings in force as a file"),
-    _post("/api/bays/{bay}/profile/export", Level.TECHNICIAN, "other settings as a file"),
-    _post("/api/bays/{bay}/profile/import", Level.TECHNICIAN, "read settings from a file", PROFILE_BYTES),
-    _post("/api/bays/{bay}/profile/diff", Level.TECHNICIAN, "what saving would change"),
+    _try("/api/bays/{bay}/profile/export", "other settings as a file"),
+    _try("/api/bays/{bay}/profile/import", "read settings from a file", PROFILE_BYTES),
+    _try("/api/bays/{bay}/profile/diff", "what saving would change"),
     _post("/api/bays/{bay}/profile/apply", Level.TECHNICIAN, "let settings go live"),
     _post("/api/bays/{bay}/profile/undo", Level.TECHNICIAN, "go back to the settings before"),
     _post("/api/bays/{bay}/profile/save", Level.TECHNICIAN, "write settings into the configuration"),

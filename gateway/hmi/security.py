@@ -184,7 +184,7 @@ class Guard:
             if not until.expired():
                 raise
             await self._cut(scope, receive, outgoing, over=session is not None)
-        if rule.method == "POST" and rule.least > Level.OPEN and not 400 <= outgoing.status < 500:
+        if rule.method == "POST" and rule.least > Level.OPEN and not rule.tries and not 400 <= outgoing.status < 500:
             what = f"{scope['path']}: {outgoing.status}"
             self._logins.told(Told(What.CHANGED, visitor.name, visitor.address, shown(what)))
 
