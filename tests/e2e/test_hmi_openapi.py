@@ -1,0 +1,128 @@
+"""The real application, on a real socket, keeps what its OpenAPI description promises: schemathesis asks everything."""
+
+import asyncio
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+import schemathesis
+import uvicorn
+from hypothesis import HealthCheck, Phase, given, settings
+from schemathesis.core.result import Ok
+from schemathesis.specs.openapi.checks import ignored_auth
+
+from gateway.clock import SystemClock
+from gateway.hmi import openapi
+from gateway.hmi.logins import Logins
+from gateway.hmi.web import app, site_of
+from gateway.model import Quality, VisionReading
+from gateway.sections.hmi import HmiConfig
+from tests.unit.hmi_desk import plant
+from tests.unit.hmi_guard import PASSWORD, USERS
+from tests.unit.hmi_links import full
+
+HURRY_S = 60.0
+EXAMPLES = 12
+SCHEMA = schemathesis.openapi.from_dict(openapi.document())
+OPERATIONS = [result.ok() for result in SCHEMA.get_all_operations() if isinstance(result, Ok)]
+
+
+class Bay:
+    """Two bays whose main process's side and web application run in a thread's event loop."""
+
+    def __init__(self) -> None:
+        self.port = 0
+        self.ready = threading.Event()
+        self._stop: asyncio.Event | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self.thread = threading.Thread(target=lambda: asyncio.run(self._run()))
+
+    async def _run(self) -> None:
+        self._stop, self._loop = asyncio.Event(), asyncio.get_running_loop()
+        async with plant(bays=2) as made:
+            made.links = full()
+            made.rings["bay1"].write(0, np.zeros((48, 64, 3), np.uint8), 1, made.desk.clock.now_ns())
+            made.controls["bay1"].on_vision(VisionReading(made.desk.clock.now_ns(), Quality.LINK_DOWN, detail="gone"))
+            config = HmiConfig(enabled=True, without_login="none", users=USERS)
+            pace = SystemClock()
+            logins = Logins(config, pace, lambda _: None, instance="gateway")
+            with socket.socket() as sock:
+                sock.bind(("127.0.0.1", 0))
+                sock.listen(100)
+                self.port = sock.getsockname()[1]
+                made_app = app(site_of(made.desk, pace), logins, pace)
+                server = uvicorn.Server(uvicorn.Config(made_app, log_level="error", lifespan="off", access_log=False))
+                serving = asyncio.create_task(server.serve([sock]))
+                self.ready.set()
+                await self._stop.wait()
+                server.should_exit = True
+                await serving
+
+    def stop(self) -> None:
+        if self._loop is not None and self._stop is not None:
+            self._loop.call_soon_threadsafe(self._stop.set)
+        self.thread.join(HURRY_S)
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    bay = Bay()
+    bay.thread.start()
+    try:
+        assert bay.ready.wait(HURRY_S)
+        yield f"http://127.0.0.1:{bay.port}"
+    finally:
+        bay.stop()
+
+
+@pytest.fixture(scope="module")
+def technician(address: str) -> dict[str, str]:
+    """What a browser sends once tom has logged in."""
+    with httpx2.Client(base_url=address, timeout=HURRY_S, headers={"Origin": address}) as browser:
+        csrf = browser.get("/api/session").json()["csrf"]
+        said = browser.post("/api/login", json={"name": "tom", "password": PASSWORD}, headers={"X-CSRF-Token": csrf})
+        assert said.status_code == 200, said.text
+        cookie = f"{openapi.COOKIE}={browser.cookies[openapi.COOKIE]}"
+        return {"Origin": address, "X-CSRF-Token": said.json()["csrf"], "Cookie": cookie}
+
+
+@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.label)
+def test_what_is_promised_is_kept(
+    operation: "schemathesis.APIOperation[Any, Any, Any, Any]", address: str, technician: dict[str, str]
+) -> None:
+    asked: list[int] = []
+
+    @settings(
+        max_examples=EXAMPLES,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        phases=[Phase.explicit, Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(case=operation.as_strategy())
+    def ask(case: "schemathesis.Case[Any]") -> None:
+        response = case.call(base_url=address, headers=technician)
+        asked.append(response.status_code)
+        case.validate_response(response, excluded_checks=[ignored_auth])  # its false login beside our good cookie
+
+    ask()
+    assert asked
+    if "{" not in operation.path:
+        assert 200 in asked
+
+
+@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.label)
+def test_without_a_login_nothing_but_health_is_told(
+    operation: "schemathesis.APIOperation[Any, Any, Any, Any]", address: str
+) -> None:
+    path = operation.path.replace("{bay}", "bay1").replace("{alarm}", "bay1.camera_down")
+    said = httpx2.request(operation.method, f"{address}{path}", headers={"Origin": address}, timeout=HURRY_S)
+    assert said.status_code == (200 if path == "/healthz" else 401)
+    if said.status_code == 401:
+        assert said.headers["content-type"] == "application/problem+json"
+        assert said.json()["error"] == "login"
