@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,7 +25,8 @@ from gateway.clock import SystemClock
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.errors import ConfigError
 from gateway.model import Quality, Tracking, VisionReading
-from gateway.vision.jobs import DetectorSpec
+from gateway.vision import service
+from gateway.vision.jobs import DetectorSpec, Handed, Looked
 from gateway.vision.service import VisionService
 from gateway.vision.sources import SourceSpec
 from gateway.vision.specs import source_spec
@@ -287,6 +289,31 @@ def standing(tmp_path_factory: pytest.TempPathFactory, _nothing_left_in_the_end:
 
 
 class TestAStandingBay:
+    def test_a_frame_goes_straight_to_an_idle_vision_process_and_no_descriptor_is_left_over(
+        self, standing: Standing, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        heard: Counter[type] = Counter()
+        report = service._report
+
+        def counted(dispatcher: Any, token: int, message: Any, now_ns: int) -> None:
+            heard[type(message)] += 1
+            report(dispatcher, token, message, now_ns)
+
+        monkeypatch.setattr(service, "_report", counted)
+
+        async def story() -> None:
+            bay = standing.bay
+            await bay.until(lambda reading: True, after=len(bay.readings))  # the first ones have come
+            before = {process.pid: process.num_fds() for process in family()}
+            heard.clear()
+            await bay.until(lambda reading: True, after=len(bay.readings) + 20)
+            assert heard[Handed] >= 10  # a machine that is busy may be late with an offer
+            assert heard[Looked] >= 20
+            # One descriptor may be on its way: an offer that waits for its frame.
+            assert all(process.num_fds() <= before[process.pid] + 1 for process in family())
+
+        standing.play(story)
+
     def test_ctrl_c_hurts_no_process_neither_at_the_start_nor_later(self, standing: Standing) -> None:
         async def story() -> None:
             assert len(standing.started) == 2
