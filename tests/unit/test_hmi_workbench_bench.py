@@ -116,6 +116,23 @@ def test_who_goes_away_leaves_no_work_behind() -> None:
     asyncio.run(scene())
 
 
+def test_a_wish_is_taken_back_without_a_newer_one() -> None:
+    async def scene() -> None:
+        bench, gate, begun = Bench(), threading.Event(), threading.Event()
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                work = asyncio.ensure_future(ended(bench.work("a", held(gate, begun))))
+                await until(begun)
+                bench.withdraw("b")
+                bench.withdraw("a")
+                assert await work == "ended"
+        finally:
+            gate.set()
+            bench.close()
+
+    asyncio.run(scene())
+
+
 def test_an_error_of_the_work_reaches_who_asked_and_the_place_is_free_again() -> None:
     async def scene() -> None:
         bench = Bench()

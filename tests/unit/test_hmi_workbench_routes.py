@@ -16,8 +16,9 @@ from starlette.applications import Starlette
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
 from gateway.hmi.access import RULES, Level
 from gateway.hmi.rows import calls
-from gateway.hmi.workbench import keys
+from gateway.hmi.workbench import keys, trial
 from gateway.hmi.workbench.routes import routes
+from gateway.hmi.workbench.trial import EndedError
 from gateway.hmi.workbench.workshop import Workshop
 from gateway.model import FunctionCheck
 from tests.unit.hmi_bench import HEIGHT, MARKER, WIDTH, picture
@@ -261,6 +262,22 @@ def test_a_strange_body_is_refused(path: str, body: dict[str, Any]) -> None:
             page.film()
             told = await page.post(path, **body)
             assert (told.status, told.json["error"]) == (400, "json")
+
+    run(scene())
+
+
+def test_a_trial_that_a_newer_one_took_back_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scene() -> None:
+        async with bay() as page:
+            page.film()
+
+            def taken_back(*_: object) -> None:
+                raise EndedError("given up for a newer one")
+
+            monkeypatch.setattr(trial, "look", taken_back)
+            told = await page.post("trial", live=True, vision={})
+            assert (told.status, told.body) == (204, b"")
+            assert page.shop.bench.withdrawn == 1
 
     run(scene())
 

@@ -73,6 +73,11 @@ class Bench:
         self.done += 1
         return result
 
+    def withdraw(self, who: str) -> None:
+        """Take back what `who` has waiting or running, if anything."""
+        if who in self._wishes:
+            self._wishes.pop(who).withdraw()
+
     def close(self) -> None:
         """Takes back what runs or waits, and ends the thread, which may take as long as one look at a picture."""
         for wish in self._wishes.values():

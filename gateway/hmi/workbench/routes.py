@@ -40,7 +40,6 @@ MIN_PX, MAX_PX = 80, 4096
 _ANSWERS: tuple[tuple[type[GatewayError], int, str], ...] = (
     (ChangedOnDiskError, 409, "changed"),
     (RefusedError, 409, "refused"),
-    (EndedError, 409, "newer"),
     (ConfigError, 422, "settings"),
     (BusyError, 503, "busy"),
     (LinkError, 503, "link"),
@@ -124,6 +123,8 @@ def _endpoint(shop: Workshop, does: Does) -> Callable[[Request], Awaitable[Respo
             return answer(RefusalError(404, "bay", f"there is no bay {bay}"))
         try:
             return await does(Call(shop, request, await request.body()))
+        except EndedError:
+            return Response(status_code=204)  # no fault: the page has asked for something newer meanwhile
         except GatewayError as error:
             return answer(_refusal(error))
 
@@ -165,7 +166,7 @@ async def _frame(call: Call) -> Response:
     taken = call.taken(call.request.path_params["name"])
     number = _whole(call.request.path_params["frame"], 0, len(taken.frames) - 1)
     width_px = _whole(call.request.query_params.get("width", str(PICTURE_PX)), MIN_PX, MAX_PX)
-    jpeg = await call.shop.picture(call.who(f"{taken.name}/{number}"), taken.frames[number], width_px)
+    jpeg = await call.shop.picture(call.who(f"{taken.name}/{number}/{width_px}"), taken.frames[number], width_px)
     return Response(jpeg, media_type="image/jpeg")
 
 

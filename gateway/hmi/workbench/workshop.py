@@ -207,7 +207,10 @@ class Workshop:
         self, who: str, frame: Snapshot, at: tuple[float, float], size_px: int, settings: VisionConfig, mode: Mode
     ) -> Picked:
         """Takes back a trial that `who` has under way: settings change now. Raises ValueError beside the picture."""
-        return await self.bench.work(who, lambda _: eyedropper.pick(frame.image, *at, size_px, settings, mode))
+        self.bench.withdraw(who)
+        return await self.bench.work(
+            f"pick {who}", lambda _: eyedropper.pick(frame.image, *at, size_px, settings, mode)
+        )
 
     # Settings.
 

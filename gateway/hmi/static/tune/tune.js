@@ -111,10 +111,11 @@ function Page({ session, profile: first, taken: kept, renew }) {
     {
       done(next, wish) {
         setTrouble('');
+        if (next === null) return; // given up for something newer
         setResult((was) => ({ ...carried(was, next, wish), wish }));
       },
       failed(error) {
-        if (error.status !== 409) setTrouble(error.message);
+        setTrouble(error.message);
       },
       busy: setWaiting,
     },
@@ -160,6 +161,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     if (!on) return;
     try {
       const answer = await send('eyedropper', { [on.kind]: on.name, frame: on.frame ?? 0, u_px: place.u, v_px: place.v, size_px: size, mode: way, vision: settings, tab: TAB });
+      if (answer === null) return; // another click came after it
       setPicked({ answer, failed: '' });
       change(answer.keys);
     } catch (error) {
