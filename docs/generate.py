@@ -4,6 +4,7 @@ A page holds generated blocks between `<!-- generated: NAME -->` and `<!-- end -
 tables in the code, so that page and code cannot disagree for longer than one test run.
 """
 
+import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -12,9 +13,10 @@ from pathlib import Path
 import cv2
 
 from gateway import configdoc
-from gateway.hmi import access
+from gateway.hmi import access, openapi
 from gateway.hmi.alarms import states as alarm_states
 from gateway.hmi.alarms import table as alarm_table
+from gateway.hmi.metrics import text as metrics
 from gateway.modbus import export, timing
 from gateway.modbus import reference as modbus_reference
 from gateway.modbus.exports import reference as plc_reference
@@ -63,6 +65,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "config.md": {"keys": configdoc.markdown},
     "hmi-security.md": {"access": access.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
+    "hmi-api.md": {"calls": openapi.markdown, "metrics": metrics.markdown},
     "mqtt.md": reference.BLOCKS,
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
@@ -90,6 +93,7 @@ def texts() -> Iterator[tuple[Path, str]]:
         yield path, page(path.read_text(encoding="utf-8"), blocks)
     for name, text in reference.schemas().items():
         yield DOCS / "schemas" / name, text
+    yield DOCS / "openapi.json", json.dumps(openapi.document(), indent=1, ensure_ascii=False) + "\n"
     for name in PLC_EXAMPLES:
         for file, text in FORMATS[name](Target()).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
