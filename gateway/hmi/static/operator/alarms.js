@@ -4,6 +4,7 @@ import { html, useState } from '../vendor/preact-htm.js';
 import { post, toLogin } from '../lib/api.js';
 import { clock, words } from '../lib/format.js';
 import { TO_ACKNOWLEDGE, mayAcknowledge, standing } from '../lib/views.js';
+import { Notice } from './notice.js';
 import { Priority } from './signs.js';
 
 const STATE_WORDS = {
@@ -42,9 +43,9 @@ export function Alarms({ bay, answer, wrong, again, session, known }) {
       <span class="small">${answer === null ? '' : listed.length === 0 ? 'none' : `${listed.length} stand, ${open.length} not acknowledged`}</span>
     </header>
     <p class="sr" role="status" aria-live="assertive">${open.length ? `${open.length} alarms to acknowledge: ${open[0].title}` : ''}</p>
-    ${(wrong || !known) && html`<p class="notice warn small">The list may be old: ${wrong || 'no connection to the gateway'}.</p>`}
-    ${refused && html`<p class="notice bad small" role="alert">Not acknowledged: ${refused}</p>`}
-    ${answer !== null && listed.length === 0 && html`<p class="muted">No alarm stands.</p>`}
+    <${Notice} kind="warn" say=${wrong || !known ? `The list may be old: ${wrong || 'no connection to the gateway'}.` : ''} />
+    <${Notice} kind="bad" loud say=${refused && `Not acknowledged: ${refused}`} />
+    <p class="muted" hidden=${answer === null || listed.length > 0}>No alarm stands.</p>
     <ul tabindex=${listed.length > 2 ? 0 : undefined} aria-label="alarms, the most important first">
       ${listed.map((alarm) => {
         const waits = TO_ACKNOWLEDGE.includes(alarm.state);

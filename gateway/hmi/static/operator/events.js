@@ -5,6 +5,7 @@ import { get, toLogin } from '../lib/api.js';
 import { clock, words } from '../lib/format.js';
 import { GROUP_WORDS, matches, told } from './eventwords.js';
 import { useKept } from './hooks.js';
+import { Notice } from './notice.js';
 
 const MOST = 1000;
 /** Follows `/api/events` as its newest number grows. */
@@ -56,7 +57,7 @@ export function Events({ bay, newest }) {
         <input type="search" placeholder="filter" aria-label="filter events by words" value=${text} onInput=${(event) => setText(event.target.value)} />
       </div>
     </header>
-    ${wrong && html`<p class="notice warn small">The list may be old: ${wrong}.</p>`}
+    <${Notice} kind="warn" say=${wrong && `The list may be old: ${wrong}.`} />
     <div class="scroll" tabindex="0" role="region" aria-label="events, newest first">
       <table class="stack"><thead><tr><th scope="col">Time</th>${bay === null && html`<th scope="col">Bay</th>`}<th scope="col">Event</th><th scope="col">What</th></tr></thead><tbody>
         ${shown.slice(0, 300).map((event) => html`<tr key=${event.id}>

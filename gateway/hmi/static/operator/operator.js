@@ -10,6 +10,7 @@ import { Decision } from './decision.js';
 import { Events } from './events.js';
 import { Health } from './health.js';
 import { useFetched, useLive, useNow } from './hooks.js';
+import { Notice } from './notice.js';
 import { Overview } from './overview.js';
 import { LivePicture } from './picture.js';
 import { Registers } from './registers.js';
@@ -114,8 +115,8 @@ function App({ session }) {
     <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
     <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} />
     <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${known ? '' : 'unknown'}`}>
-      ${!known && view !== null && html`<p class="notice bad banner" role="alert"><b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.</p>`}
-      ${refusal && html`<p class="notice bad banner" role="alert">${refusal}</p>`}
+      <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
+      <${Notice} kind="bad" loud wide say=${refusal} />
       ${bay === null
         ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(told.get(name))]))} alarmsOf=${alarmsOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`

@@ -3,6 +3,7 @@
 import { html, useRef, useState } from '../vendor/preact-htm.js';
 import { number } from '../lib/format.js';
 import { useFetched, useKept } from './hooks.js';
+import { Notice } from './notice.js';
 
 const hex = (words) => words.map((word) => word.toString(16).toUpperCase().padStart(4, '0')).join(' ');
 
@@ -48,7 +49,7 @@ export function Registers({ bay, known }) {
         <input type="search" placeholder="address, name, meaning" aria-label="search registers" value=${text} onInput=${(event) => setText(event.target.value)} />
         <span class="small muted">${rows.length ? `${shown.length} of ${rows.length} rows; ◆ changed just now` : ''}</span>
       </div>
-      ${(wrong || !known) && html`<p class="notice warn small">These may be old: ${wrong || 'no connection to the gateway'}.</p>`}
+      <${Notice} kind="warn" say=${wrong || !known ? `These may be old: ${wrong || 'no connection to the gateway'}.` : ''} />
       <div class="scroll tall" tabindex="0" role="region" aria-label="register table">
         <table class="stack"><thead><tr><th scope="col" class="right">Address</th><th scope="col">Name</th><th scope="col" class="right">Value</th><th scope="col">Unit</th><th scope="col">Raw</th><th scope="col" class="wide">Meaning</th></tr></thead><tbody>
           ${shown.map((row) => {
