@@ -41,7 +41,8 @@ from gateway.bay import BayControl
 from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from gateway.config import BayConfig, CameraConfig, VisionConfig
 from gateway.hub import Hub
-from gateway.modbus.registers import CurrentImage, decode
+from gateway.modbus.current import CurrentImage
+from gateway.modbus.registers import decode
 from gateway.model import Detection, Quality, VisionReading
 from gateway.vision import pipeline
 from gateway.vision.jobs import DetectorSpec

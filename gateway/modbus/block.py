@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from gateway.modbus.table import Register, Value, named
+from gateway.modbus.table import Of, Register, Value, named
 from gateway.modbus.words import MEASURED_INT16, MEASURED_UINT16, UINT16
 from gateway.model import StateVector
 from gateway.plc import (
@@ -93,30 +93,34 @@ def _result_distance(state: StateVector, _: int) -> Value:
 
 BLOCK: tuple[Register, ...] = (
     Register(80, "plc_heartbeat", UINT16, 1, "", "written by the PLC: any number, changed with every cycle",
-             lambda s, _: s.plc.heartbeat, writable=True),
+             lambda s, _: s.plc.heartbeat, writable=True, of=Of.PLC),
     Register(81, "plc_control", UINT16, 1, "", "written by the PLC: what it wants, one bit each",
-             lambda s, _: s.plc.control, bits=named(CONTROL_MEANING), writable=True),
+             lambda s, _: s.plc.control, bits=named(CONTROL_MEANING), writable=True, of=Of.PLC),
     Register(82, "recipe_select", UINT16, 1, "", "written by the PLC: id of the recipe it wants; 0: the configuration",
-             lambda s, _: s.plc.recipe_asked, writable=True),
+             lambda s, _: s.plc.recipe_asked, writable=True, of=Of.PLC),
     Register(83, "handshake_status", UINT16, 1, "", "the gateway's side of the handshake, one bit each", _status,
              bits=named(HANDSHAKE_MEANING)),
     Register(84, "recipe_active", UINT16, 1, "", "id of the recipe in force; 0: the configuration as it is",
-             lambda s, _: s.plc.recipe),
+             lambda s, _: s.plc.recipe, of=Of.PLC),
     Register(85, "recipe_verdict", UINT16, 1, "", "what became of the newest recipe_select",
-             lambda s, _: int(s.plc.recipe_verdict), named(RECIPE_MEANING)),
+             lambda s, _: int(s.plc.recipe_verdict), named(RECIPE_MEANING), of=Of.PLC),
     Register(86, "reset_verdict", UINT16, 1, "", "what became of the newest reset",
-             lambda s, _: int(s.plc.reset_verdict), named(RESET_MEANING)),
+             lambda s, _: int(s.plc.reset_verdict), named(RESET_MEANING), of=Of.PLC),
     Register(87, "acquisition_id", UINT16, 1, "", "number of the newest trigger taken: 1 to 65535, 1 again; 0: none",
-             lambda s, _: s.plc.acquisition),
+             lambda s, _: s.plc.acquisition, of=Of.PLC),
     Register(88, "result_id", UINT16, 1, "", "acquisition_id that the held result belongs to; 0: no result is held",
-             lambda s, _: 0 if (held := _held(s)) is None else held.number),
+             lambda s, _: 0 if (held := _held(s)) is None else held.number, of=Of.PLC),
     Register(89, "result_outcome", UINT16, 1, "", "what the held result says",
-             lambda s, _: 0 if (held := _held(s)) is None else int(held.outcome), named(OUTCOME_MEANING)),
-    Register(90, "result_u", MEASURED_INT16, 0.1, "px", "marker centre of the held result, to the right", _result_u),
-    Register(91, "result_v", MEASURED_INT16, 0.1, "px", "marker centre of the held result, downwards", _result_v),
-    Register(92, "result_radius", MEASURED_UINT16, 0.1, "px", "marker radius of the held result", _result_radius),
-    Register(93, "result_distance", MEASURED_UINT16, 1, "mm", "distance of the held result", _result_distance),
+             lambda s, _: 0 if (held := _held(s)) is None else int(held.outcome), named(OUTCOME_MEANING), of=Of.PLC),
+    Register(90, "result_u", MEASURED_INT16, 0.1, "px", "marker centre of the held result, to the right",
+             _result_u, of=Of.PLC),
+    Register(91, "result_v", MEASURED_INT16, 0.1, "px", "marker centre of the held result, downwards",
+             _result_v, of=Of.PLC),
+    Register(92, "result_radius", MEASURED_UINT16, 0.1, "px", "marker radius of the held result",
+             _result_radius, of=Of.PLC),
+    Register(93, "result_distance", MEASURED_UINT16, 1, "mm", "distance of the held result",
+             _result_distance, of=Of.PLC),
     Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
     Register(95, "plc_writes", UINT16, 1, "", "writes taken since the start of the gateway, modulo 65536",
-             lambda s, _: s.plc.writes & 0xFFFF),
+             lambda s, _: s.plc.writes & 0xFFFF, of=Of.PLC),
 )  # fmt: skip

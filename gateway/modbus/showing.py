@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.modbus.answers import ReadImage
-from gateway.modbus.registers import CurrentImage
+from gateway.modbus.current import CurrentImage
 from gateway.modbus.words import WordOrder
 from gateway.model import StateVector
 

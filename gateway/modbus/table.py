@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import Enum, IntEnum, auto
 from typing import TypeVar
 
 from gateway.modbus.words import WireType
@@ -13,9 +13,21 @@ Code = TypeVar("Code", bound=IntEnum)
 Names = Mapping[int, tuple[str, str]]
 
 
+class Of(Enum):
+    """What a register's value depends on: the whole state and the time, one part of the state alone, or nothing."""
+
+    STATE = auto()
+    RANGE = auto()
+    PLC = auto()
+    NOTHING = auto()
+
+
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One row. `read` gives the value in `unit` from (state, unix_ns); None: no value. `scale`: unit per count."""
+    """One row. `read` gives the value in `unit` from (state, unix_ns); None: no value. `scale`: unit per count.
+
+    `of`: as long as that part of the state is the same record, so is the value, and it is not encoded again.
+    """
 
     address: int
     name: str
@@ -27,6 +39,7 @@ class Register:
     codes: Names | None = field(default=None, repr=False)  # value -> (name, meaning)
     bits: Names | None = field(default=None, repr=False)  # bit -> (name, meaning)
     writable: bool = False  # by the PLC, where writes are on
+    of: Of = Of.STATE
 
     @property
     def words(self) -> int:

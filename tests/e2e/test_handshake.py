@@ -16,7 +16,7 @@ from gateway.config import parse
 from gateway.hub import Hub
 from gateway.modbus.answers import Unit
 from gateway.modbus.block import HandshakeBit
-from gateway.modbus.registers import CurrentImage
+from gateway.modbus.current import CurrentImage
 from gateway.modbus.service import serving
 from gateway.modbus.writes import writer, writer_of
 from gateway.model import Circle, EventKind, GuidanceCode, Quality, RangeReading, Reason, VisionReading

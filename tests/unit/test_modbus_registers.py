@@ -8,22 +8,24 @@ from hypothesis import strategies as st
 
 from gateway import events, fusion
 from gateway.errors import ProtocolError
+from gateway.modbus.current import CurrentImage
 from gateway.modbus.registers import (
     BLOCK_WORDS,
     REGISTERS,
     RESERVED,
-    CurrentImage,
     StatusBit,
     Value,
     dead_image,
     decode,
     encode,
 )
+from gateway.modbus.table import Of
 from gateway.modbus.words import WordOrder
 from gateway.model import (
     Circle,
     Ellipse,
     EventKind,
+    FunctionCheck,
     FusionMemory,
     Quality,
     RangeReading,
@@ -34,6 +36,7 @@ from gateway.model import (
     VisionReading,
     VisionStats,
 )
+from gateway.plc import Handshake, Phase, PlcLink
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -344,6 +347,74 @@ def test_the_current_image_is_encoded_once_per_state() -> None:
     revived = current.of(replace(STATE, seq=STATE.seq + 1), now_ns, UNIX_NS)
     assert revived[0] == dead[0] + 1
     assert revived[6] == 1
+
+
+PARTS = {Of.RANGE: "range", Of.PLC: "plc"}
+SHAKES = st.builds(
+    Handshake,
+    link=st.sampled_from(PlcLink),
+    heartbeat=st.integers(0, 9),
+    control=st.integers(0, 9),
+    recipe=st.integers(0, 9),
+    phase=st.sampled_from(Phase),
+    overrun=st.booleans(),
+    trigger_ack=st.booleans(),
+    writes=st.integers(0, 70_000),
+)
+STATES = st.builds(
+    StateVector,
+    bay=st.just("north"),
+    t_ns=st.integers(0, 10**12),
+    seq=st.integers(0, 70_000),
+    heartbeat=st.integers(0, 70_000),
+    vision=st.builds(
+        VisionReading, st.integers(0, 10**12), st.sampled_from(Quality), st.sampled_from((None, Circle(1.0, 2.0, 3.0)))
+    ),
+    range=st.builds(
+        RangeReading,
+        st.integers(0, 10**12),
+        st.sampled_from(Quality),
+        st.none() | st.floats(0, 1e6),
+        st.integers(0, 9),
+        stats=st.builds(RangeStats, *[st.integers(0, 9)] * 5, st.floats(0, 9)),
+    ),
+    d=st.none() | st.booleans(),
+    stop=st.booleans(),
+    permit=st.booleans(),
+    reason=st.sampled_from(Reason),
+    memory=st.builds(FusionMemory, d=st.booleans(), disagree=st.booleans(), latched=st.booleans()),
+    plc=SHAKES,
+    function_check=st.sampled_from(FunctionCheck),
+)
+
+
+@given(one=STATES, other=STATES)
+def test_a_register_that_is_said_to_depend_on_one_part_depends_on_nothing_else(
+    one: StateVector, other: StateVector
+) -> None:
+    for register in REGISTERS:
+        if register.of is Of.STATE:
+            continue
+        part = PARTS.get(register.of)
+        mixed = other if part is None else replace(other, **{part: getattr(one, part)})
+        assert register.read(mixed, 1) == register.read(one, 2), register.name
+
+
+@given(states=st.lists(STATES, min_size=2, max_size=6), kept=st.lists(st.booleans(), min_size=10, max_size=10))
+def test_the_image_of_a_state_that_shares_parts_with_the_last_one_is_as_if_encoded_anew(
+    states: list[StateVector], kept: list[bool]
+) -> None:
+    current = CurrentImage("little")
+    last = states[0]
+    for n, fresh in enumerate(states):
+        state = replace(
+            fresh,
+            seq=n,
+            range=last.range if kept[2 * n - 2] else fresh.range,
+            plc=last.plc if kept[2 * n - 1] else fresh.plc,
+        )
+        assert current.of(state, state.t_ns, n * S) == encode(state, n * S, "little")
+        last = state
 
 
 @pytest.mark.parametrize("order", ["big", "little"])
