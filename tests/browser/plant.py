@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from http.client import HTTPConnection
 from pathlib import Path
 from uuid import uuid4
 
@@ -80,4 +81,16 @@ def plant(
         *("--modbus-port", "0", "--hmi-port", "0", "--bays", str(bays)),
     ) as gateway:
         started = gateway.started()
-        yield Plant(gateway, config, started["hmi"].rstrip("/"), started["modbus_port"])
+        url = started["hmi"].rstrip("/")
+        _first_visit(url)
+        yield Plant(gateway, config, url, started["modbus_port"])
+
+
+def _first_visit(url: str) -> None:
+    """It starts the web process, which gives way to everything else: on a busy machine that takes its time."""
+    connection = HTTPConnection(url.removeprefix("http://"), timeout=100)
+    try:
+        connection.request("GET", "/driver")
+        assert connection.getresponse().status == 200
+    finally:
+        connection.close()
