@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from gateway.config import VisionConfig, parse
 from gateway.errors import ConfigError
 from gateway.hmi.workbench import keys, profile
+from gateway.hmi.workbench.tomledit import with_keys
 
 SHARED = """\
 # One bay.
@@ -326,3 +327,18 @@ def test_whatever_the_file_looks_like_it_says_the_wanted_after_a_save(
         assert found.text.count(comment) == text.count(comment), found.text
     if not keys_changed:
         assert found.text == text
+
+
+@pytest.mark.parametrize("litter", ["tracking = true\n", "min_fill = 0.5\n", "[fusion]\nlatch_stop = true\n"])
+def test_an_editor_that_writes_anything_else_is_caught(monkeypatch: pytest.MonkeyPatch, litter: str) -> None:
+    """Even a key with its own default: the file is to say what was shown, not more."""
+
+    def littering(text: str, *rest: Any, **more: Any) -> str:
+        return with_keys(text, *rest, **more) + litter
+
+    monkeypatch.setattr(profile, "with_keys", littering)
+    text = '[vision]\nmethod = "robust"\n'
+    proposed(text)
+
+    with pytest.raises(ConfigError, match="cannot be changed by a program; change method by hand"):
+        proposed(text, method="paper")
