@@ -82,11 +82,11 @@ def plant(
     ) as gateway:
         started = gateway.started()
         url = started["hmi"].rstrip("/")
-        _first_visit(url)
+        first_visit(url)
         yield Plant(gateway, config, url, started["modbus_port"])
 
 
-def _first_visit(url: str) -> None:
+def first_visit(url: str) -> None:
     """It starts the web process, which gives way to everything else: on a busy machine that takes its time."""
     connection = HTTPConnection(url.removeprefix("http://"), timeout=100)
     try:
