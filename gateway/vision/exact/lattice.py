@@ -130,9 +130,14 @@ class Lattice:
 
     def clusters(self, cells: Mask) -> list[Box]:
         """What each cluster can reach in the picture, px. Clusters inside a hole of another are left to its box."""
+        x, y, columns, rows = cv2.boundingRect(cells)
+        if not columns:
+            return []
         # Every point spreads up and to the left over `reach - 1`: then those at most `reach` apart touch.
-        linked = cv2.dilate(cells, self._link, anchor=(0, 0)) if self.reach > 1 else cells
-        found, _ = cv2.findContours(linked, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        left, top = max(0, x - self.reach + 1), max(0, y - self.reach + 1)
+        part = cells[top : y + rows, left : x + columns]
+        linked = cv2.dilate(part, self._link, anchor=(0, 0)) if self.reach > 1 else part
+        found, _ = cv2.findContours(linked, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top))
         return [self._reached(cv2.boundingRect(contour)) for contour in found]
 
     def _reached(self, rect: tuple[int, int, int, int] | object) -> Box:
