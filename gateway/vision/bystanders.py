@@ -43,9 +43,9 @@ class Bystanders:
         """Is `found` a bystander, left alone in the frame of `t_ns`, `width` x `height` px, by a covered marker?"""
         if not 0 <= t_ns - self.t_ns <= HELD_NS or not self._inside(width, height):
             return False
-        if any(refused.why == WEAKER and _alike(refused.circle, self.marker) for refused in rejected):
+        if any(refused.why == WEAKER and alike(refused.circle, self.marker) for refused in rejected):
             return False
-        return any(_alike(found, place) for other in self.others for place in self._places(other))
+        return any(alike(found, place) for other in self.others for place in self._places(other))
 
     def _places(self, other: Circle) -> Iterable[Circle]:
         yield other
@@ -60,7 +60,8 @@ class Bystanders:
         return room <= m.u_px <= width - 1 - room and room <= m.v_px <= height - 1 - room
 
 
-def _alike(one: Circle, other: Circle) -> bool:
+def alike(one: Circle, other: Circle, reach_px: float | None = None) -> bool:
+    """The same thing, roughly measured: nearly as large, and no farther off than `reach_px`, or NEAR of its radius."""
     larger, smaller = max(one.radius_px, other.radius_px), min(one.radius_px, other.radius_px)
     apart = math.hypot(one.u_px - other.u_px, one.v_px - other.v_px)
-    return larger <= ALIKE * smaller and apart <= NEAR * larger
+    return larger <= ALIKE * smaller and apart <= (NEAR * larger if reach_px is None else reach_px)

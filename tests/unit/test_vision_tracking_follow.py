@@ -167,6 +167,24 @@ def test_another_size_at_the_same_place_is_a_jump_too(size: float) -> None:
     assert [drive.frame(20 + n, other).tracking for n in range(3)] == [Tracking.COASTED] * 2 + [Tracking.MEASURED]
 
 
+@pytest.mark.parametrize(
+    ("radius", "jerk"), [(60.0, {"u_px": 45.0}), (60.0, {"radius_px": 20.0}), (14.0, {"v_px": 25.0, "u_px": 10.0})]
+)
+def test_a_jerk_of_the_camera_and_a_rough_measurement_are_no_jumps(radius: float, jerk: dict[str, float]) -> None:
+    """What overlaps the prediction and is nearly as large is the marker, though the gate is narrower than that."""
+    drive = Drive()
+    still = Circle(300.0, 200.0, radius)
+    for n in range(40):
+        drive.frame(n, still)
+    jerked = Circle(*(getattr(still, name) + jerk.get(name, 0.0) for name in ("u_px", "v_px", "radius_px")))
+    found = drive.frame(40, jerked)
+    expected = drive.search.expected[-1]
+    assert expected is not None
+    assert not expected.admits(jerked)
+    assert (found.tracking, found.circle) == (Tracking.MEASURED, jerked)
+    assert drive.frame(41, still).tracking is Tracking.MEASURED
+
+
 def test_what_jumps_to_and_fro_is_never_measured() -> None:
     drive = Drive(coast_s=0.3)
     drive.seen(0, 20)
