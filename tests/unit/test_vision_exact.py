@@ -275,7 +275,7 @@ def test_the_greenest_red_is_red_whatever_the_roundings(library: Path) -> None:
     assert kernel is not None
     pairs = np.unpackbits(red.tables(PAPER)[:8192], bitorder="little").reshape(256, 256)
     reds = 0
-    image = np.empty((5, 40, 3), np.uint8)
+    image = np.empty((5, 200, 3), np.uint8)  # narrow windows are not looked at in chunks
     for r in range(46, 62):
         g = int(np.flatnonzero(pairs[r])[-1])
         image[:] = (round(0.832 * r), g, r)
@@ -283,7 +283,7 @@ def test_the_greenest_red_is_red_whatever_the_roundings(library: Path) -> None:
             image[:, :, 1] = np.array(rows)[:, None] + g
             plain = pipeline.trace(image, PAPER).initial
             reds += int(np.count_nonzero(plain))
-            assert np.array_equal(kernel.mask(image, Box(0, 0, 40, 5)), plain), (r, rows)
+            assert np.array_equal(kernel.mask(image, Box(0, 0, 200, 5)), plain), (r, rows)
     assert reds > 10_000
 
 
@@ -291,14 +291,14 @@ def test_chunks_that_cant_be_red_are_left_out_at_every_place(library: Path) -> N
     """One red dot, blurred, in green: at every column, so on both sides of every border between two chunks."""
     kernel = load(PAPER, library)
     assert kernel is not None
-    for width in (32, 33, 63, 64, 100, 131):
+    for width in (224, 230, 255):
         for x in range(width):
             image = np.full((7, width, 3), (70, 100, 100), np.uint8)
             image[1:6, max(0, x - 1) : x + 2] = (0, 0, 255)
             plain = pipeline.trace(image, PAPER).initial
             for x0 in (0, 3, 31):
-                told = kernel.mask(image, Box(min(x0, width - 1), 0, width, 7))
-                assert np.array_equal(told, plain[:, min(x0, width - 1) :]), (width, x, x0)
+                told = kernel.mask(image, Box(x0, 0, width, 7))
+                assert np.array_equal(told, plain[:, x0:]), (width, x, x0)
             assert np.any(plain)
 
 

@@ -23,6 +23,7 @@
 
 #define TILE 128 /* pixels of a row at once: memory is then asked for the next ones evenly */
 #define ROWS_AHEAD 8 /* of a window are fetched from memory before they are needed */
+#define RED_WINDOW 192 /* pixels: a narrower window lies round something red, and holds little else */
 #define HALO 2 /* pixels that a kernel of side 5 needs beyond each end of a row */
 
 /* Checksum of the source that this was built from: a stale library is told from a fresh one. */
@@ -67,17 +68,17 @@ static void blur_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, p
 }
 
 /* Columns x0 to x1 - 1 of row y: where the blurred pixel is red 255, else 0. Returns 0 if no pixel is, and that was seen at
- * once. `row`: room for 3 (x1 - x0) + 1 bytes; `may`: for chunks_of(x1 - x0 + 2 HALO). */
+ * once, which is tried if `sparse`. `row`: room for 3 (x1 - x0) + 1 bytes; `may`: for chunks_of(x1 - x0 + 2 HALO). */
 static int mask_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y, ptrdiff_t x0,
                     ptrdiff_t x1, const uint16_t *w, const Rule *rule, const uint8_t *tables, uint16_t *sums, uint8_t *row,
-                    uint8_t *may, uint8_t *mask)
+                    uint8_t *may, int sparse, uint8_t *mask)
 {
     ptrdiff_t from = x0 - HALO < 0 ? 0 : x0 - HALO, to = x1 + HALO > width ? width : x1 + HALO, n = chunks_of(to - from);
     const uint8_t *rows[5];
     int any = 0;
     for (int i = 0; i < 5; i++)
         rows[i] = image + mirrored(y + i - HALO, height) * stride + 3 * from;
-    if (!may_be_red(rows, to - from, rule, may)) {
+    if (!sparse || !may_be_red(rows, to - from, rule, may)) {
         blur_row(image, stride, height, width, y, x0, x1, w, sums, row);
         red_row(row, x1 - x0, rule, tables, mask);
         return 1;
@@ -117,7 +118,7 @@ void gateway_scan(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrd
             ptrdiff_t end = x + TILE < width ? x + TILE : width;
             for (ptrdiff_t y = ys[i] + HALO + 1; i + 1 < rows && y < height && y <= ys[i + 1] + HALO; y++)
                 fetch_ahead(image + y * stride, 3 * x, 3 * end);
-            any |= mask_row(image, stride, height, width, ys[i], x, end, w, rule, tables, sums, row, may, reds + x);
+            any |= mask_row(image, stride, height, width, ys[i], x, end, w, rule, tables, sums, row, may, 1, reds + x);
         }
         if (!any)
             continue;
@@ -170,7 +171,7 @@ void gateway_mask(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrd
     uint8_t *may = row + 4 * width + 1;
     for (ptrdiff_t y = y0; y < y1; y++, mask += x1 - x0) {
         fetch_row(image, stride, height, y, x0, x1);
-        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, may, mask);
+        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, may, x1 - x0 >= RED_WINDOW, mask);
     }
 }
 
@@ -186,7 +187,7 @@ void gateway_clean(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptr
     uint8_t *reds = row + 3 * width + 1, *may = reds + width;
     for (ptrdiff_t y = y0; y < y1; y++) {
         fetch_row(image, stride, height, y, x0, x1);
-        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, may, reds);
+        mask_row(image, stride, height, width, y, x0, x1, w, rule, tables, sums, row, may, x1 - x0 >= RED_WINDOW, reds);
         pack(reds, sheet.w, sheet.now + (y - y0) * sheet.pitch);
     }
     centre(&sheet, 0, x0 == 0, y0 == 0, x1 == width, y1 == height);
