@@ -11,7 +11,7 @@ from gateway.sim import decoys
 from gateway.vision.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
 from gateway.vision.robust import candidates, colours, ellipses, evidence
 from gateway.vision.robust.candidates import Seed
-from gateway.vision.robust.colours import EVEN_PX, GOOD, clearest_rim, quality, roundness
+from gateway.vision.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
 from gateway.vision.robust.decision import ODDS, POWERS, Candidate, Limits, alike, confidence, veto, weight
 from gateway.vision.robust.evidence import Evidence, masked_median
 from gateway.vision.robust.redness import pyramid, redness
@@ -211,6 +211,13 @@ def test_roundness_and_quality() -> None:
     assert roundness(RIM) == 1
     assert roundness(replace(RIM, rms_px=0.8)) == pytest.approx(0.5)
     assert quality(replace(RIM, rms_px=0.8, support=0.5)) == pytest.approx(0.25)
+
+
+def test_a_rim_is_even_if_it_waves_no_more_than_its_noise_explains() -> None:
+    assert even(replace(RIM, wave_px=EVEN_PX))
+    assert not even(replace(RIM, wave_px=0.2, rms_px=0.1))
+    assert even(replace(RIM, wave_px=0.2, rms_px=1.0))
+    assert not even(replace(RIM, wave_px=0.2, rms_px=1.0, inliers=1000))
 
 
 def test_rims_are_alike_within_a_share_of_their_size() -> None:

@@ -1,14 +1,17 @@
 """The rim of a candidate, measured in the colours in which it is clearest. Pure."""
 
+import math
+
 import numpy as np
 
 from gateway.model import Ellipse
 from gateway.vision.pixels import Image
 from gateway.vision.robust.conic import from_ellipse
 from gateway.vision.robust.rays import sample
-from gateway.vision.robust.rim import Rim, refine
+from gateway.vision.robust.rim import SECTORS, Rim, refine
 
 GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which nothing better is looked for
+BY_CHANCE = 1.3  # of the rms over a sector's edges: so much wave has a rim that is merely noisy
 MOST, WELL = 0.6, 0.25  # of the whole fall, so much is at the rim and not in creases; of the semi-minor axis
 CLEARLY = 0.05  # more quality is asked of red against green where all colours lie evenly on their ellipse
 SEARCH_PX, SEARCH = (
@@ -28,6 +31,11 @@ def quality(rim: Rim) -> float:
     return rim.support * roundness(rim)
 
 
+def even(rim: Rim) -> bool:
+    """Do the edges lie on the ellipse but for their noise, rather than off it for whole sectors?"""
+    return rim.wave_px <= max(EVEN_PX, BY_CHANCE * rim.rms_px * math.sqrt(SECTORS / rim.inliers))
+
+
 def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | None:
     """The rim near `seed` by all colours or, where these are at odds, by red against green alone, whichever is better.
 
@@ -38,7 +46,7 @@ def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | No
     """
     search_px = max(reach_px, SEARCH_PX, SEARCH * seed.semi_minor_px)
     rim = refine(image, seed, search_px=search_px)
-    if rim is not None and quality(rim) >= GOOD and rim.wave_px <= EVEN_PX:
+    if rim is not None and quality(rim) >= GOOD and even(rim):
         return rim
     other = refine(image, seed, search_px=search_px, opponent=True)
     if other is None or other.contrast < MOST * _fall(image, other.ellipse):
@@ -46,7 +54,7 @@ def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | No
     if rim is None:
         return other
     # Half hidden, but even: both see the same. Colours mixed by a lens weigh a little more in a* than in truth.
-    better_by = CLEARLY if rim.wave_px <= EVEN_PX else 0.0
+    better_by = CLEARLY if even(rim) else 0.0
     return other if quality(other) > quality(rim) + better_by else rim
 
 
