@@ -114,6 +114,8 @@ def test_it_begins_with_stop_and_asks_for_its_bay(display: Display) -> None:
     expect(page).to_have_title("FORWARD")
     expect(page.locator("#amount")).to_have_text("to go1.25m")
     expect(page.locator("#speed")).to_have_text("speed12cm/s")
+    say(page, {**GOOD, "closing_mm_s": -300.0})
+    expect(page.locator("#speed")).to_have_text("backing off30cm/s")
 
 
 def test_without_scripts_it_is_stop(browser: Browser) -> None:
@@ -277,6 +279,7 @@ def test_every_word_fits_and_is_large(display: Display, language: str, width_px:
         until_shown(page, code.name)
         out = page.evaluate("""() => ['#word', '#symbol', '#amount', '#speed', '#column'].filter((name) => {
           const at = document.querySelector(name);
+          if (at.classList.contains('none')) return false;
           const box = at.getBoundingClientRect();
           const column = document.querySelector('#column').getBoundingClientRect().left;
           const right = name === '#column' ? innerWidth : column;

@@ -86,7 +86,7 @@ function show(now) {
   if (now.code === 'FAULT') number('amount', '', texts.fault, '');
   else number('amount', label, amount === null ? null : digits, unit);
   const speed = now.closing_mm_s;
-  number('speed', texts.speed, speed === null ? null : String(Math.round(Math.abs(speed) / 10)), 'cm/s');
+  number('speed', speed !== null && speed <= -10 ? texts.away : texts.speed, speed === null ? null : String(Math.round(Math.abs(speed) / 10)), 'cm/s');
   const place = column(now.to_go_mm);
   element('column').classList.toggle('none', place.at === null);
   element('line').style.bottom = `${place.line * 100}%`;

@@ -4,7 +4,8 @@
 /**
  * @typedef {object} Texts
  * @property {Record<import('./guidance.js').Code, string>} codes
- * @property {string} toGo @property {string} past @property {string} speed @property {string} sideways
+ * @property {string} toGo @property {string} past @property {string} sideways
+ * @property {string} speed @property {string} away the speed of a truck that backs off
  * @property {string} noData @property {string} noConnection @property {string} fault
  * @property {string} fullScreen
  */
@@ -27,6 +28,7 @@ export const LANGUAGES = {
     toGo: 'to go',
     past: 'too far by',
     speed: 'speed',
+    away: 'backing off',
     sideways: 'sideways',
     noData: 'no data',
     noConnection: 'no connection',
@@ -49,6 +51,7 @@ export const LANGUAGES = {
     toGo: 'noch',
     past: 'zu weit um',
     speed: 'Tempo',
+    away: 'rückwärts',
     sideways: 'zur Seite',
     noData: 'keine Daten',
     noConnection: 'keine Verbindung',
