@@ -94,14 +94,17 @@ def test_edges_lie_on_the_rim_and_tell_a_wrong_fit() -> None:
     assert np.median(off.off_px) == pytest.approx(-2, abs=0.1)
 
 
-def test_edges_of_a_tilted_disc_are_measured_across_its_rim() -> None:
+def test_edges_of_a_tilted_disc_are_measured_along_its_normals() -> None:
+    """An ellipse 3 px too large lies at most 3 px outside; along the radii it would be 4 px here and there."""
     image = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
-    cv2.ellipse(image, (80, 60), (40, 24), 30, 0, 360, (40, 36, 190), -1, cv2.LINE_AA)
+    cv2.ellipse(image, (80, 60), (54, 18), 30, 0, 360, (40, 36, 190), -1, cv2.LINE_AA)
 
-    seen = stages.edges(image, Ellipse(80, 60, 40.3, 24.3, math.radians(30)))
+    seen = stages.edges(image, Ellipse(80, 60, 54.3, 18.3, math.radians(30)))
+    large = stages.edges(image, Ellipse(80, 60, 57.3, 21.3, math.radians(30)))
 
-    assert len(seen.points) > 0.9 * stages.RAYS
+    assert len(seen.points) == len(large.points) == stages.RAYS
     assert float(np.median(np.abs(seen.off_px))) < 0.5
+    assert -3.3 < large.off_px.min() <= large.off_px.max() < -2
 
 
 def test_edges_outside_the_picture_are_not_invented() -> None:
@@ -142,11 +145,12 @@ def test_the_ranges_admit_the_clicked_patch_whatever_its_hue(hue: int) -> None:
 
 
 def test_the_hues_of_a_red_patch_run_over_zero() -> None:
-    image = np.hstack([flat(177, 200, 180), flat(3, 200, 180)])
+    image = np.hstack([flat(177, 200, 180)[:, :10], flat(3, 200, 180)])
 
-    found = eyedropper.pick(image, 80, 30, 21, VisionConfig(gaussian_kernel_px=1))
+    found = eyedropper.pick(image, 9, 30, 21, VisionConfig(gaussian_kernel_px=1))  # as much of one as of the other
 
     assert -4 <= found.patch.h <= 4  # and not 90, the mean of 177 and 3
+    assert found.patch.high[0] - found.patch.low[0] <= 8
     assert found.keys["red_low_1"][0] == 0
     assert found.keys["red_high_1"][0] >= 3
     assert found.keys["red_low_2"][0] <= 177
@@ -255,6 +259,12 @@ def test_a_recording_takes_new_frames_at_its_own_rate() -> None:
     steps = np.diff([one.t_capture_ns for one in recorder.frames]) / 1e9
     assert steps.min() > 0.089
     assert recorder.newest == 30
+
+
+def test_a_camera_a_little_faster_than_the_rate_is_recorded_whole() -> None:
+    recorder = Recorder(rate_hz=10)
+
+    assert all(recorder.offer(small(seq, t_s=seq / 10.4)) for seq in range(20))
 
 
 def test_a_recording_ends_where_its_memory_ends() -> None:

@@ -102,6 +102,7 @@ def test_a_frame_is_frozen_looked_at_and_tried() -> None:
     async def scene() -> None:
         async with bay() as page:
             assert (await page.post("freeze")).status == 503  # no frame yet
+            assert (await page.post("trial", live=True, vision={})).status == 204
             page.film()
             frozen = (await page.post("freeze")).json
             assert (frozen["kind"], frozen["width_px"], frozen["height_px"]) == ("snapshot", WIDTH, HEIGHT)

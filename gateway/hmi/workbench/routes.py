@@ -172,6 +172,8 @@ async def _frame(call: Call) -> Response:
 
 async def _trial(call: Call) -> Response:
     asked = call.asked(TrialAsked)
+    if asked.live and call.shop.desk.snapshot(call.bay) is None:
+        return Response(status_code=204)  # no frame yet: a page that looks at the running picture asks again
     frames, shown = call.frames(asked)
     settings = await call.settings(asked.vision)
     made = await call.shop.try_(

@@ -20,7 +20,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.shm import Snapshot
 
 REPEATS = 9  # of a single frame, where the time is asked for
-LIMIT_S = 20.0
+LIMIT_S = 12.0
 LIKELY = 0.5  # confidence from which on the robust method's answer may stand as a reference
 
 

@@ -35,7 +35,8 @@ from gateway.vision.tuning.exposure import Light
 
 KEPT_TRIALS = 24  # whose pictures may still be fetched
 KEPT_UNDO = 20  # of a bay
-NEWER_S = 3.0  # the main process tells of new settings within this
+FIRST_S = 10.0  # the main process has told of a bay within this
+NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
 LIGHTS = 5  # frames of a recording that are looked at for exposure
 
@@ -116,7 +117,7 @@ class Workshop:
 
     async def in_force(self, bay: str) -> VisionConfig:
         """Raises LinkError where the main process has not told of it."""
-        seen = self.desk.seen(bay) or await self.desk.newer(bay, 0, NEWER_S)
+        seen = self.desk.seen(bay) or await self.desk.newer(bay, 0, FIRST_S)
         if seen is None:
             raise LinkError("the gateway has not told of this bay yet")
         return seen.now.vision

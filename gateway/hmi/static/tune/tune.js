@@ -17,7 +17,7 @@ import { trials } from './trials.js';
 
 const STALE_MS = 1500;
 const LIVE_PAUSE_MS = 350; // between two trials on the running picture
-const TRIAL_MS = 30_000;
+const TRIAL_MS = 60_000;
 const TAB = `t${Math.random().toString(36).slice(2, 12)}`;
 
 const bay = decodeURIComponent(location.pathname.split('/')[2] ?? '');
@@ -111,7 +111,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     {
       done(next, wish) {
         setTrouble('');
-        if (next === null) return; // given up for something newer
+        if (next === null) return; // given up for something newer, or there is no picture yet
         setResult((was) => ({ ...carried(was, next, wish), wish }));
       },
       failed(error) {
