@@ -6,8 +6,8 @@
 
 The ways:
 - gateway: the real path. A camera process writes frames into the shared ring; the clock starts when a frame is whole
-  in the ring. Camera process -> dispatcher -> vision process -> dispatcher -> fusion -> register image. With the
-  paper's method tracked, in full search, and the plain OpenCV pipeline.
+  in the ring. Camera process -> vision process -> dispatcher -> fusion -> register image; through the dispatcher first
+  where the vision process is not idle. With the paper's method tracked, in full search, and the plain OpenCV pipeline.
 - thread: the plain pipeline in a thread of the main process, which gets the frame by reference.
 - pickled pool: the plain pipeline in a process of `concurrent.futures`, which gets the frame pickled.
 
