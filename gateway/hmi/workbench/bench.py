@@ -58,9 +58,8 @@ class Bench:
             async with self._turn:
                 if not wish.wanted():
                     raise EndedError("given up for a newer one")
-                # The thread is not left alone with it: whoever goes away waits until it has noticed.
-                running = asyncio.get_running_loop().run_in_executor(self._thread, what, wish.wanted)
-                result = await _settled(running, wish)
+                # If the waiting is cancelled, the thread hears below that nobody wants it; the next queues behind it.
+                result = await asyncio.get_running_loop().run_in_executor(self._thread, what, wish.wanted)
             if not wish.wanted():
                 raise EndedError("given up for a newer one")
         except EndedError:
@@ -83,13 +82,3 @@ class Bench:
         for wish in self._wishes.values():
             wish.withdraw()
         self._thread.shutdown(wait=True, cancel_futures=True)
-
-
-async def _settled(running: "asyncio.Future[T]", wish: Wish) -> T:
-    """Its result. When the waiting is cancelled, the work is told, and ends before the next one begins."""
-    try:
-        return await asyncio.shield(running)
-    except asyncio.CancelledError:
-        wish.withdraw()
-        await asyncio.wait([running])
-        raise
