@@ -3,71 +3,26 @@
 import base64
 import json
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Page, expect
 
-from gateway.hmi.headers import CONTENT_SECURITY_POLICY
 from gateway.model import GuidanceCode
+from tests.browser.alone import HOST, SOCKET, from_disk, say
 from tests.browser.chromium import Watch, until
 
-STATIC = Path(__file__).parents[2] / "gateway" / "hmi" / "static"
-HOST = "127.0.0.1:9"  # nobody listens there: every request is answered below
-TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 GOOD: dict[str, Any] = {
     "bay": "bay1", "code": "FORWARD", "text": "", "stop": False,
     "amount_mm": 1250.0, "closing_mm_s": 120.0, "to_go_mm": 1250.0, "age_ms": 20.0,
 }  # fmt: skip
-# __says: a text, or what becomes JSON; null: nothing. __delay_ms: between question and answer. __shown: whatever stood
-# there, one after the other, each with the opacity of the STOP over it.
-FAKE = """
-const often = window.setInterval.bind(window);
-window.__says = null;
-window.__delay_ms = 20;
-window.__shown = [];
-window.WebSocket = class {
-  static OPEN = 1;
-  readyState = 0;
-  constructor(url) {
-    window.__asked = url;
-    setTimeout(() => { this.readyState = 1; this.onopen?.({}); this.send(); }, 5);
-  }
-  send() {
-    const timer = often(() => {
-      if (this.readyState !== 1) clearInterval(timer);
-      else if (window.__says !== null) {
-        clearInterval(timer);
-        this.onmessage?.({ data: typeof window.__says === 'string' ? window.__says : JSON.stringify(window.__says) });
-      }
-    }, window.__delay_ms);
-  }
-  close() { this.readyState = 3; this.onclose?.({ code: 1000, reason: '' }); }
-};
-addEventListener('DOMContentLoaded', () => {
-  new MutationObserver(() => window.__shown.push(`${document.body.dataset.code} ${document.body.dataset.fresh}`))
-    .observe(document.body, { attributeFilter: ['data-code', 'data-fresh'] });
-});
-"""
 SHOWN = """() => {
   const opacity = getComputedStyle(document.querySelector('#deadman')).opacity;
   return opacity === '0' ? document.body.dataset.code : opacity === '1' ? 'STOP over all' : `between: ${opacity}`;
 }"""
 Display = Callable[..., Page]
-
-
-def from_disk(route: Route) -> None:
-    path = urlsplit(route.request.url).path
-    file = STATIC / (path.removeprefix("/static/") if path.startswith("/static/") else "driver.html")
-    if not file.is_file():
-        route.fulfill(status=404)
-        return
-    headers = {"Content-Type": TYPES[file.suffix], "Content-Security-Policy": CONTENT_SECURITY_POLICY}
-    route.fulfill(body=file.read_bytes(), headers=headers)
 
 
 @pytest.fixture
@@ -79,7 +34,7 @@ def display(browser: Browser) -> Iterator[Display]:
         context = browser.new_context(viewport={"width": width_px, "height": height_px})
         contexts.append(context)
         watch.over(context)
-        context.add_init_script(FAKE + before)
+        context.add_init_script(SOCKET + before)
         context.route("**/*", from_disk)
         page = context.new_page()
         page.goto(f"http://{HOST}/driver/bay1{query}")
@@ -89,10 +44,6 @@ def display(browser: Browser) -> Iterator[Display]:
     for context in contexts:
         context.close()
     assert watch.complaints == []
-
-
-def say(page: Page, what: object) -> None:
-    page.evaluate("(what) => { window.__says = what; }", what)
 
 
 def shows(page: Page) -> str:

@@ -37,7 +37,7 @@ export function useLive(bays, paceMs, limitMs) {
         } catch {
           view = null;
         }
-        if (view && Array.isArray(view.bays)) {
+        if (view && Array.isArray(view.bays) && view.alarms && view.links) {
           freshness.current.received(0, arrival.receivedMs, Date.now());
           setGot({ view, connected: true, refusal: '' });
         } else freshness.current.forget();

@@ -1,6 +1,6 @@
 // The operator's page: all bays, or one of them. `/#bay1` is one.
 
-import { html, render, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { html, render, useEffect, useErrorBoundary, useRef, useState } from '../vendor/preact-htm.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { age, clock } from '../lib/format.js';
 import { aimOf, cameraFault, limitsOf } from '../lib/views.js';
@@ -130,10 +130,20 @@ function App({ session }) {
     </main>`;
 }
 
+/** A fault in this page must not leave an old picture standing. */
+function Guarded({ session }) {
+  const [fault] = useErrorBoundary((error) => {
+    console.error(error);
+    setTimeout(() => location.reload(), 5000);
+  });
+  if (!fault) return html`<${App} session=${session} />`;
+  return html`<main class="page"><p class="notice bad" role="alert"><b>THIS PAGE HAS FAILED.</b> Treat every bay as STOP. It is loaded anew in 5 s. (${String(fault.message ?? fault)})</p></main>`;
+}
+
 async function begin() {
   try {
     const session = await get('/api/session');
-    render(html`<${App} session=${session} />`, document.body);
+    render(html`<${Guarded} session=${session} />`, document.body);
   } catch (error) {
     if (error.status === 401) return toLogin();
     render(html`<main class="page"><p class="notice bad" role="alert"><b>The gateway does not answer</b> (${error.name === 'TypeError' ? 'no connection' : error.message}). Trying again.</p></main>`, document.body);
