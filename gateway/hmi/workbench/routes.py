@@ -77,9 +77,10 @@ class Call:
         return taken
 
     def frames(self, asked: FrameAsked) -> tuple[Sequence[Snapshot], int]:
-        """Frames, and which of them is looked at."""
+        """Frames, and which of them is looked at. No frames: live, and there is none to be had at this moment."""
         if asked.live:
-            return [self.shop.newest(self.bay)], 0
+            newest = self.shop.desk.snapshot(self.bay)
+            return ([] if newest is None else [newest]), 0
         frames = self.taken(asked.snapshot or asked.recording or "").frames
         return frames, min(asked.frame, len(frames) - 1)
 
@@ -172,9 +173,9 @@ async def _frame(call: Call) -> Response:
 
 async def _trial(call: Call) -> Response:
     asked = call.asked(TrialAsked)
-    if asked.live and call.shop.desk.snapshot(call.bay) is None:
-        return Response(status_code=204)  # no frame yet: a page that looks at the running picture asks again
     frames, shown = call.frames(asked)
+    if not frames:
+        return Response(status_code=204)  # a page that looks at the running picture asks again
     settings = await call.settings(asked.vision)
     made = await call.shop.try_(
         call.who(asked.tab),
@@ -200,6 +201,8 @@ async def _panel(call: Call) -> Response:
 async def _eyedropper(call: Call) -> Response:
     asked = call.asked(PickAsked)
     frames, at = call.frames(asked)
+    if not frames:
+        return Response(status_code=204)
     settings = await call.settings(asked.vision)
     try:
         made = await call.shop.pick(

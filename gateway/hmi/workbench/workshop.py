@@ -38,6 +38,7 @@ KEPT_UNDO = 20  # of a bay
 FIRST_S = 10.0  # the main process has told of a bay within this
 NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
+NO_FRAME = "there is no frame: the camera has given none"
 LIGHTS = 5  # frames of a recording that are looked at for exposure
 
 
@@ -130,13 +131,10 @@ class Workshop:
 
     def freeze(self, bay: str) -> Taken:
         """Raises LinkError where there is no frame."""
-        return self.store.still(bay, self.newest(bay), self.desk.clock.wall_ns())
-
-    def newest(self, bay: str) -> Snapshot:
         frame = self.desk.snapshot(bay)
         if frame is None:
-            raise LinkError("there is no frame: the camera has given none yet")
-        return frame
+            raise LinkError(NO_FRAME)
+        return self.store.still(bay, frame, self.desk.clock.wall_ns())
 
     async def record(self, bay: str, seconds: float) -> Taken:
         """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes."""
@@ -149,7 +147,7 @@ class Workshop:
                 recorder.offer(frame)
             await self._pace.sleep(LOOK_S)
         if not recorder.frames:
-            raise LinkError("there is no frame: the camera has given none yet")
+            raise LinkError(NO_FRAME)
         return self.store.recording(bay, recorder.frames, self.desk.clock.wall_ns(), full=recorder.full)
 
     async def picture(self, who: str, frame: Snapshot, width_px: int) -> bytes:
