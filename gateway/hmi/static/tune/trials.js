@@ -32,10 +32,15 @@ export function trials(ask, tell, wait = { quickMs: 40, restMs: 600 }) {
     else run();
   };
   return {
-    /** Try `what` in a moment; when nothing more is wished for a while, once more with times. */
+    /**
+     * Try `what` in a moment; when nothing more is wished for a while, once more with times.
+     * Not `timed`: only the same settings on a newer picture, which takes no measurement's place, under way or waiting.
+     */
     want(what, { timed = true } = {}) {
+      if (!timed && (running?.timed || wish?.timed)) return;
       clearTimeout(timer);
       timer = setTimeout(() => {
+        if (!timed && (running?.timed || wish?.timed)) return;
         wish = { ...what, timed: false };
         run();
       }, wait.quickMs);
