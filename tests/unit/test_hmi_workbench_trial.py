@@ -1,6 +1,7 @@
 """Settings tried beside those in force: what is found, how still, how far apart, how long, and what is said of it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -280,20 +281,41 @@ def test_keys_of_the_other_method_have_no_effect() -> None:
 def test_something_else_than_the_marker_is_told() -> None:
     one = frame()
     result = looked(ROBUST, one)
-    ring = Ellipse(20, 20, 5, 5, 0)
-    elsewhere = Detection(Circle(20, 20, 5), ellipse=ring, confidence=0.9)
-    wrong = trial.Side((elsewhere,), 1.0, None, result.tried.times)
-    changed = Result(**{**{name: getattr(result, name) for name in Result.__slots__}, "tried": wrong})
+    elsewhere = Detection(Circle(20, 20, 5), ellipse=Ellipse(20, 20, 5, 5, 0), confidence=0.9)
+    wrong = replace(result, tried=replace(result.tried, found=(elsewhere,)))
 
-    assert any("something else" in remark.text for remark in remarks([one], ROBUST, ROBUST, changed))
+    assert any("something else" in remark.text for remark in remarks([one], ROBUST, ROBUST, wrong))
+    small = VisionConfig(max_radius_share=0.1)
+    assert any("above the limit" in text for text in said(remarks([one], small, ROBUST, wrong), "max_radius_share"))
 
 
-def test_slower_than_the_camera_is_told() -> None:
-    frames = [frame(n) for n in range(1, 8)]
-    slow = trial.run(
-        frames, PAPER, ROBUST, Known(), Ticks(60_000_000)
-    )  # each stage takes 60 ms, a frame comes every 100
+@pytest.mark.parametrize(
+    ("tried_ms", "in_force_ms", "told_so"), [(120, 40, True), (90, 40, False), (120, 110, False), (40, 120, False)]
+)
+def test_slower_than_the_camera_is_told_where_this_process_can_tell(
+    tried_ms: float, in_force_ms: float, told_so: bool
+) -> None:
+    frames = [frame(n) for n in range(1, 8)]  # one every 100 ms
+    result = trial.run(frames, PAPER, ROBUST, Known(), Ticks())
+    timed = replace(
+        result,
+        tried=replace(result.tried, times=measures.Times(tried_ms, ())),
+        in_force=replace(result.in_force, times=measures.Times(in_force_ms, ())),
+    )
 
-    assert any("frames will be skipped" in remark.text for remark in remarks(frames, PAPER, ROBUST, slow))
-    quick = trial.run(frames, PAPER, ROBUST, Known(), Ticks(1_000))
-    assert not any("frames will be skipped" in remark.text for remark in remarks(frames, PAPER, ROBUST, quick))
+    said_so = any("frames will be skipped" in remark.text for remark in remarks(frames, PAPER, ROBUST, timed))
+
+    assert said_so is told_so
+
+
+def test_frames_that_were_left_out_of_a_recording_do_not_make_the_camera_slow() -> None:
+    frames = [replace(frame(n), seq=3 * n) for n in range(1, 8)]  # the camera's own pace is one every 33 ms
+    result = trial.run(frames, PAPER, ROBUST, Known(), Ticks())
+    times = measures.Times(50, ())
+    timed = replace(
+        result,
+        tried=replace(result.tried, times=times),
+        in_force=replace(result.in_force, times=measures.Times(10, ())),
+    )
+
+    assert any("a frame every 33 ms" in remark.text for remark in remarks(frames, PAPER, ROBUST, timed))

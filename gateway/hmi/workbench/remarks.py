@@ -86,7 +86,8 @@ def _speed(frames: Sequence[Snapshot], result: Result) -> Iterator[Remark]:
     gaps = np.diff([frame.t_capture_ns for frame in frames]) / NS_PER_MS
     seqs = np.diff([frame.seq for frame in frames])
     every_ms = float(np.median(gaps / np.maximum(seqs, 1)))
-    if result.tried.times.total_ms > every_ms > 0:
+    # Where those in force are too slow here, too, this process has too little of the machine to tell.
+    if result.in_force.times.total_ms <= every_ms < result.tried.times.total_ms:
         yield Remark(
             f"slower than the camera: {result.tried.times.total_ms:.0f} ms a frame here, a frame every {every_ms:.0f} "
             "ms; frames will be skipped"
@@ -183,7 +184,7 @@ def _robust(frame: Snapshot, tried: VisionConfig, found: Detection, reference: C
         yield Remark(
             f"min_confidence: {tried.min_confidence:g} takes what is more likely no marker than one", "min_confidence"
         )
-    if reference is None or found.circle is not None:
+    if reference is None or (found.circle is not None and _same(found.circle, reference)):
         return
     diagonal_px = math.hypot(*frame.image.shape[:2])
     if reference.radius_px > tried.max_radius_share * diagonal_px:

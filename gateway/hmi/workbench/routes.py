@@ -76,10 +76,10 @@ class Call:
             raise RefusalError(404, "gone", f"{name} is not kept (any more): freeze or record anew")
         return taken
 
-    def frames(self, asked: FrameAsked) -> tuple[Sequence[Snapshot], int]:
+    async def frames(self, asked: FrameAsked) -> tuple[Sequence[Snapshot], int]:
         """Frames, and which of them is looked at. No frames: live, and there is none to be had at this moment."""
         if asked.live:
-            newest = self.shop.desk.snapshot(self.bay)
+            newest = await self.shop.newest(self.bay)
             return ([] if newest is None else [newest]), 0
         frames = self.taken(asked.snapshot or asked.recording or "").frames
         return frames, min(asked.frame, len(frames) - 1)
@@ -150,7 +150,7 @@ async def _function_check(call: Call) -> Response:
 
 async def _freeze(call: Call) -> Response:
     call.asked(Nothing)
-    (one,) = named([call.shop.freeze(call.bay)])
+    (one,) = named([await call.shop.freeze(call.bay)])
     return JSONResponse(one)
 
 
@@ -173,7 +173,7 @@ async def _frame(call: Call) -> Response:
 
 async def _trial(call: Call) -> Response:
     asked = call.asked(TrialAsked)
-    frames, shown = call.frames(asked)
+    frames, shown = await call.frames(asked)
     if not frames:
         return Response(status_code=204)  # a page that looks at the running picture asks again
     settings = await call.settings(asked.vision)
@@ -200,7 +200,7 @@ async def _panel(call: Call) -> Response:
 
 async def _eyedropper(call: Call) -> Response:
     asked = call.asked(PickAsked)
-    frames, at = call.frames(asked)
+    frames, at = await call.frames(asked)
     if not frames:
         return Response(status_code=204)
     settings = await call.settings(asked.vision)

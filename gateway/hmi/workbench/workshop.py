@@ -38,6 +38,7 @@ KEPT_UNDO = 20  # of a bay
 FIRST_S = 10.0  # the main process has told of a bay within this
 NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
+TRIES = 10  # to copy the newest frame
 NO_FRAME = "there is no frame: the camera has given none"
 LIGHTS = 5  # frames of a recording that are looked at for exposure
 
@@ -129,12 +130,20 @@ class Workshop:
 
     # Pictures.
 
-    def freeze(self, bay: str) -> Taken:
+    async def freeze(self, bay: str) -> Taken:
         """Raises LinkError where there is no frame."""
-        frame = self.desk.snapshot(bay)
+        frame = await self.newest(bay)
         if frame is None:
             raise LinkError(NO_FRAME)
         return self.store.still(bay, frame, self.desk.clock.wall_ns())
+
+    async def newest(self, bay: str) -> Snapshot | None:
+        """Asked for a few times: a copy fails where the camera writes over the frame meanwhile."""
+        for _ in range(TRIES):
+            if (frame := self.desk.snapshot(bay)) is not None:
+                return frame
+            await self._pace.sleep(LOOK_S)
+        return None
 
     async def record(self, bay: str, seconds: float) -> Taken:
         """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes."""
@@ -182,7 +191,9 @@ class Workshop:
             result = trial.run(frames, *sides, wanted=wanted) if timed else trial.look(frames[0], *sides, wanted)
             at = min(shown, result.frames - 1) if timed else 0
             image = frames[at].image
-            panels = stages.panels(image, settings, result.tried.found[at], width_px)
+            # The whole frame's candidates, even where a tracked search looked at a window of it only.
+            found = self._known.of(frames[at], settings)
+            panels = stages.panels(image, settings, found, width_px)
             if whole:
                 panels = (stages.whole(image, width_px), *panels)
             said = remarks(frames, settings, in_force, result)
