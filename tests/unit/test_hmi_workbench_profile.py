@@ -178,6 +178,19 @@ def test_the_diff_is_what_a_person_reads_and_shows_no_password() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("line", "shown"),
+    [
+        ('camera.url = "rtsp://me:pw@cam/1"', 'camera.url = "rtsp://***@cam/1"'),
+        ('camera.url = "http://cam/v?token=abc&x=1"  # ours', 'camera.url = "http://cam/v?token=***&x=1"  # ours'),
+    ],
+)
+def test_a_camera_s_address_is_shown_without_what_opens_it(line: str, shown: str) -> None:
+    diff = proposed(f"{line}\n[vision]\nmethod = 'robust'\n", method="paper").diff
+
+    assert f" {shown}" in diff.splitlines()
+
+
 def test_a_file_that_is_wrong_already_is_not_touched() -> None:
     with pytest.raises(ConfigError, match=r"plant\.toml:1: vision\.metod .*unknown key"):
         proposed("vision.metod = 1\n")

@@ -22,6 +22,7 @@ MAX_PROFILE_CHARS = 64 * 1024
 NS_PER_S = 1_000_000_000
 _SECRET_LINE = re.compile(r"(?i)^([^=]*(?:pass|pwd|secret|token)[^=]*=).*$")
 _LOGIN = re.compile(r"://[^\s]*@")
+_QUERY = re.compile(r"(?i)([?&][^=&\s]*(?:pass|pwd|secret|token|key)[^=&\s]*=)[^&#\"'\s]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,4 +144,4 @@ def _diff(former: str, text: str, source: str) -> str:
 
 def _shown(text: str) -> list[str]:
     lines = text.removesuffix("\n").replace("\r", "").split("\n")
-    return [_SECRET_LINE.sub(r"\1 ***", _LOGIN.sub("://***@", line)) for line in lines]
+    return [_SECRET_LINE.sub(r"\1 ***", _QUERY.sub(r"\1***", _LOGIN.sub("://***@", line))) for line in lines]
