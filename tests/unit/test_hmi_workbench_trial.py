@@ -11,7 +11,7 @@ from gateway.hmi.workbench import measures, trial
 from gateway.hmi.workbench.remarks import Remark, as_set, remarks
 from gateway.hmi.workbench.trial import EndedError, Known, Result
 from gateway.model import Circle, Detection, Ellipse
-from gateway.vision import methods
+from gateway.vision import methods, pipeline
 from gateway.vision.pipeline import Detector, NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.shm import Snapshot
@@ -107,22 +107,35 @@ def test_a_look_at_a_frame_tells_all_three_sides_apart() -> None:
 
 
 def test_what_is_known_of_a_frame_is_not_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[VisionConfig] = []
-    real = methods.detector
+    asked: list[str] = []
+    robust, paper = methods.detector, pipeline.detect
 
     def counting(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
-        asked.append(params)
-        return real(params, now_ns)
+        asked.append(params.method)
+        return robust(params, now_ns)
+
+    def counting_paper(image: Image, params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detection:
+        asked.append(params.method)
+        return paper(image, params, now_ns)
 
     monkeypatch.setattr(methods, "detector", counting)
+    monkeypatch.setattr(pipeline, "detect", counting_paper)
     known, one = Known(), frame()
     for _ in range(3):
         trial.look(one, ROBUST, ROBUST, known, Ticks())  # all three sides the same
-    assert len(asked) == 1
+    assert asked == ["robust"]
     trial.look(one, PAPER, ROBUST, known, Ticks())
     trial.look(frame(2), PAPER, ROBUST, known, Ticks())
 
-    assert len(asked) == 4
+    assert asked == ["robust", "paper", "paper", "robust"]
+
+
+def test_a_look_by_the_plain_pipeline_is_what_the_bay_s_own_process_finds() -> None:
+    one, alone = frame(), PAPER.model_copy(update={"tracking": False})
+
+    plain, own = Known().of(one, PAPER), methods.detector(alone)(one.image)
+
+    assert replace(plain, stage_ns=()) == replace(own, stage_ns=())
 
 
 def test_what_is_known_is_bounded() -> None:

@@ -14,7 +14,7 @@ from gateway.errors import GatewayError
 from gateway.hmi.workbench import measures
 from gateway.hmi.workbench.measures import Apart, Jitter, Times
 from gateway.model import Detection
-from gateway.vision import methods
+from gateway.vision import methods, pipeline
 from gateway.vision.pipeline import NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.shm import Snapshot
@@ -68,12 +68,19 @@ class Known:
         if key not in self._known:
             while len(self._known) >= self.KEPT:
                 del self._known[next(iter(self._known))]
-            self._known[key] = methods.detector(alone, now_ns)(frame.image, 0)
+            self._known[key] = _plainly(frame.image, alone, now_ns)
         return self._known[key]
 
     def reference(self, frame: Snapshot, lens: VisionConfig) -> Detection:
         """The robust method's, without a circle where it is not sure. `lens`: whose intrinsics count."""
         return self.of(frame, shipped(lens))
+
+
+def _plainly(image: Image, alone: VisionConfig, now_ns: NowNs) -> Detection:
+    """The paper's method by its plain pipeline: the same to the bit, and nothing is prepared for frames to come."""
+    if alone.method == "paper":
+        return pipeline.detect(image, alone, now_ns)
+    return methods.detector(alone, now_ns)(image, 0)
 
 
 def shipped(lens: VisionConfig) -> VisionConfig:
