@@ -72,7 +72,7 @@ class Link(Generic[Out, In]):
             except BlockingIOError:
                 break
             except ConnectionResetError:
-                data = b""
+                continue  # said once, when the other side had not read all it was sent; its own last words come after
             if data:
                 messages.append(self.codec.unpacked(data))
             else:

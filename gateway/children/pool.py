@@ -26,6 +26,7 @@ log = logging.getLogger(__name__)
 
 GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
 KILL_S = 0.3  # real time for the kernel to end a killed process
+MOST_WORDS = 10_000  # of one child, taken at once: more than its socket holds, and an end for one that never stops
 # sys.path travels last: what the parent can import, the child can.
 BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.children.child import main; main()"
 ENVIRONMENT = {
@@ -145,29 +146,35 @@ class Pool(Generic[Out, In]):
         where.add(token)
         self._on_news()
 
-    def messages(self, *, everybody: bool = True) -> Iterator[tuple[int, In | Failed | Gone]]:
+    def messages(self, *, everybody: bool = True, most: int = MOST_WORDS) -> Iterator[tuple[int, In | Failed | Gone]]:
         """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
 
         Without `everybody` only from those that the event loop has seen speak or end, and only the oldest word of each
-        that has not ended: it will see the others, too. That spares some system calls. Notes wake nobody. They are read
+        that has not ended: it will see the others, too. That spares some system calls. Of one that talks faster than it
+        is heard no more than `most` are taken at once; the event loop sees the rest. Notes wake nobody. They are told
         at every call, before all else, and before a process is told to be gone.
         """
         ended, heard = set(self._ended), self._spoke | self._ended
         self._spoke.clear()  # not replaced: the event loop's readers hold these very sets
         self._ended.clear()
+        found: list[tuple[int, Child[Out, In], int | None, list[In | Failed]]] = []
         for token, child in self._children.items():
-            for note in _notes(child, everybody=everybody):
-                yield token, note
-        for token, child in list(self._children.items()):
             if not everybody and token not in heard:
                 continue
             asked = everybody or token in ended
             status = child.process.poll() if asked else None  # before reading, so that the last words are not missed
-            for message in child.link.received(None if asked else 1):
-                yield token, message
-            if status is not None:
-                for note in _notes(child, everybody=True):
-                    yield token, note
+            limit = MOST_WORDS if status is not None else most if asked else 1
+            found.append((token, child, status, child.link.received(limit)))
+        # Read after the words that they are told before: whatever a word speaks of, its note has been written by then.
+        notes = [
+            (token, note)
+            for token, child in self._children.items()
+            for note in _notes(child, everybody=everybody or token in ended)
+        ]
+        yield from notes
+        for token, child, status, words in found:
+            for word in words:
+                yield token, word
             if status is not None:
                 self._forget(token)
                 yield token, Gone(_how(status))

@@ -56,6 +56,20 @@ def test_an_inbox_whose_owner_is_gone_takes_nothing() -> None:
     ours.close()
 
 
+def test_the_last_words_of_one_that_did_not_read_all_it_was_sent_are_heard() -> None:
+    """The kernel tells of the reset before it hands out what lies waiting."""
+    ours, theirs = pair()
+    assert ours.offer("a slot to be written")
+    theirs.send("a frame")
+    theirs.send("the source has ended")
+    theirs.close()
+
+    assert ours.received(1) == ["a frame"]
+    assert ours.received() == ["the source has ended"]
+    assert ours.ended
+    ours.close()
+
+
 def test_an_inbox_that_nobody_reads_is_full_some_day_and_nobody_waits_for_it() -> None:
     ours, theirs = pair()
     with ours.sock, theirs.sock:
