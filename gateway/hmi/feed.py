@@ -6,8 +6,9 @@ with a new vision, whose first word is that it has seen nothing yet.
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from gateway import audit
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import VisionConfig
@@ -27,9 +28,13 @@ from gateway.hmi.orders import (
 )
 from gateway.modbus.answers import ReadImage
 from gateway.model import FunctionCheck
+from gateway.plc import Writer
 from gateway.vision.service import VisionService
 
 log = logging.getLogger(__name__)
+
+MAX_NAME = 120  # of somebody, or of something asked for
+MAX_TOLD = 1000  # of what has changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,7 @@ class Feed:
         self._links = links
         self._alarms = alarms
         self._chronicle = chronicle
+        self._orders = audit.Bucket()
 
     def answer(self, ask: Ask) -> Answer:
         known = [bay for bay in ask.bays if bay in self._bays][:MAX_STATES]
@@ -74,24 +80,41 @@ class Feed:
         return BayNow(bay.control.state(), tuple(bay.image()), bay.vision.settings)
 
     def carry_out(self, order: Order) -> Done:
+        """What makes no sense is refused, whatever the web process's own checks say: strangers talk to it."""
         if isinstance(order.what, Deed):
-            return Done(order.number, self._alarms(order.what).why)
+            return Done(order.number, self._alarms(replace(order.what, who=order.what.who[:MAX_NAME])).why)
         bay = self._bays.get(order.what.bay)
         if bay is None:
-            return Done(order.number, f"no bay {order.what.bay!r}")
-        match order.what:
-            case Check(mode=mode):
-                bay.control.check_function(mode, order.who)
-            case Apply(vision=vision):
-                if bay.control.state().function_check is FunctionCheck.OFF:
-                    return Done(order.number, "begin a function check first: settings never change in a bay at work")
-                try:
-                    told = _changed(bay.vision.settings, vision)
-                    bay.vision.apply(vision)
-                except GatewayError as error:
-                    return Done(order.number, str(error))
-                bay.control.settings_changed(told or "the same settings", order.who)
-        return Done(order.number)
+            return Done(order.number, f"no bay {order.what.bay[:MAX_NAME]!r}")
+        self._orders, untold = audit.take(self._orders, self._clock.now_ns())
+        if untold is None:  # each is told as an event, and may begin processes anew
+            return Done(order.number, "too many orders one after the other: wait a little")
+        return Done(order.number, _carried_out(order.what, bay, _clipped(order.who)))
+
+
+def _carried_out(what: Check | Apply, bay: BayParts, who: Writer) -> str:
+    """What is wrong with it; empty: it was done."""
+    match what:
+        case Check(mode=mode) if type(mode) is FunctionCheck:  # whatever else it were would be an observation
+            bay.control.check_function(mode, who)
+        case Apply(vision=vision):
+            if bay.control.state().function_check is FunctionCheck.OFF:
+                return "begin a function check first: settings never change in a bay at work"
+            try:
+                checked = VisionConfig.model_validate(vision.model_dump(exclude_unset=True))  # no pickle is
+                told = _changed(bay.vision.settings, checked)
+                bay.vision.apply(checked)
+            except (GatewayError, ValueError) as error:
+                return str(error)[:MAX_TOLD]
+            bay.control.settings_changed(told[:MAX_TOLD] or "the same settings", who)
+        case _:
+            return "not an order"
+    return ""
+
+
+def _clipped(who: Writer) -> Writer:
+    """It stands in events, which are kept and must fit into messages."""
+    return Writer(who.address[:MAX_NAME], who.subject[:MAX_NAME], who.role[:MAX_NAME])
 
 
 def _changed(old: VisionConfig, new: VisionConfig) -> str:

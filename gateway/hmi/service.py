@@ -8,17 +8,18 @@ import os
 import socket
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 
 from gateway.children.pool import Pool, Role
 from gateway.children.words import Failed, Gone
 from gateway.errors import ConfigError, LinkError
+from gateway.hmi import trust
 from gateway.hmi.door import door
 from gateway.hmi.feed import Feed
 from gateway.hmi.orders import About, Ask, FromHmi, HmiJob, Order, ToHmi
 
 SILENT_S = 15.0  # real time; the web process asks at least once a second
 PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
+MOST_WORDS = 8  # heard in one turn; an honest web process has one question out, and now and then an order
 CHILD = 1
 
 
@@ -34,10 +35,16 @@ class HmiService:
         self._sockets = sockets
 
     async def run(self) -> None:
-        """Until cancelled. Raises LinkError when the port is taken or the web process ended or hung, ConfigError when
-        only people can help."""
-        with ExitStack() as own:
-            await self._serve(self._sockets or own.enter_context(door(self._about.config.hmi)))
+        """Until cancelled. Raises LinkError when the port is taken or the web process ended or hung.
+
+        Also for what only people can mend, such as a certificate that can't be read any more: a ConfigError would end
+        the gateway, and no page is worth a bay.
+        """
+        try:
+            with ExitStack() as own:
+                await self._serve(self._sockets or own.enter_context(door(self._about.config.hmi)))
+        except ConfigError as error:
+            raise LinkError(str(error)) from error
 
     async def _serve(self, sockets: tuple[socket.socket, ...]) -> None:
         await _visitor(sockets)
@@ -45,7 +52,7 @@ class HmiService:
         listening = tuple(sock.fileno() for sock in sockets)
         job = HmiJob.of(replace(self._about, sockets=listening))
         role: Role[ToHmi] = Role("gateway.hmi.process", "gw-hmi", job, (*rings, *listening))
-        async with Pool[ToHmi, FromHmi]("hmi", self._about.clock) as pool:
+        async with Pool[ToHmi, FromHmi]("hmi", self._about.clock, codec=trust.CODEC) as pool:
             pool.start(CHILD, role)
             while True:
                 try:
@@ -53,21 +60,20 @@ class HmiService:
                         await pool.wait(None)
                 except TimeoutError:
                     raise LinkError(f"the web process has said nothing for {SILENT_S:g} s") from None
-                for _, message in pool.messages():
-                    self._hear(message, pool)
+                asked: Ask | None = None
+                for _, message in pool.messages(most=MOST_WORDS):
+                    match message:
+                        case Ask():
+                            asked = message  # the newest answers all before it
+                        case Order():
+                            pool.send(CHILD, self._feed.carry_out(message))
+                        case Failed(why):
+                            raise LinkError(why)
+                        case Gone(how):
+                            raise LinkError(f"the web process {how}")
+                if asked is not None:
+                    pool.send(CHILD, self._feed.answer(asked))
                 await asyncio.sleep(PAUSE_S)
-
-    def _hear(self, message: FromHmi | Failed | Gone, pool: Pool[ToHmi, FromHmi]) -> None:
-        tell = partial(pool.send, CHILD)
-        match message:
-            case Ask():
-                tell(self._feed.answer(message))
-            case Order():
-                tell(self._feed.carry_out(message))
-            case Failed(why, config):
-                raise (ConfigError if config else LinkError)(why)
-            case Gone(how):
-                raise LinkError(f"the web process {how}")
 
 
 async def _visitor(sockets: tuple[socket.socket, ...]) -> None:

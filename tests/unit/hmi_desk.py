@@ -10,6 +10,7 @@ from gateway.bay import BayControl
 from gateway.children.link import Link
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
 from gateway.errors import ConfigError
+from gateway.hmi import trust
 from gateway.hmi.alarms.table import Signs
 from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.desk import Desk
@@ -80,7 +81,7 @@ async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | Non
         watch.act,
     )
     specs = {name: shm.create(3, 0.1) for name in names}
-    near, far = Link[ToHmi, FromHmi].pair()
+    near, far = Link[ToHmi, FromHmi].pair(trust.CODEC)
     about = About(config, clock, specs, boot="0123456789abcdef")
     desk = Desk(about, Link[FromHmi, ToHmi](far), clock)
     made = Plant(
