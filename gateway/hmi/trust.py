@@ -7,6 +7,7 @@ sense is for `feed` to see.
 
 import io
 import pickle
+import pickletools
 from enum import Enum
 
 from gateway.children.link import PICKLE, Codec
@@ -19,6 +20,7 @@ from gateway.model import FunctionCheck
 from gateway.plc import Writer
 
 SPOKEN = (Ask, Order, Check, Apply, Deed, Writer, FunctionCheck, Cue, VisionConfig, Intrinsics, Failed)
+MOST_REMEMBERED = 10_000  # objects in one message
 _CLASSES = {(spoken.__module__, spoken.__qualname__): spoken for spoken in SPOKEN}
 
 
@@ -39,6 +41,10 @@ def _member(kind: object, name: object) -> object:
 
 def _unpacked(data: bytes) -> object:
     """Raises whatever unpickling raises, for anything but the records above."""
+    for opcode, place, _ in pickletools.genops(data):
+        # Memory is taken for all places up to the one named: ten bytes could ask for 64 GB.
+        if opcode.name in ("PUT", "BINPUT", "LONG_BINPUT") and (place or 0) > MOST_REMEMBERED:
+            raise pickle.UnpicklingError(f"the web process may not have {place} objects in one message")
     return _Narrow(io.BytesIO(data)).load()
 
 

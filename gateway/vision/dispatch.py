@@ -70,7 +70,12 @@ class Dispatcher:
         self._free = set(range(self.slots))
 
     def anew(self, vision: VisionConfig) -> "Dispatcher":
-        """The one that follows when the settings change: new processes, but the numbers of frames and counts go on."""
+        """The one that follows when the settings change: new processes, but the numbers of frames and counts go on.
+
+        What nobody has told of by then is told no more: it is counted, like what ends with its process.
+        """
+        never_told = sum(reading.quality is not Quality.PROCESS_FAULT for reading in self._held.values())
+        self._count(lost=len(self._in_work()), skipped=len(self._waiting) + never_told)
         return replace(
             Dispatcher(self.label, self.camera, vision, self.slots, self.rng, self.stats),
             _last_seq=self._last_seq,
@@ -102,6 +107,8 @@ class Dispatcher:
             return
         seat = self._worker(worker)
         if not self._is_camera(token):  # given up, but the frame lies where it lies; it comes too late to be told
+            self._count(skipped=max(0, skipped - self._camera_skipped))
+            self._camera_skipped = max(skipped, self._camera_skipped)
             self._last_seq = max(self._last_seq, frame.seq)
             self._told_seq = max(self._told_seq, frame.seq)
             if seat is None:

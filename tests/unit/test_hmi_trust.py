@@ -59,6 +59,12 @@ def test_it_may_speak_of_nothing_else(word: object) -> None:
         trust.CODEC.unpacked(pickle.dumps(word))
 
 
+def test_a_few_bytes_take_no_heap_of_memory() -> None:
+    assert trust.CODEC.unpacked(b"\x80\x04Nr" + (100).to_bytes(4, "little") + b".") is None
+    with pytest.raises(pickle.UnpicklingError, match="may not have"):
+        trust.CODEC.unpacked(b"\x80\x04Nr" + (1 << 20).to_bytes(4, "little") + b".")
+
+
 def test_an_order_can_bring_no_observation_with_it() -> None:
     """`mode` goes where readings go: a false one would be believed."""
 

@@ -836,6 +836,39 @@ def test_a_frame_handed_over_by_a_camera_given_up_is_not_told_and_keeps_its_slot
     assert (frame.slot in bench.free, bench.dispatcher.stats.skipped) == (True, 1)
 
 
+def test_what_a_camera_given_up_had_skipped_before_its_last_frame_is_counted() -> None:
+    bench = running()
+    (worker,) = bench.workers
+    bench.settle(after_ms=10_000)
+    frame = FrameRef(min(bench.free), 2, 3, bench.ns)
+    bench.dispatcher.handed(bench.camera, frame, 2, worker, bench.ns, bench.ns)
+    bench.dispatcher.looked(worker, 3, SEEN, bench.ns)
+
+    assert bench.dispatcher.stats.skipped == 3  # the first two, and this one, which came too late
+
+
+def test_with_other_settings_numbers_go_on_and_what_was_under_work_is_counted() -> None:
+    bench = running(workers=2)
+    for _ in range(4):
+        bench.frame()  # two looked at, one replaced by the last
+    after = bench.dispatcher.anew(VisionConfig(workers=2, deadline_s=0.25))
+
+    assert (after.stats.skipped, after.stats.lost) == (2, 2)
+    (camera,) = (action for action in after.settle(bench.ns) if isinstance(action, StartCamera))
+    assert (camera.first_seq, sorted(camera.slots)) == (5, [0, 1, 2, 3])
+
+
+def test_with_other_settings_a_film_s_readings_before_their_turn_are_counted() -> None:
+    bench = running(workers=2, lossless=True)
+    bench.frame()
+    bench.frame()
+    bench.look(bench.workers[1])
+
+    after = bench.dispatcher.anew(VisionConfig(workers=2))
+
+    assert (bench.told, after.stats.frames, after.stats.skipped, after.stats.lost) == ([], 0, 1, 1)
+
+
 def test_a_camera_that_has_gone_takes_its_offers_with_it() -> None:
     bench = running()
     old = bench.camera
