@@ -9,9 +9,9 @@ thing: a lamp, when the marker is covered. It is told as measured when CONFIRMED
 its sightings fit each other; until then as refused (`jump`), and the frame is coasted or lost. The marker at its place
 ends the trial, and so does a frame that shows nothing. During a trial the whole frame is searched, so that the window
 round the prediction can't hide what the search prefers. A jerk is no jump: what is nearly as large and overlaps the
-prediction begins a new track, but is a measurement. Where nothing is followed there is nothing to contradict, and the
-first sight counts. Sightings count only if each is newer than the last. What stood beside the marker before it was
-covered is not believed so soon: see `bystanders`.
+prediction, or the marker as it was measured last, begins a new track, but is a measurement. Where nothing is followed
+there is nothing to contradict, and the first sight counts. Sightings count only if each is newer than the last. What
+stood beside the marker before it was covered is not believed so soon: see `bystanders`.
 """
 
 from dataclasses import replace
@@ -70,7 +70,7 @@ class Follower:
     def _believed(self, circle: Circle, found: Detection, t_ns: int, expected: Prediction | None, image: Image) -> bool:
         """Is it a measurement: of what is followed, of something new that nothing contradicts, or of one confirmed?"""
         track, trial = self._track, self._trial
-        if track is not None and (expected is None or _explains(expected, circle) or t_ns <= track.t_ns):
+        if track is not None and (expected is None or self._explained(expected, circle) or t_ns <= track.t_ns):
             self._track, self._trial = self._taught(track, circle, found.visible, t_ns, expected), None
             return True
         height, width = image.shape[:2]
@@ -105,6 +105,7 @@ class Follower:
         inside = -0.5 <= expected.circle.u_px <= width - 0.5 and -0.5 <= expected.circle.v_px <= height - 0.5
         return self._young(track, t_ns) and inside and track.confirmed and expected.useful
 
-
-def _explains(expected: Prediction, found: Circle) -> bool:
-    return expected.admits(found) or alike(expected.circle, found, expected.near_px)
+    def _explained(self, expected: Prediction, found: Circle) -> bool:
+        """Where the track leads, or where the marker was seen last: frames that come in bursts mislead the motion."""
+        places = [expected.circle] if self._others is None else [expected.circle, self._others.marker]
+        return expected.admits(found) or any(alike(place, found, expected.near_px) for place in places)

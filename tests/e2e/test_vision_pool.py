@@ -195,6 +195,36 @@ def test_a_folder_of_pictures_becomes_circles_with_the_real_pipeline(tmp_path: P
     play(story)
 
 
+def test_with_other_settings_or_begun_again_after_a_crash_frames_are_numbered_on_and_nothing_is_left(
+    tmp_path: Path,
+) -> None:
+    async def story() -> None:
+        async with Bay(shades(tmp_path / "shades", 10, 20, 30), fps=50, loop=True) as bay:
+            await bay.quality(Quality.GOOD)
+            before = possessions()
+            for look_s in (0.9, 0.8, 0.7):
+                seen = len(bay.readings)
+                old = {child.pid for child in family()}
+                bay._service.apply(VisionConfig(deadline_s=look_s))
+                await bay.until(lambda _, old=old: not old & {child.pid for child in family()}, after=seen)  # type: ignore[misc]
+            assert possessions() == before
+
+            bay.task.cancel()
+            with suppress(asyncio.CancelledError):
+                await bay.task
+            seen = len(bay.readings)
+            bay.task = asyncio.get_running_loop().create_task(bay._service.run())
+            await bay.quality(Quality.GOOD, after=seen)
+            assert possessions() == before
+        numbers = [reading.frame_id for reading in bay.readings]
+        assert numbers == sorted(set(numbers))
+        times = [reading.t_ns for reading in bay.readings]
+        assert times == sorted(times)
+        assert bay.readings[-1].stats.frames == len(bay.readings)
+
+    play(story)
+
+
 def test_every_frame_of_a_fast_film_is_told_in_order_by_two_workers_and_then_its_end(tmp_path: Path) -> None:
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (320, 240))
@@ -203,7 +233,7 @@ def test_every_frame_of_a_fast_film_is_told_in_order_by_two_workers_and_then_its
     writer.release()
 
     async def story() -> None:
-        async with Bay(str(path), detector=None, workers=2, pace="fast") as bay:
+        async with Bay(str(path), detector=None, workers=2, look_s=PATIENCE_S, pace="fast") as bay:
             end = await bay.quality(Quality.LINK_DOWN)
             again = await bay.quality(Quality.GOOD, after=end)
         film = bay.readings[:end]
@@ -213,7 +243,9 @@ def test_every_frame_of_a_fast_film_is_told_in_order_by_two_workers_and_then_its
             assert reading.circle.u_px == pytest.approx(40 + 4 * n, abs=2)
         assert bay.readings[end].detail == f"{path}: ended"
         assert (bay.readings[end].stats.frames, bay.readings[end].stats.skipped) == (60, 0)
-        assert bay.readings[again].frame_id == 61  # it begins again, but its numbers go on
+        # It begins again, but its numbers go on; back at the start the disc may be on trial for a frame or two (a jump).
+        assert bay.readings[end + 1].frame_id == 61
+        assert bay.readings[again].frame_id <= 65
         assert bay.readings[again].stats.reopens == 1
 
     play(story)

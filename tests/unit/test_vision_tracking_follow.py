@@ -1,6 +1,7 @@
 """Measured, coasted, lost: what is told of a sequence of frames, and that a prediction never decides anything."""
 
 import math
+import random
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -384,3 +385,15 @@ def test_a_coasted_marker_never_raises_or_holds_permit(
         assert (state.vision.predicted is not None) == (state.vision.quality is Quality.COASTED)
         if state.permit:
             assert state.vision.circle == last
+
+
+@pytest.mark.parametrize("step_px", [4.0, 20.0])
+def test_frames_that_come_in_bursts_make_no_jumps_of_a_steady_drive(step_px: float) -> None:
+    """Stamped when they were handed over, not when they were taken, so that the speed seems to be anything."""
+    for seed in range(10):
+        rng, drive, t_ns = random.Random(seed), Drive(), 0
+        for n in range(25):
+            t_ns += int(rng.choice([0.3, 1, 3, 10, 60, 150]) * MS)
+            seen = Circle(40.0 + step_px * n, 120.0 + rng.gauss(0, 0.3), 30.0)
+            found = drive.frame(n, seen, t_ns)
+            assert (found.tracking, found.circle) == (Tracking.MEASURED, seen), (seed, n)
