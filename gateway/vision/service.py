@@ -70,6 +70,7 @@ class VisionService:
         self._rng = rng or random.Random()
         self._ring = ring
         self._turns: _Turns | None = None
+        self._dispatcher: Dispatcher | None = None
 
     @property
     def settings(self) -> VisionConfig:
@@ -95,13 +96,19 @@ class VisionService:
         check_cpus("camera.affinity", self._camera.affinity)
         check_cpus("vision.affinity", self._vision.affinity)
         ring = self._ring or shm.create(slots(self._vision), self._camera.max_megapixels)
-        dispatcher = Dispatcher(self._spec.label, self._camera, self._vision, ring.slots, self._rng)
         try:
             while True:
-                self._turns = _Turns(dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring))
+                # Begun anew with other settings, or by the supervisor: a PLC's counts are those since the start.
+                self._dispatcher = (
+                    Dispatcher(self._spec.label, self._camera, self._vision, ring.slots, self._rng)
+                    if self._dispatcher is None
+                    else self._dispatcher.anew(self._vision)
+                )
+                self._turns = _Turns(
+                    self._dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring)
+                )
                 async with VisionPool(self._bay, self._clock, self._turns.on_news, wire.CODEC) as pool:
                     await self._turns.run(pool)
-                dispatcher = dispatcher.anew(self._vision)  # other settings
         finally:
             self._turns = None
             if self._ring is None:
