@@ -20,6 +20,8 @@ from gateway.hmi.orders import About, Ask, FromHmi, HmiJob, Order, ToHmi
 SILENT_S = 15.0  # real time; the web process asks at least once a second
 PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
 MOST_WORDS = 8  # heard in one turn; an honest web process has one question out, and now and then an order
+MOST_TURNS = 100  # in a row in which it had more to say than that, more than a second: it has gone mad
+MODULE = "gateway.hmi.process"
 CHILD = 1
 
 
@@ -51,9 +53,10 @@ class HmiService:
         rings = tuple(ring.fd for ring in self._about.rings.values())
         listening = tuple(sock.fileno() for sock in sockets)
         job = HmiJob.of(replace(self._about, sockets=listening))
-        role: Role[ToHmi] = Role("gateway.hmi.process", "gw-hmi", job, (*rings, *listening))
+        role: Role[ToHmi] = Role(MODULE, "gw-hmi", job, (*rings, *listening))
         async with Pool[ToHmi, FromHmi]("hmi", self._about.clock, codec=trust.CODEC) as pool:
             pool.start(CHILD, role)
+            full = 0
             while True:
                 try:
                     async with asyncio.timeout(SILENT_S):
@@ -61,7 +64,11 @@ class HmiService:
                 except TimeoutError:
                     raise LinkError(f"the web process has said nothing for {SILENT_S:g} s") from None
                 asked: Ask | None = None
-                for _, message in pool.messages(most=MOST_WORDS):
+                words = list(pool.messages(most=MOST_WORDS))
+                full = full + 1 if len(words) >= MOST_WORDS else 0
+                if full > MOST_TURNS:
+                    raise LinkError("the web process talks without end")
+                for _, message in words:
                     match message:
                         case Ask():
                             asked = message  # the newest answers all before it

@@ -1,0 +1,47 @@
+"""A web process that floods the main process: real processes, and an event loop that goes on."""
+
+import asyncio
+import contextlib
+import socket
+
+import pytest
+
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig
+from gateway.errors import LinkError
+from gateway.hmi import service
+from gateway.hmi.orders import About
+from tests.unit.hmi_desk import plant
+
+
+@pytest.mark.parametrize(("instance", "why"), [("hears", "without end"), ("deaf", "killed by SIGKILL")])
+def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on(
+    instance: str, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service, "MODULE", "tests.e2e.hmi_stand_ins")
+
+    async def scene() -> int:
+        turns = 0
+
+        async def others() -> None:
+            nonlocal turns
+            while True:
+                turns += 1
+                await asyncio.sleep(0)
+
+        async with plant(keep=False) as made:
+            door = socket.create_server(("127.0.0.1", 0))
+            with door, socket.create_connection(door.getsockname()):
+                about = About(GatewayConfig(instance=instance), SystemClock(), {})
+                at_work = asyncio.get_running_loop().create_task(others())
+                try:
+                    async with asyncio.timeout(60):
+                        with pytest.raises(LinkError, match=why):
+                            await service.HmiService(made.feed, about, (door,)).run()
+                finally:
+                    at_work.cancel()
+                    with contextlib.suppress(asyncio.CancelledError):
+                        await at_work
+        return turns
+
+    assert asyncio.run(scene()) > 100
