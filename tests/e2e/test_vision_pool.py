@@ -235,7 +235,8 @@ def test_every_frame_of_a_fast_film_is_told_in_order_by_two_workers_and_then_its
     async def story() -> None:
         async with Bay(str(path), detector=None, workers=2, look_s=PATIENCE_S, pace="fast") as bay:
             end = await bay.quality(Quality.LINK_DOWN)
-            again = await bay.quality(Quality.GOOD, after=end)
+            again = await bay.until(lambda reading: reading.frame_id > 60, after=end)
+            await bay.quality(Quality.GOOD, after=again)
         film = bay.readings[:end]
         assert [reading.frame_id for reading in film] == list(range(1, 61))
         for n, reading in enumerate(film):
@@ -243,9 +244,8 @@ def test_every_frame_of_a_fast_film_is_told_in_order_by_two_workers_and_then_its
             assert reading.circle.u_px == pytest.approx(40 + 4 * n, abs=2)
         assert bay.readings[end].detail == f"{path}: ended"
         assert (bay.readings[end].stats.frames, bay.readings[end].stats.skipped) == (60, 0)
-        # It begins again, but its numbers go on; back at the start the disc may be on trial for a frame or two (a jump).
-        assert bay.readings[end + 1].frame_id == 61
-        assert bay.readings[again].frame_id <= 65
+        # It begins again, but its numbers go on; back at the start the disc is on trial (a jump), until it is measured.
+        assert bay.readings[again].frame_id == 61
         assert bay.readings[again].stats.reopens == 1
 
     play(story)
