@@ -14,8 +14,9 @@ Rules
   has at most two frames in hand: one assigned when the offer was under way, one handed over by it.
 - Lossless sources (files as fast as possible): every frame waits its turn and readings come in order; an end is told
   when all frames before it have been looked at.
-- A worker that dies, throws, hangs past `vision.deadline_s`, or takes longer than `camera.open_deadline_s` to start, is
-  replaced and its frame counted as lost. If no newer frame is being looked at, the state is PROCESS_FAULT at once.
+- A worker that dies, throws, hangs past `vision.deadline_s`, or takes longer than `camera.open_deadline_s` to start (up
+  to four times that after a failure), is replaced and its frame counted as lost. If no newer frame is being looked at,
+  the state is PROCESS_FAULT at once.
 - A camera that ends, dies, gives no first frame within `camera.open_deadline_s` or no further one within
   `camera.deadline_s` is LINK_DOWN at once, and nothing it captured before is told any more.
 - A process is replaced only when the old one is really gone: one writer for the memory, one owner for the device, and
@@ -35,6 +36,7 @@ from gateway.vision.seats import Phase, Seat
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
+MOST_PATIENCE = 4  # times as long may the start of a vision process take that failed before
 WORKER_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
 
 
@@ -231,7 +233,7 @@ class Dispatcher:
             case Phase.ABSENT:
                 return seat.due_ns
             case Phase.STARTING:
-                allowed_s = self.camera.open_deadline_s
+                allowed_s = self._start_s(seat)
             case Phase.BUSY:
                 allowed_s = self.vision.deadline_s
             case Phase.IDLE if seat.offered:  # it may have been handed a frame: then look at the notes
@@ -241,6 +243,12 @@ class Dispatcher:
             case _:
                 return None
         return seat.since_ns + round(allowed_s * NS_PER_S)
+
+    def _start_s(self, seat: Seat) -> float:
+        """How long a start may take. A vision process that failed gets more: on a machine that is busy for long, one
+        that is killed and begun again and again, always shortly before it is ready, would keep vision away for good."""
+        patience = 1 if seat is self._eye else min(MOST_PATIENCE, 2**seat.failures)
+        return self.camera.open_deadline_s * patience
 
     def _check_deadlines(self, now_ns: int) -> None:
         for seat in (self._eye, *self._workers):
@@ -254,7 +262,7 @@ class Dispatcher:
             elif seat.phase is Phase.IDLE:
                 seat.since_ns = now_ns  # the notes have been reported, and tell of no frame
             elif seat.phase is Phase.STARTING:
-                self._worker_down(seat, f"vision process not ready within {self.camera.open_deadline_s:g} s", now_ns)
+                self._worker_down(seat, f"vision process not ready within {self._start_s(seat):g} s", now_ns)
             else:
                 self._worker_down(seat, f"vision process gave no result within {self.vision.deadline_s:g} s", now_ns)
 

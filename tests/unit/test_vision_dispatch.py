@@ -836,6 +836,23 @@ def test_a_frame_handed_over_by_a_camera_given_up_is_not_told_and_keeps_its_slot
     assert (frame.slot in bench.free, bench.dispatcher.stats.skipped) == (True, 1)
 
 
+def test_a_vision_process_that_was_not_ready_in_time_gets_more_time_the_next_time() -> None:
+    bench = Bench()
+    starts: list[int] = []
+    begun_ms = bench.ms
+    while len(starts) < 4:
+        (worker,) = bench.workers
+        bench.settle(after_ms=100)
+        if worker in bench.killed:
+            starts.append(round((bench.ms - begun_ms) / 1000))
+            bench.die(worker)
+            while worker in bench.workers or not bench.workers:
+                bench.settle(after_ms=100)
+            begun_ms = bench.ms
+
+    assert starts == [10, 20, 40, 40]
+
+
 def test_what_a_camera_given_up_had_skipped_before_its_last_frame_is_counted() -> None:
     bench = running()
     (worker,) = bench.workers
