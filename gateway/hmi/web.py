@@ -9,7 +9,7 @@ from pathlib import Path
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
@@ -22,6 +22,7 @@ from gateway.hmi.logins import Logins
 from gateway.hmi.metrics.family import Pages
 from gateway.hmi.pictures import Picture, Pictures
 from gateway.hmi.problems import of_starlette
+from gateway.hmi.refusals import RefusalError, answer
 from gateway.hmi.security import protected
 from gateway.hmi.workbench import routes as workbench
 from gateway.hmi.workbench.workshop import Workshop
@@ -98,12 +99,12 @@ def _picture(site: Site) -> Endpoint:
         """The newest frame as JPEG, if it is another than `after`; waits for it. 204: none came."""
         bay = request.path_params["bay"]
         if bay not in site.desk.bays:
-            return PlainTextResponse(f"no bay {bay}\n", 404)
+            return answer(RefusalError(404, "bay", f"there is no bay {bay!r}"))
         try:
             after = int(request.query_params["after"]) if "after" in request.query_params else None
             width_px = int(request.query_params.get("width", "640"))
         except ValueError:
-            return PlainTextResponse("after and width: whole numbers\n", 400)
+            return answer(RefusalError(400, "number", "after and width: whole numbers"))
         made = await site.pictures.newer(bay, after, width_px)
         if made is None:
             return Response(status_code=204)

@@ -229,6 +229,7 @@ def test_a_partial_profile_leaves_the_other_keys() -> None:
         ("vision = 3\n", r"red\.toml: there is no \[vision\] with keys"),
         ("[vision", r"red\.toml: not valid TOML"),
         ("#" * 70_000, r"red\.toml: more than 65536 characters"),
+        (f"[vision]\na{'.a' * 5000} = 1", r"red\.toml:2: a line of 10005 characters; at most 400"),
     ],
 )
 def test_a_bad_profile_is_refused_with_file_key_value_and_range(text: str, said: str) -> None:

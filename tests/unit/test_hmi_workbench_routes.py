@@ -168,6 +168,17 @@ def test_a_recording_holds_the_frames_of_the_next_seconds() -> None:
     run(scene())
 
 
+def test_only_so_many_record_at_the_same_time() -> None:
+    async def scene() -> None:
+        async with bay() as page, TaskGroup() as group:
+            page.film()
+            asked = [group.create_task(page.post("record", seconds=1.0)) for _ in range(5)]
+            assert sorted([(await one).status for one in asked]) == [200, 200, 503, 503, 503]
+            assert (await page.post("record", seconds=0.2)).status == 200
+
+    run(scene())
+
+
 def test_the_eyedropper_answers_for_a_place_in_a_frame() -> None:
     async def scene() -> None:
         async with bay() as page:

@@ -19,6 +19,7 @@ from gateway.hmi.workbench.tomledit import with_keys
 from gateway.strict.tomlfile import merge
 
 MAX_PROFILE_CHARS = 64 * 1024
+MAX_LINE_CHARS = 400  # a dotted key takes the TOML reader time by the square of its length
 NS_PER_S = 1_000_000_000
 _SECRET_LINE = re.compile(r"(?i)^([^=]*(?:pass|pwd|secret|token)[^=]*=).*$")
 _LOGIN = re.compile(r"://[^\s]*@")
@@ -71,6 +72,9 @@ def imported(text: str, base: VisionConfig, *, source: str) -> VisionConfig:
     """`base` with what a profile says over it. Raises ConfigError: file, line, key, value and what is allowed."""
     if len(text) > MAX_PROFILE_CHARS:
         raise ConfigError(f"{source}: more than {MAX_PROFILE_CHARS} characters; a profile is a few lines")
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > MAX_LINE_CHARS:
+            raise ConfigError(f"{source}:{number}: a line of {len(line)} characters; at most {MAX_LINE_CHARS}")
     document = _document(text, source)
     others = [key for key in document if key != "vision"]
     if others:

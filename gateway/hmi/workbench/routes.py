@@ -294,7 +294,7 @@ async def _import(call: Call) -> Response:
     """Checked, and told back: nothing goes live, nothing is written."""
     asked = call.asked(ImportAsked)
     in_force = await call.shop.in_force(call.bay)
-    settings = profile.imported(asked.text, in_force, source=asked.name)
+    settings = await call.shop.imported(call.bay, asked.text, asked.name)
     return JSONResponse({"vision": keys.values(settings), "changes": answers.changes(in_force, settings)})
 
 

@@ -9,6 +9,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self, TypeVar, TypeVarTuple
@@ -20,7 +21,7 @@ from gateway.hmi.desk import Seen
 from gateway.hmi.orders import About, Apply, Check
 from gateway.hmi.pictures import encoded as jpeg
 from gateway.hmi.workbench import configfile, eyedropper, profile, stages, trial
-from gateway.hmi.workbench.bench import Bench
+from gateway.hmi.workbench.bench import Bench, BusyError
 from gateway.hmi.workbench.eyedropper import Mode, Picked
 from gateway.hmi.workbench.profile import Proposal
 from gateway.hmi.workbench.remarks import Remark, remarks
@@ -40,6 +41,7 @@ NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
 TRIES = 10  # to copy the newest frame
 NO_FRAME = "there is no frame: the camera has given none"
+RECORDERS = 2  # at the same time: each fills memory of its own
 LIGHTS = 5  # frames of a recording that are looked at for exposure
 
 
@@ -104,6 +106,7 @@ class Workshop:
         self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
         self._undo: dict[str, deque[VisionConfig]] = {}
         self._saving = asyncio.Lock()
+        self._recorders = 0
 
     def __enter__(self) -> Self:
         return self
@@ -146,7 +149,19 @@ class Workshop:
         return None
 
     async def record(self, bay: str, seconds: float) -> Taken:
-        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes."""
+        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes, BusyError."""
+        if self._recorders >= RECORDERS:
+            raise BusyError("others are recording just now; try again in a moment")
+        self._recorders += 1
+        try:
+            recorder = await self._recorded(bay, seconds)
+        finally:
+            self._recorders -= 1
+        if not recorder.frames:
+            raise LinkError(NO_FRAME)
+        return self.store.recording(bay, recorder.frames, self.desk.clock.wall_ns(), full=recorder.full)
+
+    async def _recorded(self, bay: str, seconds: float) -> Recorder:
         recorder = Recorder()
         begun_ns = self._pace.now_ns()
         until_ns = begun_ns + round(min(seconds, LONGEST_S) * NS_PER_S)
@@ -155,9 +170,7 @@ class Workshop:
             if frame is not None and frame.seq != recorder.newest:
                 recorder.offer(frame)
             await self._pace.sleep(LOOK_S)
-        if not recorder.frames:
-            raise LinkError(NO_FRAME)
-        return self.store.recording(bay, recorder.frames, self.desk.clock.wall_ns(), full=recorder.full)
+        return recorder
 
     async def picture(self, who: str, frame: Snapshot, width_px: int) -> bytes:
         return await self.bench.work(f"picture {who}", lambda _: jpeg(frame.image, width_px))
@@ -260,13 +273,17 @@ class Workshop:
     async def in_file(self, bay: str) -> VisionConfig:
         """What the file says. Raises ConfigError, where there is no file, too."""
         loaded = await self._off(configfile.load, configfile.named(self.file))
-        return profile.in_file(loaded.text, bay, source=str(loaded.path))
+        return await self._off(partial(profile.in_file, loaded.text, bay, source=str(loaded.path)))
+
+    async def imported(self, bay: str, text: str, name: str) -> VisionConfig:
+        """What is in force with the profile `text` over it. Raises ConfigError, LinkError."""
+        return await self._off(partial(profile.imported, text, await self.in_force(bay), source=name))
 
     async def plan(self, bay: str, settings: VisionConfig) -> Planned:
         """Raises ConfigError where there is no file, or it is not one that the gateway reads."""
         path = configfile.named(self.file)
         loaded = await self._off(configfile.load, path)
-        proposal = profile.propose(loaded.text, bay, settings, source=str(path))
+        proposal = await self._off(partial(profile.propose, loaded.text, bay, settings, source=str(path)))
         return Planned(proposal, loaded.digest, configfile.why_not_writable(path))
 
     async def save(self, bay: str, settings: VisionConfig, digest: str) -> tuple[Proposal, Path]:
@@ -275,12 +292,12 @@ class Workshop:
         async with self._saving:
             loaded = await self._off(configfile.load, path)
             configfile.same(loaded, digest)
-            proposal = profile.propose(loaded.text, bay, settings, source=str(path))
+            proposal = await self._off(partial(profile.propose, loaded.text, bay, settings, source=str(path)))
             # Not left half way: whoever goes away finds the file either as it was or as it should be.
             return proposal, await asyncio.shield(self._off(configfile.save, loaded, proposal.text))
 
     def _off(self, work: Callable[[*Ts], T], *args: *Ts) -> "asyncio.Future[T]":
-        """On a thread: a disk may take its time."""
+        """On a thread: a disk may take its time, and so may reading a long file."""
         return asyncio.get_running_loop().run_in_executor(self._files, work, *args)
 
 
