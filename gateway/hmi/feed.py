@@ -97,10 +97,12 @@ def _carried_out(what: Check | Apply, bay: BayParts, who: Writer) -> str:
     match what:
         case Check(mode=mode) if type(mode) is FunctionCheck:  # whatever else it were would be an observation
             bay.control.check_function(mode, who)
-        case Apply(vision=vision):
+        case Apply(vision=vision, over=over):
             if bay.control.state().function_check is FunctionCheck.OFF:
                 return "begin a function check first: settings never change in a bay at work"
             try:
+                if over is not None and (others := _changed(over, bay.vision.settings)):
+                    return f"somebody else has let other settings go live meanwhile: {others}"[:MAX_TOLD]
                 checked = VisionConfig.model_validate(vision.model_dump(exclude_unset=True))  # no pickle is
                 told = _changed(bay.vision.settings, checked)
                 bay.vision.apply(checked)

@@ -75,10 +75,14 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Apply:
-    """Let these settings go live; only while a function check is on."""
+    """Let these settings go live; only while a function check is on.
+
+    `over`: what whoever asks takes to be in force; refused where it is not. None: whatever is.
+    """
 
     bay: str
     vision: VisionConfig
+    over: VisionConfig | None = None
 
 
 @dataclass(frozen=True, slots=True)

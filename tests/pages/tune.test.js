@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { css, differing, groups, partLimits, placeOf, range, same, stepOf, title, typed, valueAt, widely } from '../static/tune/settings.js';
+import { css, differing, groups, partLimits, placeOf, range, same, stepOf, title, typed, valueAt, widely, followed } from '../static/tune/settings.js';
 import { trials } from '../static/tune/trials.js';
 
 const key = (name, kind, low, high, more = {}) => ({ name, kind, low, high, unit: '', step: null, default: 0, belongs: 'paper', choices: [], meaning: '', ...more });
@@ -165,4 +165,11 @@ test('after a failure the next wish is tried; after the end nothing is told', as
   await ms(80);
   assert.deepEqual(told, [true, ['busy', 1], false, true]);
   assert.equal(asked.length, 2);
+});
+
+test('when what is in force changes, keys that nobody has touched follow and the others stay', () => {
+  const was = { a: 1, red: [1, 2, 3], c: 5 };
+  const draft = { a: 1, red: [1, 2, 9], c: 5 };
+  assert.deepEqual(followed(draft, was, { a: 2, red: [4, 5, 6], c: 5 }), { a: 2, red: [1, 2, 9], c: 5 });
+  assert.deepEqual(followed(was, was, { a: 2, red: [4, 5, 6], c: 5 }), { a: 2, red: [4, 5, 6], c: 5 });
 });

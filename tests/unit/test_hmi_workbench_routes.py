@@ -219,6 +219,27 @@ def test_settings_go_live_in_a_function_check_and_back_again() -> None:
     run(scene())
 
 
+def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go_live() -> None:
+    async def scene() -> None:
+        async with bay() as page:
+            await page.post("function-check", mode="permit_off")
+            both_saw = (await page.get("profile")).json["vision"]
+            first = await page.post("profile/apply", vision={**both_saw, "coast_s": 0.5}, over=both_saw)
+            assert first.status == 200
+            second = await page.post("profile/apply", vision={**both_saw, "min_fill": 0.5}, over=both_saw)
+            assert (second.status, second.json["error"]) == (409, "refused")
+            assert "coast_s: 0.3 -> 0.5" in second.json["detail"]
+            assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5)
+            page.film()
+            tried = (await page.post("trial", live=True, vision={})).json
+            assert tried["settings_in_force"] == first.json["vision"]
+            anew = await page.post("profile/apply", vision={"min_fill": 0.5}, over=first.json["vision"])
+            assert (anew.status, anew.json["undo_steps"]) == (200, 2)
+            assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5, min_fill=0.5)
+
+    run(scene())
+
+
 @pytest.mark.parametrize(
     ("vision", "said"),
     [

@@ -33,6 +33,7 @@ def tried(bay: str, one: Tried) -> dict[str, Any]:
         "shown": one.shown,
         "timed": result.timed,
         "cut_short": result.cut_short,
+        "settings_in_force": keys.values(one.in_force),
         "picture": {"width_px": one.width_px, "height_px": one.height_px},
         "tried": side(result.tried),
         "in_force": side(result.in_force),

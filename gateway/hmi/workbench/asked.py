@@ -69,6 +69,10 @@ class SettingsAsked(Asked):
     vision: Vision
 
 
+class ApplyAsked(SettingsAsked):
+    over: Vision | None = Field(None, description="what the page takes to be in force; refused where it is not")
+
+
 class SaveAsked(SettingsAsked):
     digest: str = Field(pattern=r"^[0-9a-f]{64}$", description="of the file whose difference was shown")
 

@@ -15,6 +15,7 @@ from gateway.hmi.refusals import RefusalError, answer
 from gateway.hmi.visitor import Visitor, visitor_of
 from gateway.hmi.workbench import answers, keys, profile
 from gateway.hmi.workbench.asked import (
+    ApplyAsked,
     Asked,
     CheckAsked,
     FrameAsked,
@@ -238,8 +239,10 @@ async def _file(call: Call, in_force: VisionConfig) -> dict[str, object]:
 
 
 async def _apply(call: Call) -> Response:
-    settings = await call.settings(call.asked(SettingsAsked).vision)
-    return JSONResponse(_settings(call, await call.shop.apply(call.bay, settings, call.visitor.writer)))
+    asked = call.asked(ApplyAsked)
+    settings = await call.settings(asked.vision)
+    over = None if asked.over is None else await call.settings(asked.over)
+    return JSONResponse(_settings(call, await call.shop.apply(call.bay, settings, call.visitor.writer, over)))
 
 
 async def _undo(call: Call) -> Response:

@@ -72,6 +72,7 @@ class Tried:
 
     number: int
     result: Result
+    in_force: VisionConfig  # what it was compared with
     remarks: tuple[Remark, ...]
     panels: tuple[Panel, ...]
     lights: tuple[Light, ...]  # empty: not asked for
@@ -212,7 +213,7 @@ class Workshop:
             said = remarks(frames, settings, in_force, result)
             lights = _lights(frames, result) if timed else ()
             height, width = image.shape[:2]
-            tried = Tried(number, result, tuple(said), panels, lights, at if timed else shown, width, height)
+            tried = Tried(number, result, in_force, tuple(said), panels, lights, at if timed else shown, width, height)
             return tried, {panel.name: stages.encoded(panel) for panel in panels}
 
         tried, pictures = await self.bench.work(who, work)
@@ -242,10 +243,15 @@ class Workshop:
         await self._order(bay, Check(bay, mode), who)
         return self.function_check(bay)
 
-    async def apply(self, bay: str, settings: VisionConfig, who: Writer) -> VisionConfig:
-        """Let settings go live. Raises RefusedError, LinkError; what was in force can then still be gone back to."""
+    async def apply(
+        self, bay: str, settings: VisionConfig, who: Writer, over: VisionConfig | None = None
+    ) -> VisionConfig:
+        """Let settings go live, `over` those that are taken to be in force. What was can still be gone back to.
+
+        Raises RefusedError, where something else is in force, too; LinkError.
+        """
         before = await self.in_force(bay)
-        await self._order(bay, Apply(bay, settings), who)
+        await self._order(bay, Apply(bay, settings, over), who)
         if before != settings:
             self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
         return await self.in_force(bay)

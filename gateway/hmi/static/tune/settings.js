@@ -36,6 +36,9 @@ export const same = (a, b) => (Array.isArray(a) ? a.length === b?.length && a.ev
 /** The keys in which two settings differ, in the schema's order. */
 export const differing = (schema, a, b) => schema.map((key) => key.name).filter((name) => !same(a[name], b[name]));
 
+/** A draft when what is in force changes from `was` to `now`: keys that nobody has touched follow. */
+export const followed = (draft, was, now) => Object.fromEntries(Object.entries(draft).map(([name, value]) => [name, same(value, was[name]) && name in now ? now[name] : value]));
+
 /** How finely a slider moves: of shares, as finely as the default is given, and by hundredths at least. */
 export function stepOf(key) {
   if (key.step) return key.step;

@@ -10,7 +10,7 @@ import { Effect, Remarks, summary } from './effect.js';
 import { Eyedropper } from './eyedropper.js';
 import { ImportButton, SaveDialog, download } from './file.js';
 import { Form } from './form.js';
-import { differing } from './settings.js';
+import { differing, followed } from './settings.js';
 import { SourceBar } from './source.js';
 import { Stages } from './stages.js';
 import { trials } from './trials.js';
@@ -81,6 +81,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const send = useSend(session, renew);
   const { schema } = first;
   const [inForce, setInForce] = useState(first.vision);
+  const known = useRef(first.vision); // the newest that was told to be in force
   const [settings, setSettings] = useState(first.vision);
   const [file, setFile] = useState(first.file);
   const [undoSteps, setUndoSteps] = useState(first.undo_steps);
@@ -113,6 +114,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
         setTrouble('');
         if (next === null) return; // given up for something newer, or there is no picture yet
         setResult((was) => ({ ...carried(was, next, wish), wish }));
+        if (differing(schema, next.settings_in_force, known.current).length) refresh().catch((error) => setTrouble(error.message));
       },
       failed(error) {
         setTrouble(error.message);
@@ -172,7 +174,10 @@ function Page({ session, profile: first, taken: kept, renew }) {
 
   // Settings.
   const took = (answer) => {
+    const was = known.current;
+    known.current = answer.vision;
     setInForce(answer.vision);
+    setSettings((draft) => followed(draft, was, answer.vision));
     setUndoSteps(answer.undo_steps);
     setMode(answer.function_check.toUpperCase());
     if (answer.file) setFile(answer.file);
@@ -183,8 +188,11 @@ function Page({ session, profile: first, taken: kept, renew }) {
     tell(next === 'off' ? 'The function check has ended.' : `Function check: permit ${next === 'permit_off' ? 'off' : 'kept'}.`);
   });
   const apply = () => doing('apply', async () => {
-    took(await send('profile/apply', { vision: settings }));
-    await refresh();
+    try {
+      took(await send('profile/apply', { vision: settings, over: inForce }));
+    } finally {
+      await refresh();
+    }
     tell('These settings are live.');
   });
   const undo = () => doing('undo', async () => {
