@@ -52,7 +52,7 @@ def explain(
         number = line_of(text, path)
         where = f"{source}:{number}" if number else source
         if text and fault["type"] != "missing" and not _is_table(value):
-            same = depth == len(path) and repr(written) == repr(value)
+            same = depth == len(path) and _repr(written) == _repr(value)
             where = where if same else "command line"  # merged over the file
         key = ".".join(str(part) for part in path) or "(whole file)"
         shown = "" if _is_table(value) else f" = {'***' if _SECRET.search(key) else _shown(value)}"
@@ -108,7 +108,14 @@ def _shown(value: object) -> str:
         return shown if len(shown) <= 120 else f"{shown[:120]}..."
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_shown, value))}]"
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return str(value).lower() if isinstance(value, bool) else _repr(value) if isinstance(value, int) else str(value)
+
+
+def _repr(value: object) -> str:
+    try:
+        return repr(value)
+    except ValueError:  # Python writes no whole number of more than 4300 digits, but reads it where it is hexadecimal
+        return "(a number of thousands of digits)"
 
 
 def without_password(text: str) -> str:

@@ -323,6 +323,12 @@ def test_one_fault_is_one_line(text: str, expected: str) -> None:
     assert errors(text) == [expected]
 
 
+def test_a_number_too_long_to_be_written_is_a_fault_like_any_other() -> None:
+    text = f"[modbus]\nport = 0x{'f' * 5000}\n"
+    with pytest.raises(ConfigError, match=r"gateway\.toml:2: modbus\.port = \(a number of thousands of digits\)"):
+        parse(tomllib.loads(text), source="gateway.toml", text=text)
+
+
 def test_several_faults_are_several_lines() -> None:
     assert errors("[modbus]\nport = -1\nhost = ''\n[fusion]\nperiod = 1\n") == [
         "g.toml:3: modbus.host = \"\": String should have at least 1 character",
