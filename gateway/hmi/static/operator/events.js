@@ -62,7 +62,7 @@ export function Events({ bay, newest }) {
       <table class="stack"><thead><tr><th scope="col">Time</th>${bay === null && html`<th scope="col">Bay</th>`}<th scope="col">Event</th><th scope="col">What</th></tr></thead><tbody>
         ${shown.slice(0, 300).map((event) => html`<tr key=${event.id}>
           <td class="nowrap mono">${clock(event.timestamp_ms, { ms: true })}</td>
-          ${bay === null && html`<td>${event.bay}</td>`}
+          ${bay === null && html`<td class="name">${event.bay}</td>`}
           <td class="nowrap">${words(event.kind)}</td><td>${told(event)}</td></tr>`)}
       </tbody></table>
       ${shown.length === 0 && html`<p class="muted">${rows.length ? 'No event fits the filter.' : 'No event yet.'}</p>`}

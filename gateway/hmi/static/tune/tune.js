@@ -237,6 +237,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const frozen = shown && shown.kind !== 'live' ? `${at(`taken/${shown.name}/${shown.frame ?? 0}`)}?width=${Math.max(960, wide)}` : null;
   const picture = useBitmap(frozen ?? result?.panels.find((panel) => panel.name === 'picture')?.url);
   const remarks = result?.remarks ?? [];
+  const behind = result !== null && (result.wish.settings !== settings || !sameSource(result.wish.source, source));
   return html`<${Top} session=${session} connected=${connected} fresh=${fresh} />
     <main class="page tuning">
       <h1 class="sr">Tuning of ${bay}</h1>
@@ -250,7 +251,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
       <div class="pictures">
         <${SourceBar} source=${source} taken=${taken} freeze=${freeze} record=${record} choose=${setSource} busy=${busy} working=${waiting} />
         ${trouble && html`<p class="notice bad" role="alert">${trouble}</p>`}
-        <div class="tiles" ref=${tiles}>
+        <div class=${`tiles${behind ? ' behind' : ''}`} ref=${tiles}>
           <${Eyedropper} bitmap=${picture} frame=${result?.picture ?? null} pick=${pick} picked=${picked.answer} failed=${picked.failed} live=${source.kind === 'live'} />
           <${Stages} panels=${panels} />
         </div>
@@ -275,6 +276,8 @@ function Page({ session, profile: first, taken: kept, renew }) {
     </footer>
     ${plan && html`<${SaveDialog} plan=${plan} live=${!unlive.length} save=${save} close=${() => setPlan(null)} />`}`;
 }
+
+const sameSource = (a, b) => a.kind === b.kind && a.name === b.name && a.frame === b.frame;
 
 /** A look without times keeps the times that were measured for these very settings. */
 function carried(was, next, wish) {
