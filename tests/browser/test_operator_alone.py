@@ -252,7 +252,7 @@ def test_a_fault_of_the_page_itself_leaves_nothing_standing_that_looks_live(oper
     strange = live([state("bay1")])
     del strange["bays"][0]["state"]["guidance"], strange["bays"][0]["state"]["rates"]
     say(page, strange)
-    expect(page.locator(".notice")).to_contain_text("Treat every bay as STOP.")
+    expect(page.get_by_text("Treat every bay as STOP.")).to_be_visible()
     expect(page.locator(".decision")).to_have_count(0)
 
 
