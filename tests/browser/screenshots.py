@@ -34,7 +34,7 @@ def with_trend(decision: str) -> Callable[[Page], None]:
 def one_in_trouble(page: Page) -> None:
     """All others are well."""
     expect(page.get_by_role("button", name="in trouble")).to_contain_text(re.compile(r"\b1$"), timeout=1000 * WAIT_S)
-    page.wait_for_timeout(1500)
+    expect(page.get_by_role("button", name="Acknowledge").first).to_be_visible(timeout=1000 * WAIT_S)
 
 
 def tried(page: Page) -> None:
