@@ -13,9 +13,10 @@ from pathlib import Path
 import cv2
 
 from gateway import configdoc
-from gateway.hmi import access, openapi
+from gateway.hmi import openapi
 from gateway.hmi.alarms import states as alarm_states
 from gateway.hmi.alarms import table as alarm_table
+from gateway.hmi.guard import access
 from gateway.hmi.metrics import text as metrics
 from gateway.modbus import export, timing
 from gateway.modbus import reference as modbus_reference

@@ -18,10 +18,10 @@ from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
 from gateway.errors import ConfigError, GatewayError, LinkError
-from gateway.hmi import tls as pages_tls
 from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.door import door, url
 from gateway.hmi.feed import BayParts, Feed
+from gateway.hmi.guard import tls as pages_tls
 from gateway.hmi.orders import About
 from gateway.hmi.parts import Parts
 from gateway.hmi.service import HmiService

@@ -54,6 +54,18 @@ def warnings(certs: Sequence[Named], key: Named, wall_ns: int) -> list[str]:
     return found
 
 
+def stamps(*files: str | None) -> list[tuple[int, int] | None]:
+    """Other than before: a file was written, replaced, put there or taken away."""
+    found: list[tuple[int, int] | None] = []
+    for name in files:
+        try:
+            stat = Path(name or "").stat()
+            found.append((stat.st_mtime_ns, stat.st_ino))
+        except OSError:
+            found.append(None)
+    return found
+
+
 def said(error: Exception) -> str:
     """OpenSSL's reason in readable letters."""
     return str(getattr(error, "reason", None) or error).lower().replace("_", " ")

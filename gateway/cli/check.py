@@ -41,7 +41,7 @@ def main(args: argparse.Namespace) -> int:
     from gateway import app, config, configdoc
     from gateway.clock import SystemClock
     from gateway.errors import ConfigError
-    from gateway.hmi import tls as pages_tls
+    from gateway.hmi.guard import tls as pages_tls
     from gateway.strict.faults import without_password
     from gateway.strict.tomlfile import read_toml
 

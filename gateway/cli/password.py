@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Prints TOML on stdout, questions on the terminal or stderr. Raises ConfigError for a name or password."""
     from gateway.errors import ConfigError
-    from gateway.hmi.passwords import hashed, weakness
+    from gateway.hmi.guard.passwords import hashed, weakness
     from gateway.sections.hmi import USER_NAME
 
     if not USER_NAME.fullmatch(args.name):

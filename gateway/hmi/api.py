@@ -26,6 +26,7 @@ from gateway.hmi.alarms.records import Deed
 from gateway.hmi.alarms.states import Cue
 from gateway.hmi.alarms.table import BAY_ALARMS, GATEWAY_ALARMS, alarm_id
 from gateway.hmi.desk import KEPT_EVENTS, Desk, RefusedError
+from gateway.hmi.guard.visitor import visitor_of
 from gateway.hmi.metrics import text as metrics
 from gateway.hmi.metrics.family import Known, Pages
 from gateway.hmi.models import (
@@ -39,7 +40,6 @@ from gateway.hmi.models import (
 )
 from gateway.hmi.problems import problem
 from gateway.hmi.processes import usage
-from gateway.hmi.visitor import visitor_of
 
 Answer = Callable[["Programs", Request], Awaitable[Response]]
 MAX_NUMBER = 2**53  # as JSON's readers count

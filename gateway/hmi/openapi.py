@@ -10,8 +10,8 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from gateway import __version__
-from gateway.hmi.access import RULES, Level, Rule
 from gateway.hmi.api import CALLS, MAX_NUMBER, Call, Query
+from gateway.hmi.guard.access import RULES, Level, Rule
 from gateway.hmi.models import DriverView, FrameView, LiveView, Problem
 from gateway.hmi.problems import MEDIA_TYPE
 
@@ -75,7 +75,7 @@ def _rule(call: Call) -> Rule:
     for rule in RULES:
         if (rule.method, rule.path) == (call.method, call.path):
             return rule
-    raise LookupError(f"{call.method} {call.path} has no row in gateway/hmi/access.py")
+    raise LookupError(f"{call.method} {call.path} has no row in gateway/hmi/guard/access.py")
 
 
 def _operation(call: Call, rule: Rule) -> Json:

@@ -11,11 +11,11 @@ import uvicorn
 from gateway import loop
 from gateway.children.link import Link
 from gateway.clock import SystemClock
-from gateway.hmi import patience, tls
 from gateway.hmi.desk import Desk
-from gateway.hmi.logins import Logins
+from gateway.hmi.guard import patience, tls
+from gateway.hmi.guard.logins import Logins
+from gateway.hmi.guard.telling import CAUTION, Told
 from gateway.hmi.orders import About, FromHmi, HmiJob, ToHmi
-from gateway.hmi.telling import CAUTION, Told
 from gateway.hmi.web import app, site_of
 
 log = logging.getLogger(__name__)

@@ -15,15 +15,16 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from gateway.clock import NS_PER_MS, Clock
-from gateway.hmi import api, login, openapi, views
+from gateway.hmi import api, openapi, views
 from gateway.hmi.desk import Desk
+from gateway.hmi.guard import login
+from gateway.hmi.guard.logins import Logins
+from gateway.hmi.guard.refusals import RefusalError, answer
+from gateway.hmi.guard.security import protected
 from gateway.hmi.live import Live
-from gateway.hmi.logins import Logins
 from gateway.hmi.metrics.family import Pages
 from gateway.hmi.pictures import Picture, Pictures
 from gateway.hmi.problems import of_starlette
-from gateway.hmi.refusals import RefusalError, answer
-from gateway.hmi.security import protected
 from gateway.hmi.workbench import routes as workbench
 from gateway.hmi.workbench.workshop import Workshop
 

@@ -8,7 +8,6 @@ everything, as the specification's authorisation says.
 import logging
 import ssl
 from asyncio import Transport
-from pathlib import Path
 
 from cryptography import x509
 from cryptography.x509.oid import NameOID
@@ -80,7 +79,8 @@ class Contexts:
         self._config = config
         self._clock = clock
         self._context = server_context(config)
-        self._stamps = self._look()
+        self._files = (config.cert, config.key, config.ca, config.crl)
+        self._stamps = pair.stamps(*self._files)
         self._looked_ns = self._warned_ns = clock.now_ns()
         self._warn()
 
@@ -95,7 +95,7 @@ class Contexts:
         return self._context
 
     def _renew(self) -> None:
-        stamps = self._look()
+        stamps = pair.stamps(*self._files)
         if stamps == self._stamps:
             return
         self._stamps = stamps
@@ -105,16 +105,6 @@ class Contexts:
             log.error("%s; the files read before stay in force", error)
         else:
             log.info("modbus: the files of [modbus.tls] were read anew")
-
-    def _look(self) -> list[tuple[int, int] | None]:
-        found: list[tuple[int, int] | None] = []
-        for name in (self._config.cert, self._config.key, self._config.ca, self._config.crl):
-            try:
-                stat = Path(name or "").stat()
-                found.append((stat.st_mtime_ns, stat.st_ino))
-            except OSError:
-                found.append(None)
-        return found
 
     def _warn(self) -> None:
         try:

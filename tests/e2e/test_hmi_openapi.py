@@ -17,7 +17,7 @@ from schemathesis.specs.openapi.checks import ignored_auth
 
 from gateway.clock import SystemClock
 from gateway.hmi import openapi
-from gateway.hmi.logins import Logins
+from gateway.hmi.guard.logins import Logins
 from gateway.hmi.web import app, site_of
 from gateway.model import Quality, VisionReading
 from gateway.sections.hmi import HmiConfig

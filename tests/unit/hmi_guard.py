@@ -15,13 +15,13 @@ from starlette.types import ASGIApp, Message
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gateway.clock import SystemClock
-from gateway.hmi import login
-from gateway.hmi.access import RULES, Rule
-from gateway.hmi.logins import Logins
-from gateway.hmi.passwords import Passwords
-from gateway.hmi.security import Guard, protected
-from gateway.hmi.telling import Told, What
-from gateway.hmi.visitor import visitor_of
+from gateway.hmi.guard import login
+from gateway.hmi.guard.access import RULES, Rule
+from gateway.hmi.guard.logins import Logins
+from gateway.hmi.guard.passwords import Passwords
+from gateway.hmi.guard.security import Guard, protected
+from gateway.hmi.guard.telling import Told, What
+from gateway.hmi.guard.visitor import visitor_of
 from gateway.sections.hmi import HmiConfig, HmiUser
 from tests.virtual_time import LoopClock
 

@@ -11,9 +11,9 @@ from starlette.applications import Starlette
 from starlette.types import ASGIApp, Message
 
 from gateway.hmi import api, openapi
-from gateway.hmi.access import Level
+from gateway.hmi.guard.access import Level
+from gateway.hmi.guard.visitor import Visitor, with_visitor
 from gateway.hmi.metrics.family import Pages
-from gateway.hmi.visitor import Visitor, with_visitor
 from tests.unit.hmi_desk import Plant
 
 ANNA = Visitor("anna", Level.TECHNICIAN, "10.0.0.7", "token")

@@ -11,9 +11,9 @@ import pytest
 
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, ModbusConfig, RecipeConfig
 from gateway.hmi import openapi
-from gateway.hmi.access import Level
 from gateway.hmi.api import MAX_NUMBER
-from gateway.hmi.visitor import Visitor
+from gateway.hmi.guard.access import Level
+from gateway.hmi.guard.visitor import Visitor
 from gateway.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
 from gateway.plc import PlcWrite, Writer
 from tests.unit.hmi_desk import Plant, plant

@@ -12,12 +12,12 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 
 from gateway.errors import GatewayError
-from gateway.hmi.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
-from gateway.hmi.bodies import BODY_S
-from gateway.hmi.logins import Logins
-from gateway.hmi.rows import calls, without_rule
-from gateway.hmi.security import ENDED, REQUEST_S, protected
-from gateway.hmi.telling import What
+from gateway.hmi.guard.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
+from gateway.hmi.guard.bodies import BODY_S
+from gateway.hmi.guard.logins import Logins
+from gateway.hmi.guard.rows import calls, without_rule
+from gateway.hmi.guard.security import ENDED, REQUEST_S, protected
+from gateway.hmi.guard.telling import What
 from tests.unit.hmi_guard import HOST, ORIGIN, PASSWORD, Browser, example, house
 from tests.virtual_time import LoopClock, run
 

@@ -7,8 +7,8 @@ import pytest
 from openapi_spec_validator import validate
 
 from gateway.hmi import openapi
-from gateway.hmi.access import RULES, Level
 from gateway.hmi.api import CALLS
+from gateway.hmi.guard.access import RULES, Level
 
 DOCUMENT = openapi.document()
 OPERATIONS = [

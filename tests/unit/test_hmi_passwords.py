@@ -7,8 +7,8 @@ import pytest
 
 from gateway.cli.main import main
 from gateway.config import parse
-from gateway.hmi import passwords
-from gateway.hmi.passwords import MAX_WAITING, BusyError, Passwords, hashed, weakness
+from gateway.hmi.guard import passwords
+from gateway.hmi.guard.passwords import MAX_WAITING, BusyError, Passwords, hashed, weakness
 from gateway.sections.hmi import HmiUser
 from tests.unit.hmi_guard import HASH, PASSWORD, USERS
 

@@ -23,8 +23,8 @@ from gateway.cli.main import main
 from gateway.clock import SystemClock
 from gateway.config import parse
 from gateway.errors import ConfigError
-from gateway.hmi import patience, tls
-from gateway.hmi.security import ENDED
+from gateway.hmi.guard import patience, tls
+from gateway.hmi.guard.security import ENDED
 from gateway.sections.hmi import HmiConfig
 from tests.plant_certs import NOW, Plant
 from tests.unit.hmi_guard import HASH, PASSWORD, USERS, House

@@ -11,11 +11,11 @@ from starlette.applications import Starlette
 
 from gateway.config import GatewayConfig, HmiConfig
 from gateway.hmi import web
-from gateway.hmi.access import Level, find
 from gateway.hmi.desk import Desk
-from gateway.hmi.logins import Logins
-from gateway.hmi.rows import calls
-from gateway.hmi.security import ENDED, Guard
+from gateway.hmi.guard.access import Level, find
+from gateway.hmi.guard.logins import Logins
+from gateway.hmi.guard.rows import calls
+from gateway.hmi.guard.security import ENDED, Guard
 from tests.unit.hmi_desk import plant
 from tests.unit.hmi_guard import USERS, Browser, House, QuickPasswords
 from tests.virtual_time import LoopClock, run

@@ -14,8 +14,8 @@ import pytest
 from starlette.applications import Starlette
 
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
-from gateway.hmi.access import RULES, Level
-from gateway.hmi.rows import calls
+from gateway.hmi.guard.access import RULES, Level
+from gateway.hmi.guard.rows import calls
 from gateway.hmi.workbench import keys, trial
 from gateway.hmi.workbench.routes import routes
 from gateway.hmi.workbench.trial import EndedError

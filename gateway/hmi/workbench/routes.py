@@ -11,8 +11,8 @@ from starlette.routing import BaseRoute, Route
 from gateway.config import VisionConfig
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hmi.desk import RefusedError
-from gateway.hmi.refusals import RefusalError, answer
-from gateway.hmi.visitor import Visitor, visitor_of
+from gateway.hmi.guard.refusals import RefusalError, answer
+from gateway.hmi.guard.visitor import Visitor, visitor_of
 from gateway.hmi.workbench import answers, keys, profile
 from gateway.hmi.workbench.asked import (
     ApplyAsked,

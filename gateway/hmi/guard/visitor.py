@@ -4,8 +4,8 @@ from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
-from gateway.hmi.access import Level
-from gateway.hmi.sessions import Session
+from gateway.hmi.guard.access import Level
+from gateway.hmi.guard.sessions import Session
 from gateway.plc import Writer
 
 _KEY = "gateway.visitor"

@@ -10,14 +10,14 @@ from dataclasses import replace
 
 from gateway import audit
 from gateway.clock import NS_PER_S, Clock
-from gateway.hmi.access import Level, Rule
-from gateway.hmi.callers import Headers, header
-from gateway.hmi.passwords import BusyError, Passwords
-from gateway.hmi.refusals import RefusalError
-from gateway.hmi.sessions import Session, Sessions
-from gateway.hmi.telling import Told, What, shown
-from gateway.hmi.throttle import Throttle
-from gateway.hmi.visitor import Visitor
+from gateway.hmi.guard.access import Level, Rule
+from gateway.hmi.guard.callers import Headers, header
+from gateway.hmi.guard.passwords import BusyError, Passwords
+from gateway.hmi.guard.refusals import RefusalError
+from gateway.hmi.guard.sessions import Session, Sessions
+from gateway.hmi.guard.telling import Told, What, shown
+from gateway.hmi.guard.throttle import Throttle
+from gateway.hmi.guard.visitor import Visitor
 from gateway.sections.hmi import HmiConfig, HmiUser
 
 MAX_COOKIES = 4096  # characters of the header

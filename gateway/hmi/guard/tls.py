@@ -2,7 +2,6 @@
 
 import logging
 import ssl
-from pathlib import Path
 
 from gateway.certs import pair
 from gateway.clock import NS_PER_S, Clock
@@ -44,14 +43,15 @@ async def keep_fresh(context: ssl.SSLContext, config: HmiConfig, clock: Clock) -
 
     Files that are no good any more are told, and the last good ones go on. What should be mended is told once a day.
     """
-    stamps, warned_ns = _look(config), None
+    files = (config.tls_cert, config.tls_key)
+    stamps, warned_ns = pair.stamps(*files), None
     while True:
         if warned_ns is None or clock.now_ns() - warned_ns >= WARN_S * NS_PER_S:
             warned_ns = clock.now_ns()
             for line in warnings(config, clock.wall_ns()):
                 log.warning("%s", line)
         await clock.sleep(LOOK_S)
-        newer = _look(config)
+        newer = pair.stamps(*files)
         if newer == stamps:
             continue
         stamps = newer
@@ -62,14 +62,3 @@ async def keep_fresh(context: ssl.SSLContext, config: HmiConfig, clock: Clock) -
             log.error("%s; the files read before stay in force", error)
         else:
             log.warning("hmi: the certificate was read anew")
-
-
-def _look(config: HmiConfig) -> list[tuple[int, int] | None]:
-    found: list[tuple[int, int] | None] = []
-    for name in (config.tls_cert, config.tls_key):
-        try:
-            stat = Path(name or "").stat()
-            found.append((stat.st_mtime_ns, stat.st_ino))
-        except OSError:
-            found.append(None)
-    return found

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
-from gateway.hmi.access import Level
+from gateway.hmi.guard.access import Level
 
 MAX_SESSIONS = 256
 MAX_PER_USER = 8

@@ -3,9 +3,9 @@
 from starlette.types import Message, Receive, Scope
 
 from gateway.clock import Clock
-from gateway.hmi.access import Rule
-from gateway.hmi.callers import header
-from gateway.hmi.refusals import RefusalError
+from gateway.hmi.guard.access import Rule
+from gateway.hmi.guard.callers import header
+from gateway.hmi.guard.refusals import RefusalError
 
 BODY_S = 10.0  # a body must have arrived within this
 CLOSE = {"Connection": "close"}  # or what still comes would be taken for the next request

@@ -20,15 +20,15 @@ from starlette.websockets import WebSocketClose
 
 from gateway.clock import Clock
 from gateway.errors import GatewayError
-from gateway.hmi.access import RULES, Level, Rule, find
-from gateway.hmi.bodies import whole_body
-from gateway.hmi.callers import called_rightly, header, same_origin
-from gateway.hmi.headers import cache_control, security_headers
-from gateway.hmi.logins import Logins
-from gateway.hmi.refusals import RefusalError, answer_to, to_login
-from gateway.hmi.rows import without_rule
-from gateway.hmi.telling import Told, What, shown
-from gateway.hmi.visitor import Visitor, with_visitor
+from gateway.hmi.guard.access import RULES, Level, Rule, find
+from gateway.hmi.guard.bodies import whole_body
+from gateway.hmi.guard.callers import called_rightly, header, same_origin
+from gateway.hmi.guard.headers import cache_control, security_headers
+from gateway.hmi.guard.logins import Logins
+from gateway.hmi.guard.refusals import RefusalError, answer_to, to_login
+from gateway.hmi.guard.rows import without_rule
+from gateway.hmi.guard.telling import Told, What, shown
+from gateway.hmi.guard.visitor import Visitor, with_visitor
 
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
 ENDED = 4401  # close code of a WebSocket whose session has ended
@@ -39,7 +39,7 @@ SECRET_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
 def protected(app: ASGIApp, routes: Sequence[BaseRoute], logins: Logins, clock: Clock) -> "Guard":
     """`app` behind its guard. Raises GatewayError for a route that nobody has said anything about in `access`."""
     if missing := without_rule(routes):
-        raise GatewayError(f"these routes have no row in gateway/hmi/access.py: {', '.join(missing)}")
+        raise GatewayError(f"these routes have no row in gateway/hmi/guard/access.py: {', '.join(missing)}")
     return Guard(app, logins, clock)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 
-from gateway.hmi.access import RULES, Rule
+from gateway.hmi.guard.access import RULES, Rule
 
 
 def without_rule(routes: Sequence[BaseRoute], rules: Iterable[Rule] = RULES) -> list[str]:

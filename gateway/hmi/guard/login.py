@@ -7,13 +7,13 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from gateway.hmi.access import Level
-from gateway.hmi.callers import safe_next
-from gateway.hmi.logins import Logins
-from gateway.hmi.passwords import MAX_LENGTH
-from gateway.hmi.refusals import RefusalError, answer
-from gateway.hmi.sessions import Session
-from gateway.hmi.visitor import Visitor, visitor_of
+from gateway.hmi.guard.access import Level
+from gateway.hmi.guard.callers import safe_next
+from gateway.hmi.guard.logins import Logins
+from gateway.hmi.guard.passwords import MAX_LENGTH
+from gateway.hmi.guard.refusals import RefusalError, answer
+from gateway.hmi.guard.sessions import Session
+from gateway.hmi.guard.visitor import Visitor, visitor_of
 
 
 class LoginBody(BaseModel):
