@@ -4,8 +4,9 @@ import argparse
 import asyncio
 import contextlib
 import os
+import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -55,8 +56,13 @@ def scenario_file(name: str) -> Path:
 def simulate(args: argparse.Namespace) -> int:
     """The verb. Exit code 1 when trials were asked for and one of them went wrong."""
     _check(args)
+    with _first_of_its_kind() as first:
+        return _simulate(args, first=first)
+
+
+def _simulate(args: argparse.Namespace, *, first: bool) -> int:
     scenario = _scenario(args)
-    settings = _at_speed(_settings(args), args.speed)
+    settings = _at_speed(_settings(args, first=first), args.speed)
     clock = SystemClock(speed=args.speed)
     origin_ns = clock.now_ns() + int(LEAD_S * args.speed * NS_PER_S)
     bays = [
@@ -90,7 +96,22 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     return scenarios.load(scenario_file(args.scenario or "approach"), over)
 
 
-def _settings(args: argparse.Namespace) -> GatewayConfig:
+@contextlib.contextmanager
+def _first_of_its_kind() -> Iterator[bool]:
+    """Is no other simulation running? Of two that start at the same moment, only one hears yes.
+
+    A name in the kernel that one process has as long as it lives, and that leaves nothing behind.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as name:
+        try:
+            name.bind("\0loading-gateway-simulate")
+        except OSError:
+            yield False
+        else:
+            yield not any(instance == "simulate" for instance, _ in attachable())
+
+
+def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
     over: dict[str, Any] = {}
     if args.modbus_port is not None:
         over["modbus"] = {"port": args.modbus_port}
@@ -101,14 +122,18 @@ def _settings(args: argparse.Namespace) -> GatewayConfig:
     if args.mqtt_url is not None:
         over["mqtt"] = {"url": args.mqtt_url, "outbox_file": ""}  # nothing simulated outlives the run
     if args.config is None:
-        taken = any(instance == "simulate" for instance, _ in attachable())
-        over["instance"] = f"simulate-{os.getpid()}" if taken else "simulate"  # several may run side by side
+        over["instance"] = "simulate" if first else f"simulate-{os.getpid()}"  # several may run side by side
     if args.method is not None:
         over["vision"] = {"method": args.method}
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
     settings = config.load(args.config or running.shipped("simulate.toml"), over)
-    if args.config is None and args.hmi_port is None and settings.hmi.enabled and not _can_listen(settings.hmi):
+    if (
+        args.config is None
+        and args.hmi_port is None
+        and settings.hmi.enabled
+        and not (first and _can_listen(settings.hmi))
+    ):
         settings = settings.model_copy(update={"hmi": settings.hmi.model_copy(update={"port": 0})})
     return settings
 

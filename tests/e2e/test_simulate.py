@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -337,3 +338,15 @@ def state_verb(*args: str) -> dict[str, Any]:
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found
+
+
+def test_simulations_that_start_at_the_same_moment_do_not_meet() -> None:
+    with ExitStack() as stack:
+        gateways = [stack.enter_context(Gateway("simulate", "--modbus-port", "0", "--json")) for _ in range(3)]
+        rows = [gateway.started() for gateway in gateways]
+        instances = [str(row["instance"]) for row in rows]
+        assert len(set(instances)) == 3
+        assert instances.count("simulate") <= 1  # none, where one of another test runs beside
+        assert len({row["hmi"] for row in rows} - {None}) == 3
+        assert [gateway.end()[0] for gateway in gateways] == [0, 0, 0]
+        assert [gateway.stderr for gateway in gateways] == ["", "", ""]
