@@ -102,7 +102,7 @@ class Bay:
                 due_s = time.monotonic() + self._random.expovariate(1 / self._flip_s)
                 self.flips += 1
             reason = Reason.TARGET_REACHED if stop else Reason.NONE
-            new = replace(old, seq=old.seq + 1, t_ns=self.clock.now_ns(), stop=stop, permit=not stop, reason=reason)
+            new = replace(old, seq=old.seq + 1, t_ns=self.clock.now_ns(), stop=stop, may_move=not stop, reason=reason)
             self.hub.publish(new, events.diff(old, new))
 
     def tasks(self) -> list[Task]:

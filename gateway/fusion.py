@@ -5,7 +5,7 @@ Equation 13 is the state, equation 14 the decision:
     D = 1 when R >= R_th and Z <= Z_th, else 0
 
 computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
-unless `fail_safe` has been switched off. `permit` asks for more than `not stop`: both sensors good, no disagreement.
+unless `fail_safe` has been switched off. `may_move` asks for more than `not stop`: both sensors good, no disagreement.
 """
 
 import math
@@ -91,7 +91,7 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
         range=rng,
         d=d,
         stop=stop,
-        permit=not stop and fault is Reason.NONE,
+        may_move=not stop and fault is Reason.NONE,
         reason=reason,
         z_vision_mm=z_vision_mm,
         memory=memory,
@@ -121,7 +121,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         range=replace(state.range, quality=_not_good(state.range.quality), distance_mm=None),
         d=None,
         stop=True,
-        permit=False,
+        may_move=False,
         reason=reason,
         z_vision_mm=None,
         plc=state.plc.withdrawn(),

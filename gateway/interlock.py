@@ -1,8 +1,8 @@
 """The whole step of a bay: fusion's decision, then what may only make it stricter. Pure.
 
 Fusion (the paper) says what the sensors mean. On top of it stand the latch of a stop, the PLC's heartbeat and enables,
-and a technician at work; each can raise `stop` or withhold `permit`, none can end a stop that fusion asks for. Guidance
-follows from the result.
+and a technician at work; each can raise `stop` or withhold `may_move`, none can end a stop that fusion asks for.
+Guidance follows from the result.
 """
 
 from collections.abc import Mapping
@@ -85,14 +85,14 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     fail_safe = recipe.fusion.fail_safe
     stop = fused.stop or memory.latched or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
-    permit = fused.permit and not stop and allowed and fused.function_check is not FunctionCheck.PERMIT_OFF
+    may_move = fused.may_move and not stop and allowed and fused.function_check is not FunctionCheck.MAY_MOVE_OFF
     reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe)
     # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
-    same = (stop, permit, reason) == (fused.stop, fused.permit, fused.reason)
+    same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
     if same and memory is fused.memory and plc is fused.plc:
         decided = fused
     else:
-        decided = replace(fused, stop=stop, permit=permit, reason=reason, memory=memory, plc=plc)
+        decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc)
     return _guided(decided, state, observation, recipe, in_use=allowed)
 
 

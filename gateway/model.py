@@ -302,7 +302,9 @@ class FunctionCheck(IntEnum):
     """Is a technician at work on this bay?"""
 
     OFF = 0
-    PERMIT_OFF = 1
+    MAY_MOVE_OFF = 1
+    MAY_MOVE_KEPT = 2
+    PERMIT_OFF = 1  # the old names, taken for one version
     PERMIT_KEPT = 2
 
 
@@ -322,7 +324,7 @@ class StateVector:
     range: RangeReading = field(default_factory=lambda: RangeReading(0, Quality.WAITING))
     d: bool | None = None  # D(t); None: unknowable
     stop: bool = True
-    permit: bool = False
+    may_move: bool = False
     reason: Reason = Reason.STARTING
     z_vision_mm: float | None = None  # f r / R, only where configured and vision is GOOD
     memory: FusionMemory = field(default_factory=FusionMemory)

@@ -30,7 +30,7 @@ from gateway.model import Quality, Reason, StateVector
 
 MAGIC = b"LOADBAY1"
 _HEAD = struct.Struct("<8sIIQ")  # magic, slot size, writer's pid, count of writes
-# seq, t, t_vision, t_range, written, frame id; u, v, R, Z, Z_vision; qualities, reason, D, stop, permit
+# seq, t, t_vision, t_range, written, frame id; u, v, R, Z, Z_vision; qualities, reason, D, stop, may_move
 _BODY = struct.Struct("<QqqqqQ5dBBHbBB2x")
 _CRC = struct.Struct("<I")
 _SLOT_SIZE = _BODY.size + _CRC.size
@@ -69,7 +69,7 @@ class SharedVector:
     reason: Reason
     d: bool | None
     stop: bool
-    permit: bool
+    may_move: bool
 
 
 def folder() -> Path:
@@ -142,7 +142,7 @@ class SharedStateWriter:
             state.reason,
             -1 if state.d is None else state.d,
             state.stop,
-            state.permit,
+            state.may_move,
         )
         self._count += 1
         at = _HEAD.size + (self._count & 1) * _SLOT_SIZE
@@ -209,7 +209,7 @@ class SharedStateReader:
 
 
 def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
-    seq, t, t_vision, t_range, written, frame, u, v, r, z, z_vision, q_vision, q_range, reason, d, stop, permit = (
+    seq, t, t_vision, t_range, written, frame, u, v, r, z, z_vision, q_vision, q_range, reason, d, stop, may_move = (
         _BODY.unpack(body)
     )
     return SharedVector(
@@ -231,7 +231,7 @@ def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
         reason=Reason(reason),
         d=None if d < 0 else bool(d),
         stop=bool(stop),
-        permit=bool(permit),
+        may_move=bool(may_move),
     )
 
 
@@ -253,7 +253,7 @@ def _withdrawn(vector: SharedVector) -> SharedVector:
         reason=Reason.GATEWAY_FAULT,
         d=None,
         stop=True,
-        permit=False,
+        may_move=False,
     )
 
 

@@ -17,7 +17,7 @@ def permitted(heartbeat: int = 7, **changes: Any) -> StateVector:
         range=RangeReading(4_980_000_000, Quality.GOOD, 812.4),
         d=False,
         stop=False,
-        permit=True,
+        may_move=True,
         reason=Reason.NONE,
     )
     return replace(state, **changes)

@@ -1,7 +1,7 @@
 """`gateway simulate --json`: one JSON object a line, for programs and tests.
 
 started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, hmi, instance, speed, seed, bays
-state     every 50 ms and at each change of stop, permit or reason: what the gateway says, with the truth beside it
+state     every 50 ms and at each change of stop, may_move or reason: what the gateway says, with the truth beside it
 event     each event, as it happens
 summary   once, at the end: per bay, counters and how often stop was raised
 """
@@ -73,7 +73,7 @@ class Printer:
             state = await hub.newer(bay.name, seq)
             seq = state.seq
             self._newest[bay.name] = state
-            key = (state.stop, state.permit, state.reason)
+            key = (state.stop, state.may_move, state.reason)
             if key != shown_key or state.t_ns - shown_ns >= PERIOD_S * NS_PER_S:
                 shown_key, shown_ns = key, state.t_ns
                 emit(self._out, **self._state(state, bay))
@@ -105,7 +105,8 @@ class Printer:
             },
             "d": state.d,
             "stop": state.stop,
-            "permit": state.permit,
+            "may_move": state.may_move,
+            "permit": state.may_move,  # its old name, for one version
             "reason": state.reason.name.lower(),
             "truth": {
                 "z_mm": round(truth.distance_mm, 2),

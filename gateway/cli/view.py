@@ -107,7 +107,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
     centre = f"centre ({circle.u_px:.1f}, {circle.v_px:.1f}) px" if circle else "centre –"
     verdict = Text.assemble(
         ("   STOP   " if state.stop else " APPROACH ", "bold reverse red" if state.stop else "bold reverse green"),
-        f"  permit {'yes' if state.permit else 'no '}   {centre}",
+        f"  may move {'yes' if state.may_move else 'no '}   {centre}",
     )
     why = Text(REASON_MEANING[state.reason] if state.reason is not Reason.NONE else "approaching: stop is off")
     v, r = state.vision.stats, state.range.stats

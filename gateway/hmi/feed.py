@@ -1,7 +1,7 @@
 """The main process's side of the pages: what an answer holds, and how an order is carried out. Never waits.
 
-Nothing here can end a stop: a function check withholds `permit` or leaves it as it is, and settings that go live begin
-with a new vision, whose first word is that it has seen nothing yet.
+Nothing here can end a stop: a function check withholds `may_move` or leaves it as it is, and settings that go live
+begin with a new vision, whose first word is that it has seen nothing yet.
 """
 
 import logging

@@ -64,7 +64,7 @@ class BayView(BaseModel):
     thresholds: ThresholdsView
     aim: AimView
     deadlines: DeadlinesView
-    function_check: Literal["OFF", "PERMIT_OFF", "PERMIT_KEPT"]
+    function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
     method: str | None = Field(description="how the marker is looked for; null: nothing known yet")
     stage_ms: dict[str, float] = Field(description="time of each stage of vision in the newest frame; empty: no result")
 

@@ -59,7 +59,7 @@ class StatusBit(IntEnum):
     """Bits of the status word. Never renumber, only add."""
 
     STOP = 0
-    PERMIT = 1
+    MAY_MOVE = 1
     D = 2
     D_UNKNOWABLE = 3
     VISION_GOOD = 4
@@ -77,7 +77,7 @@ class StatusBit(IntEnum):
 
 STATUS_MEANING: dict[StatusBit, str] = {
     StatusBit.STOP: "stop is on, as in register stop",
-    StatusBit.PERMIT: "loading is permitted, as in register permit",
+    StatusBit.MAY_MOVE: "the truck may move, as in register may_move; says nothing about loading",
     StatusBit.D: "D = 1, the paper's stop decision",
     StatusBit.D_UNKNOWABLE: "D can't be computed: a sensor has no good, fresh value",
     StatusBit.VISION_GOOD: "u, v, radius are fresh and valid",
@@ -183,7 +183,7 @@ def _status(state: StateVector, _: int) -> Value:
     }
     bits = faults | {
         StatusBit.STOP: state.stop,
-        StatusBit.PERMIT: state.permit,
+        StatusBit.MAY_MOVE: state.may_move,
         StatusBit.D: state.d is True,
         StatusBit.D_UNKNOWABLE: state.d is None,
         StatusBit.VISION_GOOD: vision is Quality.GOOD,
@@ -211,10 +211,10 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: s.heartbeat & 0xFFFF),
     Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", _status,
              bits=_STATUS),
-    Register(4, "stop", UINT16, 1, "", "1: stop the truck; also on whenever D is unknowable; 0 alone permits nothing",
+    Register(4, "stop", UINT16, 1, "", "1: stop the truck; also on whenever D is unknowable; 0 alone allows nothing",
              lambda s, _: int(s.stop)),
-    Register(5, "permit", UINT16, 1, "", "1: everything healthy and fresh, and stop is off; else 0",
-             lambda s, _: int(s.permit)),
+    Register(5, "may_move", UINT16, 1, "", "1: the truck may move: all is healthy and fresh, and stop is off; else 0",
+             lambda s, _: int(s.may_move)),
     Register(6, "reason", UINT16, 1, "", "why stop is on; 0 when it is off", lambda s, _: int(s.reason), _REASON),
     Register(7, "vision_quality", UINT16, 1, "", "0: u, v, radius may be used; else why not",
              lambda s, _: int(s.vision.quality), _QUALITY),
@@ -346,7 +346,7 @@ PLANS: dict[WordOrder, dict[Of, Plan]] = {
 def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOrder) -> Image:
     """What a PLC must see when the control task does not run any more: `state` is its last, `now_ns` monotonic.
 
-    Stop on, permit off, reason GATEWAY_FAULT, no values, heartbeat as it stood.
+    Stop on, may_move and in_place off, reason GATEWAY_FAULT, no values, heartbeat as it stood.
     """
     return encode(fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns), unix_ns, word_order)
 

@@ -45,7 +45,7 @@ _QUALITIES = _named([quality.name for quality in Quality])
 
 ENTITIES: tuple[Entity, ...] = (
     Entity("stop", "binary_sensor", "Stop", "stop", {"device_class": "safety", "icon": "mdi:hand-back-left"}),
-    Entity("permit", "binary_sensor", "Loading permitted", "permit", {"icon": "mdi:check-circle-outline"}),
+    Entity("may_move", "binary_sensor", "Truck may move", "may_move", {"icon": "mdi:truck-fast-outline"}),
     Entity("reason", "sensor", "Reason", "reason.name", _named([reason.name for reason in Reason])),
     Entity("reason_text", "sensor", "Reason in words", "reason.text", {"icon": "mdi:message-text"}),
     Entity("distance", "sensor", "Distance", "distance_mm", _measured("mm", 0, "distance")),

@@ -79,7 +79,8 @@ class Measured(BaseModel):
     timestamp_ms: Count = Field(description="when the state was computed, Unix time, ms")
     timestamp: str = Field(description="the same, ISO 8601, UTC", json_schema_extra={"format": "date-time"})
     stop: bool = Field(description="the truck must stop; also on whenever the gateway can't know")
-    permit: bool = Field(description="everything is healthy and fresh, and stop is off")
+    may_move: bool = Field(description="the truck may move: all healthy and fresh, stop off; no condition for loading")
+    permit: bool = Field(description="old name of may_move, for one version")
     reason: ReasonPayload
     d: bool | None = Field(description="D(t), equation 14; null: unknowable")
     u: float | None = Field(description="centre of the marker, px from the left; null unless vision is GOOD")

@@ -281,4 +281,4 @@ class MqttPublisher:
 
 def _marks(state: StateVector) -> Marks:
     """What a subscriber must hear of at once."""
-    return state.stop, state.permit, state.reason, state.vision.quality, state.range.quality
+    return state.stop, state.may_move, state.reason, state.vision.quality, state.range.quality

@@ -56,7 +56,7 @@ class FusionConfig(Section):
 
 
 class GuidanceConfig(Section):
-    """What the driver is told, and when. Decides nothing: stop and permit come from [fusion]."""
+    """What the driver is told, and when. Decides nothing: stop and may_move come from [fusion]."""
 
     aim_u_px: float | None = Field(
         None, ge=-20_000, le=20_000, description="where the marker should be, u; absent: no guidance to the side"

@@ -15,13 +15,13 @@ class HandshakeConfig(Section):
     """What the gateway asks of the PLC. In force only with modbus.writes = true."""
 
     heartbeat_required: bool = Field(
-        True, description="no heartbeat from the PLC is a fault: permit off, and stop on (fusion.fail_safe)"
+        True, description="no heartbeat from the PLC is a fault: may_move off, and stop on (fusion.fail_safe)"
     )
     heartbeat_deadline_s: float = Field(
         1.0, ge=0.05, le=60, description="plc_heartbeat must change at least so often; ten times the PLC's period"
     )
-    enable_required: bool = Field(False, description="permit needs the PLC's enable bit")
-    truck_required: bool = Field(False, description="permit needs the PLC's truck_present bit")
+    enable_required: bool = Field(False, description="may_move needs the PLC's enable bit")
+    truck_required: bool = Field(False, description="may_move needs the PLC's truck_present bit")
     trigger_timeout_s: float = Field(1.0, ge=0.05, le=60, description="a triggered measurement may take so long")
 
     @model_validator(mode="after")
@@ -81,7 +81,7 @@ class ModbusConfig(Section):
         for key in ("enable_required", "truck_required"):
             if getattr(self.handshake, key) and not self.writes:
                 raise PlacedError(
-                    "needs modbus.writes = true: nobody could set the bit, and permit would not wait for it",
+                    "needs modbus.writes = true: nobody could set the bit, and may_move would not wait for it",
                     "handshake",
                     key,
                 )

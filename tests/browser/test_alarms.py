@@ -15,7 +15,7 @@ from tests.browser.plant import STANDING, Plant, plant
 from tests.e2e.plc import Plc
 
 CAMERA_GONE = STANDING + 'faults = [{ kind = "camera_lost", at_s = 1, for_s = 3600 }]\n'
-LASTING = ("map_version", "stop", "permit", "reason", "vision_quality")
+LASTING = ("map_version", "stop", "may_move", "reason", "vision_quality")
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_acknowledging_ends_no_stop(page: Page, plc: Plc) -> None:
     expect(page.locator(".decision .word")).to_have_text("STOP")
     plc.wait_for(lambda _: len(plc.polls) > begun + 50)
     assert {poll.image["stop"] for poll in plc.polls[begun:]} == {1}
-    assert {poll.image["permit"] for poll in plc.polls[begun:]} == {0}
+    assert {poll.image["may_move"] for poll in plc.polls[begun:]} == {0}
 
 
 def test_the_registers_are_those_that_the_plc_reads(page: Page, plc: Plc) -> None:

@@ -36,7 +36,7 @@ Open = Callable[..., Page]
 
 
 def state(bay: str, **change: Any) -> dict[str, Any]:
-    return {**STATE, "bay": bay, "stop": False, "permit": True, **change}
+    return {**STATE, "bay": bay, "stop": False, "may_move": True, **change}
 
 
 def broken(bay: str) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def broken(bay: str) -> dict[str, Any]:
     return state(
         bay,
         stop=True,
-        permit=False,
+        may_move=False,
         u=None,
         v=None,
         radius_px=None,

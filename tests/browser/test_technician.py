@@ -91,7 +91,7 @@ def test_a_slider_changes_the_mask_of_a_frozen_frame_and_nothing_else(bay: Plant
     expect(page.get_by_role("button", name="Go live")).to_be_disabled()  # without a function check nothing goes live
     with Plc(bay.modbus_port) as plc:
         plc.wait_for(
-            lambda image: image["permit"] == 1 and image["radius"] is not None, PATIENCE_S
+            lambda image: image["may_move"] == 1 and image["radius"] is not None, PATIENCE_S
         )  # what runs still finds it
     page.get_by_role("button", name="Take all back").click()
     until(page, lambda: white(page) == marker)
@@ -102,10 +102,10 @@ def test_save_shows_the_difference_and_changes_one_line_of_the_file(visit: Visit
     with plant(tmp_path, STANDING) as bay, Plc(bay.modbus_port) as plc:
         before = bay.config.read_text()
         assert in_file(bay.config) == 200.0
-        plc.wait_for(lambda image: image["permit"] == 1, PATIENCE_S)
+        plc.wait_for(lambda image: image["may_move"] == 1, PATIENCE_S)
         page = tuning(bay, visit)
         page.get_by_role("button", name="Begin function check").click()
-        plc.wait_for(lambda image: image["permit"] == 0, PATIENCE_S)
+        plc.wait_for(lambda image: image["may_move"] == 0, PATIENCE_S)
         expect(page.get_by_role("heading", name=re.compile("FUNCTION CHECK"))).to_contain_text("permit is OFF")
 
         field = page.locator(f"#k-{AREA}-n")
@@ -133,7 +133,7 @@ def test_save_shows_the_difference_and_changes_one_line_of_the_file(visit: Visit
         assert before in [path.read_text() for path in kept]
 
         page.get_by_role("button", name="End function check").click()
-        plc.wait_for(lambda image: image["permit"] == 1, PATIENCE_S)
+        plc.wait_for(lambda image: image["may_move"] == 1, PATIENCE_S)
         page.close()  # before the gateway ends
 
 

@@ -111,7 +111,7 @@ class SparkPlant(Supervised):
             range=RangeReading(now_ns, Quality.GOOD, distance_mm),
             d=stop,
             stop=stop,
-            permit=not stop,
+            may_move=not stop,
             reason=Reason.TARGET_REACHED if stop else Reason.NONE,
         )
 

@@ -42,7 +42,7 @@ def test_output_that_nobody_reads_holds_up_nobody(tmp_path: Path) -> None:
     try:
         port = json.loads(first_line(process))["modbus_port"]
         with Plc(port) as plc:
-            plc.wait_for(lambda image: image["permit"] == 1)
+            plc.wait_for(lambda image: image["may_move"] == 1)
             time.sleep(2.0)  # at 20 lines a second the pipe has long been full
             mark = len(plc.polls)
             time.sleep(1.0)

@@ -39,7 +39,7 @@ async def life(broker: Mosquitto) -> list[Received]:
             now_ns = plant.clock.now_ns()
             seen = VisionReading(now_ns, Quality.GOOD, Circle(320.0, 240.0, 200.0))
             near = RangeReading(now_ns, Quality.GOOD, 250.0)
-            truck: dict[str, Any] = {"vision": seen, "range": near, "d": True, "stop": True, "permit": False}
+            truck: dict[str, Any] = {"vision": seen, "range": near, "d": True, "stop": True, "may_move": False}
             plant.happen(EventKind.STOP_RAISED, **truck, reason=Reason.TARGET_REACHED)
             await asyncio.to_thread(subscriber.wait_for, lambda m: "stop_raised" in m.text and "event" in m.topic, 30)
         await asyncio.to_thread(subscriber.wait_for, lambda m: '"connection lost"' in m.text, 30)
@@ -93,4 +93,4 @@ def test_a_state_left_behind_by_a_dead_gateway_looks_dead_to_a_newcomer(tmp_path
     judged = run_function(function("lgb-judge"), as_node_red_gets_it(messages))
     views = [found["payload"] for (told, _), _ in judged for found in told]
     assert views
-    assert not any(view["alive"] or view["permit"] for view in views)
+    assert not any(view["alive"] or view["may_move"] for view in views)

@@ -82,14 +82,14 @@ def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
     ):
         started = gateway.started()
         with Plc(started["modbus_port"]) as onlooker:
-            onlooker.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["permit"] == 0, 60)
+            onlooker.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["may_move"] == 0, 60)
         with TlsPlc(started["modbus_tls_port"], context_of(plant, "plc1")) as plc:
             # It lives; the latch of the start stands until it is reset.
             latched = plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED, 60)
             assert bit(latched, HandshakeBit.PLC_ALIVE)
             assert bit(latched, HandshakeBit.STOP_LATCHED)
             plc.control = 1 << Control.RESET
-            plc.wait_for(lambda image: image["reset_verdict"] == ResetVerdict.DONE and image["permit"] == 1)
+            plc.wait_for(lambda image: image["reset_verdict"] == ResetVerdict.DONE and image["may_move"] == 1)
             plc.control = 0
             # One triggered measurement.
             plc.wait_for(lambda image: image["plc_control"] == 0)
@@ -100,7 +100,7 @@ def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
             assert 550 < held["result_distance"] < 650
             # Its program stops, its communication does not.
             plc.stand_still()
-            plc.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["permit"] == 0)
+            plc.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["may_move"] == 0)
             dropped = plc.wait_for(lambda image: bit(image, HandshakeBit.PLC_LOST))
             assert (dropped["result_id"], bit(dropped, HandshakeBit.RESULTS_VALID)) == (0, False)
         gateway.end()
@@ -181,7 +181,7 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
                 plc.control = 1 << which
                 return plc.wait_for(wanted)
 
-            pulse(Control.RESET, lambda image: image["permit"] == 1)
+            pulse(Control.RESET, lambda image: image["may_move"] == 1)
             assert plc.wait_for(lambda image: image["closing_speed"] == 0)["guidance"] == GuidanceCode.FORWARD
 
             yard.distance_mm = 250.0
@@ -190,7 +190,7 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
             still = plc.wait_for(lambda image: image["recipe_verdict"] == RecipeVerdict.STOP_STANDS)
             assert (still["stop"], still["recipe_active"]) == (1, 0)
             still = pulse(Control.RESET, lambda image: image["reset_verdict"] == ResetVerdict.CAUSE_STANDS)
-            assert (still["stop"], still["permit"]) == (1, 0)
+            assert (still["stop"], still["may_move"]) == (1, 0)
             plc.wait_for(lambda image: image["guidance"] == GuidanceCode.OK)
 
             # One triggered measurement, acknowledged, and the next.
@@ -210,7 +210,7 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
             yard.distance_mm = 900.0
             plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED)
             plc.wait_for(lambda image: image["d"] == 0)
-            pulse(Control.RESET, lambda image: image["permit"] == 1)
+            pulse(Control.RESET, lambda image: image["may_move"] == 1)
             plc.wait_for(lambda image: image["recipe_active"] == 7)
             yard.distance_mm = 250.0
             plc.wait_for(lambda image: image["distance"] == 250)

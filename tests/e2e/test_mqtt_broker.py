@@ -132,7 +132,7 @@ def test_a_change_of_stop_is_on_the_wire_at_once(mosquitto: Mosquitto) -> None:
                 deliver = group.create_task(plant.publisher.deliver())
                 await heard(subscriber, status="online")
                 changed = time.monotonic()
-                plant.happen(EventKind.STOP_CLEARED, stop=False, permit=True, reason=Reason.NONE)
+                plant.happen(EventKind.STOP_CLEARED, stop=False, may_move=True, reason=Reason.NONE)
                 message = await heard(subscriber, stop=False)
                 assert message.topic == "loading/site1/bay1/state"
                 assert message.arrived_s - changed < 5.0  # the next one by its period would come after 60
@@ -281,7 +281,7 @@ def test_a_proper_end_leaves_stop_on_and_offline_behind(mosquitto: Mosquitto) ->
             left = {message.topic: checked(message.topic, message.text) for message in late.messages}
         assert left["loading/site1/gw/status"]["cause"] == "shutdown"
         state = left["loading/site1/bay1/state"]
-        assert (state["stop"], state["permit"], state["reason"]["name"]) == (True, False, "SHUTDOWN")
+        assert (state["stop"], state["may_move"], state["reason"]["name"]) == (True, False, "SHUTDOWN")
         time.sleep(0.2)
     assert [event["kind"] for event in first_of_each(subscriber)] == ["shutdown"]
     assert [m.json["cause"] for m in subscriber.on("/status")][-1] == "shutdown", "the broker has forgotten the will"

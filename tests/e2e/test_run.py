@@ -98,7 +98,7 @@ def test_a_video_and_a_serial_port_become_registers(tmp_path: Path, video: Path,
     with Gateway("run", str(config_file(tmp_path, video, ranger.port))) as gateway:
         port = port_of(gateway)
         with Plc(port) as plc:
-            far = plc.wait_for(lambda image: image["permit"] == 1).image
+            far = plc.wait_for(lambda image: image["may_move"] == 1).image
             assert far["radius"] == pytest.approx(200, abs=3.0)
             assert far["u"] == pytest.approx(319.5, abs=1.5)
             assert far["v"] == pytest.approx(239.5, abs=1.5)
@@ -111,14 +111,14 @@ def test_a_video_and_a_serial_port_become_registers(tmp_path: Path, video: Path,
             assert near["distance"] == pytest.approx(280, abs=17)
 
             ranger.distance_mm = 500.0
-            plc.wait_for(lambda image: image["permit"] == 1)
+            plc.wait_for(lambda image: image["may_move"] == 1)
             ranger.forced[RangerFault.UNPLUGGED] = 0.0
             pulled = plc.wait_for(lambda image: image["range_quality"] == Quality.LINK_DOWN).image
-            assert (pulled["stop"], pulled["permit"], pulled["distance"]) == (1, 0, None)
+            assert (pulled["stop"], pulled["may_move"], pulled["distance"]) == (1, 0, None)
             assert pulled["reason"] == Reason.RANGER_DOWN
             assert pulled["radius"] is not None  # the camera is well
             del ranger.forced[RangerFault.UNPLUGGED]
-            healed = plc.wait_for(lambda image: image["permit"] == 1).image
+            healed = plc.wait_for(lambda image: image["may_move"] == 1).image
             assert healed["ranger_reopens"] >= 1
 
             ranger.forced[RangerFault.NO_ECHO] = 0.0

@@ -78,7 +78,7 @@ def test_an_approach_is_seen_by_mbpoll_by_pymodbus_and_by_mosquitto_sub(tmp_path
     ):
         port = gateway.started()["modbus_port"]
         with Plc(port) as plc:
-            plc.wait_for(lambda image: image["permit"] == 1)
+            plc.wait_for(lambda image: image["may_move"] == 1)
             far = mbpoll(port, ADDRESS["stop"], 3)
             assert far == [0, 1, Reason.NONE]
             assert mbpoll(port, ADDRESS["stop"], 3, function="3") == far  # input registers: the same image
@@ -106,7 +106,7 @@ def test_an_approach_is_seen_by_mbpoll_by_pymodbus_and_by_mosquitto_sub(tmp_path
         ids = [message.json["id"] for message in scada.on("/event")]
         assert len(set(ids)) == len(ids)
         final = scada.on("/state")[-1].json
-        assert (final["stop"], final["permit"], final["radius_px"], final["distance_mm"]) == (True, False, None, None)
+        assert (final["stop"], final["may_move"], final["radius_px"], final["distance_mm"]) == (True, False, None, None)
 
 
 def expected_stop(state: Row, states: list[Row]) -> bool | None:
@@ -150,12 +150,12 @@ def test_a_signal_ends_it_within_two_seconds_and_the_last_word_is_stop(tmp_path:
     with Gateway(*args) as gateway:
         port = gateway.started()["modbus_port"]
         with Plc(port) as plc:
-            plc.wait_for(lambda image: image["permit"] == 1)
+            plc.wait_for(lambda image: image["may_move"] == 1)
             code, took_s = gateway.end(number)
             last = plc.last
         assert code == 0
         assert took_s < 4.0  # 2 on a machine of its own
-        assert (last["stop"], last["permit"], last["reason"]) == (1, 0, Reason.SHUTDOWN)
+        assert (last["stop"], last["may_move"], last["reason"]) == (1, 0, Reason.SHUTDOWN)
         assert (last["radius"], last["distance"]) == (None, None)
         assert "Traceback" not in gateway.stderr
 
@@ -169,7 +169,7 @@ def test_nothing_survives_a_sigkill_and_the_next_start_is_clean(tmp_path: Path) 
     bay = ("--scenario", scenario(tmp_path, STANDING), "--config", settings(tmp_path))
     args = ("simulate", *bay, "--modbus-port", "0", "--json")
     with Gateway(*args) as gateway:
-        gateway.wait_for(lambda row: row["type"] == "state" and row["permit"])
+        gateway.wait_for(lambda row: row["type"] == "state" and row["may_move"])
         family = gateway.family()
         assert len(family) == 2  # camera and vision process
         os.kill(gateway.process.pid, signal.SIGKILL)
@@ -180,7 +180,7 @@ def test_nothing_survives_a_sigkill_and_the_next_start_is_clean(tmp_path: Path) 
     with Gateway(*args) as gateway:
         gateway.started()
         assert not corpses & shared_files()
-        gateway.wait_for(lambda row: row["type"] == "state" and row["permit"])
+        gateway.wait_for(lambda row: row["type"] == "state" and row["may_move"])
     assert shared_files() == set()
 
 
@@ -189,18 +189,18 @@ def test_a_killed_vision_process_is_replaced_and_meanwhile_stop_is_on(tmp_path: 
     with Gateway(*args) as gateway:
         port = gateway.started()["modbus_port"]
         with Plc(port, period_s=0.005) as plc:
-            plc.wait_for(lambda image: image["permit"] == 1)
+            plc.wait_for(lambda image: image["may_move"] == 1)
             victim = next(p for p in gateway.family() if "worker" in " ".join(p.cmdline()))
             victim.send_signal(signal.SIGSTOP)  # hangs; the deadline must notice
             hung = plc.wait_for(lambda image: image["stop"] == 1)
             assert hung.image["reason"] in (Reason.VISION_STALE, Reason.VISION_FAULT)
             assert hung.image["radius"] is None
-            plc.wait_for(lambda image: image["permit"] == 1)
+            plc.wait_for(lambda image: image["may_move"] == 1)
             again = next(p for p in gateway.family() if "worker" in " ".join(p.cmdline()))
             assert again.pid != victim.pid
             again.kill()
             plc.wait_for(lambda image: image["stop"] == 1)
-            healed = plc.wait_for(lambda image: image["permit"] == 1)
+            healed = plc.wait_for(lambda image: image["may_move"] == 1)
         assert healed.image["worker_restarts"] == 2
         assert healed.image["frames_lost"] >= 1
 
@@ -210,7 +210,7 @@ def permitted(plc: Plc, mark: int) -> float:
     being touched by another's fault would last."""
     polls = plc.polls[mark:]
     assert len(polls) > 20
-    return len([poll for poll in polls if poll.image["permit"] == 1]) / len(polls)
+    return len([poll for poll in polls if poll.image["may_move"] == 1]) / len(polls)
 
 
 def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
@@ -224,16 +224,16 @@ def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
         with Plc(port, 1) as one, Plc(port, 2) as two, Plc(port, 3) as three, Plc(port, 4) as four:
             others = (one, three, four)
             for plc in (*others, two):
-                plc.wait_for(lambda image: image["permit"] == 1, timeout_s=30)
+                plc.wait_for(lambda image: image["may_move"] == 1, timeout_s=30)
             two.wait_for(lambda image: image["vision_quality"] == Quality.LINK_DOWN, timeout_s=30)
             marks = [len(plc.polls) for plc in others]
             time.sleep(2.0)
-            assert (two.last["stop"], two.last["permit"], two.last["reason"]) == (1, 0, Reason.CAMERA_DOWN)
+            assert (two.last["stop"], two.last["may_move"], two.last["reason"]) == (1, 0, Reason.CAMERA_DOWN)
             assert two.last["radius"] is None
             assert two.last["distance"] is not None  # its ranger is alive
             for plc, mark in zip(others, marks, strict=True):
                 assert permitted(plc, mark) > 0.8
-                plc.wait_for(lambda image: image["permit"] == 1, timeout_s=30)
+                plc.wait_for(lambda image: image["may_move"] == 1, timeout_s=30)
 
 
 def test_the_registers_keep_their_pace_while_the_broker_hangs_and_dies(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def test_the_registers_keep_their_pace_while_the_broker_hangs_and_dies(tmp_path:
         ) as gateway,
         Plc(gateway.started()["modbus_port"]) as plc,
     ):
-        plc.wait_for(lambda image: image["permit"] == 1)
+        plc.wait_for(lambda image: image["may_move"] == 1)
         mark = len(plc.polls)
         broker.pause()
         time.sleep(1.5)
@@ -266,13 +266,13 @@ def test_the_shared_state_vector_can_be_read_by_another_process(tmp_path: Path) 
     args = ("simulate", "--scenario", scenario(tmp_path, STANDING), "--modbus-port", "0", "--json")
     with Gateway(*args) as gateway:
         instance = gateway.started()["instance"]
-        gateway.wait_for(lambda row: row["type"] == "state" and row["permit"])
+        gateway.wait_for(lambda row: row["type"] == "state" and row["may_move"])
         row = state_verb("--instance", instance, "--once", "--json")
         assert row["bay"] == "bay1"
         assert row["pid"] == gateway.process.pid
         assert row["r"] == pytest.approx(5400 / 45, abs=3.0)
         assert row["z_mm"] == pytest.approx(450, abs=17)
-        assert row["permit"] is True
+        assert row["may_move"] is True
         assert 0 <= row["age_ms"] < 1000
     done = run_gateway("state", "--instance", instance, "--once")
     assert done.returncode == 1

@@ -70,7 +70,7 @@ class SoftPlc:
         self._now_ms += after_ms
         self.block.call(self._now_ms, PollOk=ok, Words=list(words), HeartbeatTimeout=TIMEOUT_MS)
         found = Diagnosis(self.block["Diagnostic"])
-        permit, stop = (words[ADDRESS[name]] for name in ("permit", "stop"))
+        permit, stop = (words[ADDRESS[name]] for name in ("may_move", "stop"))
         # Whatever comes: no enable without a permit, and no running truck without an enable to believe in.
         assert self.block["Enable"] is (found is Diagnosis.ENABLED)
         assert not self.block["Enable"] or (ok and (permit, stop) == (1, 0))

@@ -84,7 +84,7 @@ def test_every_register_is_decoded_as_the_gateway_encodes_it(scan: Scan) -> None
     assert data["u_f32"] == pytest.approx(640.28, rel=1e-7)
     assert data["v"] == pytest.approx(-3.2)
     assert data["distance"] == 812
-    assert (data["status_permit"], data["status_stop"], data["status_healthy"]) == (True, False, True)
+    assert (data["status_may_move"], data["status_stop"], data["status_healthy"]) == (True, False, True)
     assert set(data) == {field.name for field in fields()}
 
 
@@ -99,13 +99,13 @@ def test_a_float_survives_the_arithmetic_exactly(scan: Scan, value: float) -> No
 
 def test_enable_follows_permit(scan: Scan) -> None:
     scan.start()
-    on_mark = permitted(8, d=True, stop=True, permit=False, reason=Reason.TARGET_REACHED)
+    on_mark = permitted(8, d=True, stop=True, may_move=False, reason=Reason.TARGET_REACHED)
     assert scan.run(words(on_mark)) is Diagnosis.STOP
     assert (scan.block["MustStop"], scan.block["Alive"]) == (True, True)
     assert scan.block["Reason"] == int(Reason.TARGET_REACHED)
     assert scan.run(words(permitted(9))) is Diagnosis.ENABLED
     assert (scan.block["MustStop"], scan.block["Reason"]) == (False, 0)
-    assert scan.run(words(permitted(10, permit=False))) is Diagnosis.NO_PERMIT
+    assert scan.run(words(permitted(10, may_move=False))) is Diagnosis.NO_PERMIT
 
 
 def test_nothing_is_enabled_before_the_heartbeat_was_seen_to_move(scan: Scan) -> None:
@@ -144,8 +144,8 @@ def test_a_failed_poll_takes_the_enable_away_at_once_and_two_good_ones_give_it_b
         ({"known_f32": 1}, Diagnosis.WORD_ORDER),
         ({"stop": 1}, Diagnosis.CONTRADICTION),
         ({"stop": 2}, Diagnosis.CONTRADICTION),
-        ({"permit": 2}, Diagnosis.CONTRADICTION),
-        ({"permit": 0}, Diagnosis.CONTRADICTION),
+        ({"may_move": 2}, Diagnosis.CONTRADICTION),
+        ({"may_move": 0}, Diagnosis.CONTRADICTION),
         ({"reason": 10}, Diagnosis.CONTRADICTION),
         ({"status": 0}, Diagnosis.CONTRADICTION),
         ({"vision_quality": 1}, Diagnosis.VISION),
@@ -208,7 +208,7 @@ def test_a_dead_gateway_and_a_doubtful_image_leave_no_good_looking_value(scan: S
     assert scan.run([0] * BLOCK_WORDS) is Diagnosis.FOREIGN
     data = scan.block["Data"]
     assert (scan.block["MustStop"], scan.block["Alive"], scan.block["Reason"]) == (True, False, 40)
-    assert (data["stop"], data["permit"], data["status_gateway_fault"]) == (1, 0, True)
+    assert (data["stop"], data["may_move"], data["status_gateway_fault"]) == (1, 0, True)
     assert Quality.GOOD not in (data["vision_quality"], data["range_quality"])
     assert [name for name, value in data.items() if name.endswith("_valid") and value] == []
 
@@ -220,7 +220,7 @@ states = st.builds(
     seq=st.integers(0, 2**20),
     d=st.sampled_from([None, False, True]),
     stop=st.booleans(),
-    permit=st.booleans(),
+    may_move=st.booleans(),
     reason=st.sampled_from(Reason),
     vision=st.builds(VisionReading, t_ns=st.just(0), quality=st.sampled_from(Quality)),
     range=st.builds(RangeReading, t_ns=st.just(0), quality=st.sampled_from(Quality)),
@@ -233,7 +233,7 @@ def test_no_state_but_a_whole_permit_enables(program: Program, state: StateVecto
     scan = Scan(program.instance(structured_text.FUNCTION_BLOCK)).start()
     found = scan.run(words(state))
     whole = (
-        state.permit
+        state.may_move
         and not state.stop
         and state.reason is Reason.NONE
         and state.vision.quality is Quality.GOOD
@@ -255,7 +255,7 @@ def test_noise_never_enables_and_never_stops_the_program(scan: Scan) -> None:
 def test_node_red_gives_the_same_verdicts(scan: Scan) -> None:
     """300 images of a live bay with up to three words changed, 10 ms apart; silence is Node-RED's own affair."""
     chance = random.Random(61131)
-    watched = ["seq_begin", "map_version", "heartbeat", "status", "stop", "permit", "reason", "vision_quality"]
+    watched = ["seq_begin", "map_version", "heartbeat", "status", "stop", "may_move", "reason", "vision_quality"]
     addresses = [ADDRESS[name] for name in (*watched, "range_quality", "known_u32", "known_f32", "seq_end")]
     images = [words(permitted(6)), words(permitted(7))]
     for n in range(300):

@@ -29,7 +29,7 @@ def test_a_covered_marker_stops_the_truck_and_is_only_predicted(tmp_path: Path, 
     path.write_text(COVERED)
     args = ("simulate", "--scenario", str(path), "--method", method, "--modbus-port", "0", "--json")
     with Gateway(*args) as gateway, Plc(gateway.started()["modbus_port"]) as plc:
-        seen = plc.wait_for(lambda image: image["permit"] == 1, timeout_s=40).image
+        seen = plc.wait_for(lambda image: image["may_move"] == 1, timeout_s=40).image
         assert (seen["tracking"], seen["reason"]) == (Tracking.MEASURED, Reason.NONE)
         assert seen["radius"] == pytest.approx(TRUE_PX, abs=2.0)
         coasted = plc.wait_for(lambda image: image["tracking"] == Tracking.COASTED, timeout_s=40).image
@@ -37,11 +37,11 @@ def test_a_covered_marker_stops_the_truck_and_is_only_predicted(tmp_path: Path, 
         assert coasted["predicted_radius"] == pytest.approx(TRUE_PX, abs=8.0)
         lost = plc.wait_for(lambda image: image["tracking"] == Tracking.LOST, timeout_s=40).image
         assert (lost["vision_quality"], lost["predicted_radius"]) == (Quality.NO_TARGET, None)
-        plc.wait_for(lambda image: image["permit"] == 1, timeout_s=40)
+        plc.wait_for(lambda image: image["may_move"] == 1, timeout_s=40)
         for image in (poll.image for poll in plc.polls):
             measured = image["tracking"] == Tracking.MEASURED
             assert (image["radius"] is not None) == (image["vision_quality"] == Quality.GOOD)
-            assert measured or image["permit"] == 0
+            assert measured or image["may_move"] == 0
             assert measured or image["stop"] == 1
             assert (image["predicted_radius"] is not None) == (image["tracking"] == Tracking.COASTED)
         states = [row for row in gateway.rows if row["type"] == "state"]

@@ -79,7 +79,7 @@ def latency() -> None:
             *("--modbus-port", "0", "--json", "--duration", str(LATENCY_S + 4)),
         ) as gateway:
             with Plc(gateway.started()["modbus_port"], period_s=0.001) as plc:
-                plc.wait_for(lambda image: image["permit"] == 1)
+                plc.wait_for(lambda image: image["may_move"] == 1)
                 first = len(plc.polls)
                 gateway.process.wait(LATENCY_S + 30)
             polls = plc.polls[first:]

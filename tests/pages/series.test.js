@@ -2,7 +2,7 @@ import assert from 'node:assert/strict';
 import test from 'node:test';
 import { GAP_S, Series } from '../static/lib/series.js';
 
-const sample = (radius_px, stop = false, permit = true) => ({ radius_px, distance_mm: 700, stop, permit });
+const sample = (radius_px, stop = false, mayMove = true) => ({ radius_px, distance_mm: 700, stop, mayMove });
 
 test('samples stand in order, none twice, none backwards', () => {
   const series = new Series();
@@ -24,7 +24,7 @@ test('what comes too fast is left out, unless stop or the marker changed', () =>
 test('no value is a gap, never 0 and never the last one', () => {
   const series = new Series();
   series.add(1, sample(50));
-  series.add(1.2, { radius_px: null, distance_mm: undefined, stop: true, permit: false });
+  series.add(1.2, { radius_px: null, distance_mm: undefined, stop: true, mayMove: false });
   assert.deepEqual([series.row.radius[1], series.row.distance[1]], [null, null]);
 });
 

@@ -8,7 +8,7 @@ import {
 } from '../static/lib/views.js';
 
 const state = (vision, range = 'GOOD', link = 'ALIVE') => ({
-  stop: false, permit: true, ne107: { name: 'GOOD' }, plc: { link }, vision: { quality: { name: vision } }, range: { quality: { name: range } },
+  stop: false, may_move: true, ne107: { name: 'GOOD' }, plc: { link }, vision: { quality: { name: vision } }, range: { quality: { name: range } },
 });
 
 test('after the login: only paths of this server', () => {
@@ -39,12 +39,12 @@ test('an empty bay is in order; a camera that is gone is not', () => {
   assert.deepEqual(['ALIVE', 'UNUSED', 'WAITING', 'LOST', 'NEW'].map((link) => plcHealth(state('GOOD', 'GOOD', link))), ['ok', 'off', 'off', 'bad', 'bad']);
 });
 
-test('nothing known is never a permit', () => {
+test('nothing known is never leave to move', () => {
   assert.equal(decisionWords(null), 'NOT KNOWN');
-  assert.equal(decisionWords({ stop: true, permit: false }), 'STOP');
-  assert.equal(decisionWords({ stop: true, permit: true }), 'STOP');
-  assert.equal(decisionWords({ stop: false, permit: true }), 'PERMIT');
-  assert.equal(decisionWords({ stop: false, permit: false }), 'NO STOP, NO PERMIT');
+  assert.equal(decisionWords({ stop: true, may_move: false }), 'STOP');
+  assert.equal(decisionWords({ stop: true, may_move: true }), 'STOP');
+  assert.equal(decisionWords({ stop: false, may_move: true }), 'MAY MOVE');
+  assert.equal(decisionWords({ stop: false, may_move: false }), 'NO STOP, MAY NOT MOVE');
 });
 
 test('bays in trouble come first; the rest as people count', () => {

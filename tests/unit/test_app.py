@@ -71,7 +71,7 @@ def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.M
         def companions(hub: Hub) -> list[Task]:
             async def ends_all() -> None:
                 state = hub.state("bay1")
-                while not state.permit:
+                while not state.may_move:
                     state = await hub.newer("bay1", state.seq)
                 permitted.append(True)
                 if past_help:
@@ -91,4 +91,4 @@ def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.M
     assert permitted == [True]
     told = Publisher.told
     assert told is not None
-    assert (told.stop, told.permit, told.reason) == (True, False, Reason.SHUTDOWN)
+    assert (told.stop, told.may_move, told.reason) == (True, False, Reason.SHUTDOWN)

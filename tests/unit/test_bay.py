@@ -79,7 +79,7 @@ def test_it_starts_at_stop_and_says_so() -> None:
 
     (event,) = bench.events.drain()
     assert (event.kind, event.bay, event.t_ns, event.state) == (EventKind.START, "north", T0, bench.state)
-    assert (bench.state.stop, bench.state.permit, bench.state.reason) == (True, False, Reason.STARTING)
+    assert (bench.state.stop, bench.state.may_move, bench.state.reason) == (True, False, Reason.STARTING)
     assert bench.mirrored == [bench.state]
     assert bench.bay.name == "north"
     assert bench.bay.state() is bench.state
@@ -120,7 +120,7 @@ def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
         bench.bay.on_range(heard(bench.clock.now_ns()))
         for _ in range(4):  # at 0.11, 0.21, 0.31, 0.41 s
             await asyncio.sleep(0.1)
-            found.append((bench.state.heartbeat, bench.state.permit))
+            found.append((bench.state.heartbeat, bench.state.may_move))
         assert (bench.state.vision.quality, bench.state.range.quality) == (Quality.STALE, Quality.STALE)
         task.cancel()
         await asyncio.wait([task])
@@ -138,7 +138,7 @@ def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float,
     bench = Bench(fusion=FusionConfig(period_s=period_s, vision_deadline_s=10, range_deadline_s=10))
     bench.go()
     last = bench.state
-    assert last.permit
+    assert last.may_move
     bench.told()
 
     bench.at(dead_after_ms)
@@ -148,7 +148,7 @@ def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float,
     bench.clock.t_ns = now_ns
     dead = bench.bay.state()
 
-    assert (dead.stop, dead.permit, dead.d, dead.reason) == (True, False, None, Reason.GATEWAY_FAULT)
+    assert (dead.stop, dead.may_move, dead.d, dead.reason) == (True, False, None, Reason.GATEWAY_FAULT)
     assert (dead.vision.circle, dead.range.distance_mm) == (None, None)
     assert (dead.t_ns, dead.heartbeat) == (now_ns, last.heartbeat)
     # Looking changes nothing: the number comes again with the next state, under another reason.
@@ -188,7 +188,7 @@ def test_it_recovers_from_a_pause_by_itself() -> None:
         task.cancel()
         await asyncio.wait([task])
         assert bench.bay.state() is bench.state
-        assert (bench.state.permit, bench.state.reason) == (True, Reason.NONE)
+        assert (bench.state.may_move, bench.state.reason) == (True, Reason.NONE)
 
     virtual_time.run(main())
 
@@ -198,11 +198,11 @@ def test_sensors_that_still_speak_do_not_make_a_dead_control_task_look_alive() -
     for ms in range(0, 251, 25):
         bench.go(ms)
     assert bench.bay.state() is bench.state
-    assert bench.state.permit
+    assert bench.state.may_move
 
     bench.go(275)
     dead = bench.bay.state()
-    assert (dead.stop, dead.permit, dead.d, dead.reason) == (True, False, None, Reason.GATEWAY_FAULT)
+    assert (dead.stop, dead.may_move, dead.d, dead.reason) == (True, False, None, Reason.GATEWAY_FAULT)
     assert (dead.vision.circle, dead.range.distance_mm) == (None, None)
     assert dead.heartbeat == 0
 
@@ -235,7 +235,7 @@ def test_the_last_word_is_stop() -> None:
     bench.bay.shut_down()
 
     last = bench.state
-    assert (last.stop, last.permit, last.d, last.reason) == (True, False, None, Reason.SHUTDOWN)
+    assert (last.stop, last.may_move, last.d, last.reason) == (True, False, None, Reason.SHUTDOWN)
     assert (last.vision.circle, last.range.distance_mm, last.seq) == (None, None, 3)
     assert last.t_ns == T0 + 40 * MS
     assert bench.mirrored[-1] is last

@@ -110,7 +110,7 @@ def test_a_refused_write_does_not_make_a_dead_bay_look_alive() -> None:
     bench.clock.t_ns += 251 * MS
     bench.bay.on_refused(WHO, "register 4 is read only")
     (event,) = events.drain()
-    assert (event.state.stop, event.state.permit, event.state.reason) == (True, False, Reason.GATEWAY_FAULT)
+    assert (event.state.stop, event.state.may_move, event.state.reason) == (True, False, Reason.GATEWAY_FAULT)
     assert event.state.range.distance_mm is None
     assert len(mirrored) == count, "the shared memory's reader must see that nobody writes any more"
     assert bench.hub.state("bay1") is last
@@ -145,8 +145,8 @@ def test_what_became_of_the_plcs_wishes() -> None:
 
 def test_a_technician_comes_and_goes() -> None:
     bench = Bench()
-    bench.bay.check_function(FunctionCheck.PERMIT_OFF)
-    bench.bay.check_function(FunctionCheck.PERMIT_KEPT)
+    bench.bay.check_function(FunctionCheck.MAY_MOVE_OFF)
+    bench.bay.check_function(FunctionCheck.MAY_MOVE_KEPT)
     bench.bay.check_function(FunctionCheck.OFF)
     assert [kind for kind, _ in bench.told()] == [EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED]
 

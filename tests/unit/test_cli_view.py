@@ -66,10 +66,10 @@ def picture(states: list[StateVector], events: list[Event], width: int, height: 
 def test_a_bay_whose_control_task_is_dead_is_not_drawn_as_good() -> None:
     fine = "\n".join(picture([good()], [], 120, 40))
     assert "APPROACH" in fine
-    assert "permit yes" in fine
+    assert "may move yes" in fine
     dead = "\n".join(picture([replace(good(), t_ns=-251 * MS)], [], 120, 40))
     assert "STOP" in dead
-    assert "permit no" in dead
+    assert "may move no" in dead
     assert "the gateway's own control task does not run" in dead
     assert "120.0 px" not in dead
 

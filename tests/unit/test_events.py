@@ -21,7 +21,7 @@ from gateway.model import (
     VisionReading,
 )
 
-CALM = StateVector(bay="bay3", t_ns=77, stop=False, permit=True)
+CALM = StateVector(bay="bay3", t_ns=77, stop=False, may_move=True)
 
 
 def with_vision(quality: Quality, detail: str = "") -> StateVector:

@@ -81,7 +81,7 @@ def both(radius_px: float, distance_mm: float, config: FusionConfig = PAPER, t_n
 def test_default_decision_is_equation_14(radius_px: float, distance_mm: float, d: bool) -> None:
     state = both(radius_px, distance_mm)
 
-    assert (state.d, state.stop, state.permit) == (d, d, not d)
+    assert (state.d, state.stop, state.may_move) == (d, d, not d)
     assert state.reason is (Reason.TARGET_REACHED if d else Reason.NONE)
 
 
@@ -113,7 +113,7 @@ def test_initial_state_is_stop_and_knows_nothing() -> None:
     state = initial("bay7", T0)
 
     assert (state.bay, state.t_ns, state.seq, state.heartbeat) == ("bay7", T0, 0, 0)
-    assert (state.d, state.stop, state.permit, state.reason) == (None, True, False, Reason.STARTING)
+    assert (state.d, state.stop, state.may_move, state.reason) == (None, True, False, Reason.STARTING)
     assert (state.vision.quality, state.range.quality) == (Quality.WAITING, Quality.WAITING)
     assert (state.vision.t_ns, state.range.t_ns) == (T0, T0)
 
@@ -179,7 +179,7 @@ def test_a_stale_value_is_withdrawn_but_its_time_stays() -> None:
         T0, Quality.STALE, None, 7, None, None, "no result for 0.3 s", VisionStats(frames=9)
     )
     assert stale.range == RangeReading(T0, Quality.STALE, None, 5, "no reading for 0.4 s", RangeStats(lines=4))
-    assert (stale.d, stale.stop, stale.permit, stale.reason) == (None, True, False, Reason.VISION_STALE)
+    assert (stale.d, stale.stop, stale.may_move, stale.reason) == (None, True, False, Reason.VISION_STALE)
 
 
 def test_a_value_that_arrives_too_late_never_counts() -> None:
@@ -228,7 +228,7 @@ def test_a_port_that_opens_again_lifts_no_fault(fault: Quality) -> None:
     """A serial server that is busy accepts every connection and closes it: nothing has recovered in between."""
     state = after(seen(T0, 100.0), RangeReading(T0, fault), RangeReading(T0 + 9 * MS, Quality.WAITING))
     assert (state.range.quality, state.range.t_ns) == (fault, T0)
-    assert after(heard(T0 + 10 * MS, 900.0), start=state).permit
+    assert after(heard(T0 + 10 * MS, 900.0), start=state).may_move
 
 
 def test_a_new_connection_withdraws_the_value_of_the_old_one() -> None:
@@ -277,7 +277,7 @@ def test_a_radius_that_cannot_be_is_a_fault(bad: float) -> None:
     state = after(seen(T0), heard(T0), seen(T0 + 1, bad))
 
     assert (state.vision.quality, state.vision.circle) == (Quality.PROCESS_FAULT, None)
-    assert (state.d, state.stop, state.permit, state.reason) == (None, True, False, Reason.VISION_FAULT)
+    assert (state.d, state.stop, state.may_move, state.reason) == (None, True, False, Reason.VISION_FAULT)
     assert state.vision.detail == "detection without a usable circle"
 
 
@@ -287,7 +287,7 @@ def test_a_centre_that_cannot_be_is_a_fault(axis: str, bad: float) -> None:
     reading = VisionReading(T0, Quality.GOOD, replace(Circle(1.0, 2.0, 200.0), **{axis: bad}))
     state = after(heard(T0), reading)
 
-    assert (state.vision.quality, state.d, state.permit) == (Quality.PROCESS_FAULT, None, False)
+    assert (state.vision.quality, state.d, state.may_move) == (Quality.PROCESS_FAULT, None, False)
 
 
 def test_the_largest_number_that_can_be() -> None:
@@ -315,7 +315,7 @@ def test_a_distance_that_cannot_be_is_a_fault(bad: float) -> None:
     state = after(seen(T0), heard(T0), heard(T0 + 1, bad))
 
     assert (state.range.quality, state.range.distance_mm) == (Quality.UNSTABLE, None)
-    assert (state.d, state.stop, state.permit, state.reason) == (None, True, False, Reason.RANGE_UNSTABLE)
+    assert (state.d, state.stop, state.may_move, state.reason) == (None, True, False, Reason.RANGE_UNSTABLE)
     assert state.range.detail == "reading without a usable distance"
 
 
@@ -331,7 +331,7 @@ def test_a_value_that_is_not_good_is_not_shown(quality: Quality) -> None:
     state = after(VisionReading(T0, quality, circle, x_n=0.5, y_n=0.5), RangeReading(T0, quality, 100.0))
 
     assert (state.vision.circle, state.vision.x_n, state.vision.y_n) == (None, None, None)
-    assert (state.range.distance_mm, state.d, state.permit) == (None, None, False)
+    assert (state.range.distance_mm, state.d, state.may_move) == (None, None, False)
 
 
 def test_coordinates_without_a_circle_are_not_shown() -> None:
@@ -367,7 +367,7 @@ def test_a_measurement_carries_no_prediction() -> None:
 def test_every_camera_fault_stops_with_its_reason(quality: Quality) -> None:
     state = after(seen(T0, 10.0), heard(T0, 2000.0), VisionReading(T0 + 1, quality))
 
-    assert (state.d, state.stop, state.permit) == (None, True, False)
+    assert (state.d, state.stop, state.may_move) == (None, True, False)
     assert state.reason is {
         Quality.WAITING: Reason.STARTING,
         Quality.STALE: Reason.VISION_STALE,
@@ -381,7 +381,7 @@ def test_every_camera_fault_stops_with_its_reason(quality: Quality) -> None:
 def test_every_ranger_fault_stops_with_its_reason(quality: Quality) -> None:
     state = after(seen(T0, 10.0), heard(T0, 2000.0), RangeReading(T0 + 1, quality))
 
-    assert (state.d, state.stop, state.permit) == (None, True, False)
+    assert (state.d, state.stop, state.may_move) == (None, True, False)
     assert state.reason is {
         Quality.WAITING: Reason.STARTING,
         Quality.STALE: Reason.RANGE_STALE,
@@ -422,13 +422,13 @@ def test_what_somebody_has_to_repair_is_told_first(vision: Quality, rng: Quality
 def test_without_fail_safe_only_the_decision_stops() -> None:
     config = FusionConfig(fail_safe=False)
     faulty = after(seen(T0, 10.0), RangeReading(T0, Quality.LINK_DOWN), config=config)
-    assert (faulty.d, faulty.stop, faulty.permit, faulty.reason) == (None, False, False, Reason.NONE)
+    assert (faulty.d, faulty.stop, faulty.may_move, faulty.reason) == (None, False, False, Reason.NONE)
 
     reached = both(200.0, 250.0, config)
-    assert (reached.d, reached.stop, reached.permit, reached.reason) == (True, True, False, Reason.TARGET_REACHED)
+    assert (reached.d, reached.stop, reached.may_move, reached.reason) == (True, True, False, Reason.TARGET_REACHED)
 
     stale = step(reached, TICK, T0 + S, config)  # a blind gateway does NOT say stop, but permits nothing either
-    assert (stale.d, stale.stop, stale.permit, stale.reason) == (None, False, False, Reason.NONE)
+    assert (stale.d, stale.stop, stale.may_move, stale.reason) == (None, False, False, Reason.NONE)
 
 
 def test_target_seen_remembers_the_last_frame_that_could_be_judged() -> None:
@@ -514,7 +514,7 @@ def test_the_debounce_of_a_stop_ends_no_stop_of_a_fault() -> None:
         state = step(state, heard(now_ns, 200.0), now_ns, config)
         frame = VisionReading(now_ns, Quality.NO_TARGET) if n % 3 == 2 else seen(now_ns, 220.0)
         state = step(state, frame, now_ns, config)
-        assert (state.stop, state.permit) == (True, False)
+        assert (state.stop, state.may_move) == (True, False)
 
 
 def test_without_fail_safe_there_is_no_stop_of_a_fault_to_keep() -> None:
@@ -640,17 +640,17 @@ def test_a_lasting_disagreement_is_a_fault_and_agreement_ends_it() -> None:
     state = after(*disagreeing(0), config=CHECKED)
     for ms in range(250, 1000, 250):
         state = after(*disagreeing(ms), config=CHECKED, start=state)
-    assert (state.memory.disagree, state.permit) == (False, True)
+    assert (state.memory.disagree, state.may_move) == (False, True)
 
     state = step(state, TICK, T0 + 1000 * MS - 1, CHECKED)
     assert not state.memory.disagree
     state = step(state, TICK, T0 + 1000 * MS, CHECKED)
-    assert (state.memory.disagree, state.stop, state.permit) == (True, True, False)
+    assert (state.memory.disagree, state.stop, state.may_move) == (True, True, False)
     assert (state.d, state.reason) == (False, Reason.SENSORS_DISAGREE)
 
     state = after(*agreeing(1100), config=CHECKED, start=state)
     assert (state.memory.disagree, state.memory.disagree_since_ns) == (False, None)
-    assert (state.stop, state.permit, state.reason) == (False, True, Reason.NONE)
+    assert (state.stop, state.may_move, state.reason) == (False, True, Reason.NONE)
 
 
 def test_agreement_in_between_starts_the_wait_anew() -> None:
@@ -671,7 +671,7 @@ def test_a_disagreement_is_neither_forgotten_nor_forgiven_by_blindness() -> None
     assert deaf.memory.disagree
     assert deaf.z_vision_mm == 600.0
     back = after(*disagreeing(1200), config=CHECKED, start=blind)
-    assert (back.memory.disagree, back.permit) == (True, False)
+    assert (back.memory.disagree, back.may_move) == (True, False)
 
 
 def test_the_wait_goes_on_while_blind() -> None:
@@ -691,10 +691,10 @@ def test_a_disagreement_of_no_duration_is_a_fault_at_once() -> None:
 def test_a_disagreement_outranks_a_reached_target() -> None:
     config = FusionConfig(cross_check=CrossCheck(focal_px=6000, marker_radius_mm=90, lasting_s=0))
     state = both(200.0, 250.0, config)
-    assert (state.d, state.stop, state.permit, state.reason) == (True, True, False, Reason.SENSORS_DISAGREE)
+    assert (state.d, state.stop, state.may_move, state.reason) == (True, True, False, Reason.SENSORS_DISAGREE)
 
     unsafe = both(200.0, 250.0, config.model_copy(update={"fail_safe": False}))
-    assert (unsafe.stop, unsafe.permit, unsafe.reason) == (True, False, Reason.TARGET_REACHED)
+    assert (unsafe.stop, unsafe.may_move, unsafe.reason) == (True, False, Reason.TARGET_REACHED)
 
 
 def test_without_the_cross_check_nothing_is_compared() -> None:
@@ -709,7 +709,7 @@ def test_without_the_cross_check_nothing_is_compared() -> None:
 @pytest.mark.parametrize("reason", [Reason.GATEWAY_FAULT, Reason.SHUTDOWN])
 def test_forced_stop_withdraws_every_value(reason: Reason) -> None:
     state = after(replace(seen(T0, 90.0, frame_id=4), x_n=0.1, y_n=0.2), heard(T0, 600.0), TICK, config=CHECKED)
-    assert state.permit
+    assert state.may_move
 
     forced = forced_stop(state, reason, T0 + 9)
 
@@ -721,7 +721,7 @@ def test_forced_stop_withdraws_every_value(reason: Reason) -> None:
         range=replace(state.range, quality=Quality.STALE, distance_mm=None),
         d=None,
         stop=True,
-        permit=False,
+        may_move=False,
         reason=reason,
         z_vision_mm=None,
         plc=state.plc.withdrawn(),
@@ -743,7 +743,7 @@ def test_fusion_recovers_from_a_forced_stop_with_new_readings_only() -> None:
     assert (ticked.d, ticked.stop, ticked.reason) == (None, True, Reason.VISION_STALE)
 
     again = after(seen(T0 + 3, 90.0), heard(T0 + 3, 600.0), start=ticked)
-    assert (again.d, again.stop, again.permit, again.reason) == (False, False, True, Reason.NONE)
+    assert (again.d, again.stop, again.may_move, again.reason) == (False, False, True, Reason.NONE)
 
 
 # Anything, in any order.
@@ -881,7 +881,7 @@ class FusionMachine(RuleBasedStateMachine):
     def permits_only_what_is_healthy(self) -> None:
         state = self.state
         if state is self.old:  # before the first step: stop, whatever is configured
-            assert (state.stop, state.permit, state.reason) == (True, False, Reason.STARTING)
+            assert (state.stop, state.may_move, state.reason) == (True, False, Reason.STARTING)
             return
         healthy = (
             state.vision.quality is Quality.GOOD
@@ -890,8 +890,8 @@ class FusionMachine(RuleBasedStateMachine):
             and self.now_ns - state.range.t_ns <= self.config.range_deadline_s * S
             and not state.memory.disagree
         )
-        assert not (state.permit and state.stop)
-        assert state.permit == (healthy and state.d is False)
+        assert not (state.may_move and state.stop)
+        assert state.may_move == (healthy and state.d is False)
         if self.config.fail_safe:
             assert state.stop == (not healthy or state.d is True)
         else:

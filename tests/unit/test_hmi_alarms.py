@@ -138,14 +138,14 @@ CAUSES = {
     "ranger_too_near": ranger(Quality.TOO_NEAR),
     "sensors_disagree": permitted(memory=FusionMemory(disagree=True)),
     "maintenance": permitted(memory=FusionMemory(wear=1, wear_ns=4_000_000_000)),
-    "function_check_forgotten": permitted(function_check=FunctionCheck.PERMIT_KEPT),
+    "function_check_forgotten": permitted(function_check=FunctionCheck.MAY_MOVE_KEPT),
 }
 NO_ALARM = {
     "loading": permitted(),
     "empty bay": permitted(
         vision=VisionReading(1, Quality.NO_TARGET), range=RangeReading(1, Quality.NO_ECHO), reason=Reason.NO_TARGET
     ),
-    "truck in place": permitted(d=True, stop=True, permit=False, reason=Reason.TARGET_REACHED),
+    "truck in place": permitted(d=True, stop=True, may_move=False, reason=Reason.TARGET_REACHED),
     "starting": StateVector("bay1"),
     "coasting": camera(Quality.COASTED),
     "truck far away": no_echo(20.0),
@@ -211,7 +211,7 @@ class TestSuppressedByDesign:
         alarms = board()
         down = camera(Quality.LINK_DOWN)
         look(alarms, down, 0, 2)
-        checked = look(alarms, replace(down, function_check=FunctionCheck.PERMIT_OFF), 10)
+        checked = look(alarms, replace(down, function_check=FunctionCheck.MAY_MOVE_OFF), 10)
         assert ("bay1.camera_down", "suppressed") in told(checked)
         assert "bay1.plc_lost" not in dict(told(checked))
         back = look(alarms, down, 20)
@@ -220,7 +220,7 @@ class TestSuppressedByDesign:
         assert told(look(alarms, down, 22)) == [("bay1.camera_down", "unacknowledged")]
 
     def test_while_permit_is_kept_nothing_is_hidden(self) -> None:
-        state = replace(camera(Quality.LINK_DOWN), function_check=FunctionCheck.PERMIT_KEPT)
+        state = replace(camera(Quality.LINK_DOWN), function_check=FunctionCheck.MAY_MOVE_KEPT)
         assert told(look(board(), state, 0, 2)) == [("bay1.camera_down", "unacknowledged")]
 
     def test_a_dead_control_task_is_one_alarm_not_four(self) -> None:
@@ -241,7 +241,7 @@ class TestSuppressedByDesign:
         down = camera(Quality.LINK_DOWN)
         look(alarms, down, 0, 2)
         assert deed(alarms, Cue.SHELVE, 3, minutes=1).outcome is Outcome.DONE
-        checked = replace(down, function_check=FunctionCheck.PERMIT_OFF)
+        checked = replace(down, function_check=FunctionCheck.MAY_MOVE_OFF)
         changes = look(alarms, checked, 62, 63)
         assert [state for name, state in told(changes) if name == "bay1.camera_down"] == ["normal", "suppressed"]
 
@@ -415,7 +415,7 @@ class Life(RuleBasedStateMachine):
                 self.unseen = False
 
     def look(self) -> None:
-        function = FunctionCheck.PERMIT_OFF if self.checked else FunctionCheck.OFF
+        function = FunctionCheck.MAY_MOVE_OFF if self.checked else FunctionCheck.OFF
         base = camera(Quality.LINK_DOWN) if self.cause else permitted()
         self.take(self.alarms.look_at_bay(replace(base, function_check=function), self.now_ns))
 

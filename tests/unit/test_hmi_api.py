@@ -68,7 +68,7 @@ def test_state_of_all_bays_and_of_one() -> None:
             assert [bay["bay"] for bay in both] == ["bay1", "bay2"]
             one = fits(await ask.get("/api/bays/bay1/state"), "BayView")
             assert (one["state"]["radius_px"], one["state"]["distance_mm"]) == (100.0, 900.0)
-            assert one["state"]["permit"] is True
+            assert one["state"]["may_move"] is True
             assert 0 <= one["age_ms"] < 1500
             assert (one["unit_id"], one["function_check"], one["method"]) == (1, "OFF", "robust")
             assert both[1]["state"]["reason"]["name"] == "STARTING"
@@ -202,7 +202,7 @@ def test_registers_are_the_words_that_a_plc_reads() -> None:
             assert (rows["vision_quality"]["value"], rows["vision_quality"]["text"]) == (0, "good")
             assert (rows["z_vision"]["words"], rows["z_vision"]["value"]) == ([0xFFFF], None)
             on = {bit["name"] for bit in rows["status"]["bits"] if bit["on"]}
-            assert on == {"permit", "vision_good", "range_good", "healthy"}
+            assert on == {"may_move", "vision_good", "range_good", "healthy"}
             assert rows["seq_begin"]["words"] == rows["seq_end"]["words"]
             assert told["word_order"] == "big"
             assert [name for name, row in rows.items() if row["writable"]] == [
@@ -258,9 +258,9 @@ class TestAlarms:
                 change = told["changes"][-1]
                 assert (change["cue"], change["after"], change["who"]) == ("acknowledge", "acknowledged", "anna")
                 after = made.hub.state("bay1")
-                assert (after.stop, after.permit, after.reason) == (before.stop, before.permit, before.reason)
+                assert (after.stop, after.may_move, after.reason) == (before.stop, before.may_move, before.reason)
                 assert after.stop
-                assert not after.permit
+                assert not after.may_move
 
         run(scene())
 
@@ -349,11 +349,11 @@ class TestAlarms:
 def test_a_function_check_suppresses_and_says_so() -> None:
     async def scene() -> None:
         async with plant() as made:
-            made.controls["bay1"].check_function(FunctionCheck.PERMIT_OFF)
+            made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
             await asyncio.sleep(2)
             summary = fits(await caller(made).get("/api/alarms"), "AlarmsView")["summary"]
             assert (summary["suppressed"], summary["active"], summary["first"]) == (12, 0, None)
             one = fits(await caller(made).get("/api/bays/bay1/state"), "BayView")
-            assert one["function_check"] == "PERMIT_OFF"
+            assert one["function_check"] == "MAY_MOVE_OFF"
 
     run(scene())

@@ -89,7 +89,7 @@ def test_events_come_once_in_order_and_those_from_before_the_first_visitor_too()
     async def scene() -> None:
         async with plant() as made:
             for _ in range(30):
-                made.controls["bay1"].check_function(FunctionCheck.PERMIT_OFF)
+                made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
                 made.controls["bay1"].check_function(FunctionCheck.OFF)
             await asyncio.sleep(0.0)
             for _ in range(100):
@@ -109,7 +109,7 @@ def test_more_events_than_are_kept_are_missed_and_counted() -> None:
     async def scene() -> None:
         async with plant(keep=False) as made:
             for _ in range(600):
-                made.controls["bay1"].check_function(FunctionCheck.PERMIT_OFF)
+                made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
                 made.controls["bay1"].check_function(FunctionCheck.OFF)
             first = made.feed.answer(Ask(1, ("bay1",), after=1))
             assert [row.number for row in first.events] == [202, 203, 204, 205]  # 1201 in all, the newest 1000 are kept
@@ -133,10 +133,10 @@ def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() -> Non
     async def scene() -> None:
         async with plant() as made:
             fresh(made)
-            assert made.hub.state("bay1").permit
-            await made.desk.order(Check("bay1", FunctionCheck.PERMIT_OFF), ANNA)
-            assert made.hub.state("bay1").function_check is FunctionCheck.PERMIT_OFF
-            assert not made.hub.state("bay1").permit
+            assert made.hub.state("bay1").may_move
+            await made.desk.order(Check("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
+            assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
+            assert not made.hub.state("bay1").may_move
             await asyncio.sleep(1.1)
             told = [row.event for row in made.desk.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
             assert [event.detail for event in told] == ["127.0.0.1 (anna, role technician)"]
@@ -151,7 +151,7 @@ def test_settings_go_live_only_while_a_function_check_is_on() -> None:
             with pytest.raises(RefusedError, match="function check first"):
                 await made.desk.order(Apply("bay1", wished), ANNA)
             assert made.eyes["bay1"].settings == VisionConfig()
-            await made.desk.order(Check("bay1", FunctionCheck.PERMIT_KEPT), ANNA)
+            await made.desk.order(Check("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
             await made.desk.order(Apply("bay1", wished), ANNA)
             assert made.eyes["bay1"].settings == wished
             made.eyes["bay1"].refuses = "vision.workers can't change while the gateway runs"
@@ -168,7 +168,7 @@ def test_an_order_for_no_bay_is_refused() -> None:
     async def scene() -> None:
         async with plant() as made:
             with pytest.raises(RefusedError, match="no bay 'bay7'"):
-                await made.desk.order(Check("bay7", FunctionCheck.PERMIT_OFF), ANNA)
+                await made.desk.order(Check("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
 
     run(scene())
 
@@ -188,7 +188,7 @@ def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message()
                 )
                 memory = replace(state.memory, track=track)
                 made.hub.publish(replace(state, vision=reading, memory=memory, seq=state.seq + 1))
-                for mode in (FunctionCheck.PERMIT_OFF, FunctionCheck.OFF):
+                for mode in (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF):
                     control.check_function(mode)
             answer = made.feed.answer(Ask(1, made.desk.bays[:MAX_STATES]))
             rows = tuple(TaskNow(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))

@@ -34,7 +34,7 @@ def test_all_that_an_honest_web_process_says_is_understood() -> None:
     intrinsics = Intrinsics(fx=600.0, fy=600.0, cx=320.0, cy=240.0, distortion=(0.1, 0.0, 0.0, 0.0))
     for word in (
         Ask(3, ("bay1",), 7, links=False),
-        Order(1, ANNA, Check("bay1", FunctionCheck.PERMIT_OFF)),
+        Order(1, ANNA, Check("bay1", FunctionCheck.MAY_MOVE_OFF)),
         Order(2, ANNA, Apply("bay1", VisionConfig(method="paper", intrinsics=intrinsics))),
         Order(3, ANNA, Deed("bay1.camera", Cue.SHELVE, "anna", "why", 5.0, 2)),
         Failed("no", config=True),
@@ -81,7 +81,7 @@ def test_an_order_can_bring_no_observation_with_it() -> None:
 def test_settings_are_checked_again() -> None:
     async def scene() -> None:
         async with plant() as made:
-            made.feed.carry_out(Order(1, ANNA, Check("bay1", FunctionCheck.PERMIT_KEPT)))
+            made.feed.carry_out(Order(1, ANNA, Check("bay1", FunctionCheck.MAY_MOVE_KEPT)))
             forged = VisionConfig.model_construct(_fields_set={"deadline_s"}, deadline_s=1e9)
             done = made.feed.carry_out(Order(2, ANNA, Apply("bay1", forged)))
             assert "deadline_s" in done.why
@@ -96,7 +96,7 @@ def test_settings_are_checked_again() -> None:
 def test_orders_that_come_faster_than_people_give_them_are_refused_and_change_nothing() -> None:
     async def scene() -> None:
         async with plant() as made:
-            modes = (FunctionCheck.PERMIT_OFF, FunctionCheck.OFF)
+            modes = (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF)
             whys = [made.feed.carry_out(Order(n, ANNA, Check("bay1", modes[n % 2]))).why for n in range(3 * BURST)]
             assert whys[:BURST] == [""] * BURST
             assert all("too many" in why for why in whys[BURST:])
@@ -110,7 +110,7 @@ def test_long_names_are_clipped_where_they_are_kept() -> None:
         async with plant() as made:
             long = "x" * 60_000
             who = Writer(long, long, long)
-            made.feed.carry_out(Order(1, who, Check("bay1", FunctionCheck.PERMIT_KEPT)))
+            made.feed.carry_out(Order(1, who, Check("bay1", FunctionCheck.MAY_MOVE_KEPT)))
             made.feed.carry_out(Order(2, who, Apply("bay1", VisionConfig(method="paper"))))
             made.feed.carry_out(Order(3, who, Deed("bay1.camera", Cue.SHELVE, long, "", 5)))
             assert len(made.feed.carry_out(Order(4, who, Check(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME

@@ -201,9 +201,9 @@ def test_settings_go_live_in_a_function_check_and_back_again() -> None:
             assert "function check" in refused.json["detail"]
             assert (await page.post("profile/undo")).status == 409
 
-            began = (await page.post("function-check", mode="permit_kept")).json
-            assert began["function_check"] == "permit_kept"
-            assert page.made.controls["bay1"].state().function_check is FunctionCheck.PERMIT_KEPT
+            began = (await page.post("function-check", mode="may_move_kept")).json
+            assert began["function_check"] == "may_move_kept"
+            assert page.made.controls["bay1"].state().function_check is FunctionCheck.MAY_MOVE_KEPT
             live = (await page.post("profile/apply", vision={"method": "paper", "coast_s": 0.5})).json
             assert (live["vision"]["method"], live["vision"]["coast_s"], live["undo_steps"]) == ("paper", 0.5, 1)
             assert page.made.eyes["bay1"].settings == VisionConfig(method="paper", coast_s=0.5)
@@ -222,7 +222,7 @@ def test_settings_go_live_in_a_function_check_and_back_again() -> None:
 def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go_live() -> None:
     async def scene() -> None:
         async with bay() as page:
-            await page.post("function-check", mode="permit_off")
+            await page.post("function-check", mode="may_move_off")
             both_saw = (await page.get("profile")).json["vision"]
             first = await page.post("profile/apply", vision={**both_saw, "coast_s": 0.5}, over=both_saw)
             assert first.status == 200
@@ -256,7 +256,7 @@ def test_bad_settings_are_refused_by_every_address_in_the_words_of_the_file(visi
     async def scene() -> None:
         async with bay() as page:
             page.film()
-            await page.post("function-check", mode="permit_off")
+            await page.post("function-check", mode="may_move_off")
             for path, more in (
                 ("trial", {"live": True}),
                 ("profile/apply", {}),

@@ -140,7 +140,7 @@ def test_before_the_first_publish_every_bay_is_at_stop() -> None:
     assert hub.bays == ("a", "b")
     for bay in hub.bays:
         first = hub.state(bay)
-        assert (first.bay, first.seq, first.stop, first.permit, first.d) == (bay, 0, True, False, None)
+        assert (first.bay, first.seq, first.stop, first.may_move, first.d) == (bay, 0, True, False, None)
         assert (first.vision.quality, first.range.quality) == (Quality.WAITING, Quality.WAITING)
 
 

@@ -88,7 +88,7 @@ class Bay:
 
     @property
     def said(self) -> tuple[bool, bool, Reason]:
-        return self.state.stop, self.state.permit, self.state.reason
+        return self.state.stop, self.state.may_move, self.state.reason
 
 
 ON_ITS_WAY = (False, True, Reason.NONE)
@@ -114,7 +114,7 @@ def test_by_default_it_decides_exactly_as_fusion_does() -> None:
     for n, move in enumerate(moves):
         plain = fusion.step(plain, move, T0 + n * MS, config.bays[0].fusion)
         interlocked = interlock.step(interlocked, move, T0 + n * MS, under)
-        for name in ("stop", "permit", "reason", "d", "seq", "heartbeat"):
+        for name in ("stop", "may_move", "reason", "d", "seq", "heartbeat"):
             assert getattr(plain, name) == getattr(interlocked, name), (n, name)
     assert interlocked.plc.writes == 0, "writes are off"
 
@@ -223,7 +223,7 @@ def test_the_sensors_see_that_the_truck_has_left(quality: Quality) -> None:
         assert bay.gone(quality).memory.latched
     assert not any(bay.gone(quality).memory.latched for _ in range(3))
     assert bay.state.stop, "no marker: fail safe"
-    assert bay.see(FAR).permit
+    assert bay.see(FAR).may_move
 
 
 @pytest.mark.parametrize(
@@ -306,7 +306,7 @@ def test_permit_waits_for_the_plcs_word(required: str, bit: Control) -> None:
     assert bay.said == ON_ITS_WAY
     bay.set()
     assert bay.said == (False, False, Reason.NONE)
-    assert Bay(rules()).see().permit
+    assert Bay(rules()).see().may_move
 
 
 # A technician.
@@ -316,12 +316,12 @@ def test_function_check() -> None:
     bay = Bay(rules())
     bay.see()
     assert bay.said == ON_ITS_WAY
-    bay.step(FunctionCheck.PERMIT_OFF)
+    bay.step(FunctionCheck.MAY_MOVE_OFF)
     assert bay.said == (False, False, Reason.NONE)
     assert bay.see().guidance.code is GuidanceCode.WAIT
-    assert not bay.state.permit
-    assert bay.step(FunctionCheck.PERMIT_KEPT).permit
-    assert bay.step(FunctionCheck.OFF).permit
+    assert not bay.state.may_move
+    assert bay.step(FunctionCheck.MAY_MOVE_KEPT).may_move
+    assert bay.step(FunctionCheck.OFF).may_move
     assert bay.state.function_check is FunctionCheck.OFF
 
 
@@ -407,11 +407,11 @@ def test_invariants(moves: list[tuple[int, tuple[Any, ...]]], keys: dict[str, An
 
         # Nothing that stands on top of fusion ends a stop or gives a permit.
         assert state.stop >= alone.stop
-        assert state.permit <= alone.permit
-        assert not (state.stop and state.permit)
+        assert state.may_move <= alone.may_move
+        assert not (state.stop and state.may_move)
         assert (state.reason is Reason.NONE) == (not state.stop)
         # Never a permit without the PLC's heartbeat, where it is required.
-        if "heartbeat_required" in required and state.permit:
+        if "heartbeat_required" in required and state.may_move:
             assert now_ns - state.plc.beat_ns <= S
             assert state.plc.writes
         # A write never ends a stop whose cause stands, or can't be judged.

@@ -87,7 +87,7 @@ def test_ignition_reads_the_image_through_its_own_addresses() -> None:
     for name, value in expected.items():
         if value is not None:
             assert read[name] == pytest.approx(value, abs=1e-3), name
-    assert (bits["permit"], bits["stop"], bits["healthy"]) == (True, False, True)
+    assert (bits["may_move"], bits["stop"], bits["healthy"]) == (True, False, True)
 
 
 def test_ignition_documents_codes() -> None:
@@ -131,7 +131,7 @@ def test_kepware_reads_the_image_through_its_own_addresses() -> None:
             assert read[f"{name}_high"] << 32 | read[f"{name}_low"] == expected
         elif expected is not None:
             assert read[name] == pytest.approx(expected, abs=1e-3), name
-    assert (read["status_permit"], read["status_stop"]) == (True, False)
+    assert (read["status_may_move"], read["status_stop"]) == (True, False)
 
 
 # ---- Siemens
@@ -230,7 +230,7 @@ def test_logix_decodes_the_image(target: Target) -> None:
         assert raw.get(f"{name}_valid", True) is (value is not None), name
         if value is not None:
             assert raw[name] == pytest.approx(value, abs=1e-3), name
-    assert (raw["status_permit"], raw["status_stop"]) == (True, False)
+    assert (raw["status_may_move"], raw["status_stop"]) == (True, False)
 
 
 def test_logix_checks_what_structured_text_checks() -> None:
@@ -299,7 +299,7 @@ def test_node_red_decodes_and_enables() -> None:
             assert data["payload"][name] is None
         else:
             assert data["payload"][name] == pytest.approx(value, abs=1e-3), name
-    assert data["payload"]["status_permit"] is True
+    assert data["payload"]["status_may_move"] is True
 
 
 def test_node_red_takes_the_other_word_order_only_when_told() -> None:
@@ -317,7 +317,7 @@ def test_node_red_takes_the_other_word_order_only_when_told() -> None:
         ({"map_version": 0}, Diagnosis.OLD_MAP),
         ({"known_u32": 1}, Diagnosis.FOREIGN),
         ({"stop": 1}, Diagnosis.CONTRADICTION),
-        ({"permit": 0}, Diagnosis.CONTRADICTION),
+        ({"may_move": 0}, Diagnosis.CONTRADICTION),
         ({"reason": 10}, Diagnosis.CONTRADICTION),
         ({"vision_quality": 1}, Diagnosis.VISION),
         ({"range_quality": 1}, Diagnosis.RANGER),

@@ -71,7 +71,7 @@ STATE = StateVector(
     ),
     d=True,
     stop=True,
-    permit=False,
+    may_move=False,
     reason=Reason.TARGET_REACHED,
     z_vision_mm=301.5,
 )  # fmt: skip
@@ -188,7 +188,7 @@ def test_addresses_are_never_renumbered() -> None:
     """The published map. A failure here means a PLC somewhere reads the wrong thing."""
     version_1 = (
         "0 seq_begin uint16, 1 map_version uint16, 2 heartbeat uint16, 3 status uint16, 4 stop uint16, "
-        "5 permit uint16, 6 reason uint16, 7 vision_quality uint16, 8 range_quality uint16, 9 d uint16, 10 u int16, "
+        "5 may_move uint16, 6 reason uint16, 7 vision_quality uint16, 8 range_quality uint16, 9 d uint16, 10 u int16, "
         "11 v int16, 12 radius uint16, 13 distance uint16, 14 z_vision uint16, 15 vision_age uint16, "
         "16 range_age uint16, 17 vision_rate uint16, 18 range_rate uint16, 19 vision_latency uint16, "
         "20 frame_id uint32, 22 timestamp uint64, 26 frames_skipped uint16, 27 frames_lost uint16, "
@@ -289,8 +289,8 @@ def test_ages() -> None:
 def test_status_bits() -> None:
     waiting = fusion.initial("north", 5 * S)
     assert bits(waiting) == {StatusBit.STOP, StatusBit.D_UNKNOWABLE, StatusBit.STARTING}
-    permitted = replace(STATE, d=False, stop=False, permit=True, reason=Reason.NONE)
-    assert bits(permitted) == {StatusBit.PERMIT, StatusBit.VISION_GOOD, StatusBit.RANGE_GOOD, StatusBit.HEALTHY}
+    permitted = replace(STATE, d=False, stop=False, may_move=True, reason=Reason.NONE)
+    assert bits(permitted) == {StatusBit.MAY_MOVE, StatusBit.VISION_GOOD, StatusBit.RANGE_GOOD, StatusBit.HEALTHY}
     torn_apart = replace(STATE, memory=FusionMemory(disagree=True), reason=Reason.SENSORS_DISAGREE)
     assert bits(torn_apart) == {
         StatusBit.STOP, StatusBit.D, StatusBit.VISION_GOOD, StatusBit.RANGE_GOOD, StatusBit.FAULT, StatusBit.DISAGREE,
@@ -316,7 +316,7 @@ def test_the_dead_image() -> None:
     alive = encode(STATE, UNIX_NS, "big")
     image = dead_image(STATE, STATE.t_ns + S, UNIX_NS, "big")
     read = decode(image)
-    assert (read["stop"], read["permit"], read["reason"]) == (1, 0, 40)
+    assert (read["stop"], read["may_move"], read["reason"]) == (1, 0, 40)
     assert image[2] == alive[2]  # the heartbeat as it stood
     assert (image[10], image[11], image[12], image[13], image[14]) == (0x8000, 0x8000, 0xFFFF, 0xFFFF, 0xFFFF)
     assert (image[7], image[8], image[9]) == (Quality.STALE, Quality.STALE, 0xFFFF)
@@ -380,7 +380,7 @@ STATES = st.builds(
     ),
     d=st.none() | st.booleans(),
     stop=st.booleans(),
-    permit=st.booleans(),
+    may_move=st.booleans(),
     reason=st.sampled_from(Reason),
     memory=st.builds(FusionMemory, d=st.booleans(), disagree=st.booleans(), latched=st.booleans()),
     plc=SHAKES,

@@ -30,7 +30,7 @@ def test_every_entity_shows_its_field_of_a_real_state() -> None:
     state = example()
     found = shown(state)
     assert found["stop"] == "ON"
-    assert found["permit"] == "OFF"
+    assert found["may_move"] == "OFF"
     assert found["reason"] == "TARGET_REACHED"
     assert (found["distance"], found["radius"]) == ("296.5", "180.4")
     assert found["vision"] == found["range"] == "GOOD"

@@ -91,6 +91,7 @@ def test_a_good_state() -> None:
         "timestamp_ms": 1_700_000_000_123,
         "timestamp": "2023-11-14T22:13:20.123Z",
         "stop": True,
+        "may_move": False,
         "permit": False,
         "reason": {"name": "TARGET_REACHED", "code": 1, "text": REASON_MEANING[Reason.TARGET_REACHED]},
         "d": True,
@@ -245,10 +246,10 @@ def test_a_state_is_shown_as_it_is_while_it_is_young() -> None:
 
 
 def test_a_state_that_nobody_computes_any_more_is_stop_without_values() -> None:
-    permitted = replace(GOOD, stop=False, permit=True, d=False, reason=Reason.NONE)
+    permitted = replace(GOOD, stop=False, may_move=True, d=False, reason=Reason.NONE)
     now_ns = NOW_NS + payloads.STATE_DEADLINE_NS + 1
     found = sent(state_payload(payloads.current(permitted, now_ns), GATEWAY, OFFSET_NS, 1))
-    assert (found["stop"], found["permit"], found["d"]) == (True, False, None)
+    assert (found["stop"], found["may_move"], found["d"]) == (True, False, None)
     assert found["reason"]["name"] == "GATEWAY_FAULT"
     assert [found[key] for key in ("u", "v", "radius_px", "distance_mm", "z_vision_mm")] == [None] * 5
     assert (found["vision"]["quality"]["name"], found["range"]["quality"]["name"]) == ("STALE", "STALE")
@@ -258,14 +259,14 @@ def test_a_state_that_nobody_computes_any_more_is_stop_without_values() -> None:
 
 def test_a_state_not_computed_yet_is_starting_as_of_now() -> None:
     found = sent(state_payload(payloads.current(StateVector("bay2"), NOW_NS), GATEWAY, OFFSET_NS, 1))
-    assert (found["stop"], found["permit"], found["reason"]["name"]) == (True, False, "STARTING")
+    assert (found["stop"], found["may_move"], found["reason"]["name"]) == (True, False, "STARTING")
     assert found["timestamp_ms"] == 1_700_000_000_123
 
 
 def test_the_state_that_stays_behind_is_stop_without_values() -> None:
-    permitted = replace(GOOD, stop=False, permit=True, d=False, reason=Reason.NONE)
+    permitted = replace(GOOD, stop=False, may_move=True, d=False, reason=Reason.NONE)
     left = payloads.final(permitted, NOW_NS + 5)
-    assert (left.stop, left.permit, left.reason, left.d) == (True, False, Reason.SHUTDOWN, None)
+    assert (left.stop, left.may_move, left.reason, left.d) == (True, False, Reason.SHUTDOWN, None)
     assert (left.vision.circle, left.range.distance_mm) == (None, None)
     assert payloads.final(left, NOW_NS + 9) is left
 
@@ -313,7 +314,7 @@ WILD_STATE = st.builds(
     ),
     d=st.none() | st.booleans(),
     stop=st.booleans(),
-    permit=st.booleans(),
+    may_move=st.booleans(),
     reason=st.sampled_from(Reason),
     z_vision_mm=st.none() | WILD_NUMBER,
 )

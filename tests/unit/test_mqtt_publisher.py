@@ -192,7 +192,7 @@ async def test_an_unexciting_state_goes_out_once_a_period() -> None:
     "change",
     [
         {"stop": False},
-        {"permit": True},
+        {"may_move": True},
         {"reason": Reason.NO_ECHO},
         {"vision": Quality.NO_TARGET},
         {"range": Quality.STUCK},
@@ -244,20 +244,20 @@ async def test_a_bay_that_nobody_computes_any_more_does_not_look_alive() -> None
     plant = Plant("bay1", "bay2", state_period_s=0.5)
     async with plant.running():
         await asyncio.sleep(1)
-        plant.change(stop=False, permit=True, reason=Reason.NONE)
+        plant.change(stop=False, may_move=True, reason=Reason.NONE)
         died_s = now_s()
         plant.computing.remove("bay1")
         await asyncio.sleep(10)
         said = [heard for heard in plant.broker.on("bay1/state") if heard.at_s > died_s]
         dead = [heard for heard in said if heard.json["reason"]["name"] == "GATEWAY_FAULT"]
         assert 3.0 < dead[0].at_s - died_s <= 3.51
-        assert all(heard.json["stop"] and not heard.json["permit"] for heard in said if heard.at_s >= dead[0].at_s)
+        assert all(heard.json["stop"] and not heard.json["may_move"] for heard in said if heard.at_s >= dead[0].at_s)
         assert all(not heard.json["stop"] for heard in said if heard.at_s < dead[0].at_s)
         assert plant.broker.on("bay2/state")[-1].json["reason"]["name"] == "STARTING"
         plant.computing.add("bay1")
         back_s = now_s()
         await asyncio.sleep(0.03)
-        assert plant.broker.on("bay1/state")[-1].json["permit"] is True
+        assert plant.broker.on("bay1/state")[-1].json["may_move"] is True
         assert plant.broker.on("bay1/state")[-1].at_s == pytest.approx(back_s + 0.02, abs=0.001)
 
 
@@ -421,7 +421,7 @@ async def test_farewell_beside_a_live_connection() -> None:
     plant = Plant("bay1", "bay2")
     async with plant.running():
         await asyncio.sleep(1)
-        plant.change("bay1", stop=False, permit=True, reason=Reason.NONE)
+        plant.change("bay1", stop=False, may_move=True, reason=Reason.NONE)
         plant.happen(EventKind.SHUTDOWN, "bay2")
         assert await plant.publisher.farewell(1.0) is True
         assert plant.broker.ends == ["goodbye"]

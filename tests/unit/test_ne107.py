@@ -29,7 +29,7 @@ GOOD = StateVector(
     vision=VisionReading(T0, Quality.GOOD, Circle(1, 2, 3)),
     range=RangeReading(T0, Quality.GOOD, 500.0),
     stop=False,
-    permit=True,
+    may_move=True,
     reason=Reason.NONE,
 )
 F, C, S, M = Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED
@@ -71,7 +71,7 @@ def test_what_is_no_sensor() -> None:
     assert status(fusion.forced_stop(GOOD, Reason.SHUTDOWN, T0)) is C
 
 
-@pytest.mark.parametrize("mode", [FunctionCheck.PERMIT_OFF, FunctionCheck.PERMIT_KEPT])
+@pytest.mark.parametrize("mode", [FunctionCheck.MAY_MOVE_OFF, FunctionCheck.MAY_MOVE_KEPT])
 def test_a_technician_at_work_explains_everything_but_a_dead_gateway(mode: FunctionCheck) -> None:
     working = replace(with_(Quality.LINK_DOWN, Quality.TOO_NEAR), function_check=mode)
     assert status(working) is C

@@ -98,7 +98,7 @@ BOARD_SOURCE = {"type": BOARD["__inputs"][0]["pluginId"], "uid": "${" + BOARD["_
 
 def test_it_shows_what_was_promised() -> None:
     everything = set().union(*(shown(panel) for panel in PANELS))
-    assert everything >= {"status", "stop", "permit", "Reason", "radius_px", "distance_mm", "Camera rate", "NE 107"}
+    assert everything >= {"status", "stop", "may_move", "Reason", "radius_px", "distance_mm", "Camera rate", "NE 107"}
     assert {kind_of(panel).schema for panel in PANELS} == {kind.schema for kind in topics.PLAN}
     (row,) = [panel for panel in BOARD["panels"] if panel["type"] == "row"]
     assert row["repeat"] == "bay"
@@ -118,7 +118,7 @@ def test_the_lines_are_the_default_thresholds(title: str, limit: float) -> None:
 
 
 def test_true_and_false_have_their_words() -> None:
-    for title, words in (("Stop", ("STOP", "no stop")), ("Loading", ("permitted", "not permitted"))):
+    for title, words in (("Stop", ("STOP", "no stop")), ("May move", ("may move", "may not move"))):
         (panel,) = [panel for panel in PANELS if panel["title"] == title]
         (mapping,) = panel["fieldConfig"]["defaults"]["mappings"]
         assert tuple(mapping["options"][value]["text"] for value in ("true", "false")) == words

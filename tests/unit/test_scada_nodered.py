@@ -33,7 +33,7 @@ def state(topic: str = STATE_TOPIC, *, retain: bool = False, **fields: Any) -> d
 
 
 def free(**more: Any) -> dict[str, Any]:
-    fields: dict[str, Any] = {"stop": False, "permit": True, "reason": {"name": "NONE", "code": 0, "text": ""}}
+    fields: dict[str, Any] = {"stop": False, "may_move": True, "reason": {"name": "NONE", "code": 0, "text": ""}}
     return state(**(fields | more))
 
 
@@ -101,7 +101,7 @@ def test_every_field_that_is_read_exists(code: str) -> None:
 def test_online_and_a_live_state_are_trusted() -> None:
     *_, (views, alarms) = judged((0, ONLINE), (10, free()))
     (view,) = views
-    assert (view["alive"], view["stop"], view["permit"], view["reason"]) == (True, False, True, "NONE")
+    assert (view["alive"], view["stop"], view["may_move"], view["reason"]) == (True, False, True, "NONE")
     assert (view["radius_px"], view["distance_mm"]) == (180.4, 296.5)
     assert (view["vision"], view["range"], view["vision_hz"], view["range_hz"]) == ("GOOD", "GOOD", 30.0, 20.0)
     assert [alarm(found) for found in alarms] == [(False, False, "NONE")]
@@ -110,7 +110,7 @@ def test_online_and_a_live_state_are_trusted() -> None:
 def test_a_retained_state_is_not_trusted_however_good_it_looks() -> None:
     (_, (views, alarms)) = judged((0, ONLINE), (0, free() | {"retain": True}))
     (view,) = views
-    assert (view["alive"], view["stop"], view["permit"], view["reason"]) == (False, True, False, "STATE_TOO_OLD")
+    assert (view["alive"], view["stop"], view["may_move"], view["reason"]) == (False, True, False, "STATE_TOO_OLD")
     assert view["radius_px"] is None
     assert [alarm(found) for found in alarms] == [(True, True, "STATE_TOO_OLD")]
 
@@ -163,10 +163,10 @@ def test_damaged_messages_are_counted_and_change_nothing(payload: str) -> None:
     assert (alarms, views, later, status) == ([], [], [], "1 of 1 bays alive, 1 damaged")
 
 
-@pytest.mark.parametrize("fields", [{"stop": None}, {"stop": "false"}, {"permit": "yes"}, {"stale_after_ms": None}])
+@pytest.mark.parametrize("fields", [{"stop": None}, {"stop": "false"}, {"may_move": "yes"}, {"stale_after_ms": None}])
 def test_values_of_another_type_permit_nothing(fields: dict[str, Any]) -> None:
     (_, (views, _)) = judged((0, ONLINE), (0, free(**fields)))
-    assert views[0]["permit"] is False
+    assert views[0]["may_move"] is False
 
 
 def test_a_bay_that_was_removed_is_forgotten() -> None:

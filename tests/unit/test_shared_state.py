@@ -88,7 +88,7 @@ def numbered(seq: int) -> StateVector:
         reason=Reason.NONE,
         d=False,
         stop=False,
-        permit=True,
+        may_move=True,
     )
 
 
@@ -119,7 +119,7 @@ def test_a_good_state_is_read_as_it_was_written() -> None:
             "reason": Reason.NONE,
             "d": False,
             "stop": False,
-            "permit": True,
+            "may_move": True,
         }
 
 
@@ -138,14 +138,14 @@ def test_a_gateway_that_stands_still_is_not_believed() -> None:
     with SharedStateWriter("line1", "bay1") as writer:
         writer.write(numbered(8))
         with SharedStateReader("line1", "bay1", Later(by_ns=shared_state.DEAD_AFTER_NS // 2)) as reader:
-            assert reader.read().permit
+            assert reader.read().may_move
         with SharedStateReader("line1", "bay1", Later(by_ns=shared_state.DEAD_AFTER_NS)) as reader:
             found = reader.read()
 
     numbers = (found.u_px, found.v_px, found.radius_px, found.distance_mm, found.z_vision_mm)
     assert all(map(math.isnan, numbers))
     assert (found.vision_quality, found.range_quality) == (Quality.STALE, Quality.STALE)
-    assert (found.d, found.stop, found.permit, found.reason) == (None, True, False, Reason.GATEWAY_FAULT)
+    assert (found.d, found.stop, found.may_move, found.reason) == (None, True, False, Reason.GATEWAY_FAULT)
     assert (found.seq, found.t_ns, found.frame_id) == (8, 24, 56)
 
 
@@ -164,17 +164,17 @@ def test_where_there_is_no_value_there_is_nan() -> None:
     numbers = (found.u_px, found.v_px, found.radius_px, found.distance_mm, found.z_vision_mm)
     assert all(map(math.isnan, numbers))
     assert (found.vision_quality, found.range_quality) == (Quality.WAITING, Quality.WAITING)
-    assert (found.d, found.stop, found.permit, found.reason) == (None, True, False, Reason.STARTING)
+    assert (found.d, found.stop, found.may_move, found.reason) == (None, True, False, Reason.STARTING)
 
 
 @pytest.mark.parametrize("d", [None, False, True])
 @pytest.mark.parametrize("reason", Reason)
 def test_every_decision_and_reason_fits(d: bool | None, reason: Reason) -> None:
     with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(replace(numbered(1), d=d, reason=reason, stop=bool(d), permit=not d))
+        writer.write(replace(numbered(1), d=d, reason=reason, stop=bool(d), may_move=not d))
         found = reader.read()
 
-    assert (found.d, found.reason, found.stop, found.permit) == (d, reason, bool(d), not d)
+    assert (found.d, found.reason, found.stop, found.may_move) == (d, reason, bool(d), not d)
 
 
 @pytest.mark.parametrize("quality", Quality)

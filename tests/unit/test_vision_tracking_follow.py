@@ -333,7 +333,7 @@ def test_permit_falls_with_the_first_hidden_frame_and_returns_with_the_marker() 
         found = drive.frame(n, None if 30 <= n < 50 else at(n))
         state = fusion.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
         state = fusion.step(state, reading(found, n * PERIOD_NS), n * PERIOD_NS, settings)
-        told.append((state.permit, state.stop, state.d, state.reason))
+        told.append((state.may_move, state.stop, state.d, state.reason))
     assert told[:30] == [(True, False, False, Reason.NONE)] * 30
     assert told[30:39] == [(False, True, None, Reason.TARGET_COASTED)] * 9
     assert told[39:50] == [(False, True, None, Reason.NO_TARGET)] * 11
@@ -348,7 +348,7 @@ def test_a_lamp_beside_a_covered_marker_gets_no_permit_before_it_is_confirmed() 
         found = drive.frame(n, LAMP if n >= 30 else at(n))
         state = fusion.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
         state = fusion.step(state, reading(found, n * PERIOD_NS), n * PERIOD_NS, settings)
-        told.append((state.permit, state.stop, state.reason))
+        told.append((state.may_move, state.stop, state.reason))
     assert (
         told[29:]
         == [(True, False, Reason.NONE)] + [(False, True, Reason.TARGET_COASTED)] * 2 + [(True, False, Reason.NONE)] * 2
@@ -378,12 +378,12 @@ def test_a_coasted_marker_never_raises_or_holds_permit(
                 if search.circle is None:
                     assert state.vision.quality in (Quality.COASTED, Quality.NO_TARGET)
         if state.vision.quality is not Quality.GOOD:
-            assert state.permit is False
+            assert state.may_move is False
             assert state.stop is True
             assert state.d is None
             assert state.vision.circle is None
         assert (state.vision.predicted is not None) == (state.vision.quality is Quality.COASTED)
-        if state.permit:
+        if state.may_move:
             assert state.vision.circle == last
 
 

@@ -1,6 +1,6 @@
 """All alarms of a gateway: fed with states and signs, asked by people, never asking anybody. Pure.
 
-Nothing here touches `stop` or `permit`, or could: it sees states and changes none. What a person does to an alarm
+Nothing here touches `stop` or `may_move`, or could: it sees states and changes none. What a person does to an alarm
 changes what people are told, and nothing else.
 """
 

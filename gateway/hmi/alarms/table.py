@@ -33,7 +33,7 @@ class Design(StrEnum):
 
 
 DESIGN_MEANING: dict[Design, str] = {
-    Design.FUNCTION_CHECK: "a technician works on the bay and permit is off",
+    Design.FUNCTION_CHECK: "a technician works on the bay and may_move is off",
     Design.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors: control_dead says it",
     Design.SHUTDOWN: "the gateway is shutting down",
 }
@@ -52,7 +52,7 @@ class BaySeen:
         """What holds of the reasons to suppress."""
         state = self.state
         holds = {
-            Design.FUNCTION_CHECK: state.function_check is FunctionCheck.PERMIT_OFF,
+            Design.FUNCTION_CHECK: state.function_check is FunctionCheck.MAY_MOVE_OFF,
             Design.NOT_COMPUTED: state.reason is Reason.GATEWAY_FAULT,
             Design.SHUTDOWN: state.reason is Reason.SHUTDOWN,
         }
@@ -358,7 +358,7 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         "Function check still on",
         Priority.LOW,
         "a function check was begun half an hour ago and has not been ended",
-        "permit is off, or alarms mean less than they seem to",
+        "may_move is off, or alarms mean less than they seem to",
         ("the technician forgot to end it",),
         "ask the technician; end the function check on the technician's page",
         60,

@@ -73,7 +73,8 @@ def _circle(bay: BayKnown, axis: str) -> Value:
 
 BAYS: tuple[Family, ...] = (
     _gauge("stop", "1: stop is on", lambda b: b.state.stop),
-    _gauge("permit", "1: loading is permitted", lambda b: b.state.permit),
+    _gauge("may_move", "1: the truck may move", lambda b: b.state.may_move),
+    _gauge("permit", "old name of may_move, for one version", lambda b: b.state.may_move),
     _gauge("decision", "D of equation 14; no sample: unknowable", lambda b: b.state.d),
     _gauge("stop_latched", "1: stop is latched", lambda b: b.state.memory.latched),
     _gauge("sensors_disagree", "1: camera and ranger contradict each other", lambda b: b.state.memory.disagree),

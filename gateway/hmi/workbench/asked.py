@@ -20,7 +20,7 @@ class Asked(BaseModel):
 class CheckAsked(Asked):
     """Begin or end a function check."""
 
-    mode: Literal["off", "permit_off", "permit_kept"]
+    mode: Literal["off", "may_move_off", "may_move_kept", "permit_off", "permit_kept"]
 
 
 class RecordAsked(Asked):

@@ -82,10 +82,10 @@ CHECKS: tuple[Check, ...] = (
     ),
     Check(
         Diagnosis.CONTRADICTION,
-        "(#Raw.stop > 1) OR (#Raw.permit > 1) OR ((#Raw.stop = 1) AND (#Raw.permit = 1))"
-        " OR (#Raw.status_stop XOR (#Raw.stop = 1)) OR (#Raw.status_permit XOR (#Raw.permit = 1))"
-        " OR ((#Raw.permit = 1) AND (#Raw.reason <> 0))",
-        "stop, permit, reason and the status word contradict each other",
+        "(#Raw.stop > 1) OR (#Raw.may_move > 1) OR ((#Raw.stop = 1) AND (#Raw.may_move = 1))"
+        " OR (#Raw.status_stop XOR (#Raw.stop = 1)) OR (#Raw.status_may_move XOR (#Raw.may_move = 1))"
+        " OR ((#Raw.may_move = 1) AND (#Raw.reason <> 0))",
+        "stop, may_move, reason and the status word contradict each other",
         "something between gateway and PLC changes the data: a wrong mapping, a second writer",
     ),
     Check(
@@ -111,8 +111,8 @@ CHECKS: tuple[Check, ...] = (
     ),
     Check(
         Diagnosis.NO_PERMIT,
-        "#Raw.permit <> 1",
-        "the gateway does not permit loading",
+        "#Raw.may_move <> 1",
+        "the truck may not move",
         "the status word says what is missing",
         alive=True,
     ),

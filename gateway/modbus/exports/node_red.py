@@ -60,15 +60,15 @@ function judge(data, beating) {
     if (data.seq_begin !== data.seq_end) return @TORN@;
     if (data.map_version < @MAP_VERSION@) return @OLD_MAP@;
     if (!beating) return @HEARTBEAT@;
-    const stop = data.stop === 1, permit = data.permit === 1;
-    if (data.stop > 1 || data.permit > 1 || (stop && permit) || data.status_stop !== stop
-            || data.status_permit !== permit || (permit && data.reason !== 0)) {
+    const stop = data.stop === 1, mayMove = data.may_move === 1;
+    if (data.stop > 1 || data.may_move > 1 || (stop && mayMove) || data.status_stop !== stop
+            || data.status_may_move !== mayMove || (mayMove && data.reason !== 0)) {
         return @CONTRADICTION@;
     }
     if (stop) return @STOP@;
     if (data.vision_quality !== 0) return @VISION@;
     if (data.range_quality !== 0) return @RANGER@;
-    return permit ? @ENABLED@ : @NO_PERMIT@;
+    return mayMove ? @ENABLED@ : @NO_PERMIT@;
 }
 
 const now = Date.now();

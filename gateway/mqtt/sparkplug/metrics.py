@@ -63,7 +63,8 @@ _B, _D, _S, _U = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.UI
 
 DEVICE: tuple[Row, ...] = (
     Row("Stop", _B, "the truck must stop; also on whenever the gateway can't know", _always(lambda s: s.stop)),
-    Row("Permit", _B, "everything is healthy and fresh, and stop is off", _always(lambda s: s.permit)),
+    Row("May Move", _B, "the truck may move: all healthy and fresh, stop off", _always(lambda s: s.may_move)),
+    Row("Permit", _B, "old name of `May Move`, for one version", _always(lambda s: s.may_move)),
     Row("D", _B, "D(t), equation 14; null: unknowable", _d),
     Row("Reason/Code", _U, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
     Row("Reason/Name", _S, "the same by name", _always(lambda s: s.reason.name)),
@@ -83,7 +84,7 @@ DEVICE: tuple[Row, ...] = (
     Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
 )  # fmt: skip
 
-HISTORY = ("Stop", "Permit", "Reason/Code", "Reason/Name")
+HISTORY = ("Stop", "May Move", "Permit", "Reason/Code", "Reason/Name")
 """What is kept of a change that happened while nobody could be told."""
 
 Reading = tuple[Value, QualityCode]

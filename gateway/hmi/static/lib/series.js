@@ -10,7 +10,7 @@ const PER_S = 10;
 /**
  * @typedef {object} Sample
  * @property {number|null} radius_px @property {number|null} distance_mm
- * @property {boolean|null} stop @property {boolean|null} permit
+ * @property {boolean|null} stop @property {boolean|null} may_move
  */
 
 export class Series {
@@ -21,8 +21,8 @@ export class Series {
   }
 
   clear() {
-    /** @type {{t: number[], radius: (number|null)[], distance: (number|null)[], stop: (boolean|null)[], permit: (boolean|null)[]}} */
-    this.row = { t: [], radius: [], distance: [], stop: [], permit: [] };
+    /** @type {{t: number[], radius: (number|null)[], distance: (number|null)[], stop: (boolean|null)[], mayMove: (boolean|null)[]}} */
+    this.row = { t: [], radius: [], distance: [], stop: [], mayMove: [] };
   }
 
   /** @param {number} tS never goes back @param {Sample} sample */
@@ -43,15 +43,15 @@ export class Series {
   }
 
   _push(tS, sample) {
-    const { t, radius, distance, stop, permit } = this.row;
+    const { t, radius, distance, stop, mayMove } = this.row;
     t.push(tS);
     radius.push(known(sample?.radius_px) ? sample.radius_px : null);
     distance.push(known(sample?.distance_mm) ? sample.distance_mm : null);
     stop.push(sample?.stop ?? null);
-    permit.push(sample?.permit ?? null);
+    mayMove.push(sample?.may_move ?? null);
   }
 
-  /** Stretches of the same value, for a strip: from, to, value; null ones are left out. @param {'stop'|'permit'} name */
+  /** Stretches of the same value, for a strip: from, to, value; null ones are left out. @param {'stop'|'mayMove'} name */
   stretches(name, fromS, toS) {
     const { t } = this.row;
     const values = this.row[name];

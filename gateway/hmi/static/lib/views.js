@@ -100,7 +100,7 @@ export function inOrder(bays) {
 export function decisionWords(state) {
   if (state === null) return 'NOT KNOWN';
   if (state.stop) return 'STOP';
-  return state.permit ? 'PERMIT' : 'NO STOP, NO PERMIT';
+  return state.may_move ? 'MAY MOVE' : 'NO STOP, MAY NOT MOVE';
 }
 
 /** States of ISA-18.2 in which an alarm waits for somebody to take notice. */

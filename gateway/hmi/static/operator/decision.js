@@ -11,7 +11,7 @@ const NOT_KNOWN = 'Nothing new from the gateway: treat the bay as STOP.';
 function why(state) {
   if (state === null) return NOT_KNOWN;
   if (state.stop) return state.reason.text;
-  return state.permit ? 'everything is healthy and fresh, and stop is off' : 'stop is off, but not everything is healthy and fresh';
+  return state.may_move ? 'everything is healthy and fresh, and stop is off' : 'stop is off, but not everything is healthy and fresh';
 }
 
 /** Tells a screen reader what changed, at most every 2 s. */
@@ -39,7 +39,7 @@ export function Decision({ state, bay }) {
   return html`<section class="panel" aria-labelledby="decision-title">
     <header><h2 id="decision-title">Decision</h2><${Ne107} name=${state?.ne107.name ?? null} /></header>
     <div class=${`decision ${fault || state === null ? 'fault' : ''}`}>
-      <${Sign} stop=${state?.stop ?? null} permit=${state?.permit ?? null} fault=${fault} />
+      <${Sign} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} fault=${fault} />
       <div>
         <p class=${word.length > 10 ? 'word long' : 'word'}>${word}</p>
         <p class="why">${why(state)}</p>
@@ -48,7 +48,7 @@ export function Decision({ state, bay }) {
     <${Spoken} text=${`${bay}: ${word}. ${why(state)}`} />
     <dl class="facts-grid">
       <${Fact} name="Stop">${state === null ? NONE : state.stop ? 'on' : 'off'}<//>
-      <${Fact} name="Permit">${state === null ? NONE : state.permit ? 'given' : 'withheld'}<//>
+      <${Fact} name="May move">${state === null ? NONE : state.may_move ? 'yes' : 'no'}<//>
       <${Fact} name="In place, D">${state === null ? NONE : state.d === null ? 'unknowable' : state.d ? 'yes, 1' : 'no, 0'}<//>
       <${Fact} name="Latch">${state === null ? NONE : state.plc.stop_latched ? 'latched' : 'free'}<//>
     </dl>

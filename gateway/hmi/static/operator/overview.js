@@ -10,7 +10,7 @@ function Tile({ name, state, alarms }) {
   const trouble = state === null || state.ne107.name === 'FAILURE';
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
     <span class="row spread"><b>${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} /></span>
-    <span class="state"><${Decision} stop=${state?.stop ?? null} permit=${state?.permit ?? null} fault=${trouble} /><b>${decisionWords(state)}</b></span>
+    <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} fault=${trouble} /><b>${decisionWords(state)}</b></span>
     <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${state === null ? 'nothing known' : state.stop ? words(state.reason.name) : words(state.guidance.name)}</span>
     <span class="small row spread">
       <span>R <span class="value">${state ? px(state.radius_px, 0) : NONE}</span></span>
@@ -20,7 +20,7 @@ function Tile({ name, state, alarms }) {
   </a></li>`;
 }
 
-const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['permit', 'permit']];
+const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['may_move', 'may move']];
 
 export function Overview({ names, views, alarmsOf }) {
   const [text, setText] = useState('');
@@ -34,7 +34,7 @@ export function Overview({ names, views, alarmsOf }) {
     all: () => true,
     trouble: ({ rank }) => rank < 5,
     stop: ({ state }) => state === null || state.stop,
-    permit: ({ state }) => state !== null && state.permit,
+    may_move: ({ state }) => state !== null && state.may_move,
   };
   const shown = all.filter((bay) => fits[group](bay) && bay.name.toLowerCase().includes(text.toLowerCase()));
   return html`<section class="panel overview" aria-labelledby="overview-title">

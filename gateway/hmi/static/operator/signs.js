@@ -69,13 +69,13 @@ export function Priority({ level, acknowledged }) {
 /** Of the driver's guidance. */
 export const Arrow = ({ name }) => html`<svg viewBox="0 0 100 100" aria-hidden="true" class="arrow"><path d=${PATHS[name]} fill="currentColor" fill-rule="evenodd" /></svg>`;
 
-/** Stop: an octagon, red only where something is broken. Permit: a ring with a tick. Neither: an empty square. */
-export function Decision({ stop, permit, fault }) {
+/** Stop: an octagon, red only where something is broken. May move: a ring with a tick. Neither: an empty square. */
+export function Decision({ stop, mayMove, fault }) {
   if (stop === null)
     return html`<svg viewBox="0 0 100 100" aria-hidden="true"><path d=${PATHS.octagon} fill="none" stroke="#1f2529" stroke-width="5" stroke-dasharray="9 7" /><text x="50" y="53" font-size="52" font-weight="700" fill="#1f2529" text-anchor="middle" dominant-baseline="central">?</text></svg>`;
   if (stop)
     return html`<svg viewBox="0 0 100 100" aria-hidden="true"><path d=${PATHS.octagon} fill=${fault ? 'var(--red)' : '#1f2529'} /><path d="M19 41H81V59H19Z" fill="#fff" /></svg>`;
-  if (permit)
+  if (mayMove)
     return html`<svg viewBox="0 0 100 100" aria-hidden="true"><circle cx="50" cy="50" r="45" fill="#fff" stroke="#1f2529" stroke-width="6" /><path d="M25 52L43 70L76 31" fill="none" stroke="#1f2529" stroke-width="10" /></svg>`;
   return html`<svg viewBox="0 0 100 100" aria-hidden="true"><rect x="8" y="8" width="84" height="84" fill="none" stroke="#1f2529" stroke-width="6" /><path d="M28 50H72" stroke="#1f2529" stroke-width="8" /></svg>`;
 }

@@ -1,4 +1,4 @@
-// R and Z over the last minutes with their thresholds; stop and permit as strips below. No line across what is missing.
+// R and Z over the last minutes with their thresholds; stop and may move as strips below. No line across what is missing.
 
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import uPlot from '../vendor/uplot.js';
@@ -106,7 +106,7 @@ function strip(canvas, plot, series, from, to) {
   const { left, width: across } = plot.bbox;
   const x = (t) => left + ((t - from) / (to - from)) * across;
   const row = height / 2;
-  for (const [n, name, fill] of [[0, 'stop', '#1f2529'], [1, 'permit', '#5b7285']]) {
+  for (const [n, name, fill] of [[0, 'stop', '#1f2529'], [1, 'may move', '#5b7285']]) {
     const [y, tall] = [n * row + row * 0.14, row * 0.72];
     hatched(g, left, y, across, tall, ratio); // not known, unless something is drawn over it
     for (const { from: a, to: b, value } of series.stretches(name, from, to)) {
@@ -142,8 +142,8 @@ export function Trend({ state, limits, fresh, bay }) {
     const time = () => (start.wall + performance.now() - start.steady) / 1000; // never steps, whoever sets the clock
     const follow = (u) => {
       const at = u.cursor.idx;
-      const { t, radius: r, distance: z, stop, permit } = series.row;
-      setCursor(u.cursor.left >= 0 && at != null && t[at] ? { t: t[at], r: r[at], z: z[at], stop: stop[at], permit: permit[at] } : null);
+      const { t, radius: r, distance: z, stop, mayMove } = series.row;
+      setCursor(u.cursor.left >= 0 && at != null && t[at] ? { t: t[at], r: r[at], z: z[at], stop: stop[at], mayMove: mayMove[at] } : null);
     };
     for (const { plot } of [radius, distance]) (plot.hooks.setCursor ??= []).push(follow);
     const paint = () => {
@@ -197,8 +197,8 @@ export function Trend({ state, limits, fresh, bay }) {
     if (!tools.current) return;
     const { series, time } = tools.current;
     series.add(time(), fresh && state
-      ? { radius_px: state.radius_px, distance_mm: state.distance_mm, stop: state.stop, permit: state.permit }
-      : { radius_px: null, distance_mm: null, stop: null, permit: null });
+      ? { radius_px: state.radius_px, distance_mm: state.distance_mm, stop: state.stop, may_move: state.may_move }
+      : { radius_px: null, distance_mm: null, stop: null, may_move: null });
   }, [state, fresh]);
   useEffect(() => tools.current?.paint(), [seconds, paused]);
 

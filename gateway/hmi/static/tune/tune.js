@@ -185,7 +185,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const refresh = async () => took(await get(at('profile')));
   const check = (next) => doing('check', async () => {
     took(await send('function-check', { mode: next }));
-    tell(next === 'off' ? 'The function check has ended.' : `Function check: permit ${next === 'permit_off' ? 'off' : 'kept'}.`);
+    tell(next === 'off' ? 'The function check has ended.' : `Function check: may_move ${next === 'may_move_off' ? 'off' : 'kept'}.`);
   });
   const apply = () => doing('apply', async () => {
     try {
