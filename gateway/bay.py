@@ -6,23 +6,17 @@ from dataclasses import replace
 
 from gateway import audit, events, fusion, interlock
 from gateway.clock import NS_PER_S, Clock
-from gateway.config import BayConfig, FusionConfig, GatewayConfig
+from gateway.config import BayConfig, GatewayConfig
 from gateway.handshake import changes
 from gateway.hub import Hub
 from gateway.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
 from gateway.plc import Change, PlcWrite, Writer
+from gateway.shown import valid
 
 log = logging.getLogger(__name__)
 
-DEAD_AFTER_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
-DEAD_AFTER_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
 WRITE_EVENTS = frozenset({EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.RECIPE_CHANGED})
 CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED})
-
-
-def dead_after_ns(config: FusionConfig) -> int:
-    """Without a new state for so long, nobody decides any more."""
-    return int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * config.period_s) * NS_PER_S)
 
 
 class BayControl:
@@ -35,6 +29,7 @@ class BayControl:
         clock: Clock,
         mirrors: tuple[Callable[[StateVector], None], ...] = (),
         gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
+        remembered: interlock.Remembered | None = None,  # from before the restart
     ) -> None:
         self.name = config.name
         self._config = config.fusion
@@ -44,9 +39,7 @@ class BayControl:
         self._over = False
         self._rules = interlock.Rules.of(config, gateway)
         self._audit = {kind: audit.Bucket() for kind in WRITE_EVENTS}
-        self._ticked_ns = clock.now_ns()
-        self._dead_after_ns = dead_after_ns(config.fusion)
-        state = interlock.initial(self.name, clock.now_ns(), self._rules)
+        state = interlock.initial(self.name, clock.now_ns(), self._rules, remembered)
         self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state)])
 
     def on_vision(self, reading: VisionReading) -> None:
@@ -60,7 +53,7 @@ class BayControl:
 
         A write must not make a bay look alive whose control task is dead.
         """
-        if self._over or not self._ticks():
+        if self._over or not valid(self._hub.state(self.name).valid_until_ns, self._clock.now_ns()):
             return False
         told = changes(self._hub.state(self.name).plc, write)
         self._step(write, [(write.writer, change) for change in told])
@@ -90,20 +83,13 @@ class BayControl:
         due_ns = self._clock.now_ns()
         while True:
             self._step(Tick())
-            self._ticked_ns = self._clock.now_ns()
             now_ns = self._clock.now_ns()
             due_ns = max(due_ns + period_ns, now_ns - period_ns)  # keeps its pace; what was missed is not made up for
             await self._clock.sleep(max(0, due_ns - now_ns) / NS_PER_S)
 
     def state(self) -> StateVector:
-        """The state as it may be shown to a PLC now: if fusion has stopped running, stop is on and no value stands.
-
-        Sensors that still speak don't help: a heartbeat that stands still never stands beside good values.
-        """
-        state = self._hub.state(self.name)
-        if self._over or self._ticks():
-            return state
-        return fusion.forced_stop(state, Reason.GATEWAY_FAULT, self._clock.now_ns())
+        """The state as it may be shown now."""
+        return self._hub.shown(self.name, self._clock.now_ns())
 
     def shut_down(self) -> None:
         """The last word: stop on, no values, and no observation changes it any more."""
@@ -146,10 +132,6 @@ class BayControl:
                 more = f" (and {untold} before it that were not told)" if untold else ""
                 kept.append(replace(event, detail=event.detail + more))
         return kept
-
-    def _ticks(self) -> bool:
-        """Does the control task run?"""
-        return self._clock.now_ns() - self._ticked_ns <= self._dead_after_ns
 
     def _publish(self, state: StateVector, happened: list[Event]) -> None:
         for mirror in self._mirrors:

@@ -18,6 +18,7 @@ from gateway.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.sections.ranger import RangerConfig
 from gateway.sections.vision import CameraConfig, Intrinsics, VisionConfig
+from gateway.sections.visit import VisitConfig
 from gateway.strict.faults import PlacedError, explain
 from gateway.strict.section import Section
 from gateway.strict.tomlfile import merge, read_toml
@@ -45,12 +46,13 @@ __all__ = [
     "SparkplugConfig",
     "TlsConfig",
     "VisionConfig",
+    "VisitConfig",
     "load",
     "parse",
 ]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
-SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance")
+SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance", "visit")
 
 
 class BayConfig(Section):
@@ -61,6 +63,18 @@ class BayConfig(Section):
     ranger: RangerConfig = Field(default_factory=RangerConfig)
     fusion: FusionConfig = Field(default_factory=FusionConfig)
     guidance: GuidanceConfig = Field(default_factory=GuidanceConfig)
+    visit: VisitConfig = Field(default_factory=VisitConfig)
+
+    @model_validator(mode="after")
+    def _leaves_beyond_the_threshold(self) -> Self:
+        least_mm = self.fusion.distance_threshold_mm + self.fusion.distance_hysteresis_mm + self.visit.band_mm
+        if self.visit.leave_distance_mm is not None and self.visit.leave_distance_mm < least_mm:
+            raise PlacedError(
+                f"must be at least {least_mm:g} mm: Z_th, its hysteresis and visit.band_mm",
+                "visit",
+                "leave_distance_mm",
+            )
+        return self
 
 
 class GatewayConfig(Section):

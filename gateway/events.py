@@ -1,6 +1,6 @@
 """What happened between two states. Pure: (old, new) -> events, in a fixed order."""
 
-from gateway.model import RANGE_FINE, VISION_FINE, Event, EventKind, Quality, StateVector
+from gateway.model import MOVED_MEANING, RANGE_FINE, VISION_FINE, Circle, Event, EventKind, Moved, Quality, StateVector
 from gateway.plc import PlcLink, RecipeVerdict, ResetVerdict
 
 
@@ -16,6 +16,7 @@ def diff(old: StateVector, new: StateVector) -> list[Event]:
         *_cross_check(old, new),
         *_plc(old, new),
         *_edge(old, new, was=old.memory.target_seen, now=new.memory.target_seen, kinds=_TARGET),
+        *_visit(old, new),
         *_edge(old, new, was=old.stop, now=new.stop, kinds=_STOP),
     ]
 
@@ -53,7 +54,35 @@ def _cross_check(old: StateVector, new: StateVector) -> list[Event]:
     detail = ""
     if new.memory.disagree and new.z_vision_mm is not None and new.range.distance_mm is not None:
         detail = f"camera sees {new.z_vision_mm:.0f} mm, ranger {new.range.distance_mm:.0f} mm"
+    elif new.memory.disagree:
+        detail = f"R x Z is not that of this marker: {_where(new.range.distance_mm, new.vision.circle)}"
     return [Event(kind, new.bay, new.t_ns, new, "cross_check", Quality.GOOD, detail)]
+
+
+def _visit(old: StateVector, new: StateVector) -> list[Event]:
+    """In place, moved, released, gone; `detail` of a move has the values before and after."""
+    was, now = old.visit, new.visit
+    told: list[tuple[EventKind, str]] = []
+    if now.in_place and not was.in_place and now.place is not None:
+        told.append((EventKind.IN_PLACE, _where(now.place.distance_mm, now.place.circle)))
+    if now.moved is not was.moved and now.moved is not Moved.NO and now.place is not None:
+        before = _where(now.place.distance_mm, now.place.circle)
+        after = _where(new.range.distance_mm, new.vision.circle)
+        told.append((EventKind.MOVED, f"{MOVED_MEANING[now.moved]}: {before} -> {after}"))
+    if was.in_place and not now.in_place:
+        told.append((EventKind.IN_PLACE_ENDED, now.ended or "the gateway can't vouch for it"))
+    if now.released and not was.released:
+        told.append((EventKind.RELEASED, "by the PLC"))
+    if was.place is not None and now.place is None and now.clear_since_ns is not None:
+        told.append((EventKind.VISIT_ENDED, "the bay is clear"))
+    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in told]
+
+
+def _where(distance_mm: float | None, circle: Circle | None) -> str:
+    distance = "Z unknown" if distance_mm is None else f"Z {distance_mm:.0f} mm"
+    if circle is None:
+        return f"{distance}, marker not seen"
+    return f"{distance}, R {circle.radius_px:.1f} px at ({circle.u_px:.0f}, {circle.v_px:.0f})"
 
 
 def _plc(old: StateVector, new: StateVector) -> list[Event]:

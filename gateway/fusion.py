@@ -5,19 +5,32 @@ Equation 13 is the state, equation 14 the decision:
     D = 1 when R >= R_th and Z <= Z_th, else 0
 
 computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
-unless `fail_safe` has been switched off. `may_move` asks for more than `not stop`: both sensors good, no disagreement.
+unless `fail_safe` has been switched off. `may_move` asks for more than `not stop`: both sensors good, no contradiction.
+
+Stop comes on at once. By default (`decision = "held"`) it goes off more slowly than equation 14 alone would have it: D
+ends only when both sensors show that the truck moved away from where equation 14 last held; a sensor that was dead must
+be good for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation alone
+decides, at every step.
+
+One marker and one lens give R (Z + offset) = f r, a constant. Where it is not configured (`cross_check`) it is taken
+from the approach itself, and a circle that does not fit the ranger's distance is a contradiction (docs/visit.md).
 """
 
 import math
 from dataclasses import replace
+from statistics import median
+from typing import NamedTuple
 
 from gateway.config import CrossCheck, FusionConfig
 from gateway.model import (
+    DEAD,
     VISION_FINE,
+    Circle,
     FunctionCheck,
     FusionMemory,
     Guidance,
     GuidanceCode,
+    Place,
     Quality,
     RangeReading,
     Reason,
@@ -26,9 +39,15 @@ from gateway.model import (
     VisionReading,
 )
 from gateway.plc import PlcWrite
+from gateway.scale import distance_of, expected_radius_px
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | FunctionCheck
 NS_PER_S = 1_000_000_000
+RECOVERING = "good again, but not for long enough yet"
+BEYOND_RANGE_MM = 3600.0  # the ranger hears up to 4 m; a tenth less, for what was learned may be off
+FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
+SCALE_LEAST = 5  # pairs that make a constant
+SCALE_MOST = 15  # of them are kept
 LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
 
 VISION_REASON: dict[Quality, Reason] = {
@@ -69,8 +88,13 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
             pass
     vision = _aged_vision(vision, now_ns, config)
     rng = _aged_range(rng, now_ns, config)
-
-    memory, z_vision_mm = _cross_check(state.memory, vision, rng, now_ns, config.cross_check)
+    memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
+    check = config.cross_check
+    if check is None and config.decision == "held" and config.scale_tolerance:
+        memory = _scale(memory, vision, rng, now_ns, config)
+        z_vision_mm = None
+    else:
+        memory, z_vision_mm = _cross_check(memory, vision, rng, now_ns, check)
     memory = _decide(memory, vision, rng, now_ns, config, stopped=state.stop)
     seen = vision.quality is Quality.GOOD
     if seen != memory.target_seen and vision.quality in (Quality.GOOD, Quality.NO_TARGET):
@@ -78,10 +102,18 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
     known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
     d = memory.d if known else None
     fault = _fault(vision, rng, memory)
+    if _arrives(memory, vision, rng, config):
+        d, fault = False, Reason.NONE
     stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
     reason = Reason.NONE
     if stop:
         reason = fault if fault is not Reason.NONE and config.fail_safe else Reason.TARGET_REACHED
+    calm = not stop and fault is Reason.NONE
+    memory = _calm_since(memory, now_ns if calm else None)
+    if calm and not _calm_for_long(memory, now_ns, config):
+        calm = False
+        if state.stop and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
+            stop, reason = True, state.reason
     return StateVector(
         bay=state.bay,
         t_ns=now_ns,
@@ -91,13 +123,15 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
         range=rng,
         d=d,
         stop=stop,
-        may_move=not stop and fault is Reason.NONE,
+        may_move=calm,
         reason=reason,
         z_vision_mm=z_vision_mm,
         memory=memory,
         plc=state.plc,
         guidance=state.guidance,
         function_check=state.function_check,
+        visit=state.visit,
+        valid_until_ns=state.valid_until_ns,
     )
 
 
@@ -126,6 +160,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         z_vision_mm=None,
         plc=state.plc.withdrawn(),
         guidance=Guidance(GuidanceCode.FAULT),
+        visit=state.visit.withdrawn(),
     )
 
 
@@ -227,15 +262,98 @@ def _cross_check(
     return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting), z_vision_mm
 
 
+def _scale(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig
+) -> FusionMemory:
+    """R times Z against what was learned, and against the newest pairs: no truck changes one of them alone.
+
+    A verdict, or the wait for one, is kept while it cannot be renewed. A bay that has been clear forgets its constant:
+    gateway/interlock.py.
+    """
+    if vision.circle is None or rng.distance_mm is None:
+        return memory
+    scale = vision.circle.radius_px * rng.distance_mm
+    known = memory.scale_px_mm
+    expected_px = expected_radius_px(memory.scale, rng.distance_mm, config.scale_tolerance)
+    misfit = expected_px is not None and not expected_px[0] <= vision.circle.radius_px <= expected_px[1]
+    if misfit or (len(known) >= SCALE_LEAST and not _alike(scale, median(known), config.scale_tolerance)):
+        since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
+        lasting = now_ns - since_ns >= config.scale_lasting_s * NS_PER_S
+        return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting)
+    return replace(memory, scale_px_mm=(*known, scale)[-SCALE_MOST:], disagree_since_ns=None, disagree=False)
+
+
+def _alike(one: float, other: float, tolerance: float) -> bool:
+    """Do two constants differ by no more than this, as a share of the smaller one?"""
+    return max(one, other) <= (1 + tolerance) * min(one, other)
+
+
+def _recovering(
+    state: StateVector, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig
+) -> tuple[FusionMemory, VisionReading, RangeReading]:
+    """Of a sensor that was dead, nothing counts until it has been alive for recovery_s: it must not flicker."""
+    memory = state.memory
+    failure = _failure(
+        Failure(memory.vision_failed, memory.vision_alive_since_ns),
+        vision,
+        now_ns,
+        new=vision is not state.vision,
+        deadline_s=config.vision_deadline_s,
+        recovery_s=config.recovery_s,
+    )
+    if failure != (memory.vision_failed, memory.vision_alive_since_ns):
+        memory = replace(memory, vision_failed=failure.quality, vision_alive_since_ns=failure.alive_since_ns)
+    if failure.quality is not None and vision.quality not in DEAD:
+        vision = replace(_without_circle(vision, failure.quality), detail=RECOVERING)
+    failure = _failure(
+        Failure(memory.range_failed, memory.range_alive_since_ns),
+        rng,
+        now_ns,
+        new=rng is not state.range,
+        deadline_s=config.range_deadline_s,
+        recovery_s=config.recovery_s,
+    )
+    if failure != (memory.range_failed, memory.range_alive_since_ns):
+        memory = replace(memory, range_failed=failure.quality, range_alive_since_ns=failure.alive_since_ns)
+    if failure.quality is not None and rng.quality not in DEAD:
+        rng = replace(rng, quality=failure.quality, distance_mm=None, detail=RECOVERING)
+    return memory, vision, rng
+
+
+class Failure(NamedTuple):
+    """How a sensor was dead, and since when it has been alive again without a gap; None: it was not, or is not yet."""
+
+    quality: Quality | None
+    alive_since_ns: int | None
+
+
+def _failure(
+    old: Failure, reading: VisionReading | RangeReading, now_ns: int, *, new: bool, deadline_s: float, recovery_s: float
+) -> Failure:
+    if new and reading.quality in DEAD:
+        return Failure(reading.quality, None)
+    if old.quality is None or not new:
+        # What is held back stands in the state as dead; whether more has come since, only its age tells.
+        gap = old.alive_since_ns is not None and now_ns - reading.t_ns > deadline_s * NS_PER_S
+        return Failure(old.quality, None) if gap else old
+    if reading.quality is Quality.WAITING:
+        return Failure(old.quality, None)
+    since_ns = now_ns if old.alive_since_ns is None else old.alive_since_ns
+    return Failure(None, None) if now_ns - since_ns >= recovery_s * NS_PER_S else Failure(old.quality, since_ns)
+
+
 def _decide(
     memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, stopped: bool
 ) -> FusionMemory:
-    """Equation 14, then hysteresis and debounce (both off by default). `stopped`: was stop on, whatever for?"""
-    if vision.circle is None or rng.distance_mm is None:
+    """Equation 14, then hysteresis, `decision` and debounce. `stopped`: was stop on, whatever for?"""
+    circle, distance_mm = vision.circle, rng.distance_mm
+    if circle is None or distance_mm is None:
         return _settled(memory)
     radius_th = config.radius_threshold_px - (config.radius_hysteresis_px if memory.d else 0.0)
     distance_th = config.distance_threshold_mm + (config.distance_hysteresis_mm if memory.d else 0.0)
-    raw = vision.circle.radius_px >= radius_th and rng.distance_mm <= distance_th
+    raw = circle.radius_px >= radius_th and distance_mm <= distance_th
+    if config.decision == "held":
+        memory, raw = _held(memory, circle, distance_mm, config, raw=raw)
     if raw == memory.d:
         return _settled(memory)
     since_ns = now_ns if memory.pending_since_ns is None else memory.pending_since_ns
@@ -243,8 +361,50 @@ def _decide(
     if raw and stopped:
         wait_s = 0.0  # what delays a stop must not end one: after a fault, D = 1 would first let the truck go on
     if now_ns - since_ns >= wait_s * NS_PER_S:
-        return replace(memory, d=raw, pending_since_ns=None)
+        return replace(memory, d=raw, pending_since_ns=None, mark=memory.mark if raw else None)
     return replace(memory, pending_since_ns=since_ns)
+
+
+def _held(
+    memory: FusionMemory, circle: Circle, distance_mm: float, config: FusionConfig, *, raw: bool
+) -> tuple[FusionMemory, bool]:
+    """D = 1 ends only when both sensors show that the truck has moved away, by a ratio of R and Z that fits.
+
+    A red lamp for the covered marker, or an echo from the spout, changes one of them alone.
+    """
+    if circle.radius_px >= config.radius_threshold_px and distance_mm <= config.distance_threshold_mm:
+        return replace(memory, mark=Place(distance_mm, circle)), raw
+    if raw or not memory.d or memory.mark is None:
+        return memory, raw
+    away = distance_mm >= memory.mark.distance_mm + config.away_mm
+    smaller = circle.radius_px <= memory.mark.circle.radius_px - config.away_px
+    fitting = memory.disagree_since_ns is None and not memory.disagree
+    return memory, not (away and smaller and fitting)
+
+
+def _calm_since(memory: FusionMemory, now_ns: int | None) -> FusionMemory:
+    """`now_ns` None: there is a cause for a stop now."""
+    if (now_ns is None) == (memory.calm_since_ns is None):
+        return memory
+    return replace(memory, calm_since_ns=now_ns)
+
+
+def _calm_for_long(memory: FusionMemory, now_ns: int, config: FusionConfig) -> bool:
+    hold_s = 0.0 if config.decision == "plain" else config.clear_hold_s
+    return memory.calm_since_ns is not None and now_ns - memory.calm_since_ns >= hold_s * NS_PER_S
+
+
+def _arrives(memory: FusionMemory, vision: VisionReading, rng: RangeReading, config: FusionConfig) -> bool:
+    """Is D surely 0 though the ranger sees nothing yet? A small marker, as far away as nothing is heard from.
+
+    A ranger that has gone deaf is found out when the marker comes nearer than the ranger's range by what was learned.
+    """
+    if not config.arrive_by_camera or memory.scale is None or memory.d or memory.disagree or vision.circle is None:
+        return False
+    radius_px = vision.circle.radius_px
+    beyond = rng.quality in (Quality.NO_ECHO, Quality.TOO_FAR)
+    small = 0 < radius_px <= FAR_SHARE * config.radius_threshold_px
+    return beyond and small and distance_of(memory.scale, radius_px) >= BEYOND_RANGE_MM
 
 
 def _settled(memory: FusionMemory) -> FusionMemory:

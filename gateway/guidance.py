@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from statistics import median
 
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
-from gateway.model import Guidance, GuidanceCode, Quality, RangeReading, StateVector
+from gateway.model import FunctionCheck, Guidance, GuidanceCode, Quality, RangeReading, StateVector, VisitPhase
 
 NS_PER_S = 1_000_000_000
 TRACK_NS = 1_000_000_000  # readings older than this say nothing about the speed now
@@ -114,10 +114,12 @@ def _code(
         said.add(GuidanceCode.WAIT)
     if state.memory.latched and state.d is not True:
         said.add(GuidanceCode.STOP)
+    if told := _visiting(state, said, speed, config):
+        return told
     if found := [code for code in _WORST_FIRST if code in said]:
         return found[0]
     if state.stop or go_mm is None:
-        return _standing(state, config, go_mm, offset_u_px, speed)
+        return _standing(state, config, go_mm, speed)
     if offset_u_px is not None and abs(offset_u_px) > config.tolerance_px:
         # The marker is right of the aim point: the truck must go to the picture's left.
         return GuidanceCode.LEFT if (offset_u_px > 0) != config.mirrored else GuidanceCode.RIGHT
@@ -125,17 +127,33 @@ def _code(
     return GuidanceCode.SLOW if soon or go_mm <= config.slow_mm else GuidanceCode.FORWARD
 
 
-def _standing(
-    state: StateVector, config: GuidanceConfig, go_mm: float | None, offset_u_px: float | None, speed: float | None
-) -> GuidanceCode:
-    """Stop is on though nothing is broken: in place, or past it."""
+def _visiting(
+    state: StateVector, said: set[GuidanceCode], speed: float | None, config: GuidanceConfig
+) -> GuidanceCode | None:
+    """What the visit says, before what the sensors say one by one: in place, leaving, arriving."""
+    if GuidanceCode.FAULT in said or state.function_check is not FunctionCheck.OFF:
+        return None
+    phase = state.visit.phase
+    if state.in_place:
+        return GuidanceCode.OK  # the spout covers the marker: no fault, no wait
+    if not state.may_move:
+        return None
+    if phase is VisitPhase.ARRIVING:
+        return GuidanceCode.DRIVE_UP
+    backing = speed is not None and speed < -config.still_mm_s
+    if phase is VisitPhase.RELEASED or (phase is VisitPhase.LEAVING and (state.visit.released or backing)):
+        return GuidanceCode.LEAVE
+    return None
+
+
+def _standing(state: StateVector, config: GuidanceConfig, go_mm: float | None, speed: float | None) -> GuidanceCode:
+    """Stop is on though nothing is broken: at the mark and not yet in place, or past it."""
     still = speed is not None and abs(speed) < config.still_mm_s
     if state.d is not True or go_mm is None:
         return GuidanceCode.STOP
     if go_mm < -config.overshoot_mm:
         return GuidanceCode.BACK if still else GuidanceCode.TOO_FAR
-    aligned = offset_u_px is None or abs(offset_u_px) <= config.tolerance_px
-    return GuidanceCode.OK if still and aligned else GuidanceCode.STOP
+    return GuidanceCode.STOP
 
 
 def _marker_radius_mm(config: GuidanceConfig, check: CrossCheck | None) -> float | None:

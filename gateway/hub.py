@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
 from gateway.model import Event, StateVector
+from gateway.shown import shown
 
 
 class EventQueue:
@@ -60,7 +61,12 @@ class Hub:
         return sum(queue.dropped for queue in self._queues)
 
     def state(self, bay: str) -> StateVector:
+        """The newest state, however old: for its control task alone. Everybody else asks `shown`."""
         return self._states[bay]
+
+    def shown(self, bay: str, now_ns: int) -> StateVector:
+        """The newest state as it may be shown at `now_ns` (monotonic)."""
+        return shown(self._states[bay], now_ns)
 
     def publish(self, state: StateVector, events: Sequence[Event] = ()) -> None:
         self._changed[state.bay].set()  # a KeyError here: no such bay
@@ -72,11 +78,11 @@ class Hub:
             for queue in self._queues:
                 queue.put(event)
 
-    async def newer(self, bay: str, seq: int) -> StateVector:
-        """The newest state with a sequence number above `seq`; waits for it. States in between are skipped."""
+    async def newer(self, bay: str, seq: int) -> int:
+        """Wait for a state with a sequence number above `seq`; the newest one's. States in between are skipped."""
         while (state := self._states[bay]).seq <= seq:
             await self._changed[bay].wait()
-        return state
+        return state.seq
 
     def listen(self, listener: Callable[[Event], None]) -> None:
         """`listener` is called with every event before `publish` returns: it must not wait, and must not raise."""

@@ -1,20 +1,31 @@
-"""The whole step of a bay: fusion's decision, then what may only make it stricter. Pure.
+"""The whole step of a bay: fusion's decision, then what may only make it stricter, then the truck's visit. Pure.
 
 Fusion (the paper) says what the sensors mean. On top of it stand the latch of a stop, the PLC's heartbeat and enables,
-and a technician at work; each can raise `stop` or withhold `may_move`, none can end a stop that fusion asks for.
-Guidance follows from the result.
+and a technician at work; each can raise `stop` or withhold `may_move`, none can end a stop that fusion asks for. One
+exception: a truck that was in place, and that the PLC has released, may leave although D is 1 (docs/visit.md). Guidance
+follows from the result.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
-from gateway import fusion, guidance, handshake, ne107
-from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, HandshakeConfig, RecipeConfig
-from gateway.model import FunctionCheck, FusionMemory, Quality, RangeReading, Reason, StateVector
+from gateway import fusion, guidance, handshake, ne107, scale, visit
+from gateway.config import (
+    BayConfig,
+    FusionConfig,
+    GatewayConfig,
+    GuidanceConfig,
+    HandshakeConfig,
+    RecipeConfig,
+    VisitConfig,
+)
+from gateway.model import FunctionCheck, FusionMemory, Quality, RangeReading, Reason, StateVector, Tick, Visit
 from gateway.plc import Control, Handshake, PlcLink, PlcWrite, ResetVerdict
+from gateway.scale import ScaleSample
 
 NS_PER_S = 1_000_000_000
-NO_TRUCK_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
+DEAD_AFTER_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
+DEAD_AFTER_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
 # A lost PLC is told before these: they are how an idle bay looks, or how a good one stops.
 _BELOW_PLC_LOST = frozenset(
     {Reason.NONE, Reason.TARGET_REACHED, Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED}
@@ -42,28 +53,48 @@ class Rules:
 
     recipes: Mapping[int, Recipe]
     handshake: HandshakeConfig | None = None
+    visit: VisitConfig = field(default_factory=VisitConfig)
 
     @property
     def latch_stop(self) -> bool:
         return self.recipes[0].fusion.latch_stop
+
+    @property
+    def dead_after_ns(self) -> int:
+        """Without a tick for so long, nobody decides any more."""
+        return int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * self.recipes[0].fusion.period_s) * NS_PER_S)
 
     @staticmethod
     def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
         """The rules of `bay`; without the gateway's configuration there are no writes and no recipes."""
         recipes = {0: Recipe(bay.fusion, bay.guidance)}
         if gateway is None:
-            return Rules(recipes)
+            return Rules(recipes, visit=bay.visit)
         for recipe in gateway.recipes:
             recipes[recipe.id] = Recipe.of(bay, recipe)
-        return Rules(recipes, gateway.modbus.handshake if gateway.modbus.writes else None)
+        return Rules(recipes, gateway.modbus.handshake if gateway.modbus.writes else None, bay.visit)
 
 
-def initial(bay: str, now_ns: int, rules: Rules) -> StateVector:
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What of a bay outlives a restart: gateway/remembered.py."""
+
+    function_check: FunctionCheck = FunctionCheck.OFF
+    scale_samples: tuple[ScaleSample, ...] = ()
+
+
+def initial(bay: str, now_ns: int, rules: Rules, remembered: Remembered | None = None) -> StateVector:
     """The state before any observation. Whether stop was latched before the restart is not known, so it is now."""
+    kept = remembered or Remembered()
+    memory = FusionMemory(
+        latched=rules.latch_stop, scale_samples=kept.scale_samples, scale=scale.learned(kept.scale_samples, 0)
+    )
     return replace(
         fusion.initial(bay, now_ns),
-        memory=FusionMemory(latched=rules.latch_stop),
+        memory=memory,
         plc=handshake.initial(now_ns, writes=rules.handshake is not None),
+        function_check=kept.function_check,
+        valid_until_ns=now_ns + rules.dead_after_ns,
     )
 
 
@@ -73,6 +104,8 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     before, plc = state.plc, state.plc
     if isinstance(observation, FunctionCheck):
         state = replace(state, function_check=observation)
+    if isinstance(observation, Tick):
+        state = replace(state, valid_until_ns=now_ns + rules.dead_after_ns)
     if write is not None and write.recipe is not None:
         plc = handshake.select(plc, write.recipe, state, rules.recipes)
     recipe = rules.recipes[plc.recipe]
@@ -80,32 +113,54 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     if rules.handshake is not None:
         plc = handshake.step(plc, write, fused, rules.handshake)
 
-    memory, plc = _latch(state.memory, before, plc, fused, recipe.fusion)
-    memory = _worn(memory, fused)
+    track = _track(fused, observation)
+    speed = state.guidance.closing_mm_s if track is fused.memory.track else guidance.closing_mm_s(track)
+    limits = visit.Limits(rules.visit, recipe.fusion, recipe.guidance)
+    stay = visit.step(
+        state.visit,
+        fused,
+        speed,
+        limits,
+        released=plc.on(Control.RELEASE) and plc.link is not PlcLink.LOST,
+        release=handshake.rose(before, plc, Control.RELEASE),
+    )
+    memory, plc = _latch(state.memory, before, plc, fused, stay, limits)
+    memory = _learned(_worn(memory, fused), state, stay, plc.recipe, limits, fused)
+    if track is not memory.track:
+        memory = replace(memory, track=track)
+
     fail_safe = recipe.fusion.fail_safe
-    stop = fused.stop or memory.latched or (plc.missed and fail_safe)
+    released = visit.lets_go(stay, fused, limits)
+    stop = (fused.stop and not released) or memory.latched or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
-    may_move = fused.may_move and not stop and allowed and fused.function_check is not FunctionCheck.MAY_MOVE_OFF
+    working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
+    may_move = (fused.may_move or released) and not stop and allowed and not working
     reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe)
-    # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
-    same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
-    if same and memory is fused.memory and plc is fused.plc:
-        decided = fused
-    else:
-        decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc)
-    return _guided(decided, state, observation, recipe, in_use=allowed)
+    decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc, visit=stay)
+    told = guidance.advise(
+        decided,
+        recipe.fusion,
+        recipe.guidance,
+        in_use=allowed and decided.function_check is FunctionCheck.OFF,
+        broken=plc.missed,
+        speed=speed,
+    )
+    return decided if told == decided.guidance else replace(decided, guidance=told)
 
 
 def _latch(
-    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, config: FusionConfig
+    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, stay: Visit, limits: visit.Limits
 ) -> tuple[FusionMemory, Handshake]:
-    """Set by D; ended by a reset, or by the truck leaving, but never while its cause stands or can't be judged."""
+    """Set by D; ended by a reset, a release or the truck leaving, never while its cause stands or can't be judged."""
+    config = limits.fusion
     reset = handshake.rose(before, plc, Control.RESET)
     if not config.latch_stop:
         if reset:
             plc = replace(plc, reset_verdict=ResetVerdict.NOTHING_LATCHED)
         return fused.memory, plc
-    memory = replace(fused.memory, absent_since_ns=_absent_since(old, fused, config))
+    memory = replace(fused.memory, absent_since_ns=_absent_since(old, fused, limits))
+    if stay.released:
+        return replace(memory, latched=False), plc
     if fused.d is True:
         if not old.latched:
             plc = replace(plc, truck_left=False)  # that was another truck
@@ -128,15 +183,32 @@ def _latch(
     return memory, plc
 
 
-def _absent_since(old: FusionMemory, fused: StateVector, config: FusionConfig) -> int | None:
+def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -> int | None:
     """Since when both sensors agree that no truck is there. A broken sensor proves nothing."""
-    rng = fused.range
-    clear = rng.quality in NO_TRUCK_RANGE or (
-        rng.distance_mm is not None and rng.distance_mm > config.distance_threshold_mm + config.distance_hysteresis_mm
-    )
-    if fused.vision.quality is not Quality.NO_TARGET or not clear:
+    if fused.vision.quality is not Quality.NO_TARGET or not visit.clear(fused, limits):
         return None
     return fused.t_ns if old.absent_since_ns is None else old.absent_since_ns
+
+
+def _learned(
+    memory: FusionMemory, old: StateVector, stay: Visit, recipe: int, limits: visit.Limits, fused: StateVector
+) -> FusionMemory:
+    """R times Z: one sample when a truck comes to be in place; a bay that is clear forgets that of its last truck."""
+    if stay.in_place and not old.visit.in_place and stay.place is not None:
+        sample = ScaleSample(recipe, stay.place.circle.radius_px, stay.place.distance_mm)
+        memory = replace(memory, scale_samples=scale.with_visit(memory.scale_samples, sample))
+    if memory.scale_samples is not old.memory.scale_samples or recipe != old.plc.recipe:
+        memory = replace(memory, scale=scale.learned(memory.scale_samples, recipe))
+    if memory.scale_px_mm and limits.fusion.cross_check is None and visit.is_over(stay, fused, limits):
+        memory = replace(memory, scale_px_mm=(), disagree_since_ns=None, disagree=False)
+    return memory
+
+
+def _track(fused: StateVector, observation: fusion.Observation) -> guidance.Track:
+    track = fused.memory.track
+    if isinstance(observation, RangeReading) or fused.range.quality is not Quality.GOOD:
+        return guidance.tracked(track, fused.range, fused.t_ns)
+    return track
 
 
 def _worn(memory: FusionMemory, fused: StateVector) -> FusionMemory:
@@ -159,26 +231,3 @@ def _reason(fused: StateVector, plc: Handshake, *, stop: bool, fail_safe: bool) 
     if plc.missed and fail_safe and fused.reason in _BELOW_PLC_LOST:
         return Reason.PLC_LOST
     return Reason.STOP_LATCHED if fused.reason is Reason.NONE else fused.reason
-
-
-def _guided(
-    decided: StateVector, old: StateVector, observation: fusion.Observation, recipe: Recipe, *, in_use: bool
-) -> StateVector:
-    memory = decided.memory
-    track = memory.track
-    if isinstance(observation, RangeReading) or decided.range.quality is not Quality.GOOD:
-        track = guidance.tracked(track, decided.range, decided.t_ns)
-    speed = old.guidance.closing_mm_s if track is memory.track else guidance.closing_mm_s(track)
-    told = guidance.advise(
-        decided,
-        recipe.fusion,
-        recipe.guidance,
-        in_use=in_use and decided.function_check is FunctionCheck.OFF,
-        broken=decided.plc.missed,
-        speed=speed,
-    )
-    if track is not memory.track:
-        memory = replace(memory, track=track)
-    if told == decided.guidance and memory is decided.memory:
-        return decided
-    return replace(decided, memory=memory, guidance=told)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 
 from gateway.plc import Change, Handshake, Writer
+from gateway.scale import MarkerScale, ScaleSample
 
 
 class Quality(IntEnum):
@@ -34,6 +35,8 @@ VISION_FINE = FRESH_FRAME | {Quality.WAITING}
 """Of a camera's reading: no fault. Every other quality is one."""
 RANGE_FINE = frozenset({Quality.GOOD, Quality.WAITING})
 """Of a ranger's reading: no fault. Every other quality is one."""
+DEAD = frozenset({Quality.STALE, Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.STUCK, Quality.WRONG_VERSION})
+"""Of either sensor: it is broken, or its link is. Every other quality but WAITING comes from a live sensor."""
 
 QUALITY_MEANING: dict[Quality, str] = {
     Quality.GOOD: "fresh and valid",
@@ -241,6 +244,14 @@ class Tick:
 
 
 @dataclass(frozen=True, slots=True)
+class Place:
+    """Where both sensors had the truck at one time."""
+
+    distance_mm: float
+    circle: Circle
+
+
+@dataclass(frozen=True, slots=True)
 class FusionMemory:
     """What the decision must remember between steps. All times monotonic ns; None: not pending."""
 
@@ -250,10 +261,90 @@ class FusionMemory:
     disagree: bool = False
     target_seen: bool = False  # what the last frame that could be judged showed
     latched: bool = False  # stop by D stays until reset; only with latch_stop
+    mark: Place | None = None  # the newest pair with D = 1 by equation 14 itself; it ends with D
+    calm_since_ns: int | None = None  # no cause for a stop since
+    vision_failed: Quality | None = None  # how the camera was dead, until it has been good for recovery_s
+    vision_alive_since_ns: int | None = None
+    range_failed: Quality | None = None
+    range_alive_since_ns: int | None = None
+    scale_px_mm: tuple[float, ...] = ()  # R x Z of the newest pairs that fit each other, oldest first
+    scale_samples: tuple[ScaleSample, ...] = ()  # one a visit, oldest first; outlives restarts
+    scale: MarkerScale | None = None  # learned from them, for the recipe in force
     absent_since_ns: int | None = None  # no truck to be seen since
     track: tuple[tuple[int, float], ...] = ()  # (t_ns, distance_mm) of the newest good distances, for the speed
     wear: int = 0  # what had to be restarted, reopened or was lost, in all
     wear_ns: int | None = None  # `wear` last grew then
+
+
+class VisitPhase(IntEnum):
+    """Where a truck's visit stands (docs/visit.md). The numbers are on the wire: never renumber, only add."""
+
+    UNKNOWN = 0
+    EMPTY = 1
+    ARRIVING = 2
+    APPROACHING = 3
+    AT_MARK = 4
+    IN_PLACE = 5
+    HELD = 6
+    RELEASED = 7
+    LEAVING = 8
+
+
+VISIT_PHASE_MEANING: dict[VisitPhase, str] = {
+    VisitPhase.UNKNOWN: "a sensor has no usable value, or both contradict each other",
+    VisitPhase.EMPTY: "no truck: no marker in sight, and nothing before the ranger",
+    VisitPhase.ARRIVING: "a marker in sight, still beyond the ranger's range",
+    VisitPhase.APPROACHING: "a truck on its way in, D = 0",
+    VisitPhase.AT_MARK: "D = 1, but not in place: still moving, askew, too far in, moved, or in place was lost",
+    VisitPhase.IN_PLACE: "in place, seen by both sensors",
+    VisitPhase.HELD: "in place, with the marker covered: held by the ranger alone",
+    VisitPhase.RELEASED: "the PLC has released the truck; it has not left its place yet",
+    VisitPhase.LEAVING: "the truck was in place and is on its way out",
+}
+
+
+class Moved(IntEnum):
+    """How a truck that was in place left it without release. The numbers are on the wire: never renumber, only add."""
+
+    NO = 0
+    DISTANCE = 1
+    MARKER = 2
+
+
+MOVED_MEANING: dict[Moved, str] = {
+    Moved.NO: "it has not, since it was last in place",
+    Moved.DISTANCE: "the distance left its band",
+    Moved.MARKER: "the marker was seen elsewhere, at a fitting size",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """What a bay knows of the truck's visit. Only `in_place` may ever be a condition for loading.
+
+    All times monotonic ns; None: not pending. `place` stays after `in_place` has ended, so that a truck that moves is
+    noticed, until the truck has left or is in place again.
+    """
+
+    phase: VisitPhase = VisitPhase.UNKNOWN
+    in_place: bool = False
+    moved: Moved = Moved.NO
+    released: bool = False  # by the PLC, for this visit
+    place: Place | None = None
+    still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
+    covered_since_ns: int | None = None  # in place, and the marker not seen since
+    doubt_since_ns: int | None = None  # in place, and nothing confirms it since
+    clear_since_ns: int | None = None  # no truck within leave_distance_mm since
+    ended: str = ""  # why in_place ended last, in words
+
+    @property
+    def held(self) -> bool:
+        """In place by the ranger alone: the marker is covered."""
+        return self.in_place and self.covered_since_ns is not None
+
+    def withdrawn(self) -> "Visit":
+        """For a gateway that can't vouch for it any more: it must be earned again."""
+        return Visit(moved=self.moved)
 
 
 class GuidanceCode(IntEnum):
@@ -269,6 +360,8 @@ class GuidanceCode(IntEnum):
     OK = 7
     TOO_FAR = 8
     FAULT = 9
+    LEAVE = 10
+    DRIVE_UP = 11
 
 
 GUIDANCE_MEANING: dict[GuidanceCode, str] = {
@@ -279,9 +372,11 @@ GUIDANCE_MEANING: dict[GuidanceCode, str] = {
     GuidanceCode.RIGHT: "drive on and keep more to the right; the amount is how much",
     GuidanceCode.SLOW: "drive on slowly: nearly there; the amount is the distance to go",
     GuidanceCode.STOP: "stop now",
-    GuidanceCode.OK: "standing in the right place",
+    GuidanceCode.OK: "in place: stay where you are",
     GuidanceCode.TOO_FAR: "still moving, and already too far in: stop now; the amount is how far",
     GuidanceCode.FAULT: "stop: something is broken; a display shows it as STOP",
+    GuidanceCode.LEAVE: "loading is over: leave the bay",
+    GuidanceCode.DRIVE_UP: "drive on; too far away for the ranger to say how far",
 }
 
 
@@ -324,13 +419,19 @@ class StateVector:
     range: RangeReading = field(default_factory=lambda: RangeReading(0, Quality.WAITING))
     d: bool | None = None  # D(t); None: unknowable
     stop: bool = True
-    may_move: bool = False
+    may_move: bool = False  # the truck may move; never a condition for loading
     reason: Reason = Reason.STARTING
     z_vision_mm: float | None = None  # f r / R, only where configured and vision is GOOD
     memory: FusionMemory = field(default_factory=FusionMemory)
     plc: Handshake = field(default_factory=Handshake)
     guidance: Guidance = field(default_factory=Guidance)
     function_check: FunctionCheck = FunctionCheck.OFF
+    visit: Visit = field(default_factory=Visit)
+    valid_until_ns: int = 0  # without another tick by then, nobody decides any more: gateway/shown.py
+
+    @property
+    def in_place(self) -> bool:
+        return self.visit.in_place
 
 
 class EventKind(StrEnum):
@@ -342,6 +443,11 @@ class EventKind(StrEnum):
     STOP_CLEARED = "stop_cleared"
     TARGET_FOUND = "target_found"
     TARGET_LOST = "target_lost"
+    IN_PLACE = "in_place"
+    IN_PLACE_ENDED = "in_place_ended"
+    MOVED = "moved"
+    RELEASED = "released"
+    VISIT_ENDED = "visit_ended"
     SENSOR_FAULT = "sensor_fault"
     SENSOR_RECOVERED = "sensor_recovered"
     PLC_LOST = "plc_lost"

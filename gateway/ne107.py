@@ -6,7 +6,7 @@ maintenance required (M). Several may hold at once; the register names the one t
 
 from enum import IntEnum
 
-from gateway.model import FunctionCheck, Quality, Reason, StateVector
+from gateway.model import DEAD, FunctionCheck, Quality, Reason, StateVector
 
 MAINTENANCE_NS = 600 * 1_000_000_000  # a repair by itself is worth a look for so long
 
@@ -33,8 +33,6 @@ NE107_MEANING: dict[Ne107, str] = {
 # A technician at work explains whatever else is seen; only a dead gateway is worse.
 ORDER = (Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED)
 
-FAILURES = frozenset({Quality.STALE, Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.STUCK, Quality.WRONG_VERSION})
-"""Of either sensor: it is broken, or its link is."""
 _BEYOND_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
 _OUT = frozenset({Quality.TOO_NEAR, Quality.UNSTABLE, Quality.COASTED})
 
@@ -46,7 +44,7 @@ def active(state: StateVector) -> frozenset[Ne107]:
     # With no marker in sight the bay is empty, and an ultrasonic ranger that hears nothing is right.
     beyond = rng in _BEYOND_RANGE and vision is not Quality.NO_TARGET
     holds = {
-        Ne107.FAILURE: bool(qualities & FAILURES) or state.plc.missed or state.reason is Reason.GATEWAY_FAULT,
+        Ne107.FAILURE: bool(qualities & DEAD) or state.plc.missed or state.reason is Reason.GATEWAY_FAULT,
         Ne107.FUNCTION_CHECK: state.function_check is not FunctionCheck.OFF
         or Quality.WAITING in qualities
         or state.reason is Reason.SHUTDOWN,

@@ -15,6 +15,7 @@ class Control(IntEnum):
     RESET = 2
     TRIGGER = 3
     RESULTS_ACK = 4
+    RELEASE = 5
 
 
 CONTROL_MEANING: dict[Control, str] = {
@@ -24,6 +25,8 @@ CONTROL_MEANING: dict[Control, str] = {
     Control.RESET: "0 to 1: end the latched stop, if its cause is gone",
     Control.TRIGGER: "0 to 1: measure anew and hold the result",
     Control.RESULTS_ACK: "0 to 1: the held result has been read; go back to 0 before the next trigger",
+    Control.RELEASE: "0 to 1 while the truck is or was in place: loading is over, the truck may leave; stop goes off "
+    "until it has left, or the bit goes back to 0",
 }
 
 

@@ -5,7 +5,7 @@ when the gateway dies, however it dies, so a reader can tell a live vector from 
 corpses away. Reading and writing never wait for each other: the writer fills one of two slots and then points to it,
 a reader takes the pointed slot and believes it only if it is still pointed to and its checksum holds
 (docs/decisions/0003). A gateway that lives but stands still (stopped, hung, its control task dead) holds its lock, too:
-each state says when it was written, and a reader withdraws an old one.
+each state says until when it is valid, and a reader withdraws an old one (gateway/shown.py).
 """
 
 import contextlib
@@ -26,12 +26,14 @@ from typing import Self
 
 from gateway.clock import Clock, SystemClock
 from gateway.errors import ConfigError, LinkError
-from gateway.model import Quality, Reason, StateVector
+from gateway.model import Moved, Quality, Reason, StateVector
+from gateway.shown import valid
 
-MAGIC = b"LOADBAY1"
+MAGIC = b"LOADBAY2"
 _HEAD = struct.Struct("<8sIIQ")  # magic, slot size, writer's pid, count of writes
-# seq, t, t_vision, t_range, written, frame id; u, v, R, Z, Z_vision; qualities, reason, D, stop, may_move
-_BODY = struct.Struct("<QqqqqQ5dBBHbBB2x")
+# seq, t, t_vision, t_range, valid until, frame id; u, v, R, Z, Z_vision; qualities, reason, D, stop, may_move,
+# in_place, moved
+_BODY = struct.Struct("<QqqqqQ5dBBHbBBBB")
 _CRC = struct.Struct("<I")
 _SLOT_SIZE = _BODY.size + _CRC.size
 _SIZE = _HEAD.size + 2 * _SLOT_SIZE
@@ -40,7 +42,6 @@ _COUNT_AT = _HEAD.size - _COUNT.size
 # Everybody may write into the folder: what lies there under our name may be a pipe, or a link to somewhere else.
 _LOOK = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
 _TRIES = 100
-DEAD_AFTER_NS = 1_000_000_000  # fusion writes at least once a period, and that is 1 s at most
 _PAUSE_S = 0.002  # between two looks at another's lock; a gateway that only sweeps is done by then
 
 
@@ -48,7 +49,7 @@ _PAUSE_S = 0.002  # between two looks at another's lock; a gateway that only swe
 class SharedVector:
     """One consistent reading. Values are NaN where the sensor's quality is not GOOD. Times: monotonic ns.
 
-    `written_ns` is the machine's clock, the others are the gateway's, which a simulation may run faster.
+    `valid_until_ns` is the machine's clock, the others are the gateway's, which a simulation may run faster.
     """
 
     bay: str
@@ -57,7 +58,7 @@ class SharedVector:
     t_ns: int
     t_vision_ns: int
     t_range_ns: int
-    written_ns: int
+    valid_until_ns: int
     frame_id: int
     u_px: float
     v_px: float
@@ -70,6 +71,8 @@ class SharedVector:
     d: bool | None
     stop: bool
     may_move: bool
+    in_place: bool
+    moved: Moved
 
 
 def folder() -> Path:
@@ -130,7 +133,7 @@ class SharedStateWriter:
             state.t_ns,
             state.vision.t_ns,
             state.range.t_ns,
-            self._clock.now_ns(),
+            self._clock.now_ns() + state.valid_until_ns - state.t_ns,
             state.vision.frame_id,
             circle.u_px if circle else nan,
             circle.v_px if circle else nan,
@@ -143,6 +146,8 @@ class SharedStateWriter:
             -1 if state.d is None else state.d,
             state.stop,
             state.may_move,
+            state.in_place,
+            state.visit.moved,
         )
         self._count += 1
         at = _HEAD.size + (self._count & 1) * _SLOT_SIZE
@@ -184,7 +189,7 @@ class SharedStateReader:
         os.close(self._fd)
 
     def read(self) -> SharedVector:
-        """The newest whole vector; if nothing newer came for DEAD_AFTER_NS, with stop on and without any value.
+        """The newest whole vector; if it is not valid any more, with stop on and without any value.
 
         Raises LinkError when its gateway is dead, or nothing has been written yet.
         """
@@ -203,15 +208,17 @@ class SharedStateReader:
                     vector = _unpack(self._bay, pid, body)
                 except ValueError as error:  # a quality or reason that only a later version knows
                     raise LinkError(f"{self._path}: not a state vector of this version: {error}") from error
-                old = self._clock.now_ns() - vector.written_ns > DEAD_AFTER_NS
-                return _withdrawn(vector) if old else vector
+                last_word = vector.reason is Reason.SHUTDOWN
+                stands = last_word or valid(vector.valid_until_ns, self._clock.now_ns())
+                return vector if stands else _withdrawn(vector)
         raise LinkError("no whole state could be read")
 
 
 def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
-    seq, t, t_vision, t_range, written, frame, u, v, r, z, z_vision, q_vision, q_range, reason, d, stop, may_move = (
-        _BODY.unpack(body)
+    seq, t, t_vision, t_range, until, frame, u, v, r, z, z_vision, q_vision, q_range, reason, *facts = _BODY.unpack(
+        body
     )
+    d, stop, may_move, in_place, moved = facts
     return SharedVector(
         bay=bay,
         pid=pid,
@@ -219,7 +226,7 @@ def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
         t_ns=t,
         t_vision_ns=t_vision,
         t_range_ns=t_range,
-        written_ns=written,
+        valid_until_ns=until,
         frame_id=frame,
         u_px=u,
         v_px=v,
@@ -232,6 +239,8 @@ def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
         d=None if d < 0 else bool(d),
         stop=bool(stop),
         may_move=bool(may_move),
+        in_place=bool(in_place),
+        moved=Moved(moved),
     )
 
 
@@ -254,6 +263,7 @@ def _withdrawn(vector: SharedVector) -> SharedVector:
         d=None,
         stop=True,
         may_move=False,
+        in_place=False,
     )
 
 

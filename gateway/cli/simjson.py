@@ -70,10 +70,10 @@ class Printer:
     async def _states(self, hub: Hub, bay: Bay) -> None:
         seq, shown_ns, shown_key = -1, 0, None
         while True:
-            state = await hub.newer(bay.name, seq)
-            seq = state.seq
+            seq = await hub.newer(bay.name, seq)
+            state = hub.shown(bay.name, self._clock.now_ns())
             self._newest[bay.name] = state
-            key = (state.stop, state.may_move, state.reason)
+            key = (state.stop, state.may_move, state.in_place, state.reason)
             if key != shown_key or state.t_ns - shown_ns >= PERIOD_S * NS_PER_S:
                 shown_key, shown_ns = key, state.t_ns
                 emit(self._out, **self._state(state, bay))
@@ -107,6 +107,10 @@ class Printer:
             "stop": state.stop,
             "may_move": state.may_move,
             "permit": state.may_move,  # its old name, for one version
+            "in_place": state.in_place,
+            "held": state.visit.held,
+            "moved": state.visit.moved.name.lower(),
+            "phase": state.visit.phase.name.lower(),
             "reason": state.reason.name.lower(),
             "truth": {
                 "z_mm": round(truth.distance_mm, 2),

@@ -24,11 +24,11 @@ class Recorder:
         self.bay = bay
         self.records: list[trials.Record] = []
 
-    async def run(self, hub: Hub) -> None:
+    async def run(self, hub: Hub, clock: Clock) -> None:
         seq = -1
         while True:
-            state = await hub.newer(self.bay.name, seq)
-            seq = state.seq
+            seq = await hub.newer(self.bay.name, seq)
+            state = hub.shown(self.bay.name, clock.now_ns())
             if self.bay.t_s(state.t_ns) < 0 or state.reason is Reason.SHUTDOWN:
                 continue  # the show has not begun, or is over
             circle = state.vision.circle
@@ -77,7 +77,7 @@ async def record(
     """Record until the last trial is over, then set `stop`."""
     end_s = max(recorder.bay.scenario.duration_s for recorder in recorders)
     async with asyncio.TaskGroup() as group:
-        work = [group.create_task(recorder.run(hub)) for recorder in recorders]
+        work = [group.create_task(recorder.run(hub, clock)) for recorder in recorders]
         if progress is not None:
             progress.start()
             row = progress.add_task("trials", total=end_s)

@@ -78,6 +78,8 @@ def _row(instance: str, vector: SharedVector, now_ns: int) -> dict[str, object]:
         "stop": vector.stop,
         "may_move": vector.may_move,
         "permit": vector.may_move,  # its old name, for one version
+        "in_place": vector.in_place,
+        "moved": vector.moved.name.lower(),
         "reason": vector.reason.name.lower(),
         "vision": vector.vision_quality.name.lower(),
         "range": vector.range_quality.name.lower(),
@@ -98,5 +100,5 @@ def _line(row: dict[str, object]) -> str:
     x = f"u {shown('u', 7, 2)}  v {shown('v', 7, 2)}  R {shown('r', 7, 2)} px  Z {shown('z_mm', 6, 0)} mm"
     ages = f"age {row['age_ms']:>5} ms (vision {row['vision_age_ms']}, range {row['range_age_ms']})"
     allowed = "may move" if row["may_move"] else "may not move"  # stop off alone allows nothing
-    verdict = f"STOP {row['reason']}" if row["stop"] else allowed
+    verdict = "STOP in place" if row["in_place"] else f"STOP {row['reason']}" if row["stop"] else allowed
     return f"{row['bay']}  x = [{x}]  {ages}  {row['vision']}/{row['range']}  {verdict}"

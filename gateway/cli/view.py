@@ -11,8 +11,6 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gateway import fusion
-from gateway.bay import dead_after_ns
 from gateway.cli.outlet import Outlet
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
@@ -107,7 +105,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
     centre = f"centre ({circle.u_px:.1f}, {circle.v_px:.1f}) px" if circle else "centre –"
     verdict = Text.assemble(
         ("   STOP   " if state.stop else " APPROACH ", "bold reverse red" if state.stop else "bold reverse green"),
-        f"  may move {'yes' if state.may_move else 'no '}   {centre}",
+        f"  may move {'yes' if state.may_move else 'no '}   in place {'yes' if state.in_place else 'no '}   {centre}",
     )
     why = Text(REASON_MEANING[state.reason] if state.reason is not Reason.NONE else "approaching: stop is off")
     v, r = state.vision.stats, state.range.stats
@@ -214,11 +212,7 @@ class TerminalView:
         return Group(header, body, Panel(lines, title="events", title_align="left"))
 
     def _state(self, bay: BayConfig, now_ns: int) -> StateVector:
-        """As the registers show it: of a dead control task no value stands."""
-        state = self._hub.state(bay.name)
-        if state.seq and now_ns - state.t_ns > dead_after_ns(bay.fusion):
-            return fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns)
-        return state
+        return self._hub.shown(bay.name, now_ns)
 
     def _lines(self, part: RenderableType) -> int:
         return len(self._console.render_lines(part, pad=False))

@@ -9,7 +9,7 @@ import itertools
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gateway.children.link import Link
 from gateway.clock import NS_PER_S, Clock
@@ -30,7 +30,9 @@ from gateway.hmi.orders import (
     Order,
     ToHmi,
 )
+from gateway.modbus import registers
 from gateway.plc import Writer
+from gateway.shown import shown
 from gateway.vision.shm import Ring, Snapshot
 
 WATCHED_S = 0.1
@@ -94,10 +96,20 @@ class Desk:
         return self._watched.total()
 
     def seen(self, bay: str) -> Seen | None:
-        """The newest that is known, however old. None: nothing yet. Raises KeyError for no such bay."""
+        """The newest that is known; without values, if the main process has not vouched for it for YOUNG_S.
+
+        None: nothing yet. Raises KeyError for no such bay.
+        """
         if bay not in self._names:
             raise KeyError(bay)
-        return self._seen.get(bay)
+        seen = self._seen.get(bay)
+        if seen is None:
+            return None
+        state = shown(seen.now.state, self.clock.now_ns() - int(YOUNG_S * NS_PER_S))
+        if state is seen.now.state:
+            return seen
+        image = registers.encode(state, seen.wall_ns, self.about.config.modbus.word_order)
+        return replace(seen, now=replace(seen.now, state=state, image=image))
 
     @contextmanager
     def watching(self, *bays: str, urgent: bool = True) -> Iterator[None]:

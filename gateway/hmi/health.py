@@ -13,8 +13,8 @@ from gateway.clock import NS_PER_S
 from gateway.hmi.desk import Desk, Seen
 from gateway.hmi.models import HealthReason, HealthStatus, HealthView
 from gateway.hmi.orders import LinksNow
-from gateway.model import QUALITY_MEANING, Reason, StateVector
-from gateway.ne107 import FAILURES, NE107_MEANING, Ne107, active
+from gateway.model import DEAD, QUALITY_MEANING, Reason, StateVector
+from gateway.ne107 import NE107_MEANING, Ne107, active
 
 SILENT_S = 3.0  # the main process answers once a second at least
 FRESH_S = 3.0  # a bay's state, as told by the main process; of many bays each has its turn
@@ -67,7 +67,7 @@ def _bay(desk: Desk, bay: str, seen: Seen | None) -> Iterator[HealthReason]:
 
 def _parts_of_a_bay(bay: str, state: StateVector) -> Iterator[HealthReason]:
     for sensor, quality in (("vision", state.vision.quality), ("range", state.range.quality)):
-        yield _reason(f"{bay}.{sensor}", "degraded" if quality in FAILURES else "ok", QUALITY_MEANING[quality])
+        yield _reason(f"{bay}.{sensor}", "degraded" if quality in DEAD else "ok", QUALITY_MEANING[quality])
     if state.memory.disagree:
         yield _reason(f"{bay}.cross_check", "degraded", "camera and ranger contradict each other")
     if state.plc.missed:

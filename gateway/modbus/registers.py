@@ -15,6 +15,7 @@ from gateway import fusion
 from gateway.errors import ProtocolError
 from gateway.modbus.advice import ADVICE
 from gateway.modbus.block import BLOCK
+from gateway.modbus.position import POSITION
 from gateway.modbus.table import Of, Reserved, named
 from gateway.modbus.table import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.table import Value as Value  # noqa: PLC0414
@@ -45,7 +46,7 @@ from gateway.model import (
     StateVector,
 )
 
-MAP_VERSION = 2
+MAP_VERSION = 3
 BLOCK_WORDS = 100
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 KNOWN_FLOAT32 = 123456.0  # 0x47F12000
@@ -259,6 +260,7 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: s.range.stats.reopens & 0xFFFF, of=Of.RANGE),
     Register(34, "range_seq", UINT16, 1, "", "the ranger's own number of its newest measurement, modulo 65536",
              lambda s, _: s.range.seq & 0xFFFF, of=Of.RANGE),
+    *POSITION,
     Register(40, "known_u32", UINT32, 1, "", f"always {KNOWN_UINT32} (0x{KNOWN_UINT32:08X}): proves the word order",
              lambda s, _: KNOWN_UINT32, of=Of.NOTHING),
     Register(42, "known_f32", FLOAT32, 1, "", f"always {KNOWN_FLOAT32}: proves the word order",
@@ -290,7 +292,6 @@ REGISTERS: tuple[Register, ...] = (
 )  # fmt: skip
 
 RESERVED: tuple[Reserved, ...] = (
-    Reserved(35, 5, "more counters"),
     Reserved(58, 2, "another float32 mirror"),
     Reserved(69, 1, "more guidance for the driver"),
     Reserved(78, 2, "more about the detection"),

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from gateway.model import Quality, Reason, Tracking
+from gateway.model import Moved, Quality, Reason, Tracking, VisitPhase
 from gateway.mqtt.payloads import Gateway
 
 QOS = 1
@@ -46,6 +46,10 @@ _QUALITIES = _named([quality.name for quality in Quality])
 ENTITIES: tuple[Entity, ...] = (
     Entity("stop", "binary_sensor", "Stop", "stop", {"device_class": "safety", "icon": "mdi:hand-back-left"}),
     Entity("may_move", "binary_sensor", "Truck may move", "may_move", {"icon": "mdi:truck-fast-outline"}),
+    Entity("in_place", "binary_sensor", "Truck in place", "in_place", {"icon": "mdi:map-marker-check"}),
+    Entity("held", "binary_sensor", "Held by the ranger alone", "held", {"icon": "mdi:eye-off-outline"}),
+    Entity("moved", "sensor", "Truck moved", "moved", _named([moved.name for moved in Moved])),
+    Entity("phase", "sensor", "Visit", "phase", _named([phase.name for phase in VisitPhase])),
     Entity("reason", "sensor", "Reason", "reason.name", _named([reason.name for reason in Reason])),
     Entity("reason_text", "sensor", "Reason in words", "reason.text", {"icon": "mdi:message-text"}),
     Entity("distance", "sensor", "Distance", "distance_mm", _measured("mm", 0, "distance")),

@@ -21,6 +21,11 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.STOP_CLEARED: "`stop` went from on to off",
     EventKind.TARGET_FOUND: "the marker came into sight",
     EventKind.TARGET_LOST: "the marker went out of sight",
+    EventKind.IN_PLACE: "the truck has come to stand in place; `detail` says where",
+    EventKind.IN_PLACE_ENDED: "the truck is not in place any more, or can't be vouched for; `detail` says why",
+    EventKind.MOVED: "a truck that was in place has moved without release; `detail` has the values before and after",
+    EventKind.RELEASED: "the PLC has released the truck: loading is over",
+    EventKind.VISIT_ENDED: "the truck that was in place has left the bay",
     EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` say how",
     EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
     EventKind.PLC_LOST: "the PLC's heartbeat has stood still for longer than its deadline",
@@ -81,6 +86,12 @@ class Measured(BaseModel):
     stop: bool = Field(description="the truck must stop; also on whenever the gateway can't know")
     may_move: bool = Field(description="the truck may move: all healthy and fresh, stop off; no condition for loading")
     permit: bool = Field(description="old name of may_move, for one version")
+    in_place: bool = Field(description="the truck stands in place: the only condition for loading")
+    held: bool = Field(description="in_place is held by the ranger alone: the marker is covered")
+    moved: Literal["NO", "DISTANCE", "MARKER"] = Field(
+        description="since it was in place, the truck left it without release: how"
+    )
+    phase: str = Field(description="where the visit stands: a name of VisitPhase (docs/registers.md); for people")
     reason: ReasonPayload
     d: bool | None = Field(description="D(t), equation 14; null: unknowable")
     u: float | None = Field(description="centre of the marker, px from the left; null unless vision is GOOD")

@@ -4,7 +4,7 @@ Times are Unix time; `offset_ns` is what turns the monotonic clock into it (wall
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from pydantic import BaseModel
@@ -52,9 +52,6 @@ NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 LAST_MS = 253_402_300_799_999  # 9999-12-31T23:59:59.999Z, the last time ISO 8601 has four digits for
 MAX_DETAIL = 500
-# Fusion publishes at least once a second (its longest period); what is older comes from a dead control task.
-STATE_DEADLINE_NS = 3 * NS_PER_S
-
 # A change of stop is what the plant's records are kept for: dropped last.
 PRECIOUS = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
 
@@ -67,15 +64,6 @@ class Gateway:
     bays: tuple[str, ...]
     version: str
     boot: str
-
-
-def current(state: StateVector, now_ns: int) -> StateVector:
-    """The state as it may be shown now: if nothing computes it any more, stop is on and no value stands."""
-    if state.seq == 0 and state.t_ns == 0:  # not computed yet: it is what it says, as of now
-        return replace(state, t_ns=now_ns)
-    if now_ns - state.t_ns > STATE_DEADLINE_NS:
-        return fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns)
-    return state
 
 
 def final(state: StateVector, now_ns: int) -> StateVector:
@@ -177,6 +165,10 @@ def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -
         stop=state.stop,
         may_move=state.may_move,
         permit=state.may_move,
+        in_place=state.in_place,
+        held=state.visit.held,
+        moved=state.visit.moved.name,
+        phase=state.visit.phase.name,
         reason=ReasonPayload(name=state.reason.name, code=state.reason, text=REASON_MEANING[state.reason]),
         d=state.d,
         u=_number(circle.u_px, 3) if circle else None,

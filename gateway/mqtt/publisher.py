@@ -21,7 +21,7 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.model import Event, Quality, Reason, StateVector
+from gateway.model import Event, Moved, Quality, Reason, StateVector
 from gateway.mqtt import credentials, homeassistant, messages, payloads
 from gateway.mqtt.door import Door
 from gateway.mqtt.durable import DurableOutbox, limits
@@ -32,6 +32,7 @@ from gateway.mqtt.topics import Topics
 
 log = logging.getLogger(__name__)
 
+LOOK_S = 0.1  # so often it is asked whether anybody still decides
 LIFE_SHARE = 0.5  # of a keepalive, from one sign of life to the next; see door.ACK_SHARE
 
 
@@ -44,7 +45,7 @@ class Link(Protocol):
 
 
 Connect = Callable[[], AbstractAsyncContextManager[Link]]
-Marks = tuple[bool, bool, Reason, Quality, Quality]
+Marks = tuple[bool, bool, bool, Moved, Reason, Quality, Quality]
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,12 +186,13 @@ class MqttPublisher:
         """One bay's state: a change that matters at once, the rest once a period, the newest only."""
         period_ns = self._config.state_period_s * NS_PER_S
         while True:
-            wait_s = (sent.t_ns + period_ns - self._clock.now_ns()) / NS_PER_S
-            with contextlib.suppress(TimeoutError):
-                async with self._clock.timeout(max(0.0, wait_s)):
-                    state = self._shown(bay)
-                    while _marks(state) == sent.marks:
-                        state = await self._hub.newer(bay, self._hub.state(bay).seq)
+            seq = -1
+            while _marks(self._shown(bay)) == sent.marks and self._clock.now_ns() < sent.t_ns + period_ns:
+                wait_s = (sent.t_ns + period_ns - self._clock.now_ns()) / NS_PER_S
+                with contextlib.suppress(TimeoutError):
+                    # No newer state: nobody decides any more, which must be told, too.
+                    async with self._clock.timeout(min(wait_s, LOOK_S)):
+                        seq = await self._hub.newer(bay, seq)
             sent = await self._send_state(link, bay)
 
     async def _send_state(self, link: Link, bay: str) -> Sent:
@@ -225,7 +227,7 @@ class MqttPublisher:
     async def _say_goodbye(self, link: Link) -> None:
         now_ns = self._clock.now_ns()
         for bay in self._hub.bays:  # first: a dead bay must not look alive, whatever else there is time for
-            await self._publish(link, self._state_message(payloads.final(self._hub.state(bay), now_ns)))
+            await self._publish(link, self._state_message(payloads.final(self._hub.shown(bay, now_ns), now_ns)))
         await self._empty_outbox(link)
         await self._publish(link, self._status_message("shutdown"))
         self._said_goodbye = True
@@ -247,7 +249,7 @@ class MqttPublisher:
         self._filled.set()
 
     def _shown(self, bay: str) -> StateVector:
-        return payloads.current(self._hub.state(bay), self._clock.now_ns())
+        return self._hub.shown(bay, self._clock.now_ns())
 
     def _state_message(self, state: StateVector) -> Message:
         """A live state is forgotten by the broker (MQTT 5) once it is too old to be believed; a last word stays."""
@@ -281,4 +283,12 @@ class MqttPublisher:
 
 def _marks(state: StateVector) -> Marks:
     """What a subscriber must hear of at once."""
-    return state.stop, state.may_move, state.reason, state.vision.quality, state.range.quality
+    return (
+        state.stop,
+        state.may_move,
+        state.in_place,
+        state.visit.moved,
+        state.reason,
+        state.vision.quality,
+        state.range.quality,
+    )

@@ -1,6 +1,6 @@
 """`[fusion]`, `[guidance]` and `[[recipes]]`: when to stop, what the driver hears, what the PLC may select. Pure."""
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -20,7 +20,7 @@ class CrossCheck(Section):
 
 
 class FusionConfig(Section):
-    """Equation 14 and what surrounds it; the defaults decide exactly as the paper does."""
+    """Equation 14 and what surrounds it. Stop comes on as the paper says; by default it goes off more slowly."""
 
     radius_threshold_px: float = Field(180.0, gt=0, le=20_000, description="R_th")
     distance_threshold_mm: float = Field(300.0, gt=0, le=4000, description="Z_th; the paper's 30 cm")
@@ -35,8 +35,35 @@ class FusionConfig(Section):
     fail_safe: bool = Field(
         True, description="stop is on whenever D is unknowable; false: a blind gateway does NOT say stop"
     )
+    decision: Literal["held", "plain"] = Field(
+        "held",
+        description="held: D = 1 ends only when both sensors show that the truck moved away, and stop goes off only "
+        "after clear_hold_s; plain: equation 14 at every step, as in the paper",
+    )
     radius_hysteresis_px: float = Field(0.0, ge=0, le=1000, description="stop ends below R_th minus this")
     distance_hysteresis_mm: float = Field(0.0, ge=0, le=1000, description="stop ends above Z_th plus this")
+    away_px: float = Field(
+        4.0, ge=0, le=1000, description="held: R must be smaller by this than where equation 14 last gave D = 1"
+    )
+    away_mm: float = Field(15.0, ge=0, le=1000, description="held: and Z larger by this; only then D = 1 ends")
+    clear_hold_s: float = Field(
+        0.3, ge=0, le=60, description="held: every cause of a stop must be gone for so long before stop goes off"
+    )
+    recovery_s: float = Field(
+        1.0, ge=0, le=60, description="a sensor that was dead must be good for so long before its values count again"
+    )
+    scale_tolerance: float = Field(
+        0.35,
+        ge=0,
+        le=10,
+        description="R x Z of one marker and lens is constant: a larger relative change is a contradiction; 0: not "
+        "checked; only with decision = held and without cross_check",
+    )
+    scale_lasting_s: float = Field(0.3, ge=0, le=60, description="such a change must last so long to be a fault")
+    arrive_by_camera: bool = Field(
+        False,
+        description="a truck beyond the ranger may move, if the learned R x Z says that it is beyond; else it waits",
+    )
     raise_debounce_s: float = Field(0.0, ge=0, le=5, description="D must be 1 for so long before stop: it delays stop")
     clear_debounce_s: float = Field(0.0, ge=0, le=60, description="D must be 0 for so long before a stop by D ends")
     latch_stop: bool = Field(

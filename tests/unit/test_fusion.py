@@ -35,7 +35,7 @@ from gateway.model import (
 MS = 1_000_000
 S = 1_000 * MS
 T0 = 50 * S
-PAPER = FusionConfig()
+PAPER = FusionConfig(decision="plain", recovery_s=0)
 TICK = Tick()
 NAN, INF = math.nan, math.inf
 
@@ -86,7 +86,7 @@ def test_default_decision_is_equation_14(radius_px: float, distance_mm: float, d
 
 
 def test_thresholds_are_configurable() -> None:
-    config = FusionConfig(radius_threshold_px=90.0, distance_threshold_mm=500.0)
+    config = FusionConfig(decision="plain", recovery_s=0, radius_threshold_px=90.0, distance_threshold_mm=500.0)
 
     assert both(90.0, 500.0, config).d is True
     assert both(89.9, 500.0, config).d is False
@@ -101,7 +101,7 @@ def test_thresholds_are_configurable() -> None:
 )
 @settings(max_examples=60, deadline=None)
 def test_any_thresholds_decide_as_equation_14(r_th: float, z_th: float, radius_px: float, distance_mm: float) -> None:
-    config = FusionConfig(radius_threshold_px=r_th, distance_threshold_mm=z_th)
+    config = FusionConfig(decision="plain", recovery_s=0, radius_threshold_px=r_th, distance_threshold_mm=z_th)
 
     assert both(radius_px, distance_mm, config).d is (radius_px >= r_th and distance_mm <= z_th)
 
@@ -144,7 +144,7 @@ def test_waiting_becomes_a_fault_after_the_grace() -> None:
 
 def test_the_grace_is_no_deadline_for_values() -> None:
     """A deadline longer than the grace does not lengthen the grace, nor the other way round."""
-    config = FusionConfig(vision_deadline_s=10, range_deadline_s=10)
+    config = FusionConfig(decision="plain", recovery_s=0, vision_deadline_s=10, range_deadline_s=10)
     state = after(seen(T0), heard(T0), config=config)
 
     assert step(state, TICK, T0 + 10 * S, config).d is True
@@ -156,7 +156,7 @@ def test_the_grace_is_no_deadline_for_values() -> None:
 
 @pytest.mark.parametrize(("vision_s", "range_s"), [(0.3, 0.3), (0.02, 0.5), (0.7, 0.02)])
 def test_values_fall_at_their_own_deadline(vision_s: float, range_s: float) -> None:
-    config = FusionConfig(vision_deadline_s=vision_s, range_deadline_s=range_s)
+    config = FusionConfig(decision="plain", recovery_s=0, vision_deadline_s=vision_s, range_deadline_s=range_s)
     state = after(seen(T0), heard(T0), config=config)
 
     for deadline_s in (vision_s, range_s):
@@ -420,7 +420,7 @@ def test_what_somebody_has_to_repair_is_told_first(vision: Quality, rng: Quality
 
 
 def test_without_fail_safe_only_the_decision_stops() -> None:
-    config = FusionConfig(fail_safe=False)
+    config = FusionConfig(decision="plain", recovery_s=0, fail_safe=False)
     faulty = after(seen(T0, 10.0), RangeReading(T0, Quality.LINK_DOWN), config=config)
     assert (faulty.d, faulty.stop, faulty.may_move, faulty.reason) == (None, False, False, Reason.NONE)
 
@@ -445,7 +445,7 @@ def test_target_seen_remembers_the_last_frame_that_could_be_judged() -> None:
 
 
 def test_hysteresis_holds_the_stop_and_only_the_stop() -> None:
-    config = FusionConfig(radius_hysteresis_px=10, distance_hysteresis_mm=20)
+    config = FusionConfig(decision="plain", recovery_s=0, radius_hysteresis_px=10, distance_hysteresis_mm=20)
     rows = [  # radius, distance, D
         (179.0, 300.0, False),  # no easier to raise
         (180.0, 301.0, False),
@@ -478,28 +478,28 @@ def decisions(config: FusionConfig, rows: list[tuple[int, float | None]]) -> lis
 
 
 def test_raise_debounce_delays_a_stop() -> None:
-    config = FusionConfig(raise_debounce_s=0.2)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=0.2)
     rows: list[tuple[int, float | None]] = [(0, 100), (100, 200), (200, 200), (299, 200), (300, 200), (310, 100)]
 
     assert decisions(config, rows) == [False, False, False, False, True, False]
 
 
 def test_clear_debounce_holds_a_stop() -> None:
-    config = FusionConfig(clear_debounce_s=0.2)
+    config = FusionConfig(decision="plain", recovery_s=0, clear_debounce_s=0.2)
     rows: list[tuple[int, float | None]] = [(0, 200), (100, 100), (299, 100), (300, 100), (310, 200)]
 
     assert decisions(config, rows) == [True, True, True, False, True]
 
 
 def test_a_flicker_starts_the_debounce_anew() -> None:
-    config = FusionConfig(raise_debounce_s=0.2)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=0.2)
     rows: list[tuple[int, float | None]] = [(0, 100), (1, 200), (150, 100), (160, 200), (350, 200), (360, 200)]
 
     assert decisions(config, rows) == [False, False, False, False, False, True]
 
 
 def test_a_gap_in_the_values_starts_the_debounce_anew() -> None:
-    config = FusionConfig(clear_debounce_s=0.2)
+    config = FusionConfig(decision="plain", recovery_s=0, clear_debounce_s=0.2)
     rows: list[tuple[int, float | None]] = [(0, 200), (10, 100), (150, None), (220, 100), (410, 100), (420, 100)]
 
     assert decisions(config, rows) == [True, True, None, True, True, False]
@@ -507,7 +507,7 @@ def test_a_gap_in_the_values_starts_the_debounce_anew() -> None:
 
 def test_the_debounce_of_a_stop_ends_no_stop_of_a_fault() -> None:
     """D = 1 all the time, but every third frame is lost: stop stays on, and permit off, throughout."""
-    config = FusionConfig(raise_debounce_s=0.2)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=0.2)
     state = initial("bay1", T0)
     for n in range(30):
         now_ns = T0 + n * 33 * MS
@@ -518,14 +518,14 @@ def test_the_debounce_of_a_stop_ends_no_stop_of_a_fault() -> None:
 
 
 def test_without_fail_safe_there_is_no_stop_of_a_fault_to_keep() -> None:
-    config = FusionConfig(raise_debounce_s=0.2, fail_safe=False)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=0.2, fail_safe=False)
     rows: list[tuple[int, float | None]] = [(0, 200), (150, None), (210, 200), (400, 200), (410, 200)]
 
     assert decisions(config, rows) == [False, None, False, False, True]
 
 
 def test_each_way_waits_its_own_time_from_the_first_contrary_value() -> None:
-    config = FusionConfig(raise_debounce_s=0.2, clear_debounce_s=0.1)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=0.2, clear_debounce_s=0.1)
     rows: list[tuple[int, float | None]] = [(0, 100), (150, 200), (250, 200), (349, 200), (350, 200)]
     rows += [(400, 200), (420, 100), (519, 100), (520, 100)]
 
@@ -533,7 +533,7 @@ def test_each_way_waits_its_own_time_from_the_first_contrary_value() -> None:
 
 
 def test_a_turn_of_d_ends_its_wait() -> None:
-    config = FusionConfig(raise_debounce_s=0.1, clear_debounce_s=0.1)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=0.1, clear_debounce_s=0.1)
     state = after(seen(T0, 100.0), heard(T0), seen(T0), config=config)
     assert state.d is False
     state = step(state, TICK, T0 + 100 * MS, config)
@@ -546,7 +546,7 @@ def test_a_turn_of_d_ends_its_wait() -> None:
 
 
 def test_debounce_goes_by_time_even_between_readings() -> None:
-    config = FusionConfig(raise_debounce_s=0.1)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=0.1)
     state = after(seen(T0, 100.0), heard(T0), seen(T0), config=config)
     assert state.d is False
 
@@ -564,7 +564,7 @@ def test_debounce_goes_by_time_even_between_readings() -> None:
 @settings(max_examples=80, deadline=None)
 def test_d_never_turns_before_its_time(raise_s: float, clear_s: float, rows: list[tuple[int, float | None]]) -> None:
     """Each turn of D must be preceded by its debounce time of unbroken contrary evidence, and no longer."""
-    config = FusionConfig(raise_debounce_s=raise_s, clear_debounce_s=clear_s)
+    config = FusionConfig(decision="plain", recovery_s=0, raise_debounce_s=raise_s, clear_debounce_s=clear_s)
     times: list[int] = []
     for gap_ms, _ in rows:
         times.append((times[-1] if times else 0) + gap_ms)
@@ -590,7 +590,7 @@ def test_d_never_turns_before_its_time(raise_s: float, clear_s: float, rows: lis
 
 # Cross-check: f r / R = 600 * 90 / R, tolerance 50 mm + 10 % of Z, lasting 1 s.
 
-CHECKED = FusionConfig(cross_check=CrossCheck(focal_px=600, marker_radius_mm=90))
+CHECKED = FusionConfig(decision="plain", recovery_s=0, cross_check=CrossCheck(focal_px=600, marker_radius_mm=90))
 
 
 @pytest.mark.parametrize(
@@ -621,7 +621,9 @@ def test_cross_check_compares_f_r_over_R(
 
 
 def test_cross_check_knows_the_camera_offset() -> None:
-    config = FusionConfig(cross_check=CrossCheck(focal_px=600, marker_radius_mm=90, camera_offset_mm=120))
+    config = FusionConfig(
+        decision="plain", recovery_s=0, cross_check=CrossCheck(focal_px=600, marker_radius_mm=90, camera_offset_mm=120)
+    )
     state = both(100.0, 420.0, config)
 
     assert state.z_vision_mm == 420.0
@@ -683,13 +685,17 @@ def test_the_wait_goes_on_while_blind() -> None:
 
 
 def test_a_disagreement_of_no_duration_is_a_fault_at_once() -> None:
-    config = FusionConfig(cross_check=CrossCheck(focal_px=600, marker_radius_mm=90, lasting_s=0))
+    config = FusionConfig(
+        decision="plain", recovery_s=0, cross_check=CrossCheck(focal_px=600, marker_radius_mm=90, lasting_s=0)
+    )
 
     assert after(*disagreeing(0), config=config).reason is Reason.SENSORS_DISAGREE
 
 
 def test_a_disagreement_outranks_a_reached_target() -> None:
-    config = FusionConfig(cross_check=CrossCheck(focal_px=6000, marker_radius_mm=90, lasting_s=0))
+    config = FusionConfig(
+        decision="plain", recovery_s=0, cross_check=CrossCheck(focal_px=6000, marker_radius_mm=90, lasting_s=0)
+    )
     state = both(200.0, 250.0, config)
     assert (state.d, state.stop, state.may_move, state.reason) == (True, True, False, Reason.SENSORS_DISAGREE)
 
@@ -755,8 +761,10 @@ CIRCLES = st.one_of(
 STAMPS_MS = st.one_of(st.integers(-60, 0), st.integers(-2000, 1000))
 CONFIGS = {
     "paper": PAPER,
-    "blind": FusionConfig(fail_safe=False),
-    "checked": FusionConfig(cross_check=CrossCheck(focal_px=600, marker_radius_mm=90, lasting_s=0.2)),
+    "blind": FusionConfig(decision="plain", recovery_s=0, fail_safe=False),
+    "checked": FusionConfig(
+        decision="plain", recovery_s=0, cross_check=CrossCheck(focal_px=600, marker_radius_mm=90, lasting_s=0.2)
+    ),
     "everything": FusionConfig(
         radius_hysteresis_px=20,
         distance_hysteresis_mm=30,

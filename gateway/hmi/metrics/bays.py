@@ -8,7 +8,17 @@ from gateway.clock import NS_PER_S
 from gateway.config import BayConfig
 from gateway.hmi.desk import Seen
 from gateway.hmi.metrics.family import Family, Known, Labelled, Value
-from gateway.model import FRESH_FRAME, FunctionCheck, GuidanceCode, Quality, Reason, StateVector, Tracking
+from gateway.model import (
+    FRESH_FRAME,
+    FunctionCheck,
+    GuidanceCode,
+    Moved,
+    Quality,
+    Reason,
+    StateVector,
+    Tracking,
+    VisitPhase,
+)
 from gateway.ne107 import Ne107, status
 from gateway.plc import PlcLink
 
@@ -74,6 +84,10 @@ def _circle(bay: BayKnown, axis: str) -> Value:
 BAYS: tuple[Family, ...] = (
     _gauge("stop", "1: stop is on", lambda b: b.state.stop),
     _gauge("may_move", "1: the truck may move", lambda b: b.state.may_move),
+    _gauge("in_place", "1: the truck stands in place, the only condition for loading", lambda b: b.state.in_place),
+    _gauge("in_place_held", "1: in place by the ranger alone", lambda b: b.state.visit.held),
+    _states("moved", "since it was in place, has the truck moved?", Moved, lambda s: s.visit.moved),
+    _states("visit_phase", "where the visit stands", VisitPhase, lambda s: s.visit.phase),
     _gauge("permit", "old name of may_move, for one version", lambda b: b.state.may_move),
     _gauge("decision", "D of equation 14; no sample: unknowable", lambda b: b.state.d),
     _gauge("stop_latched", "1: stop is latched", lambda b: b.state.memory.latched),

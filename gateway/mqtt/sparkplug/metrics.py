@@ -64,6 +64,11 @@ _B, _D, _S, _U = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.UI
 DEVICE: tuple[Row, ...] = (
     Row("Stop", _B, "the truck must stop; also on whenever the gateway can't know", _always(lambda s: s.stop)),
     Row("May Move", _B, "the truck may move: all healthy and fresh, stop off", _always(lambda s: s.may_move)),
+    Row("In Place", _B, "the truck stands in place: the only condition for loading", _always(lambda s: s.in_place)),
+    Row("Held", _B, "in place by the ranger alone: the marker is covered", _always(lambda s: s.visit.held)),
+    Row("Moved", _S, "since it was in place, the truck left it: NO, DISTANCE, MARKER",
+        _always(lambda s: s.visit.moved.name)),
+    Row("Visit/Phase", _S, "where the visit stands", _always(lambda s: s.visit.phase.name)),
     Row("Permit", _B, "old name of `May Move`, for one version", _always(lambda s: s.may_move)),
     Row("D", _B, "D(t), equation 14; null: unknowable", _d),
     Row("Reason/Code", _U, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
@@ -84,7 +89,7 @@ DEVICE: tuple[Row, ...] = (
     Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
 )  # fmt: skip
 
-HISTORY = ("Stop", "May Move", "Permit", "Reason/Code", "Reason/Name")
+HISTORY = ("Stop", "May Move", "In Place", "Moved", "Permit", "Reason/Code", "Reason/Name")
 """What is kept of a change that happened while nobody could be told."""
 
 Reading = tuple[Value, QualityCode]

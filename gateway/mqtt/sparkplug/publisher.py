@@ -177,7 +177,7 @@ class SparkplugPublisher:
     def _states(self) -> Mapping[str, StateVector | None]:
         """None: nothing computes this bay's state any more."""
         now_ns = self._clock.now_ns()
-        shown = {bay: payloads.current(self._hub.state(bay), now_ns) for bay in self._hub.bays}
+        shown = {bay: self._hub.shown(bay, now_ns) for bay in self._hub.bays}
         return {bay: None if s.reason is Reason.GATEWAY_FAULT else s for bay, s in shown.items()}
 
     def _now_ms(self) -> int:

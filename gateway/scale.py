@@ -1,0 +1,76 @@
+"""R times Z of one physical marker and one lens: learned from visit to visit, and what it says then. Pure.
+
+A pinhole sees a disc of radius r at the distance Z as R = f r / Z, so that R Z is a constant. It is taken down whenever
+a truck comes to be in place: standing, and seen by both sensors. An offset between camera and ranger makes R Z depend
+on Z, so what was learned is used near the places where it was learned only.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+
+KEPT = 60  # visits
+LEAST = 3  # of them, before it is believed
+NEAR_SHARE = 1.5  # of the learned Z: up to there R Z is judged by it
+JUMP_SHARE = 0.1  # a visit that differs more is worth an alarm: other marker, moved camera, changed zoom
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleSample:
+    """One truck in place. Recipes may be for other markers, so each has its own."""
+
+    recipe: int
+    radius_px: float
+    distance_mm: float
+
+    @property
+    def px_mm(self) -> float:
+        return self.radius_px * self.distance_mm
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerScale:
+    """What was learned of one recipe's marker. `jump`: by how much the newest visit differs, as a share; else None."""
+
+    px_mm: float  # median of R Z
+    distance_mm: float  # median of Z
+    spread: float  # largest minus smallest R Z, as a share of the median
+    visits: int
+    jump: float | None = None
+
+
+def learned(samples: Sequence[ScaleSample], recipe: int) -> MarkerScale | None:
+    """None: too few visits yet."""
+    of_recipe = [sample for sample in samples if sample.recipe == recipe]
+    if len(of_recipe) < LEAST:
+        return None
+    products = [sample.px_mm for sample in of_recipe]
+    middle = median(products)
+    found = MarkerScale(
+        middle,
+        median(sample.distance_mm for sample in of_recipe),
+        (max(products) - min(products)) / middle,
+        len(of_recipe),
+    )
+    change = products[-1] / median(products[:-1]) - 1
+    return replace(found, jump=change) if abs(change) > JUMP_SHARE else found
+
+
+def with_visit(samples: tuple[ScaleSample, ...], sample: ScaleSample) -> tuple[ScaleSample, ...]:
+    """Newest last, bounded."""
+    return (*samples, sample)[-KEPT:]
+
+
+def expected_radius_px(
+    scale: MarkerScale | None, distance_mm: float | None, tolerance: float
+) -> tuple[float, float] | None:
+    """Which radii a marker at that distance can have; None: can't be told."""
+    if scale is None or distance_mm is None or distance_mm > NEAR_SHARE * scale.distance_mm:
+        return None
+    radius_px = scale.px_mm / distance_mm
+    return radius_px / (1 + tolerance), radius_px * (1 + tolerance)
+
+
+def distance_of(scale: MarkerScale, radius_px: float) -> float:
+    """How far away a marker of that radius is, mm, by what was learned."""
+    return scale.px_mm / radius_px
