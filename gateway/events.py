@@ -54,7 +54,7 @@ def _cross_check(old: StateVector, new: StateVector) -> list[Event]:
     detail = ""
     if new.memory.disagree and new.z_vision_mm is not None and new.range.distance_mm is not None:
         detail = f"camera sees {new.z_vision_mm:.0f} mm, ranger {new.range.distance_mm:.0f} mm"
-    elif new.memory.disagree:
+    elif new.memory.disagree and new.vision.circle is not None and new.range.distance_mm is not None:
         detail = f"R x Z is not that of this marker: {_where(new.range.distance_mm, new.vision.circle)}"
     return [Event(kind, new.bay, new.t_ns, new, "cross_check", Quality.GOOD, detail)]
 

@@ -24,6 +24,7 @@ from typing import NamedTuple
 from gateway.config import CrossCheck, FusionConfig
 from gateway.model import (
     DEAD,
+    FRESH_FRAME,
     VISION_FINE,
     Circle,
     FunctionCheck,
@@ -303,7 +304,7 @@ def _recovering(
     )
     if failure != (memory.vision_failed, memory.vision_alive_since_ns):
         memory = replace(memory, vision_failed=failure.quality, vision_alive_since_ns=failure.alive_since_ns)
-    if failure.quality is not None and vision.quality not in DEAD:
+    if failure.quality is not None and vision.quality in FRESH_FRAME:
         vision = replace(_without_circle(vision, failure.quality), detail=RECOVERING)
     failure = _failure(
         Failure(memory.range_failed, memory.range_alive_since_ns),
@@ -315,7 +316,7 @@ def _recovering(
     )
     if failure != (memory.range_failed, memory.range_alive_since_ns):
         memory = replace(memory, range_failed=failure.quality, range_alive_since_ns=failure.alive_since_ns)
-    if failure.quality is not None and rng.quality not in DEAD:
+    if failure.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
         rng = replace(rng, quality=failure.quality, distance_mm=None, detail=RECOVERING)
     return memory, vision, rng
 

@@ -5,6 +5,8 @@ from typing import Any
 
 from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
 
+FOREVER_NS = 2**62
+
 
 def permitted(heartbeat: int = 7, **changes: Any) -> StateVector:
     """A truck on its way: everything healthy, no stop."""
@@ -18,6 +20,7 @@ def permitted(heartbeat: int = 7, **changes: Any) -> StateVector:
         d=False,
         stop=False,
         may_move=True,
+        valid_until_ns=FOREVER_NS,
         reason=Reason.NONE,
     )
     return replace(state, **changes)

@@ -108,6 +108,7 @@ class Desk:
         state = shown(seen.now.state, self.clock.now_ns() - int(YOUNG_S * NS_PER_S))
         if state is seen.now.state:
             return seen
+        state = replace(state, t_ns=seen.now.state.t_ns)  # as old as it is
         image = registers.encode(state, seen.wall_ns, self.about.config.modbus.word_order)
         return replace(seen, now=replace(seen.now, state=state, image=image))
 

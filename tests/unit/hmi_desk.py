@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from gateway.bay import BayControl
 from gateway.children.link import Link
-from gateway.config import BayConfig, GatewayConfig, VisionConfig
+from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
 from gateway.errors import ConfigError
 from gateway.hmi import trust
 from gateway.hmi.alarms.table import Signs
@@ -59,7 +59,9 @@ class Plant:
 async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | None = None) -> AsyncIterator[Plant]:
     """In virtual time. Every message crosses a real socket, pickled."""
     clock = LoopClock()
-    named = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, bays + 1))
+    named = tuple(
+        BayConfig(name=f"bay{n}", unit_id=n, fusion=FusionConfig(decision="plain")) for n in range(1, bays + 1)
+    )
     config = config or GatewayConfig(bays=named)
     names = [bay.name for bay in config.bays]
     hub = Hub(names)

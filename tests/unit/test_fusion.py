@@ -766,6 +766,8 @@ CONFIGS = {
         decision="plain", recovery_s=0, cross_check=CrossCheck(focal_px=600, marker_radius_mm=90, lasting_s=0.2)
     ),
     "everything": FusionConfig(
+        decision="plain",
+        recovery_s=0,
         radius_hysteresis_px=20,
         distance_hysteresis_mm=30,
         raise_debounce_s=0.05,

@@ -126,17 +126,17 @@ def test_slow(distance_mm: float, speed: float | None, code: GuidanceCode) -> No
 @pytest.mark.parametrize(
     ("distance_mm", "u_px", "speed", "code", "amount"),
     [
-        (280.0, 320.0, 0.0, GuidanceCode.OK, None),
+        (280.0, 320.0, 0.0, GuidanceCode.STOP, None),  # at the mark; in place only when it has settled
         (280.0, 320.0, 60.0, GuidanceCode.STOP, None),
         (280.0, 320.0, None, GuidanceCode.STOP, None),  # not known to stand
         (280.0, 345.0, 0.0, GuidanceCode.STOP, None),  # in place, but to the side of the aim
         (150.0, 320.0, 60.0, GuidanceCode.TOO_FAR, 150.0),
         (150.0, 320.0, None, GuidanceCode.TOO_FAR, 150.0),
         (150.0, 320.0, 5.0, GuidanceCode.BACK, 150.0),
-        (200.0, 320.0, 5.0, GuidanceCode.OK, None),  # exactly overshoot_mm is still fine
+        (200.0, 320.0, 5.0, GuidanceCode.STOP, None),  # exactly overshoot_mm is still fine
     ],
 )
-def test_in_place_and_past_it(
+def test_at_the_mark_and_past_it(
     distance_mm: float, u_px: float, speed: float | None, code: GuidanceCode, amount: float | None
 ) -> None:
     told = advise(900.0, distance_mm, u_px=u_px, d=True, stop=True, speed=speed)
@@ -171,7 +171,7 @@ def test_what_else_holds_a_truck_back() -> None:
     assert advise(in_use=False).code is GuidanceCode.WAIT
     assert advise(memory=FusionMemory(latched=True), stop=True).code is GuidanceCode.STOP
     assert advise(memory=FusionMemory(latched=True), in_use=False).code is GuidanceCode.STOP
-    assert advise(900.0, 280.0, memory=FusionMemory(latched=True), d=True, stop=True).code is GuidanceCode.OK
+    assert advise(900.0, 280.0, memory=FusionMemory(latched=True), d=True, stop=True).code is GuidanceCode.STOP
     assert advise(stop=True).code is GuidanceCode.STOP
 
 

@@ -89,7 +89,7 @@ def test_of_many_bays_all_are_young() -> None:
 
 
 def test_thresholds_are_those_of_the_recipe_in_force() -> None:
-    fusion = FusionConfig(radius_threshold_px=180, radius_hysteresis_px=4)
+    fusion = FusionConfig(decision="plain", radius_threshold_px=180, radius_hysteresis_px=4)
     bay = BayConfig(name="bay1", fusion=fusion, guidance=GuidanceConfig(aim_u_px=300.0))
     recipe = RecipeConfig.model_validate(
         {"id": 5, "name": "short truck", "fusion": {"radius_threshold_px": 140}, "guidance": {"aim_u_px": 320.0}}

@@ -36,7 +36,7 @@ TICK = Tick()
 def rules(text: str = "", **fusion_keys: Any) -> Rules:
     data: dict[str, Any] = {
         "modbus": {"writes": True},
-        "fusion": {"vision_deadline_s": 5.0, "range_deadline_s": 5.0} | fusion_keys,
+        "fusion": {"decision": "plain", "vision_deadline_s": 5.0, "range_deadline_s": 5.0} | fusion_keys,
         "recipes": [{"id": 7, "name": "small", "fusion": {"distance_threshold_mm": 100.0}}],
     }
     return of(parse(data | {"modbus": {"writes": True, "handshake": _handshake(text)}}))

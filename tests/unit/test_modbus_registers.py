@@ -79,7 +79,7 @@ STATE = StateVector(
 # address: word, high word first
 EXPECTED: dict[int, int] = {
     0: 0x468A,  # 2 * 0x12345 modulo 65536
-    1: 2,
+    1: 3,
     2: 0xABCD,
     3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
     4: 1,
@@ -141,6 +141,7 @@ EXPECTED: dict[int, int] = {
     77: 204,  # acos(169.94 / 181.26) = 20.354 degrees
     63: 0xFFFF,
     **dict.fromkeys(range(64, 69), 0x8000),  # no guidance
+    38: 0xFFFF,  # not held
     90: 0x8000,  # no triggered result
     91: 0x8000,
     92: 0xFFFF,

@@ -32,6 +32,7 @@ from gateway.model import (
 from gateway.mqtt import messages, payloads, reference
 from gateway.mqtt.payloads import Gateway, encode, event_payload, state_payload, status_payload
 from gateway.mqtt.topics import Topics
+from gateway.shown import shown
 from tests.mqtt_messages import checked
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -93,6 +94,10 @@ def test_a_good_state() -> None:
         "stop": True,
         "may_move": False,
         "permit": False,
+        "in_place": False,
+        "held": False,
+        "moved": "NO",
+        "phase": "UNKNOWN",
         "reason": {"name": "TARGET_REACHED", "code": 1, "text": REASON_MEANING[Reason.TARGET_REACHED]},
         "d": True,
         "u": 320.123,
@@ -241,26 +246,15 @@ def test_the_status_and_the_will() -> None:
     assert sent(status_payload(GATEWAY, "shutdown", WALL_NS, delivery))["status"] == "offline"
 
 
-def test_a_state_is_shown_as_it_is_while_it_is_young() -> None:
-    assert payloads.current(GOOD, NOW_NS + payloads.STATE_DEADLINE_NS) is GOOD
-
-
 def test_a_state_that_nobody_computes_any_more_is_stop_without_values() -> None:
-    permitted = replace(GOOD, stop=False, may_move=True, d=False, reason=Reason.NONE)
-    now_ns = NOW_NS + payloads.STATE_DEADLINE_NS + 1
-    found = sent(state_payload(payloads.current(permitted, now_ns), GATEWAY, OFFSET_NS, 1))
+    moving = replace(GOOD, stop=False, may_move=True, d=False, reason=Reason.NONE, valid_until_ns=NOW_NS)
+    found = sent(state_payload(shown(moving, NOW_NS + 3_000_000_001), GATEWAY, OFFSET_NS, 1))
     assert (found["stop"], found["may_move"], found["d"]) == (True, False, None)
     assert found["reason"]["name"] == "GATEWAY_FAULT"
     assert [found[key] for key in ("u", "v", "radius_px", "distance_mm", "z_vision_mm")] == [None] * 5
     assert (found["vision"]["quality"]["name"], found["range"]["quality"]["name"]) == ("STALE", "STALE")
     assert found["heartbeat"] == 70
     assert found["timestamp_ms"] == 1_700_000_003_123
-
-
-def test_a_state_not_computed_yet_is_starting_as_of_now() -> None:
-    found = sent(state_payload(payloads.current(StateVector("bay2"), NOW_NS), GATEWAY, OFFSET_NS, 1))
-    assert (found["stop"], found["may_move"], found["reason"]["name"]) == (True, False, "STARTING")
-    assert found["timestamp_ms"] == 1_700_000_000_123
 
 
 def test_the_state_that_stays_behind_is_stop_without_values() -> None:
@@ -322,8 +316,8 @@ WILD_STATE = st.builds(
 
 @given(state=WILD_STATE, offset_ns=WILD_TIME, now_ns=WILD_TIME)
 def test_any_state_whatever_becomes_a_valid_message(state: StateVector, offset_ns: int, now_ns: int) -> None:
-    for shown in (state, payloads.current(state, now_ns), payloads.final(state, now_ns)):
-        sent(state_payload(shown, GATEWAY, offset_ns, 1))
+    for told in (state, shown(state, now_ns), payloads.final(state, now_ns)):
+        sent(state_payload(told, GATEWAY, offset_ns, 1))
 
 
 @given(
