@@ -97,11 +97,11 @@ def attachable() -> list[tuple[str, str]]:
 class SharedStateWriter:
     """Owns one bay's vector; a context manager. Raises ConfigError if it can't be had, or another gateway holds it."""
 
-    def __init__(self, instance: str, bay: str) -> None:
+    def __init__(self, instance: str, bay: str, clock: Clock | None = None) -> None:
         self._path = path_of(instance, bay)
         self._instance = instance
         self._count = 0
-        self._clock = SystemClock()
+        self._clock = clock or SystemClock()
 
     def __enter__(self) -> Self:
         _sweep()

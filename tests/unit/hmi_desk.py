@@ -37,6 +37,9 @@ class Eyes:
         self.settings = vision
 
 
+PLAIN = FusionConfig(decision="plain", recovery_s=0)
+
+
 @dataclass
 class Plant:
     """Both ends. `answering` False: the main process hangs."""
@@ -59,9 +62,7 @@ class Plant:
 async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | None = None) -> AsyncIterator[Plant]:
     """In virtual time. Every message crosses a real socket, pickled."""
     clock = LoopClock()
-    named = tuple(
-        BayConfig(name=f"bay{n}", unit_id=n, fusion=FusionConfig(decision="plain")) for n in range(1, bays + 1)
-    )
+    named = tuple(BayConfig(name=f"bay{n}", unit_id=n, fusion=PLAIN) for n in range(1, bays + 1))
     config = config or GatewayConfig(bays=named)
     names = [bay.name for bay in config.bays]
     hub = Hub(names)

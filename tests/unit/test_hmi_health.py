@@ -102,7 +102,7 @@ def test_a_control_task_that_does_not_tick_fails() -> None:
             loading(made)
             control = made.controls["bay1"]
             step = control._step
-            control._step = lambda seen, *more: None if isinstance(seen, Tick) else step(seen, *more)  # type: ignore[method-assign]
+            control._step = lambda seen, *more, **named: None if isinstance(seen, Tick) else step(seen, *more, **named)  # type: ignore[method-assign]
             await asyncio.sleep(2)
             view = health(made.desk)
             assert (view.status, status_code(view)) == ("failing", 503)
