@@ -141,7 +141,9 @@ def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
     """The result of the acquisition at work, if both sensors have spoken since its trigger."""
     vision, rng = state.vision, state.range
     silent = (Quality.WAITING, Quality.STALE)
-    if min(vision.t_ns, rng.t_ns) < plc.trigger_ns or vision.quality in silent or rng.quality in silent:
+    # A median is as old as its oldest echo: of what was measured before the trigger nothing may count.
+    oldest_ns = rng.t_ns if rng.oldest_ns is None else rng.oldest_ns
+    if min(vision.t_ns, oldest_ns) < plc.trigger_ns or vision.quality in silent or rng.quality in silent:
         return None
     if state.d is None or state.memory.disagree:
         outcome = Outcome.NO_TARGET if vision.quality is Quality.NO_TARGET else Outcome.SENSOR_FAULT
@@ -150,7 +152,7 @@ def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
     circle = vision.circle
     return Acquired(
         plc.acquisition,
-        min(vision.t_ns, rng.t_ns),
+        min(vision.t_ns, oldest_ns),
         outcome,
         circle.u_px if circle else None,
         circle.v_px if circle else None,

@@ -236,6 +236,7 @@ class RangeReading:
     seq: int = 0
     detail: str = ""
     stats: RangeStats = field(default_factory=RangeStats)
+    oldest_ns: int | None = None  # time of the oldest echo that counts in the distance; None: t_ns
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,7 +58,7 @@ class Phase(IntEnum):
 
 PHASE_MEANING: dict[Phase, str] = {
     Phase.READY: "a trigger would be taken",
-    Phase.ACQUIRING: "waiting for a frame and a distance that are younger than the trigger",
+    Phase.ACQUIRING: "waiting for a frame and a distance of which nothing is older than the trigger",
     Phase.VALID: "the result of acquisition_id is held and may be read",
     Phase.CLEARING: "the result was acknowledged; waiting for results_ack to go back to 0",
 }
@@ -160,7 +160,7 @@ class Acquired:
     """The result of one triggered measurement. A value is None where its sensor had none."""
 
     number: int  # the acquisition's id
-    t_ns: int  # the older of the two observations
+    t_ns: int  # of the oldest frame or echo that counts in it
     outcome: Outcome
     u_px: float | None = None
     v_px: float | None = None

@@ -95,6 +95,11 @@ class MedianFilter:
     def reset(self) -> None:
         self._window.clear()
 
+    @property
+    def oldest_ns(self) -> int | None:
+        """Time of the oldest reading in the window; None: it is empty."""
+        return self._window[0].t_ns if self._window else None
+
     def push(self, mm: float, t_ns: int) -> tuple[float, int]:
         """The median and the time of the window's middle. While the window has an even number, the means of two."""
         self._window.append(_Level(mm, t_ns))

@@ -238,7 +238,7 @@ class Session:
             flags = "|".join(flag.name or "" for flag in m.flags) or f"{raw_mm:.0f} mm"
             return self._emit(t_ns, quality, None, m.seq, flags)
         value_mm, value_ns = self._median.push(raw_mm, t_ns)
-        return self._emit(value_ns, Quality.GOOD, value_mm, m.seq, "")
+        return self._emit(value_ns, Quality.GOOD, value_mm, m.seq, "", self._median.oldest_ns)
 
     # -- troubles ------------------------------------------------------------------------------------------------
 
@@ -290,9 +290,17 @@ class Session:
             return []
         return self._emit(now_ns, quality, None, self._seq, detail)
 
-    def _emit(self, t_ns: int, quality: Quality, value_mm: float | None, seq: int, detail: str) -> list[RangeReading]:
+    def _emit(
+        self,
+        t_ns: int,
+        quality: Quality,
+        value_mm: float | None,
+        seq: int,
+        detail: str,
+        oldest_ns: int | None = None,
+    ) -> list[RangeReading]:
         self._said = (quality, t_ns)
-        return [RangeReading(t_ns, quality, value_mm, seq, detail, self._stats)]
+        return [RangeReading(t_ns, quality, value_mm, seq, detail, self._stats, oldest_ns)]
 
     def _rate(self, now_ns: int) -> None:
         """Measurements a second, over about the last second."""

@@ -17,6 +17,7 @@ from gateway.model import (
     RangeReading,
     Reason,
     StateVector,
+    Tick,
     VisionReading,
 )
 from gateway.plc import Change, Control, PlcLink, PlcWrite, Writer
@@ -25,7 +26,13 @@ from tests.virtual_time import LoopClock
 
 MS = 1_000_000
 WHO = Writer("10.0.0.9", "plc1", "operator")
-CONFIG = parse({"modbus": {"writes": True}, "recipes": [{"id": 7, "name": "small"}], "fusion": {"latch_stop": True}})
+CONFIG = parse(
+    {
+        "modbus": {"writes": True},
+        "recipes": [{"id": 7, "name": "small"}],
+        "fusion": {"decision": "plain", "latch_stop": True},
+    }
+)
 
 
 class HandClock(LoopClock):
@@ -71,7 +78,7 @@ def test_heartbeats_are_counted_and_only_their_loss_and_return_are_told() -> Non
     bench = Bench()
     for beat in range(500):
         bench.clock.t_ns += 100 * MS
-        bench.bay._ticked_ns = bench.clock.t_ns
+        bench.bay._step(Tick())
         bench.bay.on_write(PlcWrite(WHO, beat, 0, 0))
     about_the_plc = [told for told in bench.told() if told[0] is not EventKind.SENSOR_FAULT]
     assert about_the_plc == [(EventKind.PLC_RETURNED, "plc_heartbeat is 0")]
@@ -81,7 +88,7 @@ def test_heartbeats_are_counted_and_only_their_loss_and_return_are_told() -> Non
     lost = bench.told()
     assert (EventKind.PLC_LOST, "plc_heartbeat stands at 499") in lost
     assert bench.hub.state("bay1").reason is Reason.PLC_LOST
-    bench.bay._ticked_ns = bench.clock.t_ns
+    bench.bay._step(Tick())
     bench.bay.on_write(PlcWrite(WHO, 1))
     assert (EventKind.PLC_RETURNED, "plc_heartbeat is 1") in bench.told()
 

@@ -195,6 +195,20 @@ def test_both_sensors_must_be_younger_than_the_trigger() -> None:
     assert handshake.acquired(plc, state(T0, vision=VisionReading(before, Quality.GOOD, Circle(1, 2, 3)))) is None
 
 
+def test_no_echo_from_before_the_trigger_counts_in_a_median() -> None:
+    plc = replace(FRESH, phase=Phase.ACQUIRING, trigger_ns=T0)
+    younger = VisionReading(T0 + 60 * MS, Quality.GOOD, Circle(1, 2, 3))
+
+    def measured(oldest_ns: int) -> Acquired | None:
+        median = RangeReading(T0 + 60 * MS, Quality.GOOD, 290.0, oldest_ns=oldest_ns)
+        return handshake.acquired(plc, state(T0 + 90 * MS, vision=younger, rng=median))
+
+    assert measured(T0 - 1) is None
+    result = measured(T0)
+    assert result is not None
+    assert result.t_ns == T0
+
+
 # The heartbeat.
 
 

@@ -110,10 +110,12 @@ def test_median_adds_no_error_on_a_moving_target_only_age() -> None:
 
 def test_reset_empties_the_window() -> None:
     median = MedianFilter(5)
+    assert median.oldest_ns is None
     for n in range(5):
         median.push(100.0, n)
     median.reset()
     assert median.push(300.0, 9) == (300.0, 9)
+    assert median.oldest_ns == 9
 
 
 @given(st.lists(st.floats(20, 4000), min_size=1, max_size=40), st.sampled_from((1, 3, 5, 15)))
