@@ -30,7 +30,7 @@ CONFIG = parse(
     {
         "modbus": {"writes": True},
         "recipes": [{"id": 7, "name": "small"}],
-        "fusion": {"decision": "plain", "latch_stop": True},
+        "fusion": {"decision": "plain", "recovery_s": 0, "latch_stop": True},
     }
 )
 
