@@ -45,9 +45,9 @@ from gateway.modbus.current import CurrentImage
 from gateway.modbus.registers import decode
 from gateway.model import Detection, Quality, VisionReading
 from gateway.vision import pipeline
-from gateway.vision.jobs import DetectorSpec
 from gateway.vision.pixels import Image
 from gateway.vision.service import VisionService
+from gateway.vision.workerjob import DetectorSpec
 
 WARM_UP = 15  # frames
 # Until the parent is gone.
@@ -107,7 +107,7 @@ async def gateway_way(way: str, detector: DetectorSpec, work: "Work") -> Result:
     log_path = work.folder / "log"
     log_path.write_bytes(bytes(LONGEST * 16))
     log = Log(log_path)
-    spec = ReplaySpec(work.frames_file, log_path, work.fps)
+    spec = ReplaySpec(str(work.frames_file), str(log_path), work.fps)
     service = VisionService(
         "bay1", spec, CameraConfig(max_megapixels=8), detector.vision, clock, registers.on_vision, detector=detector
     )

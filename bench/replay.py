@@ -29,8 +29,8 @@ class Log:
 class ReplaySpec:
     """Frames of a file in memory, one every period, as a camera gives them."""
 
-    frames: Path
-    log: Path
+    frames: str
+    log: str
     fps: float
     label: str = "frames in memory"
 
@@ -45,7 +45,7 @@ class Replay:
         self._frames = np.load(spec.frames)
         self._clock = clock
         self._period_ns = round(NS_PER_S / spec.fps)
-        self._log = Log(spec.log)
+        self._log = Log(Path(spec.log))
         self._n = 0
         self._due_ns = clock.now_ns() + self._period_ns
         self._stamp_writes()

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from gateway.bay import BayControl
-from gateway.clock import Clock
+from gateway.clock import Clock, SystemClock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hmi.chronicle import Chronicle
@@ -124,7 +124,7 @@ class Running:
 async def run(
     config: GatewayConfig,
     ports: Ports,
-    clock: Clock,
+    clock: SystemClock,
     *,
     stop: asyncio.Event,
     on_started: Callable[[Running], None] = lambda _: None,

@@ -34,7 +34,7 @@ class Clock(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SystemClock:
-    """The machine's clock, optionally running `speed` times faster for simulation. Picklable: workers share it."""
+    """The machine's clock, optionally running `speed` times faster for simulation. Children are sent it."""
 
     speed: float = 1.0
     origin_ns: int = field(default_factory=time.monotonic_ns)

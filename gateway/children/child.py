@@ -1,8 +1,9 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
 Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD NOTES_FD CPUS. MODULE is
-the one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC`, if it has one, says how
-messages become bytes. NAME is what `top` shows. With a NOTES_FD `run` gets a third argument, the notes' end of `Pool`.
+the one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC` says which messages it may be
+sent, its job among them. NAME is what `top` shows. With a NOTES_FD `run` gets a third argument, the notes' end of
+`Pool`.
 """
 
 import ctypes
@@ -14,7 +15,8 @@ from importlib import import_module
 from types import TracebackType
 from typing import Any
 
-from gateway.children.link import PICKLE, Link
+from gateway.children.codec import Codec
+from gateway.children.link import Link
 from gateway.children.words import Failed
 from gateway.errors import ConfigError, GatewayError
 
@@ -26,7 +28,7 @@ def main() -> None:
     name_of_module, name, parent, fd, notes_fd, cpus = sys.argv[1:]
     _die_with(int(parent))
     _name(name)
-    link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)))
+    link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)), Codec(Failed))
     _leave_last_words(link)
     if cpus:
         try:
@@ -36,7 +38,7 @@ def main() -> None:
             sys.exit(1)
     try:
         module = import_module(name_of_module)
-        link.codec = getattr(module, "CODEC", PICKLE)
+        link.codec = module.CODEC
         notes = [Link[Any, Any](socket.socket(fileno=int(notes_fd)), link.codec)] if notes_fd else []
         module.run(link, link.receive(), *notes)
     except GatewayError as error:

@@ -1,15 +1,15 @@
 """A socket between the main process and one child: whole messages, end of file when the other side is gone."""
 
 import array
-import pickle
 import socket
 import sys
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
-MAX_MESSAGE_BYTES = 64 * 1024
+from gateway.children.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.children.words import Failed
+from gateway.errors import ProtocolError
+
 MOST_FDS = 16  # that come with one message; the kernel closes what is more
 _FD_BYTES = socket.CMSG_SPACE(MOST_FDS * array.array("i").itemsize)
 
@@ -17,28 +17,20 @@ Out = TypeVar("Out")
 In = TypeVar("In")
 
 
-@dataclass(frozen=True, slots=True)
-class Codec:
-    """How messages become bytes. Both ends must use the same one."""
-
-    packed: Callable[[object], bytes]
-    unpacked: Callable[[bytes], Any]
-
-
-PICKLE = Codec(lambda message: pickle.dumps(message, pickle.HIGHEST_PROTOCOL), pickle.loads)
-
-
 class Link(Generic[Out, In]):
-    """One end of a SOCK_SEQPACKET pair: the kernel keeps messages whole, so nobody ever waits for half of one."""
+    """One end of a SOCK_SEQPACKET pair: the kernel keeps messages whole, so nobody ever waits for half of one.
 
-    def __init__(self, sock: socket.socket, codec: Codec = PICKLE) -> None:
+    `codec` says what may come. What goes out is whatever the other side's codec takes.
+    """
+
+    def __init__(self, sock: socket.socket, codec: Codec) -> None:
         self.sock = sock
         self.codec = codec
         self.ended = False
         self._fds: deque[int] = deque()
 
     @classmethod
-    def pair(cls, codec: Codec = PICKLE) -> tuple["Link[Out, In]", socket.socket]:
+    def pair(cls, codec: Codec) -> tuple["Link[Out, In]", socket.socket]:
         """The main process's end, never blocking, and the socket for the child."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         ours.setblocking(False)
@@ -60,12 +52,13 @@ class Link(Generic[Out, In]):
 
     # For the main process.
 
-    def received(self, most: int | None = None) -> list[In]:
+    def received(self, most: int | None = None) -> list[In | Failed]:
         """Everything that has arrived, or the `most` oldest of it; sets `ended` at the end of file. Never waits.
 
-        Without a limit it ends with a system call that finds nothing.
+        A message that is none ends it, too: it is told as `Failed`, and nothing after it is heard. Without a limit it
+        ends with a system call that finds nothing.
         """
-        messages: list[In] = []
+        messages: list[In | Failed] = []
         while not self.ended and len(messages) != most:
             try:
                 data = self.sock.recv(MAX_MESSAGE_BYTES, socket.MSG_DONTWAIT)
@@ -73,9 +66,13 @@ class Link(Generic[Out, In]):
                 break
             except ConnectionResetError:
                 continue  # said once, when the other side had not read all it was sent; its own last words come after
-            if data:
+            if not data:
+                self.ended = True
+                break
+            try:
                 messages.append(self.codec.unpacked(data))
-            else:
+            except ProtocolError as error:
+                messages.append(Failed(str(error)))
                 self.ended = True
         return messages
 

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from gateway.children.link import PICKLE, Codec, Link
+from gateway.children.codec import Codec
+from gateway.children.link import Link
 from gateway.children.words import Failed, Gone
 from gateway.clock import Clock
 from gateway.errors import LinkError
@@ -46,7 +47,8 @@ In = TypeVar("In")  # and what they say
 
 @dataclass(frozen=True, slots=True)
 class Role(Generic[Out]):
-    """What a child is for: `module` has `run(link, job)`; `name` is what `top` shows; `fds` it inherits.
+    """What a child is for: `module` has `run(link, job)` and `CODEC`, which says what the child may be told; `name` is
+    what `top` shows; `fds` it inherits.
 
     With `notes` its `run` gets a second link, for words that are to be heard before all others, but not at once: see
     `Pool.messages`.
@@ -76,11 +78,10 @@ class Pool(Generic[Out, In]):
 
     `on_news` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without it,
     `wait` tells. A frame crosses the main process twice: each round of the event loop that is spared is spared twice.
+    `codec` says what the children may say; a child that says anything else is `Failed`, and killed.
     """
 
-    def __init__(
-        self, label: str, clock: Clock, on_news: Callable[[], None] | None = None, codec: Codec = PICKLE
-    ) -> None:
+    def __init__(self, label: str, clock: Clock, codec: Codec, on_news: Callable[[], None] | None = None) -> None:
         self._codec = codec
         self._label = label
         self._clock = clock
@@ -178,9 +179,9 @@ class Pool(Generic[Out, In]):
             if status is not None:
                 self._forget(token)
                 yield token, Gone(_how(status))
-            elif child.link.ended:
+            elif child.link.ended or (child.notes is not None and child.notes.ended):
                 asyncio.get_running_loop().remove_reader(child.link.sock)
-                child.process.kill()  # it has closed its end: whatever it still does is of no use
+                child.process.kill()  # closed, or no use any more: whatever it still does
 
     async def wait(self, seconds: float | None) -> None:
         """Until something arrives, at most so long (in seconds of the pool's clock)."""
@@ -234,7 +235,7 @@ class Pool(Generic[Out, In]):
         os.close(child.pidfd)
 
 
-def _notes(child: Child[Out, In], *, everybody: bool) -> list[In]:
+def _notes(child: Child[Out, In], *, everybody: bool) -> list[In | Failed]:
     """Those that have been written; without `everybody` no more than may have been."""
     if child.notes is None or not (child.notes_due or everybody):
         return []

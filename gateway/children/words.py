@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
+from gateway.children.codec import Message
 
-@dataclass(frozen=True, slots=True)
-class Failed:
-    """The child's last words."""
+
+class Failed(Message, frozen=True):
+    """The child's last words; or, in its place, that it has said what is no message."""
 
     why: str
     config: bool = False  # only the operator can mend it

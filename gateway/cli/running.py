@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gateway import app
 from gateway.cli.outlet import Outlet
-from gateway.clock import Clock
+from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.hub import Hub
 from gateway.supervisor import Task
@@ -40,7 +40,7 @@ def shipped(*parts: str) -> Path:
 async def serve(
     config: GatewayConfig,
     ports: app.Ports,
-    clock: Clock,
+    clock: SystemClock,
     *,
     duration_s: float | None = None,
     on_started: Callable[[app.Running], None] = lambda _: None,

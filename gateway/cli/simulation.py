@@ -29,6 +29,7 @@ from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.scenario import Scenario
 from gateway.strict.faults import without_password
+from gateway.strict.section import Section, most_of
 from gateway.supervisor import Task
 
 LEAD_S = 2.0  # world time starts so much later, when the processes have come up and the surfaces are painted
@@ -156,17 +157,20 @@ def _can_listen(hmi: HmiConfig) -> bool:
 
 
 def _at_speed(settings: GatewayConfig, speed: float) -> GatewayConfig:
-    """Limits that stand for what this machine can do are real seconds, whatever the speed of the world."""
+    """Limits that stand for what this machine can do are real seconds, whatever the speed of the world: as far as their
+    ranges allow, for the settings are checked again in the processes that they are sent to."""
+
+    def longer(section: Section, *keys: str) -> dict[str, float]:
+        fields = type(section).model_fields
+        return {key: min(getattr(section, key) * speed, most_of(fields[key])) for key in keys}
 
     def stretched(bay: config.BayConfig) -> config.BayConfig:
-        camera = {key: getattr(bay.camera, key) * speed for key in ("deadline_s", "open_deadline_s")}
-        vision = {"deadline_s": bay.vision.deadline_s * speed}
-        fusion = {"start_grace_s": bay.fusion.start_grace_s * speed}
+        camera, vision, fusion = bay.camera, bay.vision, bay.fusion
         return bay.model_copy(
             update={
-                "camera": bay.camera.model_copy(update=camera),
-                "vision": bay.vision.model_copy(update=vision),
-                "fusion": bay.fusion.model_copy(update=fusion),
+                "camera": camera.model_copy(update=longer(camera, "deadline_s", "open_deadline_s")),
+                "vision": vision.model_copy(update=longer(vision, "deadline_s")),
+                "fusion": fusion.model_copy(update=longer(fusion, "start_grace_s")),
             }
         )
 
@@ -179,7 +183,7 @@ def _variant(scenario: Scenario, bay: str, number: int, bays: int) -> Scenario:
     """Each bay has its own truck; the schedule of faults hits only the bay that the scenario names."""
     if bays == 1 or bay == scenario.bay:
         return scenario
-    return scenario.model_copy(update={"seed": scenario.seed + number, "bay": bay, "faults": ()})
+    return scenario.model_copy(update={"seed": (scenario.seed + number) % 2**31, "bay": bay, "faults": ()})
 
 
 class _Simulation:

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from gateway.children.link import Link
+from gateway.children.words import Failed
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import GatewayError, LinkError
 from gateway.hmi.alarms.records import Deed
@@ -60,11 +61,11 @@ class Seen:
 
 
 class Desk:
-    """Newest answers, events and orders. One event loop, no locks. `pace` is real time."""
+    """Newest answers, events and orders. One event loop, no locks. `pace` is real time, `clock` the gateway's."""
 
-    def __init__(self, about: About, link: Link[FromHmi, ToHmi], pace: Clock) -> None:
+    def __init__(self, about: About, link: Link[FromHmi, ToHmi], pace: Clock, clock: Clock | None = None) -> None:
         self.about = about
-        self.clock: Clock = about.clock
+        self.clock: Clock = clock or about.clock
         self.events: deque[Numbered] = deque(maxlen=KEPT_EVENTS)
         self.newest_event = 0
         self.events_missed = 0
@@ -249,6 +250,8 @@ class Desk:
             match message:
                 case Answer():
                     self._take(message)
+                case Failed(why):
+                    raise SystemExit(why)
                 case Done(number=number) if (waiting := self._orders.get(number)) and not waiting.done():
                     waiting.set_result(message)
         if self._link.ended:

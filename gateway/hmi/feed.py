@@ -6,7 +6,9 @@ begin with a new vision, whose first word is that it has seen nothing yet.
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec.structs import replace
 
 from gateway import audit
 from gateway.bay import BayControl
@@ -95,7 +97,7 @@ class Feed:
 def _carried_out(what: Check | Apply, bay: BayParts, who: Writer) -> str:
     """What is wrong with it; empty: it was done."""
     match what:
-        case Check(mode=mode) if type(mode) is FunctionCheck:  # whatever else it were would be an observation
+        case Check(mode=mode):
             bay.control.check_function(mode, who)
         case Apply(vision=vision, over=over):
             if bay.control.state().function_check is FunctionCheck.OFF:
@@ -103,14 +105,11 @@ def _carried_out(what: Check | Apply, bay: BayParts, who: Writer) -> str:
             try:
                 if over is not None and (others := _changed(over, bay.vision.settings)):
                     return f"somebody else has let other settings go live meanwhile: {others}"[:MAX_TOLD]
-                checked = VisionConfig.model_validate(vision.model_dump(exclude_unset=True))  # no pickle is
-                told = _changed(bay.vision.settings, checked)
-                bay.vision.apply(checked)
+                told = _changed(bay.vision.settings, vision)
+                bay.vision.apply(vision)
             except (GatewayError, ValueError) as error:
                 return str(error)[:MAX_TOLD]
             bay.control.settings_changed(told[:MAX_TOLD] or "the same settings", who)
-        case _:
-            return "not an order"
     return ""
 
 

@@ -4,13 +4,14 @@ The web process pulls: it asks for the newest, and gets one answer. So nothing e
 stalled or hostile costs the main process nothing. Orders are the few things that a signed-in person may ask for.
 """
 
-import copyreg
-import pickle
-import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from typing import Annotated
 
-from gateway.clock import Clock
+from msgspec import Meta
+
+from gateway.children.codec import Codec, Message
+from gateway.children.words import Failed
+from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, VisionConfig
 from gateway.hmi.alarms.records import Change, Deed, Standing
 from gateway.hmi.latencies import Histogram
@@ -25,56 +26,37 @@ MAX_STATES = 6  # in one answer, which must fit into one message of the link
 MAX_EVENTS = 4
 
 
-@dataclass(frozen=True, slots=True)
-class About:
-    """What the web process is told at its start and what never changes."""
+class About(Message, frozen=True):
+    """The web process's job: what it is told at its start and what never changes."""
 
     config: GatewayConfig  # without the broker's password
-    clock: Clock
-    rings: Mapping[str, RingSpec]  # of frames, by bay; None of them is written by the web process
+    clock: SystemClock
+    rings: dict[str, RingSpec]  # of frames, by bay; none of them can be written by the web process
     sockets: tuple[int, ...] = ()  # listening, inherited
     source: str = ""  # the configuration's file; empty: none of the operator's own
     boot: str = ""  # random number of this start of the gateway
 
 
-@dataclass(frozen=True, slots=True)
-class HmiJob:
-    """`About`, packed: the configuration of 64 bays would not fit into one message."""
-
-    packed: bytes
-
-    @staticmethod
-    def of(about: About) -> "HmiJob":
-        return HmiJob(zlib.compress(pickle.dumps(about, pickle.HIGHEST_PROTOCOL)))
-
-    def unpacked(self) -> About:
-        about: About = pickle.loads(zlib.decompress(self.packed))
-        return about
-
-
 # From the web process.
 
 
-@dataclass(frozen=True, slots=True)
-class Ask:
+class Ask(Message, frozen=True):
     """The newest of these bays (at most MAX_STATES), and the events after number `after` (at most MAX_EVENTS)."""
 
     number: int
-    bays: tuple[str, ...]
+    bays: Annotated[tuple[str, ...], Meta(max_length=MAX_STATES)]
     after: int = 0
     links: bool = True  # are the links wanted, too?
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
+class Check(Message, frozen=True):
     """Begin or end a function check."""
 
     bay: str
     mode: FunctionCheck
 
 
-@dataclass(frozen=True, slots=True)
-class Apply:
+class Apply(Message, frozen=True):
     """Let these settings go live; only while a function check is on.
 
     `over`: what whoever asks takes to be in force; refused where it is not. None: whatever is.
@@ -85,8 +67,7 @@ class Apply:
     over: VisionConfig | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
+class Order(Message, frozen=True):
     """Something that a person wants done. `who` has been checked; the main process tells it as an event."""
 
     number: int
@@ -134,19 +115,6 @@ class LinksNow:
     latencies: tuple[Histogram, ...] = ()
 
 
-def _unpacked(packed: bytes) -> LinksNow:
-    return LinksNow(*pickle.loads(zlib.decompress(packed)))
-
-
-def _packed(links: LinksNow) -> tuple[object, tuple[bytes]]:
-    """Packed on its way: once a second, and with everything broken at once it would not fit into one message."""
-    values = tuple(getattr(links, part.name) for part in fields(LinksNow))
-    return _unpacked, (zlib.compress(pickle.dumps(values, pickle.HIGHEST_PROTOCOL), 1),)
-
-
-copyreg.pickle(LinksNow, _packed)  # type: ignore[arg-type]  # the stub wants a narrower callable
-
-
 @dataclass(frozen=True, slots=True)
 class Numbered:
     """An event with its place in the row of all since the gateway's start; a gap: some were dropped."""
@@ -155,8 +123,7 @@ class Numbered:
     event: Event
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(Message, frozen=True):
     """To an `Ask`. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
 
     number: int
@@ -168,8 +135,7 @@ class Answer:
     newest_event: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Done:
+class Done(Message, frozen=True):
     """To an `Order`. `why` tells what is wrong with it; empty: it was carried out."""
 
     number: int
@@ -177,4 +143,9 @@ class Done:
 
 
 FromHmi = Ask | Order
-ToHmi = HmiJob | Answer | Done
+ToHmi = About | Answer | Done
+
+FROM_WEB = Codec(FromHmi | Failed)
+"""Whoever gets hold of the web process, which talks to strangers' browsers, gets no further than these few records.
+Whether what is in them makes sense is for `feed` to see."""
+TO_WEB = Codec(ToHmi, compressed=True)

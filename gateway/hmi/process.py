@@ -15,23 +15,25 @@ from gateway.hmi.desk import Desk
 from gateway.hmi.guard import patience, tls
 from gateway.hmi.guard.logins import Logins
 from gateway.hmi.guard.telling import CAUTION, Told
-from gateway.hmi.orders import About, FromHmi, HmiJob, ToHmi
+from gateway.hmi.orders import TO_WEB, About, FromHmi, ToHmi
 from gateway.hmi.web import app, site_of
 
 log = logging.getLogger(__name__)
+
+CODEC = TO_WEB
 
 NICE = 10  # whoever looks at pages must not take the processor from the camera and the PLC
 GRACE_S = 1  # of open connections at the end
 MAX_TEXT = 4096  # of one WebSocket message from a page
 
 
-def run(link: Link[FromHmi, ToHmi], job: HmiJob) -> None:
+def run(link: Link[FromHmi, ToHmi], about: About) -> None:
     """Until the main process is gone. Raises LinkError when it answers no more."""
     os.nice(NICE)
     cv2.setNumThreads(1)
     logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
     log.setLevel(logging.INFO)  # who logged in and who changed something is always told
-    loop.run(_serve(job.unpacked(), link))
+    loop.run(_serve(about, link))
 
 
 async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:

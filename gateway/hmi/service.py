@@ -7,15 +7,15 @@ import asyncio
 import os
 import socket
 from contextlib import ExitStack
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from gateway.children.pool import Pool, Role
 from gateway.children.words import Failed, Gone
 from gateway.errors import ConfigError, LinkError
-from gateway.hmi import trust
 from gateway.hmi.door import door
 from gateway.hmi.feed import Feed
-from gateway.hmi.orders import About, Ask, FromHmi, HmiJob, Order, ToHmi
+from gateway.hmi.orders import FROM_WEB, About, Ask, FromHmi, Order, ToHmi
 
 SILENT_S = 15.0  # real time; the web process asks at least once a second
 PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
@@ -52,9 +52,8 @@ class HmiService:
         await _visitor(sockets)
         rings = tuple(ring.fd for ring in self._about.rings.values())
         listening = tuple(sock.fileno() for sock in sockets)
-        job = HmiJob.of(replace(self._about, sockets=listening))
-        role: Role[ToHmi] = Role(MODULE, "gw-hmi", job, (*rings, *listening))
-        async with Pool[ToHmi, FromHmi]("hmi", self._about.clock, codec=trust.CODEC) as pool:
+        role: Role[ToHmi] = Role(MODULE, "gw-hmi", replace(self._about, sockets=listening), (*rings, *listening))
+        async with Pool[ToHmi, FromHmi]("hmi", self._about.clock, FROM_WEB) as pool:
             pool.start(CHILD, role)
             full = 0
             while True:

@@ -1,5 +1,6 @@
 """The base of every section of every file of ours, and what a section says of itself."""
 
+import math
 from types import UnionType
 from typing import Union, get_args, get_origin
 
@@ -28,6 +29,11 @@ def bounds_of(info: FieldInfo) -> str:
     signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
     found = [(signs[k], v) for m in info.metadata for k in signs if (v := getattr(m, k, None)) is not None]
     return ", ".join(f"{sign} {value:g}" for sign, value in found)
+
+
+def most_of(info: FieldInfo) -> float:
+    """The largest value of a numeric field; infinity: there is none."""
+    return min((limit for m in info.metadata if (limit := getattr(m, "le", None)) is not None), default=math.inf)
 
 
 def inner_model(annotation: object) -> type[BaseModel] | None:

@@ -4,18 +4,20 @@ import gc
 import socket
 from collections import deque
 
+from gateway.children.codec import Codec
 from gateway.children.link import Link
-from gateway.vision import wire
 from gateway.vision.jobs import CameraJob, Captured, FrameRef, GiveBack, Handed, Look, Opened, Straight
 from gateway.vision.shm import Ring
 
-CODEC = wire.CODEC
+CODEC = Codec(CameraJob | GiveBack | Straight, compressed=True)
+NOTHING = Codec(None)
+"""Of links that this process only says something over."""
 
 
 def run(link: Link[Opened | Captured, GiveBack | Straight], job: CameraJob, notes: Link[Handed, None]) -> None:
     """Until the source ends (LinkError) or the main process is gone. Never returns."""
     ring = Ring(job.ring, writable=True)
-    source = job.spec.open(job.clock)
+    source = job.source.spec().open(job.clock)
     gc.collect()
     gc.freeze()  # as in `worker`
     link.send(Opened(source.lossless))
@@ -68,4 +70,4 @@ class Desk:
             case Straight(worker):
                 # Its own copy of the main process's end, closed when it has been used.
                 if (fd := self._link.taken_fd()) is not None:
-                    self.straight.append((worker, Link(socket.socket(fileno=fd), CODEC)))
+                    self.straight.append((worker, Link(socket.socket(fileno=fd), NOTHING)))

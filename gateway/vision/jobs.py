@@ -1,58 +1,58 @@
 """What the main process and its children say to each other: one job at the start, then small messages.
 
 A frame is never among them: messages carry the number of its slot in the shared memory. How they become bytes stands
-in `wire`.
+in `gateway/children/codec.py`; a field that is added here, or to a record in here, travels by itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import is_dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
-from gateway.clock import Clock
+from msgspec import Struct
+
+from gateway.children.codec import Codec, Message, record_of, record_packed
+from gateway.children.words import Failed
+from gateway.clock import SystemClock
+from gateway.errors import ProtocolError
 from gateway.model import Detection
 from gateway.vision.shm import RingSpec
 from gateway.vision.sources import SourceSpec
 
-if TYPE_CHECKING:  # the main process need not load OpenCV, the camera process not the configuration's checker
-    from gateway.config import VisionConfig
-    from gateway.vision.pipeline import Detector, NowNs
+
+class SourceRecord(Struct, frozen=True, array_like=True):
+    """A `SourceSpec`, whose type the main process need not know: `module:Class`, and its fields.
+
+    Only a job from the main process holds one. What comes from a child can name no type.
+    """
+
+    kind: str
+    fields: bytes
+
+    @staticmethod
+    def of(spec: SourceSpec) -> "SourceRecord":
+        kind = type(spec)
+        return SourceRecord(f"{kind.__module__}:{kind.__qualname__}", record_packed(spec))
+
+    def spec(self) -> SourceSpec:
+        """Raises ProtocolError."""
+        module, _, name = self.kind.partition(":")
+        kind = getattr(import_module(module), name, None)
+        if not (isinstance(kind, type) and is_dataclass(kind)):
+            raise ProtocolError(f"{self.kind} is no record of a source")
+        return cast("SourceSpec", record_of(kind, self.fields))
 
 
-@dataclass(frozen=True, slots=True)
-class DetectorSpec:
-    """Which detector a vision process builds: `module:function`, called once with the parameters and the clock."""
-
-    vision: "VisionConfig"
-    factory: str = "gateway.vision.methods:detector"
-
-    def build(self, now_ns: "NowNs") -> "Detector":
-        """`now_ns` times the stages."""
-        module, _, name = self.factory.partition(":")
-        return cast("Detector", getattr(import_module(module), name)(self.vision, now_ns))
-
-
-@dataclass(frozen=True, slots=True)
-class CameraJob:
+class CameraJob(Message, frozen=True):
     """Open the source and write its frames, numbered from `first_seq`, into the free slots."""
 
-    spec: SourceSpec
-    clock: Clock
+    source: SourceRecord
+    clock: SystemClock
     ring: RingSpec
     first_seq: int
     slots: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class WorkerJob:
-    """Look at frames in place."""
-
-    detector: DetectorSpec
-    clock: Clock
-    ring: RingSpec
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRef:
+class FrameRef(Struct, frozen=True, array_like=True):
     """A frame in the shared memory."""
 
     slot: int
@@ -64,22 +64,19 @@ class FrameRef:
 # To the children.
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
+class Look(Message, frozen=True):
     """To a worker: look at this frame."""
 
     frame: FrameRef
 
 
-@dataclass(frozen=True, slots=True)
-class GiveBack:
+class GiveBack(Message, frozen=True):
     """To the camera: this slot may be written again."""
 
     slot: int
 
 
-@dataclass(frozen=True, slots=True)
-class Straight:
+class Straight(Message, frozen=True):
     """To the camera: its next frame may go straight to this worker, whose inbox comes with it as a descriptor."""
 
     worker: int
@@ -88,23 +85,20 @@ class Straight:
 # From the children.
 
 
-@dataclass(frozen=True, slots=True)
-class Opened:
+class Opened(Message, frozen=True):
     """The camera process has its source."""
 
     lossless: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Captured:
+class Captured(Message, frozen=True):
     """A frame is whole. `skipped`: frames that found no free slot since the source was opened."""
 
     frame: FrameRef
     skipped: int
 
 
-@dataclass(frozen=True, slots=True)
-class Handed:
+class Handed(Message, frozen=True):
     """As `Captured`, of a frame that goes straight to `worker`, at `then_ns`. A note: it wakes nobody, and is always
     written before the worker can know of the frame."""
 
@@ -114,18 +108,16 @@ class Handed:
     then_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class Ready:
+class Ready(Message, frozen=True):
     """A vision process has its detector."""
 
 
-@dataclass(frozen=True, slots=True)
-class Looked:
+class Looked(Message, frozen=True):
     """A result. None: there is no result, since the slot changed under the work, or a newer frame came first."""
 
     seq: int
     detection: Detection | None
 
 
-ToChild = CameraJob | WorkerJob | Look | GiveBack | Straight
 FromChild = Opened | Captured | Handed | Ready | Looked
+FROM_CHILDREN = Codec(FromChild | Failed)

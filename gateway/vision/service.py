@@ -7,16 +7,16 @@ from collections.abc import Callable
 
 from gateway.children.pool import Pool, Role
 from gateway.children.words import Failed, Gone
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import NS_PER_S, Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
 from gateway.errors import ConfigError
 from gateway.model import VisionReading
-from gateway.vision import actions, shm, wire
+from gateway.vision import actions, shm
 from gateway.vision.dispatch import Dispatcher
 from gateway.vision.jobs import (
+    FROM_CHILDREN,
     CameraJob,
     Captured,
-    DetectorSpec,
     FromChild,
     GiveBack,
     Handed,
@@ -24,14 +24,15 @@ from gateway.vision.jobs import (
     Looked,
     Opened,
     Ready,
+    SourceRecord,
     Straight,
-    ToChild,
-    WorkerJob,
 )
 from gateway.vision.sources import SourceSpec
+from gateway.vision.workerjob import DetectorSpec, WorkerJob
 
 log = logging.getLogger(__name__)
 
+ToChild = CameraJob | WorkerJob | Look | GiveBack | Straight
 VisionPool = Pool[ToChild, FromChild]
 
 
@@ -53,7 +54,7 @@ class VisionService:
         spec: SourceSpec,
         camera: CameraConfig,
         vision: VisionConfig,
-        clock: Clock,
+        clock: SystemClock,
         emit: Callable[[VisionReading], None],
         *,
         detector: DetectorSpec | None = None,
@@ -107,7 +108,7 @@ class VisionService:
                 self._turns = _Turns(
                     self._dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring)
                 )
-                async with VisionPool(self._bay, self._clock, self._turns.on_news, wire.CODEC) as pool:
+                async with VisionPool(self._bay, self._clock, FROM_CHILDREN, self._turns.on_news) as pool:
                     await self._turns.run(pool)
         finally:
             self._turns = None
@@ -125,7 +126,7 @@ class VisionService:
             case actions.Offer(token, idle):
                 pool.introduce(token, idle, Straight(idle))
             case actions.StartCamera(token, first_seq, slots):
-                camera = CameraJob(self._spec, self._clock, ring, first_seq, slots)
+                camera = CameraJob(SourceRecord.of(self._spec), self._clock, ring, first_seq, slots)
                 pool.start(token, self._role("camera", camera, self._camera.affinity))
             case actions.StartWorker(token):
                 worker = WorkerJob(self._detector, self._clock, ring)

@@ -32,7 +32,8 @@ class Source(Protocol):
 
 
 class SourceSpec(Protocol):
-    """What is sent to the camera process instead of a source: small, picklable, and knows how to open one there."""
+    """What is sent to the camera process instead of a source: a small dataclass that knows how to open one there. Its
+    fields are data: numbers, texts, settings, and records of these."""
 
     @property
     def label(self) -> str:

@@ -4,12 +4,13 @@ import gc
 
 import cv2
 
+from gateway.children.codec import Codec
 from gateway.children.link import Link
-from gateway.vision import wire
-from gateway.vision.jobs import Look, Looked, Ready, WorkerJob
+from gateway.vision.jobs import Look, Looked, Ready
 from gateway.vision.shm import Ring
+from gateway.vision.workerjob import WorkerJob
 
-CODEC = wire.CODEC
+CODEC = Codec(WorkerJob | Look, compressed=True)
 
 
 def run(link: Link[Ready | Looked, Look], job: WorkerJob) -> None:

@@ -1,15 +1,19 @@
 """Web processes in strange hands. A child process imports this module."""
 
-import pickle
-
+from gateway.children.codec import Codec
 from gateway.children.link import Link
-from gateway.hmi.orders import Ask, FromHmi, HmiJob, ToHmi
+from gateway.hmi.orders import TO_WEB, About, Ask, FromHmi, ToHmi
+
+CODEC = TO_WEB
 
 
-def run(link: Link[FromHmi, ToHmi], job: HmiJob) -> None:
-    """Asks as fast as the socket takes it; hears the answers only if the gateway's configuration says so."""
-    hears = job.unpacked().config.instance == "hears"
-    question = pickle.dumps(Ask(1, ("bay1",)))
+def run(link: Link[FromHmi, ToHmi], about: About) -> None:
+    """Asks as fast as the socket takes it; hears the answers only if the gateway's configuration says so. Or it says
+    what is no message, and then goes on asking."""
+    if about.config.instance == "nonsense":
+        link.sock.send(b"\x91" * 60_000)
+    hears = about.config.instance == "hears"
+    question = Codec.packed(Ask(1, ("bay1",)))
     while True:
         try:
             link.sock.setblocking(False)

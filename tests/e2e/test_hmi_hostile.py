@@ -14,7 +14,14 @@ from gateway.hmi.orders import About
 from tests.unit.hmi_desk import plant
 
 
-@pytest.mark.parametrize(("instance", "why"), [("hears", "without end"), ("deaf", "killed by SIGKILL")])
+@pytest.mark.parametrize(
+    ("instance", "why"),
+    [
+        ("hears", "without end"),
+        ("deaf", "killed by SIGKILL"),
+        ("nonsense", "not a message that is taken here"),
+    ],
+)
 def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on(
     instance: str, why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,10 +26,11 @@ from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.errors import ConfigError
 from gateway.model import Quality, Tracking, VisionReading
 from gateway.vision import service
-from gateway.vision.jobs import DetectorSpec, Handed, Looked
+from gateway.vision.jobs import Handed, Looked
 from gateway.vision.service import VisionService
 from gateway.vision.sources import SourceSpec
 from gateway.vision.specs import source_spec
+from gateway.vision.workerjob import DetectorSpec
 from tests.e2e.vision_stand_ins import DIE, EXIT, HANG, THROW, ShadesSpec
 
 FAST = Reconnect(min_s=0.05, max_s=0.1)
@@ -274,7 +275,7 @@ def test_a_cpu_that_does_not_exist_is_a_configuration_error(tmp_path: Path) -> N
 
 def test_a_source_that_could_never_work_ends_the_service_after_telling(tmp_path: Path) -> None:
     async def story() -> None:
-        bay = Bay(ShadesSpec(tmp_path / "diary", 1, ("hopeless",)))
+        bay = Bay(ShadesSpec(str(tmp_path / "diary"), 1, ("hopeless",)))
         with pytest.raises(ConfigError, match="bay1: shades: this could never work"):
             async with bay:
                 await bay.task
@@ -472,7 +473,7 @@ def test_a_source_that_fails_is_noticed_told_and_opened_again_however_it_fails(
     }
 
     async def story() -> None:
-        spec = ShadesSpec(tmp_path / "diary", 5, tuple(ways))
+        spec = ShadesSpec(str(tmp_path / "diary"), 5, tuple(ways))
         async with Bay(spec, deadline_s=0.4, max_megapixels=0.03) as bay:
             downs, at = [], 0
             for _ in ways:
@@ -594,23 +595,22 @@ PARENT = """
 import asyncio, pathlib, sys
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, VisionConfig
-from gateway.vision.jobs import DetectorSpec
 from gateway.vision.service import VisionService
 from gateway.vision.specs import source_spec
+from gateway.vision.workerjob import DetectorSpec
 from tests.e2e.vision_stand_ins import ShadesSpec
 
 folder = pathlib.Path(sys.argv[1])
 camera = CameraConfig(url=str(folder), loop=True, deadline_s=60, open_deadline_s=60)
 vision = VisionConfig(deadline_s=60)
 hung = DetectorSpec(vision, "tests.e2e.vision_stand_ins:hung_reader")
+stalling = ShadesSpec(str(folder / "diary"), 5, ("stall",))
 emit = lambda reading: print(reading.quality.name, flush=True)
 
 async def both():
     bays = (
         VisionService("at-work", source_spec(camera), camera, vision, SystemClock(), emit),
-        VisionService(
-            "stuck", ShadesSpec(folder / "diary", 5, ("stall",)), camera, vision, SystemClock(), emit, detector=hung
-        ),
+        VisionService("stuck", stalling, camera, vision, SystemClock(), emit, detector=hung),
     )
     await asyncio.gather(*(bay.run() for bay in bays))
 

@@ -104,13 +104,13 @@ class ShadesSpec:
     `diary` is a file that counts the openings.
     """
 
-    diary: Path
+    diary: str
     frames: int
     then: tuple[str, ...]
     label: str = "shades"
 
     def open(self, clock: Clock) -> Shades:
-        with self.diary.open("ab") as file:
+        with Path(self.diary).open("ab") as file:
             file.write(b".")
             nth = file.tell()
         then = self.then[nth - 1] if nth <= len(self.then) else ""

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field, replace
 
 from gateway.bay import BayControl
 from gateway.children.link import Link
+from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
 from gateway.errors import ConfigError
-from gateway.hmi import trust
 from gateway.hmi.alarms.table import Signs
 from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.desk import Desk
 from gateway.hmi.feed import BayParts, Feed
-from gateway.hmi.orders import About, Ask, FromHmi, LinksNow, Order, ToHmi
+from gateway.hmi.orders import FROM_WEB, TO_WEB, About, Ask, FromHmi, LinksNow, Order, ToHmi
 from gateway.hmi.watch import Watch
 from gateway.hub import Hub
 from gateway.modbus.showing import image_of
@@ -60,7 +60,7 @@ class Plant:
 
 @asynccontextmanager
 async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | None = None) -> AsyncIterator[Plant]:
-    """In virtual time. Every message crosses a real socket, pickled."""
+    """In virtual time. Every message crosses a real socket."""
     clock = LoopClock()
     named = tuple(BayConfig(name=f"bay{n}", unit_id=n, fusion=PLAIN) for n in range(1, bays + 1))
     config = config or GatewayConfig(bays=named)
@@ -84,9 +84,9 @@ async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | Non
         watch.act,
     )
     specs = {name: shm.create(3, 0.1) for name in names}
-    near, far = Link[ToHmi, FromHmi].pair(trust.CODEC)
-    about = About(config, clock, specs, boot="0123456789abcdef")
-    desk = Desk(about, Link[FromHmi, ToHmi](far), clock)
+    near, far = Link[ToHmi, FromHmi].pair(FROM_WEB)
+    about = About(config, SystemClock(), specs, boot="0123456789abcdef")
+    desk = Desk(about, Link[FromHmi, ToHmi](far, TO_WEB), clock, clock)
     made = Plant(
         desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, watch
     )

@@ -2,24 +2,29 @@
 
 import os
 import socket
+from typing import Any
 
 import pytest
 
-from gateway.children.link import MAX_MESSAGE_BYTES, Link
+from gateway.children.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.children.link import Link
+from gateway.children.words import Failed
+
+ANYTHING = Codec(Any)
 
 
 def pair() -> tuple[Link[object, object], Link[object, object]]:
-    ours, theirs = Link[object, object].pair()
-    return ours, Link(theirs)
+    ours, theirs = Link[object, object].pair(ANYTHING)
+    return ours, Link(theirs, ANYTHING)
 
 
 def test_messages_come_whole_and_in_order() -> None:
     ours, theirs = pair()
     with ours.sock, theirs.sock:
         assert ours.offer("first")
-        assert ours.offer(("second", 2))
+        assert ours.offer(["second", 2])
         assert theirs.receive() == "first"
-        assert theirs.waiting() == [("second", 2)]
+        assert theirs.waiting() == [["second", 2]]
         assert theirs.waiting() == []
         theirs.send("answer")
         assert ours.received() == ["answer"]
@@ -35,7 +40,7 @@ def test_what_is_sent_into_an_inbox_by_another_is_received_as_if_from_here() -> 
         fd = camera.taken_fd()
         assert fd is not None
         assert not os.get_inheritable(fd)
-        inbox: Link[object, object] = Link(socket.socket(fileno=fd))
+        inbox: Link[object, object] = Link(socket.socket(fileno=fd), ANYTHING)
         assert inbox.offer("look at this")
         inbox.close()
 
@@ -88,4 +93,17 @@ def test_a_child_whose_main_process_is_gone_ends() -> None:
 def test_a_message_too_long_for_the_other_side_is_refused_here() -> None:
     ours, theirs = pair()
     with ours.sock, theirs.sock, pytest.raises(ValueError, match="at most 65536"):
-        ours.offer("x" * MAX_MESSAGE_BYTES)
+        ours.offer(os.urandom(MAX_MESSAGE_BYTES))
+
+
+def test_what_is_no_message_is_told_as_the_last_word_and_nothing_after_it_is_heard() -> None:
+    ours, theirs = pair()
+    ours.codec = Codec(int)
+    with ours.sock, theirs.sock:
+        theirs.send(7)
+        theirs.send("seven")
+        theirs.send(8)
+
+        assert ours.received() == [7, Failed("not a message that is taken here: Expected `int`, got `str`")]
+        assert ours.ended
+        assert ours.received() == []

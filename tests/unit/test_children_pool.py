@@ -7,20 +7,29 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
-from gateway.children.link import PICKLE, Codec, Link
+import pytest
+
+from gateway.children.codec import Codec
+from gateway.children.link import Link
 from gateway.children.pool import MOST_WORDS, Child, Pool
+from gateway.children.words import Failed
 from tests.virtual_time import LoopClock, run
 
 TALK = 3 * MOST_WORDS
+ANYTHING = Codec(Any)
 
 
 class Alive:
     """Stands where a process stands that has not ended."""
 
     pid = 0
+    killed = False
 
     def poll(self) -> None:
         return None
+
+    def kill(self) -> None:
+        self.killed = True
 
 
 class Late(Link[Any, Any]):
@@ -49,12 +58,12 @@ def test_a_note_written_while_the_children_are_heard_is_told_before_the_word_tha
     """Or a result would come for a frame of which nobody knows that it was handed over, and its worker be killed."""
 
     async def scene() -> None:
-        pool: Pool[Any, Any] = Pool("bay1", LoopClock())
-        near_notes, far_notes = Link[Any, Any].pair()
-        camera, far_camera = Link[Any, Any].pair()
-        ours, theirs = Link[Any, Any].pair()
-        worker = Late(ours.sock)
-        notes, said = Link[Any, Any](far_notes), Link[Any, Any](theirs)
+        pool: Pool[Any, Any] = Pool("bay1", LoopClock(), ANYTHING)
+        near_notes, far_notes = Link[Any, Any].pair(ANYTHING)
+        camera, far_camera = Link[Any, Any].pair(ANYTHING)
+        ours, theirs = Link[Any, Any].pair(ANYTHING)
+        worker = Late(ours.sock, ANYTHING)
+        notes, said = Link[Any, Any](far_notes, ANYTHING), Link[Any, Any](theirs, ANYTHING)
 
         def frame_goes_straight() -> None:
             notes.send("handed 7")
@@ -70,18 +79,19 @@ def test_a_note_written_while_the_children_are_heard_is_told_before_the_word_tha
 
 def test_a_child_that_talks_faster_than_it_is_heard_holds_up_nobody() -> None:
     async def scene() -> None:
-        pool: Pool[Any, Any] = Pool("bay1", LoopClock())
-        ours, theirs = Link[Any, Any].pair()
-        talker = Link[Any, Any](theirs)
+        pool: Pool[Any, Any] = Pool("bay1", LoopClock(), ANYTHING)
+        ours, theirs = Link[Any, Any].pair(ANYTHING)
+        talker = Link[Any, Any](theirs, ANYTHING)
         talked = 0
 
-        def heard(data: bytes) -> Any:
-            nonlocal talked
-            if (talked := talked + 1) < TALK:
-                talker.send("and another thing")
-            return PICKLE.unpacked(data)
+        class Egged(Codec):
+            def unpacked(self, data: bytes) -> Any:
+                nonlocal talked
+                if (talked := talked + 1) < TALK:
+                    talker.send("and another thing")
+                return super().unpacked(data)
 
-        ours.codec = Codec(PICKLE.packed, heard)
+        ours.codec = Egged(Any)
         talker.send("one thing")
         with theirs, seated(pool, 1, ours):
             assert len(list(pool.messages())) == MOST_WORDS
@@ -90,11 +100,29 @@ def test_a_child_that_talks_faster_than_it_is_heard_holds_up_nobody() -> None:
     run(scene())
 
 
+@pytest.mark.parametrize("how", ["word", "note"])
+def test_a_child_that_says_what_is_no_message_has_failed_and_is_killed(how: str) -> None:
+    async def scene() -> None:
+        pool: Pool[Any, Any] = Pool("bay1", LoopClock(), Codec(int))
+        ours, theirs = Link[Any, Any].pair(Codec(int))
+        near_notes, far_notes = Link[Any, Any].pair(Codec(int))
+        talker = Link[Any, Any](theirs if how == "word" else far_notes, ANYTHING)
+        with theirs, far_notes, seated(pool, 1, ours, near_notes):
+            talker.send(1)
+            assert list(pool.messages()) == [(1, 1)]
+            talker.send({"a": "map"})
+            (told,) = pool.messages()
+            assert told == (1, Failed("not a message that is taken here: Expected `int`, got `object`"))
+            assert cast("Alive", pool._children[1].process).killed
+
+    run(scene())
+
+
 def test_what_was_not_taken_at_once_wakes_the_pool_again() -> None:
     async def scene() -> None:
-        pool: Pool[Any, Any] = Pool("bay1", LoopClock())
-        ours, theirs = Link[Any, Any].pair()
-        talker = Link[Any, Any](theirs)
+        pool: Pool[Any, Any] = Pool("bay1", LoopClock(), ANYTHING)
+        ours, theirs = Link[Any, Any].pair(ANYTHING)
+        talker = Link[Any, Any](theirs, ANYTHING)
         with theirs, seated(pool, 1, ours):
             asyncio.get_running_loop().add_reader(ours.sock, pool._arrived, pool._spoke, 1)
             for word in range(5):

@@ -1,7 +1,6 @@
 """Simulated time runs faster than the machine's, but never backwards."""
 
 import asyncio
-import pickle
 import time
 from dataclasses import FrozenInstanceError
 
@@ -9,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.children.codec import record_of, record_packed
 from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from tests import virtual_time
 
@@ -55,7 +55,7 @@ def test_it_never_steps_back(speed: float, steps_ns: list[int]) -> None:
 
 def test_a_worker_s_copy_tells_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SystemClock(7.0, origin_ns=3, wall_origin_ns=4)
-    copy = pickle.loads(pickle.dumps(clock))
+    copy = record_of(SystemClock, record_packed(clock))
     monkeypatch.setattr(time, "monotonic_ns", lambda: 1003)
 
     assert (copy.now_ns(), copy.wall_ns()) == (clock.now_ns(), clock.wall_ns()) == (7003, 7004)

@@ -1,20 +1,21 @@
 """The desk: pulls at the pace of those who look, keeps every event, and says when the main process is silent."""
 
 import asyncio
-import pickle
 from dataclasses import replace
 
 import pytest
+from msgspec import structs
 
-from gateway.children.link import MAX_MESSAGE_BYTES
+from gateway.children.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
 from gateway.errors import LinkError
 from gateway.hmi.desk import RefusedError
-from gateway.hmi.orders import MAX_EVENTS, MAX_STATES, About, Apply, Ask, Check, HmiJob, LinksNow, TaskNow
+from gateway.hmi.orders import MAX_EVENTS, MAX_STATES, About, Apply, Ask, Check, LinksNow, TaskNow
 from gateway.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
 from gateway.plc import Writer
 from tests.unit.hmi_desk import Plant, plant
-from tests.virtual_time import LoopClock, run
+from tests.virtual_time import run
 
 ANNA = Writer("127.0.0.1", "anna", "technician")
 
@@ -192,11 +193,11 @@ def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message()
                     control.check_function(mode)
             answer = made.feed.answer(Ask(1, made.desk.bays[:MAX_STATES]))
             rows = tuple(TaskNow(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
-            answer = replace(answer, links=LinksNow(rows, "mqtts://broker.plant:8883", None))
+            answer = structs.replace(answer, links=LinksNow(rows, "mqtts://broker.plant:8883", None))
             assert len(answer.bays) == MAX_STATES
-            assert len(pickle.dumps(answer)) < MAX_MESSAGE_BYTES
+            assert len(Codec.packed(answer)) < MAX_MESSAGE_BYTES
             bays = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, 65))
-            job = HmiJob.of(About(GatewayConfig(bays=bays), LoopClock(), {}))
-            assert len(job.packed) < MAX_MESSAGE_BYTES / 2
+            about = About(GatewayConfig(bays=bays), SystemClock(), {})
+            assert len(Codec.packed(about)) < MAX_MESSAGE_BYTES / 2
 
     run(scene())

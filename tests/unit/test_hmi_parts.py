@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import pickle
 import random
 import string
 import subprocess
@@ -13,14 +12,15 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from msgspec import structs
 
-from gateway.children.link import MAX_MESSAGE_BYTES
+from gateway.children.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
 from gateway.hmi.alarms.board import MAX_DETAIL
 from gateway.hmi.alarms.records import MAX_NOTE, Change, Standing
 from gateway.hmi.alarms.states import AlarmState, Cue
 from gateway.hmi.latencies import BOUNDS_S, Histogram
-from gateway.hmi.orders import Ask, LinksNow, TaskNow
+from gateway.hmi.orders import TO_WEB, Answer, Ask, TaskNow
 from gateway.hmi.parts import MAX_ERROR, MOST_ALARMS, PLC_QUIET_S, Parts
 from gateway.hmi.processes import usage
 from gateway.hmi.watch import TOLD
@@ -149,12 +149,12 @@ def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None
             )
             made.links = links
             answer = made.feed.answer(Ask(1, made.desk.bays))
-            full_answer = replace(answer, links=links)
-            size = len(pickle.dumps(full_answer, pickle.HIGHEST_PROTOCOL))
-            assert size < MAX_MESSAGE_BYTES, size
-            again: LinksNow = pickle.loads(pickle.dumps(links))
-            assert again == links
-            assert isinstance(again.alarms, Standing)
+            packed = Codec.packed(structs.replace(answer, links=links))
+            assert len(packed) < MAX_MESSAGE_BYTES, len(packed)
+            again: Answer = TO_WEB.unpacked(packed)
+            assert again.links == links
+            assert again.links is not None
+            assert isinstance(again.links.alarms, Standing)
 
     run(scene())
 

@@ -1,7 +1,6 @@
 """The simulated camera keeps the contract of a source: paced, stamped, honest about its faults. No real time passes."""
 
 import asyncio
-import pickle
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +11,7 @@ from gateway.sim.camera import SimCamera, SimCameraSpec
 from gateway.sim.render import render
 from gateway.sim.scenario import Scenario, parse
 from gateway.sim.world import World
+from gateway.vision.jobs import SourceRecord
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -85,7 +85,8 @@ def test_a_replaced_camera_shows_the_same_world() -> None:
     frames = []
     for start_ms in (0, 900):
         clock = HandClock(now=ORIGIN_NS + start_ms * MS)
-        camera = pickle.loads(pickle.dumps(SimCameraSpec(parse(DRIVE), ORIGIN_NS, "bay 3"))).open(clock)
+        spec = SourceRecord.of(SimCameraSpec(parse(DRIVE), ORIGIN_NS, "bay 3")).spec()
+        camera = spec.open(clock)
         clock.now = ORIGIN_NS + 1_000 * MS
         frames.append(camera.read().image)
 
@@ -172,4 +173,4 @@ def test_closing_twice_is_fine_and_reading_after_it_is_not() -> None:
 
 
 def test_the_spec_is_small_on_the_wire() -> None:
-    assert len(pickle.dumps(SimCameraSpec(parse(DRIVE), ORIGIN_NS))) < 10_000
+    assert len(SourceRecord.of(SimCameraSpec(parse(DRIVE), ORIGIN_NS)).fields) < 10_000

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
 from gateway.model import Tracking
-from gateway.vision import jobs, methods, pipeline
+from gateway.vision import methods, pipeline, workerjob
 from gateway.vision.exact import search
 from gateway.vision.robust import detect as robust
 
@@ -31,7 +31,10 @@ def test_the_papers_method_by_name() -> None:
     assert replace(methods.detector(PLAIN)(image), stage_ns=()) == replace(plain, stage_ns=())
     ticks = itertools.count(0, 10)
     stages = [*search.STAGES, *pipeline.STAGES[-3:]]  # the first six by a shortcut, to the same bits
-    for built in (methods.detector(PLAIN, lambda: next(ticks)), jobs.DetectorSpec(PLAIN).build(lambda: next(ticks))):
+    for built in (
+        methods.detector(PLAIN, lambda: next(ticks)),
+        workerjob.DetectorSpec(PLAIN).build(lambda: next(ticks)),
+    ):
         assert built(image).stage_ns == tuple((name, 10) for name, _, _ in stages)
 
 

@@ -1,7 +1,6 @@
 """Which source a URL or path means, and how its frames come: at what pace, with what stamp, until what end."""
 
 import os
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from gateway.config import CameraConfig
 from gateway.errors import ConfigError, LinkError
 from gateway.vision.capture import FFMPEG_OPTIONS, CaptureSource
 from gateway.vision.files import Pace
+from gateway.vision.jobs import SourceRecord
 from gateway.vision.sources import Source
 from gateway.vision.specs import CameraSpec, FileSpec, StreamSpec, source_spec
 from tests.virtual_time import LoopClock
@@ -111,7 +111,7 @@ def test_any_url_is_a_source_or_a_configuration_error(url: str) -> None:
         spec = source_spec(CameraConfig.model_construct(**{**CameraConfig().model_dump(), "url": url}))
     except ConfigError:
         return
-    assert pickle.loads(pickle.dumps(spec)) == spec
+    assert SourceRecord.of(spec).spec() == spec
 
 
 def test_no_password_is_shown() -> None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from gateway.children.codec import Message
 from gateway.hmi.alarms.states import AlarmState, Cue
 
 SHELVE_MOST_MIN = 12 * 60  # one shift
@@ -46,8 +47,7 @@ class Change:
     note: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Deed:
+class Deed(Message, frozen=True):
     """What a person wants done. `occurrence`: what they saw (Alarm.occurrences); None: whatever there is."""
 
     id: str

@@ -1,0 +1,136 @@
+"""What the processes of a bay say to each other comes out as it went in."""
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.children.codec import MAX_MESSAGE_BYTES, Codec, record_of, record_packed
+from gateway.children.words import Failed
+from gateway.clock import SystemClock
+from gateway.config import Intrinsics, VisionConfig
+from gateway.errors import ProtocolError
+from gateway.model import Circle, Detection, Ellipse, Rejection, Tracking
+from gateway.sim.camera import SimCameraSpec
+from gateway.sim.scenario import Scenario
+from gateway.vision import camera, jobs, worker
+from gateway.vision.jobs import (
+    CameraJob,
+    Captured,
+    FrameRef,
+    GiveBack,
+    Handed,
+    Look,
+    Looked,
+    Opened,
+    Ready,
+    SourceRecord,
+    Straight,
+)
+from gateway.vision.shm import RingSpec
+from gateway.vision.sources import SourceSpec
+from gateway.vision.specs import CameraSpec, FileSpec, StreamSpec
+from gateway.vision.workerjob import DetectorSpec, WorkerJob
+
+INT = st.integers(-(2**63), 2**63 - 1)
+NUMBER = st.floats(allow_nan=False)
+FRAMES = st.builds(FrameRef, st.integers(0, 2**31 - 1), INT, INT, INT)
+CIRCLES = st.builds(Circle, NUMBER, NUMBER, NUMBER)
+MAYBE = st.none() | NUMBER
+STAGE = st.tuples(st.text(), INT)
+DETECTIONS = st.builds(
+    Detection,
+    circle=st.none() | CIRCLES,
+    area_px2=NUMBER,
+    circularity=NUMBER,
+    fill=NUMBER,
+    candidates=INT,
+    x_n=MAYBE,
+    y_n=MAYBE,
+    stage_ns=st.lists(STAGE, max_size=12).map(tuple),
+    ellipse=st.none() | st.builds(Ellipse, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER),
+    confidence=MAYBE,
+    visible=MAYBE,
+    rejected=st.lists(st.builds(Rejection, CIRCLES, st.text()), max_size=3).map(tuple),
+    tracking=st.sampled_from(Tracking),
+    predicted=st.none() | CIRCLES,
+)
+FROM_CHILDREN = st.one_of(
+    st.builds(Captured, FRAMES, INT),
+    st.builds(Handed, FRAMES, INT, INT, INT),
+    st.builds(Looked, INT, st.none() | DETECTIONS),
+    st.builds(Opened, st.booleans()),
+    st.builds(Failed, st.text(), st.booleans()),
+    st.just(Ready()),
+)
+TO_CAMERA = st.one_of(st.builds(GiveBack, INT), st.builds(Straight, INT))
+RING = RingSpec(7, 3, 25.0)
+CLOCK = SystemClock(2.5, 3, 4)
+
+
+@given(FROM_CHILDREN)
+def test_every_word_of_a_child_comes_out_as_it_went_in(message: object) -> None:
+    assert jobs.FROM_CHILDREN.unpacked(Codec.packed(message)) == message
+
+
+@given(TO_CAMERA, st.builds(Look, FRAMES))
+def test_every_word_to_a_child_comes_out_as_it_went_in(to_camera: object, to_worker: object) -> None:
+    assert camera.CODEC.unpacked(Codec.packed(to_camera)) == to_camera
+    assert worker.CODEC.unpacked(Codec.packed(to_worker)) == to_worker
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        CameraSpec("/dev/video0", 1280, 720, 29.97),
+        StreamSpec("rtsp://anna:secret@camera/live", 9.0, 2.0),
+        FileSpec("/films/ü.avi", loop=True),
+    ],
+)
+def test_a_camera_s_job_comes_out_as_it_went_in_and_names_its_source(spec: SourceSpec) -> None:
+    job = CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2))
+
+    again = camera.CODEC.unpacked(Codec.packed(job))
+
+    assert again == job
+    assert again.source.spec() == spec
+
+
+def test_a_scenario_of_a_thousand_legs_is_a_job_too() -> None:
+    legs = tuple({"name": f"leg {n}", "distance_cm": 10 + n % 400, "lateral_mm": n / 7} for n in range(1000))
+    spec = SimCameraSpec(Scenario.model_validate({"legs": legs, "camera": {"fps": 12.5}}), 10**15, "a camera")
+    packed = Codec.packed(CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2)))
+
+    assert len(packed) <= MAX_MESSAGE_BYTES
+    again = camera.CODEC.unpacked(packed)
+    assert again.source.spec() == spec
+    assert again.source.spec().scenario.model_fields_set == {"legs", "camera"}
+
+
+def test_a_vision_process_s_job_holds_the_settings_as_they_were_given() -> None:
+    lens = Intrinsics(fx=600.5, fy=601.0, cx=320.0, cy=240.0, distortion=(0.1, 0.0, 0.0, -1e-3))
+    vision = VisionConfig(method="paper", red_low_1=(1, 50, 60), affinity=(0, 1), intrinsics=lens)
+    job = WorkerJob(DetectorSpec(vision, "some.module:detector"), CLOCK, RING)
+
+    again = worker.CODEC.unpacked(Codec.packed(job))
+
+    assert again == job
+    assert again.detector.vision.model_fields_set == vision.model_fields_set
+
+
+@pytest.mark.parametrize("kind", ["os:system", "gateway.vision.specs:source_spec", "gateway.vision.specs:None"])
+def test_a_source_is_a_record_and_nothing_else(kind: str) -> None:
+    with pytest.raises(ProtocolError, match="no record of a source"):
+        SourceRecord(kind, b"\x90").spec()
+
+
+def test_a_field_that_is_added_travels_without_a_second_place() -> None:
+    """The records of the model are not listed anywhere: their fields are."""
+
+    @dataclass(frozen=True, slots=True)
+    class Tomorrow(Detection):
+        veil: float | None = None
+
+    found = Tomorrow(Circle(5.0, 6.0, 7.0), veil=0.25)
+    assert record_of(Tomorrow, record_packed(found)) == found
