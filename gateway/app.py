@@ -196,7 +196,10 @@ async def run(
             )
             tasks.append(Task("alarms", watch.run))
             feed = Feed(chronicle, shown, clock, lambda: parts.links(watch), watch.act)
-            about = About(config.model_copy(update={"mqtt": None}), clock, rings, source=source, boot=parts.boot)
+            readers = {bay: shm.reader(ring) for bay, ring in rings.items()}
+            for ring in readers.values():
+                shared.callback(os.close, ring.fd)
+            about = About(config.model_copy(update={"mqtt": None}), clock, readers, source=source, boot=parts.boot)
             pages, hmi_url = _pages(about, feed, shared)
             tasks.append(pages)
         supervisor = Supervisor(tasks, clock)

@@ -10,11 +10,13 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from gateway.children.link import Link
 from gateway.children.words import Failed
 from gateway.clock import NS_PER_S, Clock
-from gateway.errors import GatewayError, LinkError
+from gateway.config import VisionConfig
+from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hmi.alarms.records import Deed
 from gateway.hmi.orders import (
     MAX_STATES,
@@ -25,12 +27,21 @@ from gateway.hmi.orders import (
     BayNow,
     Check,
     Done,
+    FileError,
+    FileOrder,
     FromHmi,
+    InFile,
     LinksNow,
     Numbered,
     Order,
+    PlanFile,
+    Planned,
+    ReadFile,
+    Saved,
+    SaveFile,
     ToHmi,
 )
+from gateway.hmi.workbench.configfile import ChangedOnDiskError
 from gateway.modbus import registers
 from gateway.plc import Writer
 from gateway.shown import shown
@@ -48,6 +59,10 @@ URGENT_SHARE = MAX_STATES - 2  # of one answer; the rest goes round among all ba
 
 class RefusedError(GatewayError):
     """The main process did not carry out an order; the text says why."""
+
+
+_RAISED = {FileError.NONE: RefusedError, FileError.WRONG: ConfigError, FileError.CHANGED: ChangedOnDiskError}
+Result = TypeVar("Result", InFile, Planned, Saved)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,23 +165,47 @@ class Desk:
 
     async def order(self, what: Check | Apply | Deed, who: Writer) -> None:
         """Have it done. Raises RefusedError with the reason, LinkError when the main process does not answer."""
+        await self._have_done(Order(self._next_order(), who, what))
+        if isinstance(what, Deed):
+            await self.links_anew()
+
+    async def in_file(self, bay: str, who: Writer) -> InFile:
+        """What the configuration's file says. Raises ConfigError, and as `order` does."""
+        return await self._of_file(ReadFile(bay), InFile, who)
+
+    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> Planned:
+        """What saving would change. Raises ConfigError, and as `order` does."""
+        return await self._of_file(PlanFile(bay, vision), Planned, who)
+
+    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> Saved:
+        """Have written what `plan` has shown. Raises ChangedOnDiskError, ConfigError, and as `order` does."""
+        return await self._of_file(SaveFile(bay, vision, digest), Saved, who)
+
+    async def _of_file(self, what: ReadFile | PlanFile | SaveFile, kind: type[Result], who: Writer) -> Result:
+        done = await self._have_done(FileOrder(self._next_order(), who, what))
+        if not isinstance(done.result, kind):
+            raise LinkError("the gateway has answered something else")
+        return done.result
+
+    def _next_order(self) -> int:
         self._ordered += 1
-        number = self._ordered
-        done: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
-        self._orders[number] = done
+        return self._ordered
+
+    async def _have_done(self, order: Order | FileOrder) -> Done:
+        future: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
+        self._orders[order.number] = future
         try:
-            if not self._link.offer(Order(number, who, what)):
+            if not self._link.offer(order):
                 raise LinkError("the gateway does not take orders")
             async with asyncio.timeout(ORDER_S):
-                result = await done
+                done = await future
         except TimeoutError:
             raise LinkError(f"the gateway has not answered within {ORDER_S:g} s") from None
         finally:
-            del self._orders[number]
-        if result.why:
-            raise RefusedError(result.why)
-        if isinstance(what, Deed):
-            await self.links_anew()
+            del self._orders[order.number]
+        if done.why:
+            raise _RAISED[done.error](done.why)
+        return done
 
     async def links_anew(self) -> None:
         """Ask for links and alarms now, and wait for them for a while: who has just changed one wants to see it."""

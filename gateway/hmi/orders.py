@@ -5,6 +5,7 @@ stalled or hostile costs the main process nothing. Orders are the few things tha
 """
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Annotated
 
 from msgspec import Meta
@@ -33,7 +34,7 @@ class About(Message, frozen=True):
     clock: SystemClock
     rings: dict[str, RingSpec]  # of frames, by bay; none of them can be written by the web process
     sockets: tuple[int, ...] = ()  # listening, inherited
-    source: str = ""  # the configuration's file; empty: none of the operator's own
+    source: str = ""  # name of the configuration's file, to be shown; empty: none of the operator's own
     boot: str = ""  # random number of this start of the gateway
 
 
@@ -73,6 +74,35 @@ class Order(Message, frozen=True):
     number: int
     who: Writer
     what: Check | Apply | Deed
+
+
+class ReadFile(Message, frozen=True):
+    """What does the configuration's file say for this bay?"""
+
+    bay: str
+
+
+class PlanFile(Message, frozen=True):
+    """What would saving these settings change in the file?"""
+
+    bay: str
+    vision: VisionConfig
+
+
+class SaveFile(Message, frozen=True):
+    """Save them, if the file is still the one of this digest."""
+
+    bay: str
+    vision: VisionConfig
+    digest: str
+
+
+class FileOrder(Message, frozen=True):
+    """About the configuration's file, which only the main process reads and writes. `who` as in `Order`."""
+
+    number: int
+    who: Writer
+    what: ReadFile | PlanFile | SaveFile
 
 
 # To the web process.
@@ -135,14 +165,47 @@ class Answer(Message, frozen=True):
     newest_event: int = 0
 
 
+class InFile(Message, frozen=True):
+    """To `ReadFile`. `why_not`: why saving would fail, in words; empty: nothing known speaks against it."""
+
+    vision: VisionConfig
+    why_not: str
+
+
+class Planned(Message, frozen=True):
+    """To `PlanFile`. `diff` is for people, without passwords. `why_not` as above: it is then what to do by hand."""
+
+    diff: str
+    changes: tuple[str, ...]  # keys
+    digest: str  # of the file as it was read
+    why_not: str
+
+
+class Saved(Message, frozen=True):
+    """To `SaveFile`. The file as it was stands in `backup`."""
+
+    changes: tuple[str, ...]
+    backup: str
+
+
+class FileError(StrEnum):
+    """What kind of thing is wrong with a `FileOrder`."""
+
+    NONE = "none"
+    WRONG = "wrong"  # the file, or what is wanted of it
+    CHANGED = "changed"  # by somebody else, since it was shown
+
+
 class Done(Message, frozen=True):
-    """To an `Order`. `why` tells what is wrong with it; empty: it was carried out."""
+    """To an `Order` or a `FileOrder`. `why` tells what is wrong with it; empty: it was carried out."""
 
     number: int
     why: str = ""
+    error: FileError = FileError.NONE
+    result: InFile | Planned | Saved | None = None
 
 
-FromHmi = Ask | Order
+FromHmi = Ask | Order | FileOrder
 ToHmi = About | Answer | Done
 
 FROM_WEB = Codec(FromHmi | Failed)

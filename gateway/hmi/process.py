@@ -1,4 +1,7 @@
-"""The web process: the desk that pulls, and the server that shows. Ends when the main process does. IO."""
+"""The web process: the desk that pulls, and the server that shows. Ends when the main process does. IO.
+
+Strangers talk to it, so it gives away what it does not need before it hears the first of them: see `sandbox`.
+"""
 
 import asyncio
 import logging
@@ -9,6 +12,7 @@ import cv2
 import uvicorn
 
 from gateway import loop
+from gateway.children import sandbox
 from gateway.children.link import Link
 from gateway.clock import SystemClock
 from gateway.hmi.desk import Desk
@@ -33,6 +37,8 @@ def run(link: Link[FromHmi, ToHmi], about: About) -> None:
     cv2.setNumThreads(1)
     logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
     log.setLevel(logging.INFO)  # who logged in and who changed something is always told
+    for line in sandbox.enter(about.config.hmi.run_as):
+        log.warning("hmi: not everything can be taken from the web process here: %s", line)
     loop.run(_serve(about, link))
 
 

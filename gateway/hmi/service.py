@@ -6,7 +6,9 @@ As long as nobody calls, there is no such process: a connection waits in the lis
 import asyncio
 import os
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from pathlib import Path
 
 from msgspec.structs import replace
 
@@ -15,7 +17,8 @@ from gateway.children.words import Failed, Gone
 from gateway.errors import ConfigError, LinkError
 from gateway.hmi.door import door
 from gateway.hmi.feed import Feed
-from gateway.hmi.orders import FROM_WEB, About, Ask, FromHmi, Order, ToHmi
+from gateway.hmi.orders import FROM_WEB, About, Ask, FileOrder, FromHmi, Order, ToHmi
+from gateway.hmi.workbench.fileorders import FileOrders
 
 SILENT_S = 15.0  # real time; the web process asks at least once a second
 PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
@@ -35,6 +38,7 @@ class HmiService:
         self._feed = feed
         self._about = about
         self._sockets = sockets
+        self._file = Path(about.source) if about.source else None
 
     async def run(self) -> None:
         """Until cancelled. Raises LinkError when the port is taken or the web process ended or hung.
@@ -44,16 +48,23 @@ class HmiService:
         """
         try:
             with ExitStack() as own:
-                await self._serve(self._sockets or own.enter_context(door(self._about.config.hmi)))
+                await self._serve(self._sockets or own.enter_context(door(self._about.config.hmi)), own)
         except ConfigError as error:
             raise LinkError(str(error)) from error
 
-    async def _serve(self, sockets: tuple[socket.socket, ...]) -> None:
+    async def _serve(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> None:
         await _visitor(sockets)
         rings = tuple(ring.fd for ring in self._about.rings.values())
         listening = tuple(sock.fileno() for sock in sockets)
-        role: Role[ToHmi] = Role(MODULE, "gw-hmi", replace(self._about, sockets=listening), (*rings, *listening))
+        shown = self._about.source.encode(
+            errors="backslashreplace"
+        ).decode()  # a name need not be UTF-8, a message must
+        job = replace(self._about, sockets=listening, source=shown)
+        role: Role[ToHmi] = Role(MODULE, "gw-hmi", job, (*rings, *listening))
+        thread = ThreadPoolExecutor(1, thread_name_prefix="file")
+        own.callback(thread.shutdown, wait=False, cancel_futures=True)
         async with Pool[ToHmi, FromHmi]("hmi", self._about.clock, FROM_WEB) as pool:
+            file = FileOrders(self._file, self._about.clock, thread, pool.wake)
             pool.start(CHILD, role)
             full = 0
             while True:
@@ -73,10 +84,15 @@ class HmiService:
                             asked = message  # the newest answers all before it
                         case Order():
                             pool.send(CHILD, self._feed.carry_out(message))
+                        case FileOrder():
+                            if (refused := file.take(message)) is not None:
+                                pool.send(CHILD, refused)
                         case Failed(why):
                             raise LinkError(why)
                         case Gone(how):
                             raise LinkError(f"the web process {how}")
+                for done in file.done():
+                    pool.send(CHILD, done)
                 if asked is not None:
                     pool.send(CHILD, self._feed.answer(asked))
                 await asyncio.sleep(PAUSE_S)

@@ -74,6 +74,12 @@ class HmiConfig(Section):
         "driver", description="what everybody may do; `technician` only where host is loopback"
     )
     users: tuple[HmiUser, ...] = Field((), max_length=64, description="who may log in")
+    run_as: str | None = Field(
+        None,
+        pattern=r"^[A-Za-z_][A-Za-z0-9_.-]{0,31}$",
+        description="user that the web process becomes where the gateway runs as root; it must be able to read the "
+        "program and the TLS files; absent: the gateway's own user",
+    )
     tls_cert: str | None = Field(
         None, min_length=1, description="PEM file: the pages' certificate, then any intermediate ones; absent: no TLS"
     )

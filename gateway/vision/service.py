@@ -97,6 +97,7 @@ class VisionService:
         check_cpus("camera.affinity", self._camera.affinity)
         check_cpus("vision.affinity", self._vision.affinity)
         ring = self._ring or shm.create(slots(self._vision), self._camera.max_megapixels)
+        reader = shm.reader(ring)
         try:
             while True:
                 # Begun anew with other settings, or by the supervisor: a PLC's counts are those since the start.
@@ -106,16 +107,17 @@ class VisionService:
                     else self._dispatcher.anew(self._vision)
                 )
                 self._turns = _Turns(
-                    self._dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring)
+                    self._dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring, reader)
                 )
                 async with VisionPool(self._bay, self._clock, FROM_CHILDREN, self._turns.on_news) as pool:
                     await self._turns.run(pool)
         finally:
             self._turns = None
+            os.close(reader.fd)
             if self._ring is None:
                 os.close(ring.fd)
 
-    def _carry_out(self, action: actions.Action, pool: VisionPool, ring: shm.RingSpec) -> None:
+    def _carry_out(self, action: actions.Action, pool: VisionPool, ring: shm.RingSpec, reader: shm.RingSpec) -> None:
         match action:
             case actions.Emit(reading):
                 self._emit(reading)
@@ -129,7 +131,7 @@ class VisionService:
                 camera = CameraJob(SourceRecord.of(self._spec), self._clock, ring, first_seq, slots)
                 pool.start(token, self._role("camera", camera, self._camera.affinity))
             case actions.StartWorker(token):
-                worker = WorkerJob(self._detector, self._clock, ring)
+                worker = WorkerJob(self._detector, self._clock, reader)
                 pool.start(token, self._role("worker", worker, self._vision.affinity))
             case actions.Kill(token, why):
                 log.debug("%s: process given up: %s", self._bay, why)

@@ -15,6 +15,7 @@ it.
 import fcntl
 import mmap
 import os
+import stat
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,16 +58,27 @@ class Snapshot:
 
 
 def create(slots: int, max_megapixels: float) -> RingSpec:
-    """New anonymous memory; the caller closes `fd`. Its size is sealed, so no process can shrink it under another."""
+    """New anonymous memory; the caller closes `fd`. Its size is sealed, so no process can shrink it under another.
+
+    Who writes is given this descriptor: its mode lets nobody open the memory for writing by another way.
+    """
     fd = os.memfd_create("gateway-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     spec = RingSpec(fd, slots, max_megapixels)
     os.ftruncate(fd, spec.size_bytes)
     fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
+    os.fchmod(fd, stat.S_IRUSR)
     return spec
 
 
+def reader(spec: RingSpec) -> RingSpec:
+    """The same memory behind a descriptor of its own that can't be mapped for writing; the caller closes `fd`."""
+    fd = os.open(f"/proc/self/fd/{spec.fd}", os.O_RDONLY | os.O_CLOEXEC)
+    return RingSpec(fd, spec.slots, spec.max_megapixels)
+
+
 class Ring:
-    """One process's view of the memory. A reader's is read-only: no detector can scribble over a frame."""
+    """One process's view of the memory. A reader's is read-only, and so is its descriptor: no detector, and nobody who
+    has got hold of a web process, can scribble over a frame."""
 
     def __init__(self, spec: RingSpec, *, writable: bool) -> None:
         self._spec = spec

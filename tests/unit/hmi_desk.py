@@ -5,6 +5,7 @@ import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from gateway.bay import BayControl
 from gateway.children.link import Link
@@ -15,13 +16,14 @@ from gateway.hmi.alarms.table import Signs
 from gateway.hmi.chronicle import Chronicle
 from gateway.hmi.desk import Desk
 from gateway.hmi.feed import BayParts, Feed
-from gateway.hmi.orders import FROM_WEB, TO_WEB, About, Ask, FromHmi, LinksNow, Order, ToHmi
+from gateway.hmi.orders import FROM_WEB, TO_WEB, About, Ask, FileOrder, FromHmi, LinksNow, Order, ToHmi
 from gateway.hmi.watch import Watch
+from gateway.hmi.workbench.fileorders import FileOrders
 from gateway.hub import Hub
 from gateway.modbus.showing import image_of
 from gateway.vision import shm
 from gateway.vision.shm import Ring
-from tests.virtual_time import LoopClock
+from tests.virtual_time import AtOnce, LoopClock
 
 
 @dataclass
@@ -59,8 +61,10 @@ class Plant:
 
 
 @asynccontextmanager
-async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | None = None) -> AsyncIterator[Plant]:
-    """In virtual time. Every message crosses a real socket."""
+async def plant(
+    bays: int = 1, *, keep: bool = True, config: GatewayConfig | None = None, source: str = ""
+) -> AsyncIterator[Plant]:
+    """In virtual time. Every message crosses a real socket. `source`: the configuration's file."""
     clock = LoopClock()
     named = tuple(BayConfig(name=f"bay{n}", unit_id=n, fusion=PLAIN) for n in range(1, bays + 1))
     config = config or GatewayConfig(bays=named)
@@ -85,12 +89,18 @@ async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | Non
     )
     specs = {name: shm.create(3, 0.1) for name in names}
     near, far = Link[ToHmi, FromHmi].pair(FROM_WEB)
-    about = About(config, SystemClock(), specs, boot="0123456789abcdef")
+    about = About(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
     desk = Desk(about, Link[FromHmi, ToHmi](far, TO_WEB), clock, clock)
     made = Plant(
         desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, watch
     )
     made.near = near
+
+    def tell() -> None:
+        for done in file.done():
+            assert near.offer(done)
+
+    file = FileOrders(Path(source) if source else None, clock, AtOnce(), tell)
 
     def hear() -> None:
         for message in near.received():
@@ -101,6 +111,8 @@ async def plant(bays: int = 1, *, keep: bool = True, config: GatewayConfig | Non
                         assert near.offer(feed.answer(message))
                 case Order():
                     assert near.offer(feed.carry_out(message))
+                case FileOrder() if (refused := file.take(message)) is not None:
+                    assert near.offer(refused)
 
     loop = asyncio.get_running_loop()
     loop.add_reader(near.sock, hear)

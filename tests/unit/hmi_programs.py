@@ -1,8 +1,6 @@
 """Asks the programs' side without a socket and without the guard: a desk, a main process's side, one request."""
 
 import json
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
@@ -15,17 +13,9 @@ from gateway.hmi.guard.access import Level
 from gateway.hmi.guard.visitor import Visitor, with_visitor
 from gateway.hmi.metrics.family import Pages
 from tests.unit.hmi_desk import Plant
+from tests.virtual_time import AtOnce
 
 ANNA = Visitor("anna", Level.TECHNICIAN, "10.0.0.7", "token")
-
-
-class AtOnce(Executor):
-    """Virtual time would run away while a real thread works."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        done: Future[Any] = Future()
-        done.set_result(fn(*args, **kwargs))
-        return done
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,6 @@
 """Pictures: encoded only when somebody asks, once for all, with the reading of the very same frame."""
 
 import asyncio
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +10,7 @@ from gateway.hmi.pictures import WAIT_S, Pictures, encoded
 from gateway.model import Circle, Quality, VisionReading
 from gateway.vision.pixels import Image
 from tests.unit.hmi_desk import Plant, plant
-from tests.virtual_time import run
+from tests.virtual_time import AtOnce, run
 
 
 def scenery(shade: int) -> Image:
@@ -34,15 +31,6 @@ def film(made: Plant, seq: int, *, reading: bool = True, slot: int | None = None
     made.rings["bay1"].write(seq % 3 if slot is None else slot, scenery(seq % 256), seq, now_ns)
     if reading:
         made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(80, 60, float(seq)), frame_id=seq))
-
-
-class AtOnce(Executor):
-    """Virtual time would run away while a real thread works."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        done: Future[Any] = Future()
-        done.set_result(fn(*args, **kwargs))
-        return done
 
 
 def of(made: Plant, width_px: int = 1280) -> Pictures:

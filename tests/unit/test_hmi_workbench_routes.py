@@ -4,7 +4,7 @@ import re
 from asyncio import TaskGroup
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,8 @@ from gateway.hmi.workbench.workshop import Workshop
 from gateway.model import FunctionCheck
 from tests.unit.hmi_bench import HEIGHT, MARKER, WIDTH, picture
 from tests.unit.hmi_desk import Plant, plant
-from tests.unit.hmi_programs import AtOnce, Caller, Said
-from tests.virtual_time import run
+from tests.unit.hmi_programs import Caller, Said
+from tests.virtual_time import AtOnce, run
 
 FILE = """\
 # The plant's file.
@@ -60,9 +60,7 @@ class Bay:
 @asynccontextmanager
 async def bay(source: Path | None = None) -> AsyncIterator[Bay]:
     config = GatewayConfig(bays=(BayConfig(name="bay1"), BayConfig(name="bay2", unit_id=2)))
-    async with plant(config=config) as made:
-        if source is not None:
-            made.desk.about = replace(made.desk.about, source=str(source))
+    async with plant(config=config, source=str(source or "")) as made:
         shop = Workshop(made.desk, made.desk.clock, AtOnce())
         yield Bay(made, shop, Caller(Starlette(routes=routes(shop))))
 

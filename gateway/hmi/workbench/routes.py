@@ -28,7 +28,7 @@ from gateway.hmi.workbench.asked import (
     TrialAsked,
 )
 from gateway.hmi.workbench.bench import BusyError
-from gateway.hmi.workbench.configfile import ChangedOnDiskError, why_not_writable
+from gateway.hmi.workbench.configfile import ChangedOnDiskError
 from gateway.hmi.workbench.snapshots import Taken, named
 from gateway.hmi.workbench.trial import EndedError
 from gateway.hmi.workbench.workshop import Workshop
@@ -215,8 +215,7 @@ async def _eyedropper(call: Call) -> Response:
 
 
 async def _profile(call: Call) -> Response:
-    shop = call.shop
-    in_force = await shop.in_force(call.bay)
+    in_force = await call.shop.in_force(call.bay)
     return JSONResponse(
         {
             **_settings(call, in_force),
@@ -228,14 +227,12 @@ async def _profile(call: Call) -> Response:
 
 async def _file(call: Call, in_force: VisionConfig) -> dict[str, object]:
     """Where saving would write to, what stands in the way, and which keys are not as the file has them."""
-    path = call.shop.file
-    told = {"path": None if path is None else str(path), "why_not": why_not_writable(path)}
-    if path is None:
-        return {**told, "unsaved": []}
+    path = call.shop.file or None
     try:
-        return {**told, "unsaved": answers.changes(await call.shop.in_file(call.bay), in_force)}
+        found = await call.shop.desk.in_file(call.bay, call.visitor.writer)
     except ConfigError as error:
-        return {**told, "why_not": str(error), "unsaved": []}
+        return {"path": path, "why_not": str(error), "unsaved": []}
+    return {"path": path, "why_not": found.why_not, "unsaved": answers.changes(found.vision, in_force)}
 
 
 async def _apply(call: Call) -> Response:
@@ -259,12 +256,12 @@ def _settings(call: Call, in_force: VisionConfig) -> dict[str, Any]:
 
 async def _diff(call: Call) -> Response:
     settings = await call.settings(call.asked(SettingsAsked).vision)
-    planned = await call.shop.plan(call.bay, settings)
+    planned = await call.shop.desk.plan(call.bay, settings, call.visitor.writer)
     return JSONResponse(
         {
-            "path": str(call.shop.file),
-            "diff": planned.proposal.diff,
-            "changes": list(planned.proposal.changes),
+            "path": call.shop.file,
+            "diff": planned.diff,
+            "changes": list(planned.changes),
             "digest": planned.digest,
             "why_not": planned.why_not,
         }
@@ -274,8 +271,8 @@ async def _diff(call: Call) -> Response:
 async def _save(call: Call) -> Response:
     asked = call.asked(SaveAsked)
     settings = await call.settings(asked.vision)
-    proposal, backup = await call.shop.save(call.bay, settings, asked.digest)
-    return JSONResponse({"path": str(call.shop.file), "changes": list(proposal.changes), "backup": str(backup)})
+    saved = await call.shop.desk.save(call.bay, settings, asked.digest, call.visitor.writer)
+    return JSONResponse({"path": call.shop.file, "changes": list(saved.changes), "backup": saved.backup})
 
 
 async def _export(call: Call) -> Response:

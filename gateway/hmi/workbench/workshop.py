@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self, TypeVar, TypeVarTuple
 
@@ -18,12 +17,11 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
 from gateway.errors import LinkError
 from gateway.hmi.desk import Seen
-from gateway.hmi.orders import About, Apply, Check
+from gateway.hmi.orders import About, Apply, Check, InFile, Planned, Saved
 from gateway.hmi.pictures import encoded as jpeg
-from gateway.hmi.workbench import configfile, eyedropper, profile, stages, trial
+from gateway.hmi.workbench import eyedropper, profile, stages, trial
 from gateway.hmi.workbench.bench import Bench, BusyError
 from gateway.hmi.workbench.eyedropper import Mode, Picked
-from gateway.hmi.workbench.profile import Proposal
 from gateway.hmi.workbench.remarks import Remark, remarks
 from gateway.hmi.workbench.snapshots import LONGEST_S, Recorder, Store, Taken
 from gateway.hmi.workbench.stages import Panel
@@ -65,6 +63,12 @@ class Desk(Protocol):
 
     async def order(self, what: Check | Apply, who: Writer) -> None: ...
 
+    async def in_file(self, bay: str, who: Writer) -> InFile: ...
+
+    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> Planned: ...
+
+    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> Saved: ...
+
 
 @dataclass(frozen=True, slots=True)
 class Tried:
@@ -81,32 +85,22 @@ class Tried:
     height_px: int
 
 
-@dataclass(frozen=True, slots=True)
-class Planned:
-    """What saving would do. `why_not`: it can't be done; the diff is then what a person would change by hand."""
-
-    proposal: Proposal
-    digest: str  # of the file as it was read
-    why_not: str
-
-
 class Workshop:
     """One for the web process. `pace` is real time. To be closed: `with`.
 
-    `thread`: for pictures and for the file; by default the bench has one of its own, and the file takes the loop's.
+    `thread`: for pictures and for texts; by default the bench has one of its own, and texts take the loop's.
     """
 
     def __init__(self, desk: Desk, pace: Clock, thread: Executor | None = None) -> None:
         self.desk = desk
         self.store = Store()
         self.bench = Bench(thread)
-        self._files = thread
+        self._texts = thread
         self._pace = pace
         self._known = Known()
         self._numbers = itertools.count(1)
         self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
         self._undo: dict[str, deque[VisionConfig]] = {}
-        self._saving = asyncio.Lock()
         self._recorders = 0
 
     def __enter__(self) -> Self:
@@ -118,8 +112,9 @@ class Workshop:
         self.bench.close()
 
     @property
-    def file(self) -> Path | None:
-        return Path(self.desk.about.source) if self.desk.about.source else None
+    def file(self) -> str:
+        """Name of the configuration's file, which the main process reads and writes; empty: there is none."""
+        return self.desk.about.source
 
     async def in_force(self, bay: str) -> VisionConfig:
         """Raises LinkError where the main process has not told of it."""
@@ -276,35 +271,13 @@ class Workshop:
 
     # The file.
 
-    async def in_file(self, bay: str) -> VisionConfig:
-        """What the file says. Raises ConfigError, where there is no file, too."""
-        loaded = await self._off(configfile.load, configfile.named(self.file))
-        return await self._off(partial(profile.in_file, loaded.text, bay, source=str(loaded.path)))
-
     async def imported(self, bay: str, text: str, name: str) -> VisionConfig:
         """What is in force with the profile `text` over it. Raises ConfigError, LinkError."""
         return await self._off(partial(profile.imported, text, await self.in_force(bay), source=name))
 
-    async def plan(self, bay: str, settings: VisionConfig) -> Planned:
-        """Raises ConfigError where there is no file, or it is not one that the gateway reads."""
-        path = configfile.named(self.file)
-        loaded = await self._off(configfile.load, path)
-        proposal = await self._off(partial(profile.propose, loaded.text, bay, settings, source=str(path)))
-        return Planned(proposal, loaded.digest, configfile.why_not_writable(path))
-
-    async def save(self, bay: str, settings: VisionConfig, digest: str) -> tuple[Proposal, Path]:
-        """Write what `plan` has shown. Raises ChangedOnDiskError where the file is another one now, ConfigError."""
-        path = configfile.named(self.file)
-        async with self._saving:
-            loaded = await self._off(configfile.load, path)
-            configfile.same(loaded, digest)
-            proposal = await self._off(partial(profile.propose, loaded.text, bay, settings, source=str(path)))
-            # Not left half way: whoever goes away finds the file either as it was or as it should be.
-            return proposal, await asyncio.shield(self._off(configfile.save, loaded, proposal.text))
-
     def _off(self, work: Callable[[*Ts], T], *args: *Ts) -> "asyncio.Future[T]":
-        """On a thread: a disk may take its time, and so may reading a long file."""
-        return asyncio.get_running_loop().run_in_executor(self._files, work, *args)
+        """On a thread: reading a long text may take its time."""
+        return asyncio.get_running_loop().run_in_executor(self._texts, work, *args)
 
 
 def _lights(frames: Sequence[Snapshot], result: Result) -> tuple[Light, ...]:
