@@ -4,6 +4,7 @@ import asyncio
 import http.client
 import json
 import os
+import re
 import signal
 import socket
 import time
@@ -78,6 +79,30 @@ def test_no_web_process_without_a_visitor_and_a_killed_one_comes_back_on_the_sam
     faults = [row for row in gateway.rows if row["type"] == "event" and row["kind"] == "sensor_fault"]
     assert {row["quality"] for row in faults} <= {"stale"}  # a machine that stands still for a moment, and no more
     gateway.wait_for(lambda row: row["type"] == "state" and (row["vision"], row["range"]) == ("good", "good"))
+
+
+def frames_open_for(process: psutil.Process) -> set[int]:
+    """The access modes of a process's descriptors of frame memory."""
+    folder = Path(f"/proc/{process.pid}")
+    held = [fd.name for fd in (folder / "fd").iterdir() if "gateway-frames" in os.readlink(fd)]
+    flags = [re.search(r"flags:\s+([0-7]+)", (folder / "fdinfo" / fd).read_text()) for fd in held]
+    return {int(found[1], 8) & os.O_ACCMODE for found in flags if found}
+
+
+def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_a_camera_can_write_frames(
+    gateway: Gateway,
+) -> None:
+    url = gateway.started()["hmi"]
+    assert got(url, "/api/bays/bay1/picture")[0] == 200
+    (process,) = web(gateway)
+    status = dict(
+        line.split(":", 1) for line in Path(f"/proc/{process.pid}/status").read_text().splitlines() if ":" in line
+    )
+    rights = {key: status[key].strip() for key in ("CapPrm", "CapEff", "CapAmb", "NoNewPrivs", "Seccomp")}
+    assert rights == {"CapPrm": "0" * 16, "CapEff": "0" * 16, "CapAmb": "0" * 16, "NoNewPrivs": "1", "Seccomp": "2"}
+    modes = {one.name().split("-")[1]: frames_open_for(one) for one in gateway.family() if one.name()[:3] == "gw-"}
+    assert modes == {"camera": {os.O_RDWR}, "worker": {os.O_RDONLY}, "hmi": {os.O_RDONLY}}
+    assert got(url, "/login")[0] == 200  # a file is still read
 
 
 def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(gateway: Gateway) -> None:

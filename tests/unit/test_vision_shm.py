@@ -140,6 +140,22 @@ def test_a_reader_cannot_write(spec: RingSpec) -> None:
         reader.write(0, picture(4, 4))
 
 
+def test_a_reader_s_descriptor_shows_the_frames_and_cannot_be_mapped_for_writing(spec: RingSpec) -> None:
+    one = picture(10, 10)
+    generation = Ring(spec, writable=True).write(0, one)
+    reader = shm.reader(spec)
+    try:
+        np.testing.assert_array_equal(one, Ring(reader, writable=False).view(0, generation))
+        assert not os.get_inheritable(reader.fd)
+        assert os.fstat(spec.fd).st_mode & 0o777 == 0o400  # opened anew for writing by no one else
+        with pytest.raises(PermissionError):
+            Ring(reader, writable=True)
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.pwrite(reader.fd, b"x", 0)
+    finally:
+        os.close(reader.fd)
+
+
 def test_a_viewer_gets_a_copy_of_the_newest_frame_or_of_the_one_it_names(spec: RingSpec) -> None:
     writer, viewer = Ring(spec, writable=True), Ring(spec, writable=False)
     assert viewer.snapshot() is None
