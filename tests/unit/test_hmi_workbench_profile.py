@@ -2,6 +2,7 @@
 
 import difflib
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from gateway.config import VisionConfig, parse
 from gateway.errors import ConfigError
 from gateway.hmi.workbench import keys, profile
+from gateway.hmi.workbench.redact import redacted
 from gateway.hmi.workbench.tomledit import with_keys
 
 SHARED = """\
@@ -189,6 +191,73 @@ def test_a_camera_s_address_is_shown_without_what_opens_it(line: str, shown: str
     diff = proposed(f"{line}\n[vision]\nmethod = 'robust'\n", method="paper").diff
 
     assert f" {shown}" in diff.splitlines()
+
+
+HASH = f"$argon2id$v=19$m=19456,t=2,p=1${'c2FsdHNhbHRzYWx0c2FsdA'}${'aGFzaGhhc2hoYXNoaGFzaGhhc2hoYXNoaGFzaGhhc2g'}"
+USER = f'name = "anna", role = "technician", password_hash = "{HASH}"'
+SECRETS = ("c2Fsd", "aGFzaG", "19456", "s3cr", "hush")
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        f"[hmi]\nusers = [{{ {USER} }}]\n",
+        f"[hmi]\nusers = [\n  {{ {USER} }}, # the first\n]\n",
+        f"hmi.users = [{{{USER}}}]\n",
+        f"hmi = {{ users = [{{{USER}}}] }}\n",
+        f"[hmi]\n[[hmi.users]]\nname = 'anna'\npassword_hash = '{HASH}'\n",
+        f'[hmi]\n[[hmi.users]]\nname = "anna"\n"password_hash" = "{HASH}"\n',
+        f'[hmi]\n[[hmi.users]]\nname = "anna"\npassword_hash = """\\\n  {HASH}"""\n',
+        f"[hmi]\n[[hmi.users]]\nname = 'anna'\npassword_hash = \"{HASH.replace('c2Fs', chr(92) + 'u0063' + '2Fs')}\"\n",
+        '[mqtt]\nurl = "mqtt://gateway:s3cr\\u0065t@broker"\n',
+        "mqtt = { url = 'mqtt://gateway:s3cret@broker' }\n",
+        "[mqtt]\n\"url\" = 'mqtt://gateway:s3@cret@broker'\n",
+        '[camera]\nurl = """http://cam/v?x=1&token=s3cret"""\n',
+        f"# users = [{{ name = 'anna', password_hash = '{HASH}' }}]\n",
+        f"site = 'a' # {HASH}\n",
+        "site = 'a' # the old password: hush\n# token=hush\n",
+    ],
+)
+def test_whichever_way_a_password_is_written_the_diff_does_not_show_it(above: str) -> None:
+    diff = proposed(f"{above}[vision]\nmethod = 'robust'\n", method="paper").diff
+
+    assert [secret for secret in SECRETS if secret in diff] == []
+    assert {"-method = 'robust'", '+method = "paper"'} <= set(diff.splitlines())
+
+
+def test_a_line_that_holds_the_change_and_a_password_shows_the_change() -> None:
+    text = f"bays = [{{camera = {{url = 'rtsp://me:s3cret@cam'}}}}]\nhmi = {{ users = [{{{USER}}}] }}\n"
+
+    (new,) = (line for line in proposed(text, coast_s=0.125).diff.splitlines() if line.startswith("+bays"))
+
+    assert "coast_s = 0.125" in new
+    assert "rtsp://***@cam" in new
+    assert "s3cr" not in new
+
+
+@given(st.sampled_from(["users", "hmi", "file"]), st.sampled_from(["'", '"', '"""', "'''"]), st.booleans())
+def test_no_way_of_quoting_shows_a_hash(where: str, quote: str, spaced: bool) -> None:
+    gap = " " if spaced else ""
+    user = f"{{{gap}'name'{gap}={gap}{quote}anna{quote},{gap}'password_hash'{gap}={gap}{quote}{HASH}{quote}{gap}}}"
+    text = {
+        "users": f"[hmi]\nusers{gap}={gap}[{user}]\n",
+        "hmi": f"hmi={{users=[{user}]}}\n",
+        "file": f"'hmi'.'users'={gap}[{gap}{user}{gap}]\n",
+    }[where]
+    shown = redacted(text, source="p")
+    assert [secret for secret in SECRETS if secret in shown] == []
+    assert "anna" in shown
+
+
+def test_what_the_schema_does_not_know_is_not_shown() -> None:
+    assert redacted('[hmi]\nnew_secret = "hush"\n[vision]\ncoast_s = 0.5 # short\n', source="p") == (
+        '[hmi]\nnew_secret = "***"\n[vision]\ncoast_s = 0.5 # short\n'
+    )
+
+
+def test_every_value_of_every_section_is_shown_but_the_secret_ones() -> None:
+    text = (Path(__file__).parents[2] / "config" / "four-bays.toml").read_text()
+    assert redacted(text, source="p") == text
 
 
 def test_a_file_that_is_wrong_already_is_not_touched() -> None:

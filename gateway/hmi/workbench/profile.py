@@ -5,7 +5,6 @@ share `[vision]` and one of them is to differ, its own table gets the key.
 """
 
 import difflib
-import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,15 +14,13 @@ from typing import Any
 from gateway.config import GatewayConfig, VisionConfig, parse
 from gateway.errors import ConfigError
 from gateway.hmi.workbench import keys as tuned
+from gateway.hmi.workbench.redact import redacted
 from gateway.hmi.workbench.tomledit import with_keys
 from gateway.strict.tomlfile import merge
 
 MAX_PROFILE_CHARS = 64 * 1024
 MAX_LINE_CHARS = 400  # a dotted key takes the TOML reader time by the square of its length
 NS_PER_S = 1_000_000_000
-_SECRET_LINE = re.compile(r"(?i)^([^=]*(?:pass|pwd|secret|token)[^=]*=).*$")
-_LOGIN = re.compile(r"://[^\s]*@")
-_QUERY = re.compile(r"(?i)([?&][^=&\s]*(?:pass|pwd|secret|token|key)[^=&\s]*=)[^&#\"'\s]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +138,13 @@ def _bay_of(config: GatewayConfig, bay: str, source: str) -> tuple[GatewayConfig
 
 def _diff(former: str, text: str, source: str) -> str:
     """Unified, as people read it. Lines near the change may hold a password; nobody needs it here."""
-    old, new = (_shown(side) for side in (former, text))
-    lines = list(difflib.unified_diff(old, new, source, f"{source} (new)", lineterm=""))
+    try:
+        old, new = (redacted(side.removeprefix("\ufeff"), source=source) for side in (former, text))
+    except ConfigError:
+        return f"--- {source}\n(its layout can't be shown without the passwords in it)\n" if former != text else ""
+    lines = list(difflib.unified_diff(_lines(old), _lines(new), source, f"{source} (new)", lineterm=""))
     return "\n".join(lines) + "\n" if lines else ""
 
 
-def _shown(text: str) -> list[str]:
-    lines = text.removesuffix("\n").replace("\r", "").split("\n")
-    return [_SECRET_LINE.sub(r"\1 ***", _QUERY.sub(r"\1***", _LOGIN.sub("://***@", line))) for line in lines]
+def _lines(text: str) -> list[str]:
+    return text.removesuffix("\n").replace("\r", "").split("\n")
