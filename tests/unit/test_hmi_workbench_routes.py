@@ -217,6 +217,41 @@ def test_settings_go_live_in_a_function_check_and_back_again() -> None:
     run(scene())
 
 
+def test_undos_that_overlap_each_go_one_step_back() -> None:
+    """A double click, or two technicians."""
+
+    async def scene() -> None:
+        async with bay() as page:
+            await page.post("function-check", mode="permit_off")
+            for coast_s in (0.5, 0.75, 1.0):
+                assert (await page.post("profile/apply", vision={"coast_s": coast_s})).status == 200
+            async with TaskGroup() as group:
+                both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
+            assert [said.result().status for said in both] == [200, 200]
+            assert page.made.eyes["bay1"].settings.coast_s == 0.5
+            assert (await page.get("profile")).json["undo_steps"] == 1
+            async with TaskGroup() as group:
+                both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
+            assert sorted(said.result().status for said in both) == [200, 409]  # there was one step left
+            assert page.made.eyes["bay1"].settings.coast_s == 0.3
+
+    run(scene())
+
+
+def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
+    async def scene() -> None:
+        async with bay() as page:
+            await page.post("function-check", mode="permit_off")
+            async with TaskGroup() as group:
+                for coast_s in (0.5, 0.75):
+                    group.create_task(page.post("profile/apply", vision={"coast_s": coast_s}))
+            assert page.made.eyes["bay1"].settings.coast_s == 0.75
+            steps = [(await page.post("profile/undo")).json["vision"]["coast_s"] for _ in range(2)]
+            assert steps == [0.5, 0.3]
+
+    run(scene())
+
+
 def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go_live() -> None:
     async def scene() -> None:
         async with bay() as page:

@@ -5,7 +5,7 @@ Pictures are worked on by the bench's one thread; the file is read and written o
 
 import asyncio
 import itertools
-from collections import OrderedDict, deque
+from collections import OrderedDict, defaultdict, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -101,6 +101,7 @@ class Workshop:
         self._numbers = itertools.count(1)
         self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
         self._undo: dict[str, deque[VisionConfig]] = {}
+        self._changing: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)  # by bay: one change at a time
         self._recorders = 0
 
     def __enter__(self) -> Self:
@@ -245,20 +246,23 @@ class Workshop:
 
         Raises RefusedError, where something else is in force, too; LinkError.
         """
-        before = await self.in_force(bay)
-        await self._order(bay, Apply(bay, settings, over), who)
-        if before != settings:
-            self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
-        return await self.in_force(bay)
+        async with self._changing[bay]:
+            before = await self.in_force(bay)
+            await self._order(bay, Apply(bay, settings, over), who)
+            if before != settings:
+                self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
+            return await self.in_force(bay)
 
     async def undo(self, bay: str, who: Writer) -> VisionConfig | None:
-        """Back to what was in force before the newest `apply`. None: there was none."""
-        kept = self._undo.get(bay)
-        if not kept:
-            return None
-        await self._order(bay, Apply(bay, kept[-1]), who)
-        kept.pop()
-        return await self.in_force(bay)
+        """Back to what was in force before the newest `apply`. None: there was none. Of two at the same time the second
+        goes one step further back."""
+        async with self._changing[bay]:
+            kept = self._undo.get(bay)
+            if not kept:
+                return None
+            await self._order(bay, Apply(bay, kept[-1]), who)
+            kept.pop()
+            return await self.in_force(bay)
 
     def undo_steps(self, bay: str) -> int:
         return len(self._undo.get(bay, ()))
