@@ -5,6 +5,7 @@ that stalls has no backlog: what it missed is not sent at all.
 """
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -45,6 +46,10 @@ class Live:
 
     async def serve(self, page: WebSocket) -> None:
         """Serve one page until it goes. `?bay=` (several; none: all) says what it shows."""
+        with contextlib.suppress(WebSocketDisconnect, OSError):  # at any moment, also while it is told to go
+            await self._admit(page)
+
+    async def _admit(self, page: WebSocket) -> None:
         asked = tuple(dict.fromkeys(page.query_params.getlist("bay")))
         await page.accept()
         if any(bay not in self.desk.bays for bay in asked):
@@ -60,8 +65,6 @@ class Live:
         try:
             with self.desk.watching(*bays, urgent=self.urgent and len(bays) == 1):
                 await self._serve(page, bays)
-        except WebSocketDisconnect:
-            pass
         except TimeoutError:
             self.counts.let_go += 1
             await page.close(BAD_ANSWER, "no answer")
@@ -75,9 +78,13 @@ class Live:
             await page.send_text(self._rendered(bays))
             self.counts.sent += 1
             async with asyncio.timeout(TAKEN_S):
-                if len(await page.receive_text()) > MAX_ANSWER:
-                    await page.close(BAD_ANSWER, "too long")
-                    return
+                message = await page.receive()
+            if message["type"] == "websocket.disconnect":
+                raise WebSocketDisconnect(message.get("code", 1005))
+            text = message.get("text")
+            if text is None or len(text) > MAX_ANSWER:  # anybody may send anything, binary frames too
+                await page.close(BAD_ANSWER, "not an answer")
+                return
 
     def _rendered(self, bays: tuple[str, ...]) -> str:
         number, made_ns, text = self._made.get(bays, (-1, 0, ""))

@@ -17,12 +17,13 @@ from tests.virtual_time import run
 class Page:
     """A page at the other end: it answers each text after `think_s`, or never."""
 
-    def __init__(self, query: str = "", think_s: float | None = 0.0, words: Sequence[str] = ()) -> None:
+    def __init__(self, query: str = "", think_s: float | None = 0.0, words: Sequence[str | bytes] = ()) -> None:
         self.sent: list[dict[str, Any]] = []
         self.closed: int | None = None
         self.at_s: list[float] = []
         self._think_s = think_s
         self._words = list(words)
+        self.gone_at: tuple[str, ...] = ()  # types of messages which it does not take any more
         self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         self._inbox.put_nowait({"type": "websocket.connect"})
         scope = {"type": "websocket", "query_string": query.encode(), "headers": [], "path": "/api/live"}
@@ -35,13 +36,16 @@ class Page:
         return await self._inbox.get()
 
     async def _send(self, message: Any) -> None:
+        if message["type"] in self.gone_at:
+            raise OSError("the page is gone")
         if message["type"] == "websocket.close":
             self.closed = message["code"]
         elif message["type"] == "websocket.send":
             self.sent.append(json.loads(message["text"]))
             self.at_s.append(asyncio.get_running_loop().time())
             if self._think_s is not None:
-                answer = {"type": "websocket.receive", "text": self._words.pop(0) if self._words else "next"}
+                word = self._words.pop(0) if self._words else "next"
+                answer = {"type": "websocket.receive", "text" if isinstance(word, str) else "bytes": word}
                 asyncio.get_running_loop().call_later(self._think_s, self._inbox.put_nowait, answer)
 
 
@@ -140,6 +144,30 @@ def test_a_page_that_talks_too_much_is_closed() -> None:
             live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1", words=["next", "x" * 65])
             await live.serve(page.socket)
             assert (page.closed, len(page.sent)) == (BAD_ANSWER, 2)
+
+    run(scene())
+
+
+@pytest.mark.parametrize("render", [views.live_json, views.driver_json])
+def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_raised(render: Render) -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live, page = Live(made.desk, render, 4), Page("bay=bay1", words=["next", b"next"])
+            await live.serve(page.socket)
+            assert (page.closed, len(page.sent), live.counts.open) == (BAD_ANSWER, 2, 0)
+
+    run(scene())
+
+
+@pytest.mark.parametrize("gone_at", ["websocket.accept", "websocket.send", "websocket.close"])
+def test_a_page_that_goes_while_it_is_told_something_is_no_fault(gone_at: str) -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live = Live(made.desk, views.live_json, 4)
+            for page in (Page("bay=bay1", think_s=None), Page("bay=bay9"), Page("bay=bay1", words=[b""])):
+                page.gone_at = (gone_at,)
+                await live.serve(page.socket)
+            assert live.counts.open == 0
 
     run(scene())
 
