@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 
 from gateway.errors import GatewayError
 from gateway.hmi.guard.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
@@ -515,6 +518,37 @@ async def test_what_a_technician_began_is_not_left_half_done() -> None:
     assert (await saving).status == 200
     assert browser.house.told[-1].what is What.CHANGED
     assert str(browser.house.told[-1]) == "changed: tom at 10.0.0.99: /api/bays/north/profile/save: 200"
+
+
+@pytest.mark.parametrize(("answers", "said"), [(True, "500"), (False, "no answer")])
+def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str) -> None:
+    """A fault in the software after the settings have gone live: somebody has changed something all the same."""
+    done: list[str] = []
+
+    async def acts_and_breaks(request: Request) -> Response:
+        done.append(request.url.path)
+        raise KeyError("a bug")
+
+    @virtual
+    async def scene() -> None:
+        built = house()
+        inner = Starlette(routes=[Route("/api/bays/{bay}/profile/apply", acts_and_breaks, methods=["POST"])])
+
+        async def app(scope: Scope, receive: Receive, send: Send) -> None:
+            if scope["path"].endswith("apply") and not answers:
+                done.append(scope["path"])
+                raise KeyError("a bug")
+            await (inner if scope["path"].endswith("apply") else good)(scope, receive, send)
+
+        good, built.guard._app = built.guard._app, app
+        browser = Browser(built)
+        await browser.login("tom")
+        with pytest.raises(KeyError):
+            await browser.post("/api/bays/north/profile/apply")
+        assert done == ["/api/bays/north/profile/apply"]
+        assert str(built.told[-1]) == f"changed: tom at 10.0.0.99: /api/bays/north/profile/apply: {said}"
+
+    scene()
 
 
 @virtual

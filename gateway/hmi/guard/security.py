@@ -184,9 +184,11 @@ class Guard:
             if not until.expired():
                 raise
             await self._cut(scope, receive, outgoing, over=session is not None)
-        if rule.method == "POST" and rule.least > Level.OPEN and not rule.tries and not 400 <= outgoing.status < 500:
-            what = f"{scope['path']}: {outgoing.status}"
-            self._logins.told(Told(What.CHANGED, visitor.name, visitor.address, shown(what)))
+        finally:  # whatever went wrong: it may have been done before that
+            changes = rule.method == "POST" and rule.least > Level.OPEN and not rule.tries
+            if changes and not 400 <= outgoing.status < 500:
+                what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
+                self._logins.told(Told(What.CHANGED, visitor.name, visitor.address, shown(what)))
 
     async def _cut(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", *, over: bool) -> None:
         self.counts["ended" if over else "slow"] += 1
