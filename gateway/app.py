@@ -240,8 +240,10 @@ def _voices(
 
 
 def _pages(about: About, feed: Feed, shared: ExitStack) -> tuple[Task, str | None]:
-    """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait."""
+    """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait; a certificate
+    that can't be read is a ConfigError, or the port would be open and nobody would ever answer."""
     config = about.config.hmi
+    pages_tls.server_context(config)
     sockets: tuple[socket.socket, ...] = ()
     try:
         sockets = shared.enter_context(door(config))

@@ -7,7 +7,7 @@ import asyncio
 import os
 import socket
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -17,8 +17,10 @@ from gateway.children.words import Failed, Gone
 from gateway.errors import ConfigError, LinkError
 from gateway.hmi.door import door
 from gateway.hmi.feed import Feed
+from gateway.hmi.guard.tls import server_context
 from gateway.hmi.orders import FROM_WEB, About, Ask, FileOrder, FromHmi, Order, ToHmi
 from gateway.hmi.workbench.fileorders import FileOrders
+from gateway.sections.hmi import HmiConfig
 
 SILENT_S = 15.0  # real time; the web process asks at least once a second
 PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
@@ -54,6 +56,7 @@ class HmiService:
 
     async def _serve(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> None:
         await _visitor(sockets)
+        _check_certificate(self._about.config.hmi, sockets)
         rings = tuple(ring.fd for ring in self._about.rings.values())
         listening = tuple(sock.fileno() for sock in sockets)
         shown = self._about.source.encode(
@@ -96,6 +99,18 @@ class HmiService:
                 if asked is not None:
                     pool.send(CHILD, self._feed.answer(asked))
                 await asyncio.sleep(PAUSE_S)
+
+
+def _check_certificate(config: HmiConfig, sockets: tuple[socket.socket, ...]) -> None:
+    """Raises ConfigError where the web process would not come up; then the connections that wait for it are closed."""
+    try:
+        server_context(config)
+    except ConfigError:
+        for sock in sockets:
+            with suppress(OSError):  # there are no more
+                while True:
+                    sock.accept()[0].close()
+        raise
 
 
 async def _visitor(sockets: tuple[socket.socket, ...]) -> None:

@@ -7,6 +7,8 @@ import os
 import re
 import signal
 import socket
+import subprocess
+import sys
 import time
 import urllib.parse
 from collections.abc import Iterator
@@ -128,6 +130,25 @@ def test_the_web_process_dies_with_a_gateway_that_is_killed(gateway: Gateway) ->
     gateway.process.kill()
     gateway.process.wait(10)
     assert survivors(family) == []
+
+
+@pytest.mark.parametrize("verb", ["run", "simulate"])
+def test_a_certificate_that_cannot_be_read_is_an_error_at_the_start(verb: str, tmp_path: Path) -> None:
+    """Not a port that takes connections and never answers."""
+    config = tmp_path / "bay.toml"
+    gone = "tls_cert = '/nowhere/pages.pem'\ntls_key = '/nowhere/pages.key'"
+    config.write_text(f"[modbus]\nport = 0\n[hmi]\nenabled = true\nport = 0\n{gone}\n")
+    command = ["run", str(config)] if verb == "run" else ["simulate", "--config", str(config), "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "gateway", *command, "--duration", "5"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "hmi.tls_cert: cannot read /nowhere/pages.pem" in done.stderr
+    assert done.stdout == ""
 
 
 def test_a_taken_port_keeps_no_bay_from_working_and_is_tried_again(tmp_path: Path) -> None:

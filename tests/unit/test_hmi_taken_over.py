@@ -1,5 +1,8 @@
 """A web process in strange hands: what it may say to the main process, and what becomes of that."""
 
+import socket
+from pathlib import Path
+
 import pytest
 
 from gateway.audit import BURST
@@ -91,5 +94,25 @@ def test_what_only_people_can_mend_in_the_pages_does_not_end_the_gateway() -> No
             about = About(GatewayConfig(hmi=named), SystemClock(), {})
             with pytest.raises(LinkError, match=r"hmi\.host"):
                 await HmiService(made.feed, about, ()).run()
+
+    run(scene())
+
+
+def test_a_visitor_whom_nobody_could_answer_is_not_kept_waiting(tmp_path: Path) -> None:
+    """The certificate has gone since the start: the web process would not come up."""
+
+    async def scene() -> None:
+        async with plant(keep=False) as made:
+            gone = HmiConfig(tls_cert=str(tmp_path / "gone.pem"), tls_key=str(tmp_path / "gone.key"))
+            about = About(GatewayConfig(hmi=gone), SystemClock(), {})
+            with (
+                socket.create_server(("127.0.0.1", 0)) as door,
+                socket.create_connection(door.getsockname()) as visitor,
+            ):
+                door.setblocking(False)
+                with pytest.raises(LinkError, match=r"hmi\.tls_cert: cannot read .*gone\.pem"):
+                    await HmiService(made.feed, about, (door,)).run()
+                visitor.settimeout(5)
+                assert visitor.recv(1) == b""
 
     run(scene())
