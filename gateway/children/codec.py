@@ -61,13 +61,13 @@ def record_of(kind: type, data: bytes) -> Any:
     return Codec(kind).unpacked(data)
 
 
-def _json(value: object) -> str:
-    """Of settings. Others are no data: a bug."""
-    dump = getattr(value, "model_dump_json", None)  # asked so that a camera process need not load pydantic
-    if dump is None:
-        raise NotImplementedError(f"{type(value).__name__} is no data")
-    text: str = dump(exclude_unset=True)
-    return text
+def _plain(value: Any) -> object:
+    """Settings as their JSON, a number of numpy's as Python's. Anything else is no data: a bug."""
+    if (dump := getattr(value, "model_dump_json", None)) is not None:  # so that a camera process need not load pydantic
+        return dump(exclude_unset=True)
+    if getattr(value, "shape", None) == ():
+        return value.item()
+    raise NotImplementedError(f"{type(value).__name__} is no data")
 
 
 def _settings(kind: type, value: object) -> object:
@@ -80,4 +80,4 @@ def _settings(kind: type, value: object) -> object:
         raise ValueError(f"a {kind.__name__} out of its range") from None
 
 
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=_json)
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=_plain)

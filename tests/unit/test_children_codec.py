@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -132,6 +133,14 @@ def test_a_message_that_would_not_fit_is_compressed_and_a_bomb_is_refused() -> N
         reader.unpacked(COMPRESSED + zlib.compress(b"\xc6\x7f\xff\xff\xff" + bytes(2 * MAX_UNPACKED_BYTES)))
     with pytest.raises(ProtocolError):
         reader.unpacked(COMPRESSED + b"no zlib")
+
+
+def test_a_number_of_numpy_s_is_a_number() -> None:
+    numbers = (np.float64(1.5), np.int64(3), np.bool_(True))
+    again = Codec(tuple[float, int, bool]).unpacked(Codec.packed(numbers))
+    assert (again, [type(one) for one in again]) == ((1.5, 3, True), [float, int, bool])
+    with pytest.raises(NotImplementedError, match="ndarray is no data"):
+        Codec.packed(np.zeros(1))
 
 
 def test_what_is_no_data_is_a_bug_here() -> None:
