@@ -21,13 +21,13 @@ CAPABILITY_VERSION_3 = 0x20080522  # linux/capability.h
 
 
 def enter(user: str | None) -> list[str]:
-    """Before any thread is started. `user`: to be become by root; None: stay. What is not in force here, in words.
+    """Best before any thread is started. `user`: to be become by root; None: stay. What is not in force, in words.
 
     Raises ConfigError for a user that there is not, or who can't read the program.
     """
-    if (threads := len(os.listdir("/proc/self/task"))) > 1:
-        raise RuntimeError(f"{threads} threads: rights are each thread's own")
     lacking: list[str] = []
+    if (others := len(os.listdir("/proc/self/task")) - 1) and _capable():
+        lacking.append(f"{others} threads that a library has begun already keep their capabilities")
     libc = ctypes.CDLL(None, use_errno=True)
     if user is not None:
         if os.geteuid() == 0:
@@ -42,6 +42,11 @@ def enter(user: str | None) -> list[str]:
     if why := seccomp.refuse():
         lacking.append(why)
     return lacking
+
+
+def _capable() -> bool:
+    status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    return any(line.startswith("CapPrm:") and int(line.split()[1], 16) for line in status.splitlines())
 
 
 def _become(user: str, libc: ctypes.CDLL) -> None:
