@@ -42,7 +42,7 @@ def main() -> None:
         notes = [Link[Any, Any](socket.socket(fileno=int(notes_fd)), link.codec)] if notes_fd else []
         module.run(link, link.receive(), *notes)
     except GatewayError as error:
-        link.send(Failed(str(error)[:MAX_WORDS], config=isinstance(error, ConfigError)))
+        link.send(Failed(shown(str(error)), config=isinstance(error, ConfigError)))
         sys.exit(1)
 
 
@@ -58,12 +58,17 @@ def _name(name: str) -> None:
     ctypes.CDLL(None).prctl(PR_SET_NAME, name.encode()[:15], 0, 0, 0)
 
 
+def shown(text: str) -> str:
+    """Fit for a message: a path in it need not be UTF-8, and what a driver says may be long."""
+    return text[:MAX_WORDS].encode(errors="backslashreplace").decode()
+
+
 def _leave_last_words(link: Link[Any, Any]) -> None:
     """An unexpected exception is told to the parent, too, after its traceback has gone to stderr."""
 
     def hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         sys.__excepthook__(kind, error, trace)  # first: the parent ends this process when it hears of it
         sys.stderr.flush()
-        link.send(Failed(f"{kind.__name__}: {error}"[:MAX_WORDS]))
+        link.send(Failed(shown(f"{kind.__name__}: {error}")))
 
     sys.excepthook = hook

@@ -15,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gateway
+from gateway.children import child
 from gateway.children.codec import COMPRESSED, MAX_MESSAGE_BYTES, MAX_UNPACKED_BYTES, Codec, record_of, record_packed
+from gateway.children.words import Failed
 from gateway.config import VisionConfig
 from gateway.errors import ProtocolError
 from gateway.hmi.orders import FROM_WEB, Apply, Ask, Check, LinksNow, Order
@@ -141,6 +143,12 @@ def test_a_number_of_numpy_s_is_a_number() -> None:
     assert (again, [type(one) for one in again]) == ((1.5, 3, True), [float, int, bool])
     with pytest.raises(NotImplementedError, match="ndarray is no data"):
         Codec.packed(np.zeros(1))
+
+
+def test_last_words_with_a_path_that_is_no_utf_8_are_a_message_all_the_same() -> None:
+    words = Failed(child.shown("LinkError: /films/\udcfc.avi: gone"))
+    assert FROM_WEB.unpacked(Codec.packed(words)) == Failed(r"LinkError: /films/\udcfc.avi: gone")
+    assert len(child.shown("x" * 10_000)) == child.MAX_WORDS
 
 
 def test_what_is_no_data_is_a_bug_here() -> None:
