@@ -72,6 +72,12 @@ def sight(state: StateVector) -> str:
     return "marker: " + " · ".join(parts) if parts else ""
 
 
+def _verdict(state: StateVector) -> tuple[str, str]:
+    if state.in_place:
+        return " IN PLACE ", "bold reverse blue"
+    return ("   STOP   ", "bold reverse red") if state.stop else (" APPROACH ", "bold reverse green")
+
+
 def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 120) -> Panel:
     """One bay: R against R_th, Z against Z_th, the decision and why, health, ages, rates, losses, stage times."""
     radius = state.vision.circle.radius_px if state.vision.circle else None
@@ -104,7 +110,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
     circle = state.vision.circle
     centre = f"centre ({circle.u_px:.1f}, {circle.v_px:.1f}) px" if circle else "centre –"
     verdict = Text.assemble(
-        ("   STOP   " if state.stop else " APPROACH ", "bold reverse red" if state.stop else "bold reverse green"),
+        _verdict(state),
         f"  may move {'yes' if state.may_move else 'no '}   in place {'yes' if state.in_place else 'no '}   {centre}",
     )
     why = Text(REASON_MEANING[state.reason] if state.reason is not Reason.NONE else "approaching: stop is off")

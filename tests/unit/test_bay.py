@@ -53,7 +53,7 @@ class Bench:
         self.hub = Hub(["north", "other"])
         self.events: EventQueue = self.hub.subscribe()
         self.mirrored: list[StateVector] = []
-        config = BayConfig(name="north", fusion=fusion or FusionConfig())
+        config = BayConfig(name="north", fusion=fusion or FusionConfig(decision="plain", recovery_s=0))
         self.bay = BayControl(config, self.hub, self.clock, (self.mirrored.append, lambda _: None))
 
     @property
@@ -104,7 +104,9 @@ def test_every_observation_is_published_mirrored_and_told() -> None:
 
 
 def test_the_configuration_of_its_own_bay_decides() -> None:
-    bench = Bench(fusion=FusionConfig(radius_threshold_px=50.0, distance_threshold_mm=1000.0))
+    bench = Bench(
+        fusion=FusionConfig(decision="plain", recovery_s=0, radius_threshold_px=50.0, distance_threshold_mm=1000.0)
+    )
     bench.go()
 
     assert bench.state.d is True
@@ -112,7 +114,10 @@ def test_the_configuration_of_its_own_bay_decides() -> None:
 
 def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
     async def main() -> list[tuple[int, bool]]:
-        bench = Bench(LoopClock(), fusion=FusionConfig(vision_deadline_s=0.3, range_deadline_s=0.3))
+        bench = Bench(
+            LoopClock(),
+            fusion=FusionConfig(decision="plain", recovery_s=0, vision_deadline_s=0.3, range_deadline_s=0.3),
+        )
         task = asyncio.create_task(bench.bay.run())
         found: list[tuple[int, bool]] = []
         await asyncio.sleep(0.01)
@@ -135,7 +140,11 @@ def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
 
 @pytest.mark.parametrize(("period_s", "dead_after_ms"), [(0.02, 250), (0.005, 250), (0.1, 250), (0.3, 600)])
 def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float, dead_after_ms: int) -> None:
-    bench = Bench(fusion=FusionConfig(period_s=period_s, vision_deadline_s=10, range_deadline_s=10))
+    bench = Bench(
+        fusion=FusionConfig(
+            decision="plain", recovery_s=0, period_s=period_s, vision_deadline_s=10, range_deadline_s=10
+        )
+    )
     bench.go()
     last = bench.state
     assert last.may_move
@@ -158,7 +167,7 @@ def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float,
 
 
 def test_a_dead_control_task_stops_even_where_fail_safe_is_off() -> None:
-    bench = Bench(fusion=FusionConfig(fail_safe=False))
+    bench = Bench(fusion=FusionConfig(decision="plain", recovery_s=0, fail_safe=False))
     bench.go()
     bench.at(251)
 

@@ -29,7 +29,7 @@ MS = 1_000_000
 
 def good(bay: str = "bay1", radius_px: float = 120.0, distance_mm: float = 450.0) -> StateVector:
     state = fusion.initial(bay, 0)
-    settings = config.FusionConfig()
+    settings = config.FusionConfig(decision="plain")
     state = fusion.step(state, VisionReading(0, Quality.GOOD, Circle(320, 240, radius_px)), 0, settings)
     return fusion.step(state, RangeReading(0, Quality.GOOD, distance_mm), 0, settings)
 
@@ -56,7 +56,8 @@ def picture(states: list[StateVector], events: list[Event], width: int, height: 
         clock = LoopClock()
         screen = view.TerminalView(settings, hub, clock, console, lambda: "header")
         for state in states:
-            now = replace(state, t_ns=clock.now_ns() + state.t_ns)
+            now_ns = clock.now_ns() + state.t_ns
+            now = replace(state, t_ns=now_ns, valid_until_ns=now_ns + 250 * MS)
             hub.publish(now, [event for event in events if event.bay == state.bay])
         return drawn(screen.picture(), width, height)
 

@@ -254,7 +254,7 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
         (
             "[fuson]\nperiod_s = 0.02\n",
             "g.toml:1: fuson: unknown key (misspelt?); known here: site, instance, log_level, modbus, mqtt,"
-            " hmi, recipes, bays, camera, vision, ranger, fusion, guidance",
+            " hmi, recipes, bays, camera, vision, ranger, fusion, guidance, visit",
         ),
         (
             "[ranger]\nreconnect = { min = 1 }\n",
@@ -271,7 +271,7 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
         (
             "bays = [{ name = 'a' }, { name = 'b', unit_id = 2, fan = 3 }]\n",
             "g.toml:1: bays.1.fan = 3: unknown key (misspelt?); known here: name, unit_id, camera,"
-            " vision, ranger, fusion, guidance",
+            " vision, ranger, fusion, guidance, visit",
         ),
         # Rules of our own, over one key and over several.
         (
