@@ -37,6 +37,7 @@ from gateway.mqtt.durable import outbox_of
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
 from gateway.mqtt.topics import Topics
+from gateway.plc import PlcConnection
 from gateway.ranger.port import check_url
 from gateway.ranger.service import RangerService
 from gateway.shared_state import SharedStateWriter
@@ -182,6 +183,7 @@ async def run(
                 write,
                 identity.objects(f"{config.site}/{control.name}"),
                 lambda peer, why: control.on_refused(writer_of(peer), why),
+                lambda peer, here: control.on_connection(PlcConnection(writer_of(peer), here)),
             )
 
         units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}

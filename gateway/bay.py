@@ -1,21 +1,22 @@
 """One bay's control task: a thin shell that feeds fusion, publishes each state whole, and never waits for anyone."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 from gateway import audit, events, fusion, interlock
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.handshake import changes
 from gateway.hub import Hub
 from gateway.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
-from gateway.plc import Change, PlcWrite, Writer
+from gateway.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
 from gateway.shown import valid
 
 log = logging.getLogger(__name__)
 
-WRITE_EVENTS = frozenset({EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.RECIPE_CHANGED})
+WRITE_EVENTS = frozenset(
+    {EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.OWNER_CHANGED, EventKind.RECIPE_CHANGED}
+)
 CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED})
 
 
@@ -48,16 +49,23 @@ class BayControl:
     def on_range(self, reading: RangeReading) -> None:
         self._step(reading)
 
-    def on_write(self, write: PlcWrite) -> bool:
-        """Take a write to the handshake block. False: nobody decides any more, so nothing was taken.
+    def on_write(self, write: PlcWrite) -> WriteVerdict:
+        """Take a write to the handshake block, if it is its writer's to make.
 
         A write must not make a bay look alive whose control task is dead.
         """
         if self._over or not valid(self._hub.state(self.name).valid_until_ns, self._clock.now_ns()):
-            return False
-        told = changes(self._hub.state(self.name).plc, write)
-        self._step(write, [(write.writer, change) for change in told])
-        return True
+            return WriteVerdict.UNDECIDED
+        conflicts = self._hub.state(self.name).plc.conflicts
+        self._step(write)
+        taken = self._hub.state(self.name).plc.conflicts == conflicts
+        return WriteVerdict.TAKEN if taken else WriteVerdict.CONFLICT
+
+    def on_connection(self, change: PlcConnection) -> None:
+        """One who may write has come or gone. Only of the owner of the block does it mean anything."""
+        owner = self._hub.state(self.name).plc.owner
+        if owner is not None and owner.identity == change.writer.identity:
+            self._step(change)
 
     def on_refused(self, writer: Writer, why: str) -> None:
         """Somebody tried to write what they may not. Told, but no state: it must not make a dead bay look alive."""
@@ -101,20 +109,12 @@ class BayControl:
         stop_raised = [event for event in events.diff(old, new) if event.kind is EventKind.STOP_RAISED]
         self._publish(new, [*stop_raised, Event(EventKind.SHUTDOWN, self.name, new.t_ns, new)])
 
-    def _step(
-        self,
-        observation: fusion.Observation,
-        writes: Sequence[tuple[Writer, Change]] = (),
-        by: Writer | None = None,
-    ) -> None:
+    def _step(self, observation: fusion.Observation, by: Writer | None = None) -> None:
         if self._over:
             return
         old = self._hub.state(self.name)
         new = interlock.step(old, observation, self._clock.now_ns(), self._rules)
-        written = [
-            Event(EventKind.PLC_WRITE, self.name, new.t_ns, new, detail=f"{who}: {what}", writer=who, change=what)
-            for who, what in writes
-        ]
+        written = events.of_write(old, new, observation.writer) if isinstance(observation, PlcWrite) else []
         happened = events.diff(old, new)
         if by is not None:
             happened = [replace(e, detail=str(by)) if e.kind in CHECK_EVENTS else e for e in happened]

@@ -1,7 +1,7 @@
 """What happened between two states. Pure: (old, new) -> events, in a fixed order."""
 
 from gateway.model import MOVED_MEANING, RANGE_FINE, VISION_FINE, Circle, Event, EventKind, Moved, Quality, StateVector
-from gateway.plc import PlcLink, RecipeVerdict, ResetVerdict
+from gateway.plc import Change, Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
 
 
 def diff(old: StateVector, new: StateVector) -> list[Event]:
@@ -19,6 +19,23 @@ def diff(old: StateVector, new: StateVector) -> list[Event]:
         *_visit(old, new),
         *_edge(old, new, was=old.stop, now=new.stop, kinds=_STOP),
     ]
+
+
+def of_write(old: StateVector, new: StateVector, writer: Writer) -> list[Event]:
+    """What a write of `writer`, which made `new` of `old`, has changed; or that it was refused."""
+    if new.plc.conflicts != old.plc.conflicts:
+        detail = f"{writer}: {new.plc.owner} owns the handshake block until its heartbeat is lost"
+        return [Event(EventKind.WRITE_REFUSED, new.bay, new.t_ns, new, detail=detail, writer=writer)]
+    return [
+        Event(EventKind.PLC_WRITE, new.bay, new.t_ns, new, detail=f"{writer}: {change}", writer=writer, change=change)
+        for change in changes(old.plc, new.plc)
+    ]
+
+
+def changes(before: Handshake, after: Handshake) -> list[Change]:
+    """What a write has changed of the registers that mean something by themselves; the heartbeat is only counted."""
+    pairs = (("plc_control", before.control, after.control), ("recipe_select", before.recipe_asked, after.recipe_asked))
+    return [Change(register, old, new) for register, old, new in pairs if new != old]
 
 
 _TARGET = (EventKind.TARGET_FOUND, EventKind.TARGET_LOST)
@@ -89,6 +106,8 @@ def _plc(old: StateVector, new: StateVector) -> list[Event]:
     """What became of the PLC's heartbeat and of its wishes; its writes themselves are told by who takes them."""
     was, now = old.plc, new.plc
     told: list[tuple[EventKind, str]] = []
+    if was.owner is not None and now.owner is not None and now.owner.identity != was.owner.identity:
+        told.append((EventKind.OWNER_CHANGED, f"{was.owner} -> {now.owner}"))
     if now.link is not was.link:
         if now.link is PlcLink.LOST:
             told.append((EventKind.PLC_LOST, f"plc_heartbeat stands at {now.heartbeat}"))

@@ -39,10 +39,10 @@ from gateway.model import (
     Tick,
     VisionReading,
 )
-from gateway.plc import PlcWrite
+from gateway.plc import PlcConnection, PlcWrite
 from gateway.scale import distance_of, expected_radius_px
 
-Observation = VisionReading | RangeReading | Tick | PlcWrite | FunctionCheck
+Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
 NS_PER_S = 1_000_000_000
 RECOVERING = "good again, but not for long enough yet"
 BEYOND_RANGE_MM = 3600.0  # the ranger hears up to 4 m; a tenth less, for what was learned may be off
@@ -85,7 +85,7 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
             vision = _newest_vision(vision, _checked_vision(observation, now_ns))
         case RangeReading():
             rng = _newest_range(rng, _checked_range(observation, now_ns))
-        case Tick() | PlcWrite() | FunctionCheck():  # what people and the PLC want is no measurement: interlock.py
+        case Tick() | PlcWrite() | PlcConnection() | FunctionCheck():  # what people and the PLC want is no measurement: interlock.py
             pass
     vision = _aged_vision(vision, now_ns, config)
     rng = _aged_range(rng, now_ns, config)

@@ -1,5 +1,8 @@
 """The PLC's heartbeat, recipe and triggered measurement: (block, write, state, time) -> block. Pure.
 
+One writer at a time: the first one owns the block (`claim`) until its heartbeat is lost, and only what the owner writes
+takes effect. Who owns it next begins with a block in which nothing is set.
+
 A triggered measurement goes round in one table, TRANSITIONS, in the manner of industrial vision sensors: a rising
 `trigger` takes the next acquisition id; the first frame and distance younger than it are the result, which is held with
 `results_valid` until `results_ack` rises; when that is back at 0 the next trigger is taken. Whatever the PLC writes, it
@@ -14,14 +17,15 @@ from gateway.config import HandshakeConfig
 from gateway.model import Quality, StateVector
 from gateway.plc import (
     Acquired,
-    Change,
     Control,
     Handshake,
     Outcome,
     Phase,
+    PlcConnection,
     PlcLink,
     PlcWrite,
     RecipeVerdict,
+    Writer,
 )
 
 NS_PER_S = 1_000_000_000
@@ -94,6 +98,44 @@ def initial(now_ns: int, *, writes: bool) -> Handshake:
     return Handshake(link=PlcLink.WAITING, beat_ns=now_ns) if writes else Handshake()
 
 
+def owned(plc: Handshake, now_ns: int, config: HandshakeConfig) -> bool:
+    """Does the block belong to its owner still?
+
+    An owner with a heartbeat keeps it until that is lost. One that has written none keeps it for a heartbeat's
+    deadline; where none is required, as long as it is connected, and so long after its last write.
+    """
+    if plc.owner is None:
+        return False
+    if plc.owner_beats:
+        return plc.link is PlcLink.ALIVE  # the loss is told first, then another may begin
+    quiet = now_ns - plc.owner_ns > config.heartbeat_deadline_s * NS_PER_S
+    return not quiet or not (config.heartbeat_required or plc.owner_gone)
+
+
+def claim(plc: Handshake, writer: Writer, state: StateVector, now_ns: int, config: HandshakeConfig) -> Handshake:
+    """The block as `writer` finds it, which owns it now; or, where it belongs to another, with one more conflict."""
+    if plc.owner is not None and plc.owner.identity == writer.identity:
+        return plc if config.heartbeat_required else replace(plc, owner_ns=now_ns, owner_gone=False)
+    if owned(plc, now_ns, config):
+        return replace(plc, conflicts=plc.conflicts + 1)
+    if plc.owner is not None:  # what it wanted must not take effect under another's heartbeat
+        plc = replace(_signalled(plc, Signal.PLC_LOST, state), control=0, control_known=False)
+        plc = replace(plc, truck_left=False, trigger_ack=False)
+    return replace(plc, owner=writer, owner_ns=now_ns, owner_beats=False, owner_gone=False)
+
+
+def connected(plc: Handshake, change: PlcConnection) -> Handshake:
+    """The block after its owner has come or gone; others' connections change nothing."""
+    if plc.owner is None or plc.owner.identity != change.writer.identity:
+        return plc
+    return replace(plc, owner_gone=not change.open)
+
+
+def merged(old: int, new: int, mask: int) -> int:
+    """`old` with those bits of `new` that `mask` names."""
+    return old & ~mask | new & mask
+
+
 def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int]) -> Handshake:
     """A write to recipe_select, judged on the state before it. New thresholds must never end a stop by D."""
     if asked == plc.recipe:
@@ -113,28 +155,20 @@ def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int
 def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: HandshakeConfig) -> Handshake:
     """The block after `write` (None: no write, time has passed), with `state` as the sensors have it now.
 
-    `recipe` of a write is not looked at here: `select` comes before the sensors' values are judged.
+    The writer owns the block (`claim`). `recipe` of a write is not looked at here: `select` comes before the sensors' values are judged.
     """
     before = plc
     if write is not None:
         plc = _written(plc, write, state.t_ns)
     plc = _aged(plc, state.t_ns, config)
     for signal in _signals(before, plc, state, config):
-        if (found := TRANSITIONS.get((plc.phase, signal))) is not None:
-            phase, work = found
-            plc = replace(work(plc, state), phase=phase)
+        plc = _signalled(plc, signal, state)
     return plc
 
 
 def rose(before: Handshake, after: Handshake, bit: Control) -> bool:
     """Did the PLC set that bit between the two? A bit that is on at the first write may have been so for hours."""
     return before.control_known and after.on(bit) and not before.on(bit)
-
-
-def changes(before: Handshake, write: PlcWrite) -> list[Change]:
-    """What `write` changes of the registers that mean something by themselves; the heartbeat is only counted."""
-    pairs = (("plc_control", before.control, write.control), ("recipe_select", before.recipe_asked, write.recipe))
-    return [Change(register, old, new) for register, old, new in pairs if new is not None and new != old]
 
 
 def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
@@ -161,15 +195,22 @@ def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
     )
 
 
+def _signalled(plc: Handshake, signal: Signal, state: StateVector) -> Handshake:
+    phase, work = TRANSITIONS.get((plc.phase, signal), (plc.phase, _nothing))
+    return replace(work(plc, state), phase=phase)
+
+
 def _written(plc: Handshake, write: PlcWrite, now_ns: int) -> Handshake:
     plc = replace(plc, writes=plc.writes + 1)
     if write.heartbeat is not None:
-        # The first one counts whatever its number is; after that only a change shows that the PLC's program runs.
-        if plc.link is PlcLink.WAITING or write.heartbeat != plc.heartbeat:
+        beat = merged(plc.heartbeat, write.heartbeat, write.mask)
+        # An owner's first one counts whatever its number is; after that only a change shows that its program runs.
+        if not plc.owner_beats or beat != plc.heartbeat:
             plc = replace(plc, link=PlcLink.ALIVE, beat_ns=now_ns)
-        plc = replace(plc, heartbeat=write.heartbeat)
+        plc = replace(plc, heartbeat=beat, owner_beats=True)
     if write.control is not None:
-        was_there, plc = plc.on(Control.TRUCK_PRESENT), replace(plc, control=write.control, control_known=True)
+        control = merged(plc.control, write.control, write.mask)
+        was_there, plc = plc.on(Control.TRUCK_PRESENT), replace(plc, control=control, control_known=True)
         if plc.on(Control.TRUCK_PRESENT) != was_there:
             plc = replace(plc, truck_left=was_there)
         if not plc.on(Control.TRIGGER):

@@ -20,7 +20,7 @@ from gateway.config import (
     VisitConfig,
 )
 from gateway.model import FunctionCheck, FusionMemory, Quality, RangeReading, Reason, StateVector, Tick, Visit
-from gateway.plc import Control, Handshake, PlcLink, PlcWrite, ResetVerdict
+from gateway.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict
 from gateway.scale import ScaleSample
 
 NS_PER_S = 1_000_000_000
@@ -100,14 +100,15 @@ def initial(bay: str, now_ns: int, rules: Rules, remembered: Remembered | None =
 
 def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules: Rules) -> StateVector:
     """The next state after `observation`, as of `now_ns` (monotonic). Never raises on any observation."""
-    write = observation if isinstance(observation, PlcWrite) and rules.handshake is not None else None
-    before, plc = state.plc, state.plc
+    plc, write = _claimed(state, observation, now_ns, rules.handshake)
+    before = plc
     if isinstance(observation, FunctionCheck):
         state = replace(state, function_check=observation)
     if isinstance(observation, Tick):
         state = replace(state, valid_until_ns=now_ns + rules.dead_after_ns)
     if write is not None and write.recipe is not None:
-        plc = handshake.select(plc, write.recipe, state, rules.recipes)
+        asked = handshake.merged(plc.recipe_asked, write.recipe, write.mask)
+        plc = handshake.select(plc, asked, state, rules.recipes)
     recipe = rules.recipes[plc.recipe]
     fused = fusion.step(state, observation, now_ns, recipe.fusion)
     if rules.handshake is not None:
@@ -146,6 +147,20 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         speed=speed,
     )
     return decided if told == decided.guidance else replace(decided, guidance=told)
+
+
+def _claimed(
+    state: StateVector, observation: fusion.Observation, now_ns: int, config: HandshakeConfig | None
+) -> tuple[Handshake, PlcWrite | None]:
+    """The block as whoever writes finds it, and the write; None: there is none, or it is not its writer's to make."""
+    match observation:
+        case PlcWrite() if config is not None:
+            plc = handshake.claim(state.plc, observation.writer, state, now_ns, config)
+            return plc, observation if plc.conflicts == state.plc.conflicts else None
+        case PlcConnection():
+            return handshake.connected(state.plc, observation), None
+        case _:
+            return state.plc, None
 
 
 def _latch(

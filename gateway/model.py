@@ -455,6 +455,7 @@ class EventKind(StrEnum):
     PLC_RETURNED = "plc_returned"
     PLC_WRITE = "plc_write"
     WRITE_REFUSED = "write_refused"
+    OWNER_CHANGED = "owner_changed"
     LATCH_RELEASED = "latch_released"
     RECIPE_CHANGED = "recipe_changed"
     FUNCTION_CHECK_BEGUN = "function_check_begun"

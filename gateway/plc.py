@@ -4,7 +4,7 @@ The numbers are on the wire: never renumber, only add. What happens between them
 """
 
 from dataclasses import dataclass, replace
-from enum import IntEnum
+from enum import Enum, IntEnum, auto
 
 
 class Control(IntEnum):
@@ -28,6 +28,10 @@ CONTROL_MEANING: dict[Control, str] = {
     Control.RELEASE: "0 to 1 while the truck is or was in place: loading is over, the truck may leave; stop goes off "
     "until it has left, or the bit goes back to 0",
 }
+
+
+CONTROL_BITS = sum(1 << bit for bit in Control)
+"""Every bit of `plc_control` that has a meaning."""
 
 
 class PlcLink(IntEnum):
@@ -128,6 +132,11 @@ class Writer:
     subject: str = ""
     role: str = ""
 
+    @property
+    def identity(self) -> tuple[str, str]:
+        """Equal for the same PLC, on whatever connection it comes."""
+        return self.address, self.subject
+
     def __str__(self) -> str:
         named = f" ({self.subject}, role {self.role or 'none'})" if self.subject else ""
         return f"{self.address}{named}"
@@ -135,12 +144,32 @@ class Writer:
 
 @dataclass(frozen=True, slots=True)
 class PlcWrite:
-    """One write to the handshake block. None: that register was not part of the request."""
+    """One write to the handshake block. None: that register was not part of the request.
+
+    `mask`: only these bits of the registers are written, the others stay as they are.
+    """
 
     writer: Writer
     heartbeat: int | None = None
     control: int | None = None
     recipe: int | None = None
+    mask: int = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class PlcConnection:
+    """The first connection of one who may write was made, or its last one has ended."""
+
+    writer: Writer
+    open: bool
+
+
+class WriteVerdict(Enum):
+    """What became of a write."""
+
+    TAKEN = auto()
+    CONFLICT = auto()  # the block belongs to another writer
+    UNDECIDED = auto()  # the control task does not run: nobody could take it
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +220,11 @@ class Handshake:
     timed_out: bool = False  # the newest acquisition got no result in time; until the next one taken
     result: Acquired | None = None  # if and only if phase is VALID
     writes: int = 0  # requests taken since the start
+    owner: Writer | None = None  # whose writes are taken; None: nobody has written since the start
+    owner_ns: int = 0  # it became the owner then; where no heartbeat is required: it last wrote then
+    owner_beats: bool = False  # it has written a heartbeat since
+    owner_gone: bool = False  # its last connection has ended
+    conflicts: int = 0  # requests refused since the start, because the block belonged to another
 
     def withdrawn(self) -> "Handshake":
         """For the last word of a gateway, or one about it: no result stands, and no trigger would be taken."""

@@ -37,7 +37,8 @@ async def main(args: argparse.Namespace) -> None:
     clock = SystemClock()
     bay = BayControl(BayConfig(), Hub(["bay1"]), clock)
     read = churning() if args.churn else image_of(bay, "big", clock)
-    config = ModbusConfig(port=0, **dict(args.set))
+    keys = {"connections_per_address": 4096} | dict(args.set)  # all of a bench's clients have one address
+    config = ModbusConfig(port=0, **keys)
     async with ModbusServer(config, {1: Unit(read)}) as server, asyncio.TaskGroup() as group:
         group.create_task(bay.run())
         print(server.port, flush=True)

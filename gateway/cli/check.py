@@ -65,7 +65,11 @@ def main(args: argparse.Namespace) -> int:
         served.append(f"Modbus/TCP Security on {modbus.host}:{modbus.tls.port}")
     print(f"{args.config}: good. Site {settings.site}, {', '.join(served)},")
     if modbus.writes:
-        print(f"  writes to the handshake block: {'over TLS only' if modbus.tls else 'by everybody who may connect'}")
+        roles = ", ".join(modbus.tls.write_roles) if modbus.tls else ""
+        who = f"over TLS only, by role {roles}" if modbus.tls else f"by {', '.join(modbus.plc_addresses)}"
+        print(f"  writes to the handshake block: {who}")
+    for line in modbus.warnings():
+        print(f"  warning: {line}")
     print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}")
     if settings.hmi.enabled:
         hmi = settings.hmi

@@ -6,6 +6,7 @@ that stalls has no backlog: what it missed is not sent at all.
 
 import asyncio
 import contextlib
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -40,8 +41,10 @@ class Live:
     desk: Desk
     render: Render
     most: int
+    most_of_one: int  # for one address
     urgent: bool = True
     counts: Counts = field(default_factory=Counts)
+    _open: Counter[str] = field(default_factory=Counter)  # by address
     _made: dict[tuple[str, ...], tuple[int, int, str]] = field(default_factory=dict)
 
     async def serve(self, page: WebSocket) -> None:
@@ -55,12 +58,14 @@ class Live:
         if any(bay not in self.desk.bays for bay in asked):
             await page.close(UNKNOWN_BAY, "no such bay")
             return
-        if self.counts.open >= self.most:
+        address = page.client.host if page.client is not None else ""
+        if (why := self._full(address)) is not None:
             self.counts.refused += 1
-            await page.close(TOO_MANY, "too many pages are open: hmi.max_viewers")
+            await page.close(TOO_MANY, f"too many pages are open: {why}")
             return
         self.counts.open += 1
         self.counts.opened += 1
+        self._open[address] += 1
         bays = asked or self.desk.bays
         try:
             with self.desk.watching(*bays, urgent=self.urgent and len(bays) == 1):
@@ -70,6 +75,15 @@ class Live:
             await page.close(BAD_ANSWER, "no answer")
         finally:
             self.counts.open -= 1
+            self._open[address] -= 1
+            if not self._open[address]:
+                del self._open[address]
+
+    def _full(self, address: str) -> str | None:
+        """The key of the limit that is reached; None: one more may come from there."""
+        if self.counts.open >= self.most:
+            return "hmi.max_viewers"
+        return "hmi.viewers_per_address" if self._open[address] >= self.most_of_one else None
 
     async def _serve(self, page: WebSocket, bays: tuple[str, ...]) -> None:
         number = 0

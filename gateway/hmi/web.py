@@ -47,8 +47,8 @@ def site_of(desk: Desk, pace: Clock) -> Site:
     return Site(
         desk=desk,
         pictures=Pictures(desk, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
-        live=Live(desk, views.live_json, config.max_viewers),
-        drivers=Live(desk, views.driver_json, config.max_viewers),
+        live=Live(desk, views.live_json, config.max_viewers, config.viewers_per_address),
+        drivers=Live(desk, views.driver_json, config.max_viewers, config.viewers_per_address),
         workshop=Workshop(desk, pace),
     )
 

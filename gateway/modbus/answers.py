@@ -12,16 +12,23 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Protocol
 
+from gateway.certs.standing import Standing
 from gateway.modbus import identity
-from gateway.modbus.bits import bits_of
+from gateway.modbus.bits import bits_of, masked
 from gateway.modbus.exceptions import ModbusException
+from gateway.modbus.registers import STATUS_ADDRESS, StatusBit
 
 MAX_READ_BITS = 2000
 MAX_READ_WORDS = 125
+MAX_WRITE_BITS = 1968
 MAX_WRITE_WORDS = 123
 MAX_READ_WRITE_WORDS = 121  # what FC 23 may write
+COIL_VALUES = {0x0000: 0, 0xFF00: 1}  # what FC 5 may write
 READ_DEVICE_IDENTIFICATION = 14  # the only MEI type of FC 43 that is no transport for something else
+MAY_NOT_WRITE = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles say who may)"
+NOT_DECIDING = 1 << StatusBit.GATEWAY_FAULT | 1 << StatusBit.SHUTDOWN
 
 
 class Access(IntEnum):
@@ -40,14 +47,20 @@ class Peer:
     access: Access = Access.WRITE
     role: str | None = None
     subject: str = ""  # of the certificate, for the audit
+    certificate: Standing | None = None
 
 
 ReadImage = Callable[[], Sequence[int]]
 """The whole current image of a unit, words 0..65535. Called for every request, on the event loop; returns at once."""
 
-Write = Callable[[int, Sequence[int], Peer], ModbusException | None]
-"""(address, words, peer): take over all of the words or none. None: done; else why not, 02 for an address that is
-read only, 03 for a value out of its range. Called on the event loop, returns at once."""
+
+class Write(Protocol):
+    """Takes over all of the words or none, and of each only the bits in `mask`. None: done; else why not, 02 for an
+    address that is read only, 03 for a value out of its range. Called on the event loop, returns at once."""
+
+    def __call__(
+        self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF
+    ) -> ModbusException | None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +71,7 @@ class Unit:
     write: Write | None = None
     identity: Mapping[int, bytes] = field(default_factory=identity.objects)  # FC 43/14, by object id
     refused: Callable[[Peer, str], None] | None = None  # told of writes that the peer may not make, for the audit
+    connection: Callable[[Peer, bool], None] | None = None  # told of the first (True) and last of one who may write
 
 
 class RefusedError(Exception):
@@ -77,7 +91,7 @@ def answer(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
         function = FUNCTIONS.get(pdu[0])
         if function is None or peer.access < function.access or (function.writes and unit.write is None):
             if function is not None and function.writes and unit.refused is not None:
-                unit.refused(peer, "writes are off" if unit.write is None else "it may not write")
+                unit.refused(peer, "writes are off" if unit.write is None else MAY_NOT_WRITE)
             raise RefusedError(ModbusException.ILLEGAL_FUNCTION)
         return function.work(unit, pdu, peer)
     except RefusedError as refused:
@@ -116,6 +130,29 @@ def _write_words(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     return pdu[:1] + struct.pack(">HH", address, count)
 
 
+def _write_coil(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
+    address, value = _fields(">HH", pdu)
+    _check(value in COIL_VALUES, ModbusException.ILLEGAL_VALUE)
+    _write_bits(unit, address, 1, COIL_VALUES[value], peer)
+    return pdu
+
+
+def _write_coils(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
+    _check(len(pdu) >= 6, ModbusException.ILLEGAL_VALUE)
+    address, count, size = struct.unpack_from(">HHB", pdu, 1)
+    told = 1 <= count <= MAX_WRITE_BITS and size == (count + 7) // 8 and len(pdu) == 6 + size
+    _check(told, ModbusException.ILLEGAL_VALUE)
+    _write_bits(unit, address, count, int.from_bytes(pdu[6:], "little"), peer)
+    return pdu[:5]
+
+
+def _mask_write(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
+    """The register becomes (it AND and_mask) OR (or_mask AND NOT and_mask): the bits that and_mask lacks are written."""
+    address, and_mask, or_mask = _fields(">HHH", pdu)
+    _write(unit, address, (or_mask & ~and_mask,), peer, ~and_mask & 0xFFFF)
+    return pdu
+
+
 def _read_write(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     _check(len(pdu) >= 10, ModbusException.ILLEGAL_VALUE)
     address, count = struct.unpack(">HH", pdu[1:5])
@@ -126,6 +163,11 @@ def _read_write(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     )  # nothing is written if it can't be read
     _write(unit, write_address, words, peer)
     return _words(unit, pdu[0], address, count)
+
+
+def _report_id(unit: Unit, pdu: bytes, _: Peer) -> bytes:
+    _check(len(pdu) == 1, ModbusException.ILLEGAL_VALUE)
+    return pdu + identity.report(unit.identity, running=not unit.read()[STATUS_ADDRESS] & NOT_DECIDING)
 
 
 def _encapsulated(unit: Unit, pdu: bytes, _: Peer) -> bytes:
@@ -159,8 +201,12 @@ FUNCTIONS: dict[int, Function] = {
         Function(2, "read discrete inputs", _read_bits),
         Function(3, "read holding registers", _read_words),
         Function(4, "read input registers", _read_words),
+        Function(5, "write single coil", _write_coil, writes=True),
         Function(6, "write single register", _write_one, writes=True),
+        Function(15, "write multiple coils", _write_coils, writes=True),
         Function(16, "write multiple registers", _write_words, writes=True),
+        Function(17, "report server id", _report_id),
+        Function(22, "mask write register", _mask_write, writes=True),
         Function(23, "read and write multiple registers", _read_write, writes=True),
         Function(43, "read device identification (MEI type 14)", _encapsulated),
     )
@@ -194,8 +240,18 @@ def _words(unit: Unit, function_code: int, address: int, count: int) -> bytes:
     return struct.pack(f">BB{count}H", function_code, 2 * count, *image[address : address + count])
 
 
-def _write(unit: Unit, address: int, words: Sequence[int], peer: Peer) -> None:
+def _write_bits(unit: Unit, address: int, count: int, bits: int, peer: Peer) -> None:
+    found = masked(address, count, bits)
+    if found is None:
+        if unit.refused is not None:
+            unit.refused(peer, f"coils {address} to {address + count - 1} are not of one register")
+        raise RefusedError(ModbusException.ILLEGAL_ADDRESS)
+    register, word, mask = found
+    _write(unit, register, (word,), peer, mask)
+
+
+def _write(unit: Unit, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> None:
     assert unit.write is not None  # `answer` looked
     _check(address + len(words) <= len(unit.read()), ModbusException.ILLEGAL_ADDRESS)
-    if (refusal := unit.write(address, words, peer)) is not None:
+    if (refusal := unit.write(address, words, peer, mask)) is not None:
         raise RefusedError(refusal)

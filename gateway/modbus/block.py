@@ -1,4 +1,4 @@
-"""Rows 80 to 95: the handshake with the PLC, which writes the first three; the gateway answers in the others. Pure."""
+"""Rows 80 to 96: the handshake with the PLC, which writes the first three; the gateway answers in the others. Pure."""
 
 from enum import IntEnum
 
@@ -123,4 +123,6 @@ BLOCK: tuple[Register, ...] = (
     Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
     Register(95, "plc_writes", UINT16, 1, "", "writes taken since the start of the gateway, modulo 65536",
              lambda s, _: s.plc.writes & 0xFFFF, of=Of.PLC),
+    Register(96, "write_conflicts", UINT16, 1, "", "writes refused because another PLC owns the block: count since the "
+             "start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF, of=Of.PLC),
 )  # fmt: skip

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gateway.modbus.adu import frame_bytes
-from gateway.modbus.answers import Peer, Unit, answer, exception
+from gateway.modbus.answers import FUNCTIONS, Peer, Unit, answer, exception
 from gateway.modbus.exceptions import ModbusException
 
 MAX_KEPT = 256  # answers a unit keeps for one image; a scanner asking for everything must not make them grow
@@ -17,6 +17,7 @@ READ_FRAME_HEAD = b"\x00\x00\x00\x06"  # protocol id and length of every FC 1 to
 LAST_READ = 4
 FAILED = 0x80  # in the function code of an answer
 DEVICE_IDS = (0, 255)  # "the device itself", says the guide (4.4.2.1): the only bay, where there is but one
+BROADCAST = 0  # on a serial line; nothing is written under it
 
 
 @dataclass(slots=True)
@@ -43,6 +44,8 @@ class Desk:
         """The frame that answers `frame`, which is whole and has protocol id 0. Never raises."""
         self._stats.requests += 1
         kept = self._units.get(frame[6])
+        if frame[6] == BROADCAST and self._broadcast(frame[7], peer):
+            kept = None
         if kept is None:
             return self._refused(frame, ModbusException.TARGET_FAILED_TO_RESPOND)
         try:
@@ -65,6 +68,16 @@ class Desk:
         if pdu[0] & FAILED:
             self._stats.exceptions += 1
         return _framed(frame, pdu)
+
+    def _broadcast(self, function_code: int, peer: Peer) -> bool:
+        """Is it a write to everybody? Then every bay tells of it."""
+        function = FUNCTIONS.get(function_code)
+        if function is None or not function.writes:
+            return False
+        for unit in {id(kept): kept.unit for kept in self._units.values()}.values():
+            if unit.refused is not None:
+                unit.refused(peer, f"{function.name}: nothing is written under unit id 0")
+        return True
 
     def _refused(self, frame: bytes, why: ModbusException) -> bytes:
         self._stats.exceptions += 1

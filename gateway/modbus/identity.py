@@ -1,6 +1,6 @@
-"""FC 43/14, read device identification: which objects there are and how they travel. Pure.
+"""FC 43/14, read device identification: which objects there are and how they travel; and FC 17, report server ID. Pure.
 
-Modbus Application Protocol V1.1b3, 6.21. Objects 0 to 2 are basic, 3 to 0x7F regular, 0x80 to 0xFF the product's own.
+Modbus Application Protocol V1.1b3, 6.21 and 6.13. Objects 0 to 2 are basic, 3 to 0x7F regular, 0x80 to 0xFF the product's own.
 A list that is too long for one answer says so (more follows) and names the object to ask for next.
 """
 
@@ -16,6 +16,11 @@ MORE_FOLLOWS = 0xFF
 LAST_OF_LEVEL = {1: 0x02, 2: 0x7F, 3: 0xFF}  # read device id code -> its highest object id
 INDIVIDUAL = 4
 INDIVIDUAL_TOO = 0x80  # flag in the conformity level: single objects can be asked for, too
+
+
+SERVER_ID = 1
+RUNNING, NOT_RUNNING = 0xFF, 0x00  # the run indicator
+MAX_REPORT_BYTES = 253 - 2 - 2  # of a PDU, after function code and byte count, server id and run indicator
 
 
 class ObjectId(IntEnum):
@@ -64,6 +69,14 @@ def answer(told: Mapping[int, bytes], code: int, first: int) -> bytes | ModbusEx
             return _part(code, level, part, key)
         part[key] = text
     return _part(code, level, part, 0)
+
+
+def report(told: Mapping[int, bytes], *, running: bool) -> bytes:
+    """What follows the function code in the answer to FC 17: byte count, server id, run indicator, then in words the
+    product, its version and its bay."""
+    names = (ObjectId.PRODUCT_CODE, ObjectId.MAJOR_MINOR_REVISION, ObjectId.USER_APPLICATION_NAME)
+    text = b" ".join(told[name] for name in names if name in told)[:MAX_REPORT_BYTES]
+    return bytes((2 + len(text), SERVER_ID, RUNNING if running else NOT_RUNNING)) + text
 
 
 def _part(code: int, level: int, part: Mapping[int, bytes], follows: int) -> bytes:

@@ -1,8 +1,8 @@
 """Who may connect, who must make room, and who has to go: the connection policy, without sockets and clocks. Pure.
 
 The two pools of the MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 4.3.1: connections from the configured PLC
-addresses have room kept for them and are never closed for being quiet; the others share what is left, and where it is
-full the quietest makes room, unless all of them are busy.
+addresses have room kept for them and are never closed for being quiet; the others share what is left, one address no
+more than its share, and where either is full the quietest makes room, unless all of them are busy.
 """
 
 from collections.abc import Collection
@@ -20,6 +20,7 @@ class Refusal(Enum):
     """Why a connection was not let in or was ended, or a frame not answered. The value is what the log says."""
 
     NOT_ALLOWED = "its address is neither in modbus.allow nor in modbus.plc_addresses"
+    SHARE = "its address has modbus.connections_per_address open already, and all of them are busy"
     FULL = "modbus.max_connections is reached (less what is kept for plc_addresses), and all of them are busy"
     MADE_ROOM = "it was the quietest, and a new connection needed its place"
     IDLE = "it asked nothing for modbus.idle_timeout_s"
@@ -28,6 +29,8 @@ class Refusal(Enum):
     BAD_LENGTH = "its frame has a length that no frame can have, so that the next one can't be found"
     TLS_FAILED = "its TLS handshake failed"
     TLS_BUSY = "too many TLS handshakes at once, or too soon after one another"
+    CERTIFICATE_EXPIRED = "its certificate has expired while it was connected"
+    CERTIFICATE_REVOKED = "its certificate was taken back (modbus.tls.crl) while it was connected"
     BAD_PROTOCOL = "its frame has another protocol id than 0; the frame was discarded"
 
 
@@ -76,12 +79,12 @@ class Limits:
         if is_plc:
             return self._judge_plc(address, guests)
         others = [guest for guest in guests if not guest.is_plc]
+        same = [guest for guest in others if guest.address == address]
+        if len(same) >= self._config.connections_per_address:
+            return _instead_of_quietest(same, now_s, Refusal.SHARE)
         if len(others) < self.room_for_others and len(guests) < self._config.max_connections:
             return Verdict()
-        quietest = min(others, key=_active, default=None)
-        if quietest is None or now_s - quietest.active_s < QUIET_S:
-            return Verdict(Refusal.FULL)
-        return Verdict(instead_of=quietest)
+        return _instead_of_quietest(others, now_s, Refusal.FULL)
 
     def _judge_plc(self, address: str, guests: Collection[Guest]) -> Verdict:
         """A PLC that comes again after a power failure finds its old connections still open: they give way."""
@@ -108,6 +111,13 @@ class Limits:
         if not guest.is_plc and now_s - guest.active_s >= self._config.idle_timeout_s:
             return Refusal.IDLE
         return None
+
+
+def _instead_of_quietest(guests: Collection[Guest], now_s: float, otherwise: Refusal) -> Verdict:
+    quietest = min(guests, key=_active, default=None)
+    if quietest is None or now_s - quietest.active_s < QUIET_S:
+        return Verdict(otherwise)
+    return Verdict(instead_of=quietest)
 
 
 def plain_address(host: str) -> str:

@@ -9,16 +9,12 @@ from gateway.modbus.identity import ObjectId, objects
 from gateway.modbus.limits import Refusal
 
 NOT_HERE: Mapping[int, tuple[str, str]] = {
-    5: ("write single coil", "there is no coil to write; bits of the handshake are written with their register"),
     7: ("read exception status", "serial line only"),
     8: ("diagnostics", "serial line only"),
     11: ("get comm event counter", "serial line only"),
     12: ("get comm event log", "serial line only"),
-    15: ("write multiple coils", "as 5"),
-    17: ("report server id", "serial line only; 43/14 tells who this is"),
     20: ("read file record", "there are no files"),
     21: ("write file record", "there are no files"),
-    22: ("mask write register", "a PLC that keeps its own copy of what it wrote needs none"),
     24: ("read FIFO queue", "there is no queue"),
 }
 

@@ -295,7 +295,7 @@ RESERVED: tuple[Reserved, ...] = (
     Reserved(58, 2, "another float32 mirror"),
     Reserved(69, 1, "more guidance for the driver"),
     Reserved(78, 2, "more about the detection"),
-    Reserved(96, 3, "to be decided"),
+    Reserved(97, 2, "to be decided"),
 )
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}

@@ -23,6 +23,7 @@ from gateway.modbus.connection import Connection
 from gateway.modbus.desk import Desk, DeskStats
 from gateway.modbus.limits import Limits, Refusal, plain_address
 from gateway.modbus.porch import Porch
+from gateway.modbus.presence import Presence
 from gateway.modbus.sockets import BACKLOG, allow_open_files, bind_error, listen
 from gateway.modbus.telling import Teller
 from gateway.modbus.traffic import Guest, ServerNow, peers
@@ -57,11 +58,21 @@ class ServerStats(DeskStats):
     plc_active_s: float | None = None  # a connection of plc_addresses was last answered then, by the event loop's time
 
 
+@dataclass(frozen=True, slots=True)
+class Tls:
+    """How a server speaks TLS: the context of the next connection, and which of those that stand have to go."""
+
+    contexts: Callable[[], ssl.SSLContext]
+    ended: Callable[[Peer], Refusal | None]
+    handshake_deadline_s: float
+    handshakes_per_address: int
+
+
 class ModbusServer:
     """`async with ModbusServer(config.modbus, {1: unit1}) as server:` listens until the block is left.
 
-    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `tls_contexts` it speaks TLS, and
-    `peer_of` reads the role from the certificate. Entering raises ConfigError where the operator must act (name,
+    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `tls` it speaks TLS, and `peer_of`
+    reads the role from the certificate. Entering raises ConfigError where the operator must act (name,
     privilege, open files) and LinkError where waiting may help (port in use, address not yet there). Leaving cuts every
     connection within CLOSE_TIMEOUT_S. May be entered again.
     """
@@ -72,16 +83,14 @@ class ModbusServer:
         units: Mapping[int, Unit],
         *,
         port: int | None = None,
-        tls_contexts: Callable[[], ssl.SSLContext] | None = None,
-        handshake_deadline_s: float = 5.0,
+        tls: Tls | None = None,
         peer_of: PeerOf = plain_peer,
     ) -> None:
         self.stats = ServerStats()
         self._config = config
         self._units = units
         self._wanted_port = config.port if port is None else port
-        self._tls_contexts = tls_contexts
-        self._handshake_deadline_s = handshake_deadline_s
+        self._tls = tls
         self._peer_of = peer_of
         self._listener: _Listener | None = None
 
@@ -97,7 +106,7 @@ class ModbusServer:
         stats, port = self.stats, self.port
         now_s = asyncio.get_running_loop().time()
         return ServerNow(
-            tls=self._tls_contexts is not None,
+            tls=self._tls is not None,
             port=port,
             open=stats.open,
             connections=stats.connections,
@@ -112,9 +121,11 @@ class ModbusServer:
     async def __aenter__(self) -> Self:
         allow_open_files(self._config)
         listener = _Listener(self._config, self._units, self.stats, self._wanted_port, self._peer_of)
-        if self._tls_contexts is not None:
+        if self._tls is not None:
             admit = cast(Callable[[], asyncio.Protocol], listener.handle_new_connection)  # pymodbus's base has no base
-            listener.porch = Porch(self._tls_contexts, self._handshake_deadline_s, listener, admit)
+            deadline_s, share = self._tls.handshake_deadline_s, self._tls.handshakes_per_address
+            listener.porch = Porch(self._tls.contexts, deadline_s, share, listener, admit)
+            listener.ended = self._tls.ended
         try:
             await listener.serve_forever(background=True)
         except (OSError, ValueError) as error:
@@ -149,8 +160,10 @@ class _Listener(ModbusTcpServer):
         self._config = config
         self._wanted_port = port
         self.porch: Porch | None = None  # with TLS
+        self.ended: Callable[[Peer], Refusal | None] = lambda _: None
         self._stats = stats
         self._limits = Limits(config)
+        self._presence = Presence(units.values())
         self._teller = Teller()
         self._told_faults: set[type[Exception]] = set()
         self._servers: list[asyncio.Server] = []
@@ -200,6 +213,7 @@ class _Listener(ModbusTcpServer):
             self.gone(leaving)  # its place is free now, not when the event loop comes to it
         connection.is_plc = self._limits.is_plc(address)
         self._guests[connection] = 0
+        self._presence.came(connection.peer)
         self._stats.connections += 1
         self._stats.open += 1
         return True
@@ -213,6 +227,7 @@ class _Listener(ModbusTcpServer):
 
     def gone(self, connection: Connection) -> None:
         if self._guests.pop(connection, None) is not None:
+            self._presence.left(connection.peer)
             self._stats.open -= 1
 
     def refused(self, connection: Connection, why: Refusal) -> None:
@@ -243,7 +258,7 @@ class _Listener(ModbusTcpServer):
                 guest.active_s = now_s
                 if guest.is_plc:
                     self._stats.plc_active_s = now_s
-            why = self._limits.overdue(guest, now_s)
+            why = self._limits.overdue(guest, now_s) or self.ended(guest.peer)
             if why is not None:
                 guest.end(why)
                 self.gone(guest)

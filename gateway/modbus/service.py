@@ -1,5 +1,6 @@
 """What listens for Modbus: plain TCP, Modbus/TCP Security, or both beside each other, on the same units."""
 
+import logging
 from asyncio import Transport
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -9,8 +10,11 @@ from gateway.clock import Clock
 from gateway.config import ModbusConfig
 from gateway.modbus import tls
 from gateway.modbus.answers import Access, Peer, Unit
-from gateway.modbus.server import ModbusServer, plain_peer
+from gateway.modbus.limits import Limits
+from gateway.modbus.server import ModbusServer, PeerOf, Tls, plain_peer
 from gateway.modbus.traffic import ServerNow
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,29 +41,36 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
 
     Where there is TLS, plain TCP only reads: whoever wants to write must show who it is.
     """
+    for line in config.warnings():
+        log.warning("%s", line)
     async with AsyncExitStack() as stack:
         plain: int | None = None
         secure: int | None = None
         servers: list[ModbusServer] = []
         if config.tls is not None:
-            server = ModbusServer(
-                config,
-                units,
-                port=config.tls.port,
-                tls_contexts=tls.Contexts(config.tls, clock).current,
-                handshake_deadline_s=config.tls.handshake_deadline_s,
-                peer_of=tls.Roles(config.tls).peer_of,
+            files = tls.Contexts(config.tls, clock)
+            spoken = Tls(
+                files.current, files.ended, config.tls.handshake_deadline_s, config.tls.handshakes_per_address
             )
+            peer_of = tls.Roles(config.tls).peer_of
+            server = ModbusServer(config, units, port=config.tls.port, tls=spoken, peer_of=peer_of)
             servers.append(await stack.enter_async_context(server))
             secure = server.port
         if config.plain:
-            peer_of = plain_peer if config.tls is None else reader
-            servers.append(await stack.enter_async_context(ModbusServer(config, units, peer_of=peer_of)))
+            servers.append(await stack.enter_async_context(ModbusServer(config, units, peer_of=plain_peers(config))))
             plain = servers[-1].port
         yield Listening(plain, secure, tuple(servers))
 
 
-def reader(transport: Transport) -> Peer | None:
-    """Somebody on plain TCP beside TLS."""
-    peer = plain_peer(transport)
-    return None if peer is None else replace(peer, access=Access.READ)
+def plain_peers(config: ModbusConfig) -> PeerOf:
+    """Who is who on plain TCP: whoever may connect reads, and where there is no TLS, plc_addresses write."""
+    limits = Limits(config)
+
+    def peer_of(transport: Transport) -> Peer | None:
+        peer = plain_peer(transport)
+        if peer is None:
+            return None
+        may_write = config.tls is None and limits.is_plc(peer.address)
+        return replace(peer, access=Access.WRITE if may_write else Access.READ)
+
+    return peer_of

@@ -98,7 +98,7 @@ LATCH = Story(
 HEARTBEAT = Story(
     "The PLC's heartbeat stops and comes back (heartbeat_deadline_s = 0.5)",
     1800,
-    {"modbus": {"writes": True, "handshake": {"heartbeat_deadline_s": 0.5}}},
+    {"modbus": {"handshake": {"heartbeat_deadline_s": 0.5}}},
     {},
     {
         "plc_heartbeat": (PLC_SIDE, lambda image: int(image["plc_heartbeat"]) & 1),
@@ -121,7 +121,8 @@ def figures() -> dict[str, str]:
 
 def _played(story: Story) -> list[Image]:
     """The image after every STEP_MS."""
-    config = parse({"modbus": {"writes": True}} | story.config)
+    modbus = {"writes": True, "plc_addresses": [PLC.address]} | story.config.get("modbus", {})
+    config = parse(story.config | {"modbus": modbus})
     rules = Rules.of(config.bays[0], config)
     state = interlock.initial("bay1", T0 - MS, rules)
     images: list[Image] = []

@@ -8,17 +8,19 @@ everything, as the specification's authorisation says.
 import logging
 import ssl
 from asyncio import Transport
+from pathlib import Path
 
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
 from gateway.certs import pair
 from gateway.certs.role import role_of
+from gateway.certs.standing import Serial, revoked, standing
 from gateway.clock import Clock
 from gateway.config import TlsConfig
 from gateway.errors import ConfigError
 from gateway.modbus.answers import Access, Peer
-from gateway.modbus.limits import plain_address
+from gateway.modbus.limits import Refusal, plain_address
 
 log = logging.getLogger(__name__)
 
@@ -71,14 +73,15 @@ class Contexts:
     """The context for the next connection: its files are looked at anew when they have changed.
 
     So a renewed certificate or a newer revocation list holds without a restart, for every connection made from then
-    on. Files that are no good any more are told, and the last good ones go on.
+    on; and `ended` says which of the connections that stand have to go. Files that are no good any more are told, and
+    the last good ones go on.
     """
 
     def __init__(self, config: TlsConfig, clock: Clock) -> None:
         """Raises ConfigError as `server_context` does."""
         self._config = config
         self._clock = clock
-        self._context = server_context(config)
+        self._context, self._revoked = server_context(config), _revoked(config)
         self._files = (config.cert, config.key, config.ca, config.crl)
         self._stamps = pair.stamps(*self._files)
         self._looked_ns = self._warned_ns = clock.now_ns()
@@ -94,13 +97,22 @@ class Contexts:
                 self._warn()
         return self._context
 
+    def ended(self, peer: Peer) -> Refusal | None:
+        """Why the connection of `peer`, whose certificate was good when it came, has to go now; None: it may stand."""
+        if peer.certificate is None:
+            return None
+        self.current()
+        if self._clock.wall_ns() > peer.certificate.until_ns:
+            return Refusal.CERTIFICATE_EXPIRED
+        return Refusal.CERTIFICATE_REVOKED if peer.certificate.serial in self._revoked else None
+
     def _renew(self) -> None:
         stamps = pair.stamps(*self._files)
         if stamps == self._stamps:
             return
         self._stamps = stamps
         try:
-            self._context = server_context(self._config)
+            self._context, self._revoked = server_context(self._config), _revoked(self._config)
         except ConfigError as error:
             log.error("%s; the files read before stay in force", error)
         else:
@@ -138,7 +150,17 @@ class Roles:
             log.warning("modbus: %s: its certificate can't be read: %s", name[0], error)
             return None
         shown = None if role is None else _shown(role)
-        return Peer(plain_address(name[0]), self.access(role), shown, subject)
+        return Peer(plain_address(name[0]), self.access(role), shown, subject, standing(certificate))
+
+
+def _revoked(config: TlsConfig) -> frozenset[Serial]:
+    """Raises ConfigError for a list that can't be read."""
+    if config.crl is None:
+        return frozenset()
+    try:
+        return revoked(Path(config.crl).read_bytes())
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"modbus.tls.crl: {config.crl}: cannot be read: {pair.said(error)}") from error
 
 
 def subject_of(certificate: x509.Certificate) -> str:

@@ -5,28 +5,37 @@ from collections.abc import Callable, Sequence
 from gateway.modbus.answers import Peer, Write
 from gateway.modbus.block import BLOCK
 from gateway.modbus.exceptions import ModbusException
-from gateway.plc import PlcWrite, Writer
+from gateway.plc import CONTROL_BITS, PlcWrite, Writer, WriteVerdict
 
 _FIELD = {"plc_heartbeat": "heartbeat", "plc_control": "control", "recipe_select": "recipe"}
 WRITABLE: dict[int, str] = {row.address: _FIELD[row.name] for row in BLOCK if row.writable}
+_EXCEPTION = {
+    WriteVerdict.TAKEN: None,
+    WriteVerdict.CONFLICT: ModbusException.SERVER_BUSY,
+    WriteVerdict.UNDECIDED: ModbusException.DEVICE_FAILURE,
+}
 
 
-def writer(take: Callable[[PlcWrite], bool], refused: Callable[[Writer, str], None]) -> Write:
+def writer(take: Callable[[PlcWrite], WriteVerdict], refused: Callable[[Writer, str], None]) -> Write:
     """What a Modbus server calls to write: all of the words or none.
 
-    `take` gives False where nobody decides any more: exception 04. An address that is not the PLC's to write is
-    exception 02, and told to `refused`.
+    An address that is not the PLC's to write is exception 02, a control bit without a meaning 03; both are told to
+    `refused`. What `take` does not take is exception 06 (another PLC's block) or 04 (nobody decides any more).
     """
 
-    def write(address: int, words: Sequence[int], peer: Peer) -> ModbusException | None:
+    def write(address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
         who = writer_of(peer)
         fields: dict[str, int] = {}
         for at, word in enumerate(words, start=address):
-            if at not in WRITABLE:
+            field = WRITABLE.get(at)
+            if field is None:
                 refused(who, f"register {at} is read only")
                 return ModbusException.ILLEGAL_ADDRESS
-            fields[WRITABLE[at]] = word
-        return None if take(PlcWrite(who, **fields)) else ModbusException.DEVICE_FAILURE
+            if field == "control" and (unknown := word & mask & ~CONTROL_BITS):
+                refused(who, f"plc_control has no bit {unknown.bit_length() - 1}")
+                return ModbusException.ILLEGAL_VALUE
+            fields[field] = word
+        return _EXCEPTION[take(PlcWrite(who, **fields, mask=mask))]
 
     return write
 

@@ -32,6 +32,7 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.PLC_RETURNED: "the PLC's heartbeat came for the first time, or again",
     EventKind.PLC_WRITE: "the PLC changed a register of the handshake block; `write` says who, and from what to what",
     EventKind.WRITE_REFUSED: "something was written, or tried to be, that had no effect; `detail` says why",
+    EventKind.OWNER_CHANGED: "another PLC writes the handshake block from now on; `detail` says which",
     EventKind.LATCH_RELEASED: "the latched stop was ended; `detail` says by what",
     EventKind.RECIPE_CHANGED: "another recipe is in force",
     EventKind.FUNCTION_CHECK_BEGUN: "a technician works on the bay",

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from gateway.strict.faults import PlacedError
+from gateway.strict.network import is_loopback
 from gateway.strict.section import Section
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
@@ -92,6 +93,9 @@ class HmiConfig(Section):
     session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after so long, whatever happens")
     session_idle_minutes: float = Field(60.0, ge=1, le=10_080, description="and after so long without an open page")
     max_viewers: int = Field(64, ge=1, le=1000, description="live pages at the same time")
+    viewers_per_address: int = Field(
+        16, ge=1, le=1000, description="of max_viewers, for one address; more where all come through one proxy"
+    )
     picture_max_hz: float = Field(10.0, ge=0.5, le=60, description="of one bay's picture, for all viewers together")
     picture_max_width_px: int = Field(1280, ge=160, le=4096, description="wider pictures are made smaller")
 
@@ -135,11 +139,8 @@ class HmiConfig(Section):
 
     @property
     def loopback(self) -> bool:
-        """Only this machine's own processes can connect. A name other than localhost may mean anything."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        """Only this machine's own processes can connect."""
+        return is_loopback(self.host)
 
     @property
     def tls(self) -> bool:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from gateway.strict.faults import PlacedError
-from gateway.strict.network import network
+from gateway.strict.network import is_loopback, network
 from gateway.strict.section import Section
 
 Network = Annotated[str, AfterValidator(network)]
@@ -43,6 +43,12 @@ class TlsConfig(Section):
     read_roles: tuple[str, ...] = Field(("viewer",), description="roles that may read")
     write_roles: tuple[str, ...] = Field(("operator",), description="roles that may read and write")
     handshake_deadline_s: float = Field(5.0, ge=0.5, le=60, description="a TLS handshake may take so long")
+    handshakes_per_address: int = Field(
+        5,
+        ge=1,
+        le=16,
+        description="TLS handshakes that one address may have unfinished, and begin within 4 s; not for plc_addresses",
+    )
 
 
 class ModbusConfig(Section):
@@ -50,8 +56,14 @@ class ModbusConfig(Section):
     port: int = Field(502, ge=0, le=65535, description="0 picks a free one")
     word_order: Literal["big", "little"] = Field("big", description="of 32 and 64 bit values: high word first or last")
     max_connections: int = Field(64, ge=1, le=4096, description="at the same time; the quietest makes room")
+    connections_per_address: int = Field(
+        16, ge=1, le=4096, description="of max_connections, for one address; not for plc_addresses"
+    )
     plc_addresses: tuple[Network, ...] = Field(
-        (), max_length=64, description="addresses or networks of PLCs: room is kept for them, and being quiet is fine"
+        (),
+        max_length=64,
+        description="addresses or networks of PLCs: room is kept for them, being quiet is fine, and without "
+        "[modbus.tls] only they may write",
     )
     plc_connections: int = Field(8, ge=1, le=1024, description="of max_connections, kept for plc_addresses if any")
     allow: tuple[Network, ...] = Field(
@@ -64,7 +76,9 @@ class ModbusConfig(Section):
     send_timeout_s: float = Field(5.0, ge=0.1, le=60, description="answers not taken for so long: closed")
     keepalive_s: int = Field(10, ge=1, le=3600, description="a peer that vanished is noticed after about twice this")
     writes: bool = Field(
-        False, description="the PLC may write to the handshake block; with [modbus.tls]: over TLS only"
+        False,
+        description="the PLC may write to the handshake block: one of plc_addresses, or with [modbus.tls] a client "
+        "with one of its write_roles, over TLS only",
     )
     plain: bool = Field(True, description="serve Modbus TCP without TLS; false: only over [modbus.tls]")
     handshake: HandshakeConfig = Field(default_factory=HandshakeConfig)
@@ -74,6 +88,16 @@ class ModbusConfig(Section):
     def _room(self) -> Self:
         if self.plc_addresses and self.plc_connections > self.max_connections:
             raise PlacedError(f"must not be more than max_connections = {self.max_connections}", "plc_connections")
+        return self
+
+    @model_validator(mode="after")
+    def _written_by_somebody(self) -> Self:
+        if self.writes and not self.plc_addresses and self.tls is None:
+            raise PlacedError(
+                "needs to know who may write: set modbus.plc_addresses to the PLC's address, such as "
+                '["10.20.0.10"] (in a simulation ["127.0.0.1"]), or [modbus.tls] with write_roles',
+                "writes",
+            )
         return self
 
     @model_validator(mode="after")
@@ -94,3 +118,12 @@ class ModbusConfig(Section):
         if self.plain and self.tls is not None and self.port == self.tls.port != 0:
             raise PlacedError(f"{self.port} is modbus.port, too", "tls", "port")
         return self
+
+    def warnings(self) -> list[str]:
+        """What works, and is still no good idea; one line each, with the key to edit."""
+        if self.plc_addresses or is_loopback(self.host):
+            return []
+        return [
+            f"modbus.plc_addresses: is empty, and host = {self.host} is no loopback address: no connection is kept for "
+            "the PLC, and whoever reaches the port is treated as it is; name the PLC's address (docs/modbus-server.md)"
+        ]

@@ -1,6 +1,6 @@
 """An address or a network of addresses, as a configuration writes it."""
 
-from ipaddress import ip_network
+from ipaddress import ip_address, ip_network
 
 
 def network(text: str) -> str:
@@ -11,3 +11,11 @@ def network(text: str) -> str:
         said = "has bits set beyond its network part" if "host bits" in str(error) else "is neither"
         raise ValueError(f"should be an address or a network, such as 10.0.0.7 or 10.0.0.0/24; this {said}") from None
     return text
+
+
+def is_loopback(host: str) -> bool:
+    """Only this machine's own processes can connect. A name other than localhost may mean anything."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -20,19 +20,15 @@ from gateway.model import (
     Tick,
     VisionReading,
 )
-from gateway.plc import Change, Control, PlcLink, PlcWrite, Writer
+from gateway.plc import Change, Control, PlcConnection, PlcLink, PlcWrite, Writer, WriteVerdict
 from tests import virtual_time
 from tests.virtual_time import LoopClock
 
 MS = 1_000_000
 WHO = Writer("10.0.0.9", "plc1", "operator")
-CONFIG = parse(
-    {
-        "modbus": {"writes": True},
-        "recipes": [{"id": 7, "name": "small"}],
-        "fusion": {"decision": "plain", "recovery_s": 0, "latch_stop": True},
-    }
-)
+WRITES = {"writes": True, "plc_addresses": ["10.0.0.0/24"]}
+FUSION = {"decision": "plain", "recovery_s": 0, "latch_stop": True}
+CONFIG = parse({"modbus": WRITES, "recipes": [{"id": 7, "name": "small"}], "fusion": FUSION})
 
 
 class HandClock(LoopClock):
@@ -60,7 +56,7 @@ class Bench:
 
 def test_a_write_is_there_when_the_answer_goes_out() -> None:
     bench = Bench()
-    assert bench.bay.on_write(PlcWrite(WHO, 17, 1 << Control.ENABLE, 7))
+    assert bench.bay.on_write(PlcWrite(WHO, 17, 1 << Control.ENABLE, 7)) is WriteVerdict.TAKEN
     plc = bench.hub.state("bay1").plc
     assert (plc.heartbeat, plc.control, plc.recipe_asked, plc.link) == (17, 1, 7, PlcLink.ALIVE)
 
@@ -72,6 +68,57 @@ def test_who_wrote_what() -> None:
     assert (first.kind, first.writer, first.change) == (EventKind.PLC_WRITE, WHO, Change("plc_control", 0, 3))
     assert first.detail == "10.0.0.9 (plc1, role operator): plc_control 0 -> 3"
     assert (second.kind, second.detail) == (EventKind.PLC_RETURNED, "plc_heartbeat is 1")
+
+
+def test_another_master_is_refused_counted_and_told() -> None:
+    bench, other = Bench(), Writer("10.0.0.8")
+    bench.bay.on_write(PlcWrite(WHO, 1, 3, 0))
+    bench.told()
+    assert bench.bay.on_write(PlcWrite(other, 9, 0, 7)) is WriteVerdict.CONFLICT
+    plc = bench.hub.state("bay1").plc
+    assert (plc.heartbeat, plc.control, plc.recipe_asked, plc.writes, plc.conflicts) == (1, 3, 0, 1, 1)
+    (event,) = bench.events.drain()
+    assert (event.kind, event.writer, event.change) == (EventKind.WRITE_REFUSED, other, None)
+    assert event.detail == (
+        "10.0.0.8: 10.0.0.9 (plc1, role operator) owns the handshake block until its heartbeat is lost"
+    )
+
+
+def test_another_master_can_not_flood() -> None:
+    bench = Bench()
+    bench.bay.on_write(PlcWrite(WHO, 1))
+    bench.told()
+    for _ in range(1000):
+        bench.bay.on_write(PlcWrite(Writer("10.0.0.8"), 9))
+    assert [kind for kind, _ in bench.told()] == [EventKind.WRITE_REFUSED] * BURST
+    assert bench.hub.state("bay1").plc.conflicts == 1000
+
+
+def test_who_takes_over_is_told() -> None:
+    bench, other = Bench(), Writer("10.0.0.8")
+    bench.bay.on_write(PlcWrite(WHO, 1, 3))
+    bench.clock.t_ns += 1001 * MS
+    bench.see(900.0)
+    bench.bay._ticked_ns = bench.clock.t_ns
+    bench.told()
+    assert bench.bay.on_write(PlcWrite(other, 1)) is WriteVerdict.TAKEN
+    assert bench.told() == [
+        (EventKind.PLC_WRITE, "10.0.0.8: plc_control 3 -> 0"),  # what the one before had set does not hold for it
+        (EventKind.OWNER_CHANGED, "10.0.0.9 (plc1, role operator) -> 10.0.0.8"),
+        (EventKind.PLC_RETURNED, "plc_heartbeat is 1"),
+    ]
+
+
+def test_only_the_owners_connection_means_anything() -> None:
+    bench = Bench()
+    bench.bay.on_write(PlcWrite(WHO, control=1))
+    seq = bench.hub.state("bay1").seq
+    bench.bay.on_connection(PlcConnection(Writer("10.0.0.8"), open=False))
+    assert bench.hub.state("bay1").seq == seq
+    bench.bay.on_connection(PlcConnection(WHO, open=False))
+    assert bench.hub.state("bay1").plc.owner_gone
+    bench.bay.on_connection(PlcConnection(WHO, open=True))
+    assert not bench.hub.state("bay1").plc.owner_gone
 
 
 def test_heartbeats_are_counted_and_only_their_loss_and_return_are_told() -> None:
@@ -164,7 +211,7 @@ def test_a_write_does_not_make_a_dead_bay_look_alive() -> None:
         bench.clock.t_ns += 100 * MS  # nobody ticks
         bench.bay.on_write(PlcWrite(WHO, control=0))
     assert bench.bay.state().reason is Reason.GATEWAY_FAULT
-    assert not bench.bay.on_write(PlcWrite(WHO, control=1))
+    assert bench.bay.on_write(PlcWrite(WHO, control=1)) is WriteVerdict.UNDECIDED
     assert bench.hub.state("bay1").plc.control == 0
 
 
@@ -176,9 +223,9 @@ def test_while_it_ticks_writes_are_taken_and_after_the_last_word_no_more() -> No
         task = asyncio.get_running_loop().create_task(bay.run())
         for beat in range(100):
             await clock.sleep(0.1)
-            assert bay.on_write(PlcWrite(WHO, beat))
+            assert bay.on_write(PlcWrite(WHO, beat)) is WriteVerdict.TAKEN
         bay.shut_down()
-        assert not bay.on_write(PlcWrite(WHO, 7))
+        assert bay.on_write(PlcWrite(WHO, 7)) is WriteVerdict.UNDECIDED
         assert bay.state().reason is Reason.SHUTDOWN
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -188,7 +235,7 @@ def test_while_it_ticks_writes_are_taken_and_after_the_last_word_no_more() -> No
 
 @pytest.mark.parametrize("writes", [True, False])
 def test_without_writes_nothing_changes(writes: bool) -> None:
-    config = parse({"modbus": {"writes": writes}})
+    config = parse({"modbus": WRITES | {"writes": writes}})
     bay = BayControl(config.bays[0], hub := Hub(["bay1"]), HandClock(), (), config)
     bay.on_write(PlcWrite(WHO, 1, 2, 0))
     assert (hub.state("bay1").plc.writes, hub.state("bay1").plc.control) == ((1, 2) if writes else (0, 0))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import handshake
+from gateway import events, handshake
 from gateway.config import HandshakeConfig
 from gateway.handshake import TRANSITIONS, Signal
 from gateway.model import Circle, FusionMemory, Quality, RangeReading, StateVector, VisionReading
@@ -274,8 +274,8 @@ def test_no_recipe_while_a_stop_by_d_stands(memory: FusionMemory) -> None:
 
 def test_what_a_write_changes() -> None:
     plc = replace(FRESH, control=1, recipe_asked=2, heartbeat=5)
-    assert handshake.changes(plc, PlcWrite(PLC, heartbeat=6, control=1, recipe=2)) == []
-    assert handshake.changes(plc, PlcWrite(PLC, control=9, recipe=3)) == [
+    assert events.changes(plc, replace(plc, heartbeat=6, writes=1)) == []
+    assert events.changes(plc, replace(plc, control=9, recipe_asked=3)) == [
         Change("plc_control", 1, 9),
         Change("recipe_select", 2, 3),
     ]

@@ -167,7 +167,7 @@ def test_a_task_that_has_done_its_work_is_in_order() -> None:
 
 def test_disagreement_wear_and_a_lost_plc_are_degraded() -> None:
     async def scene() -> None:
-        async with plant(config=GatewayConfig(modbus=ModbusConfig(writes=True))) as made:
+        async with plant(config=GatewayConfig(modbus=ModbusConfig(writes=True, plc_addresses=("10.0.0.9",)))) as made:
             made.links = full()
             await asyncio.sleep(3)  # no heartbeat came
             state = made.hub.state("bay1")

@@ -52,7 +52,7 @@ class Page:
 def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1")
+            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1")
             async with asyncio.TaskGroup() as group:
                 group.create_task(live.serve(page.socket))
                 await asyncio.sleep(5)
@@ -69,7 +69,7 @@ def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last()
 def test_a_page_that_stalls_gets_the_newest_when_it_comes_back_and_nothing_of_what_it_missed() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1", think_s=20.0)
+            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)
             async with asyncio.TaskGroup() as group:
                 group.create_task(live.serve(page.socket))
                 await asyncio.sleep(50)
@@ -89,7 +89,7 @@ def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(render: R
 
     async def scene() -> None:
         async with plant() as made:
-            live, page, late = Live(made.desk, render, 4), Page("bay=bay1"), Page("bay=bay1")
+            live, page, late = Live(made.desk, render, 4, 4), Page("bay=bay1"), Page("bay=bay1")
             async with asyncio.TaskGroup() as group:
                 served = [group.create_task(live.serve(page.socket))]
                 await asyncio.sleep(1)
@@ -109,7 +109,7 @@ def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(render: R
 def test_a_page_that_never_answers_is_let_go() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1", think_s=None)
+            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1", think_s=None)
             begun_s = asyncio.get_running_loop().time()
             await live.serve(page.socket)
             assert asyncio.get_running_loop().time() - begun_s <= TAKEN_S + 3
@@ -121,7 +121,7 @@ def test_a_page_that_never_answers_is_let_go() -> None:
 def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live = Live(made.desk, views.live_json, 2)
+            live = Live(made.desk, views.live_json, 2, 2)
             pages = [Page("bay=bay1") for _ in range(3)]
             stranger = Page("bay=bay9")
             async with asyncio.TaskGroup() as group:
@@ -141,7 +141,7 @@ def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> 
 def test_a_page_that_talks_too_much_is_closed() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4), Page("bay=bay1", words=["next", "x" * 65])
+            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1", words=["next", "x" * 65])
             await live.serve(page.socket)
             assert (page.closed, len(page.sent)) == (BAD_ANSWER, 2)
 
@@ -181,7 +181,7 @@ def test_many_pages_share_one_rendering() -> None:
                 rendered.append(bays)
                 return views.live_json(desk, bays)
 
-            live, pages = Live(made.desk, render, 30), [Page() for _ in range(20)]
+            live, pages = Live(made.desk, render, 30, 30), [Page() for _ in range(20)]
             async with asyncio.TaskGroup() as group:
                 for page in pages:
                     group.create_task(live.serve(page.socket))

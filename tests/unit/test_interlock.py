@@ -29,17 +29,17 @@ MS = 1_000_000
 S = 1000 * MS
 T0 = 100 * S
 PLC = Writer("10.0.0.9")
+WRITES = {"writes": True, "plc_addresses": ["10.0.0.9"]}
 NEAR, FAR = 200.0, 900.0  # mm; the threshold is 300
 TICK = Tick()
 
 
 def rules(text: str = "", **fusion_keys: Any) -> Rules:
     data: dict[str, Any] = {
-        "modbus": {"writes": True},
         "fusion": {"decision": "plain", "vision_deadline_s": 5.0, "range_deadline_s": 5.0} | fusion_keys,
         "recipes": [{"id": 7, "name": "small", "fusion": {"distance_threshold_mm": 100.0}}],
     }
-    return of(parse(data | {"modbus": {"writes": True, "handshake": _handshake(text)}}))
+    return of(parse(data | {"modbus": WRITES | {"handshake": _handshake(text)}}))
 
 
 def _handshake(text: str) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """What is said of the files of [modbus.tls] before anybody connects."""
 
+import asyncio
 import subprocess
 from datetime import timedelta
 from pathlib import Path
@@ -9,10 +10,12 @@ import pytest
 from gateway import app
 from gateway.certs import issue, pair
 from gateway.cli.main import main
-from gateway.config import parse
+from gateway.clock import SystemClock
+from gateway.config import ModbusConfig, load, parse
 from gateway.errors import ConfigError
 from gateway.modbus import tls
 from gateway.modbus.answers import Access
+from gateway.modbus.service import serving
 from tests.plant_certs import NOW, Plant
 
 NS = 1_000_000_000
@@ -110,6 +113,11 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
             {"handshake": {"truck_required": True}, "writes": False},
             "modbus.handshake.truck_required = true: needs modbus.writes = true",
         ),
+        (
+            {"writes": True},
+            "modbus.writes = true: needs to know who may write: set modbus.plc_addresses to the PLC's address, such as "
+            '["10.20.0.10"] (in a simulation ["127.0.0.1"]), or [modbus.tls] with write_roles',
+        ),
         ({"plain": False}, "modbus.plain = false: nothing would be served: plain = false needs [modbus.tls]"),
         ({"port": 802, "tls": {"cert": "a", "key": "b", "ca": "c"}}, "802 is modbus.port, too"),
         ({"tls": {"cert": "a", "key": "b"}}, "modbus.tls.ca: is missing"),
@@ -144,11 +152,55 @@ def test_gateway_check_says_what_would_be_served(
     assert main(["check", str(path)]) == 0
     said = capsys.readouterr().out
     assert "good. Site site1, Modbus/TCP Security on 127.0.0.1:802,\n" in said
-    assert "writes to the handshake block: over TLS only" in said
-    path.write_text("[modbus]\nwrites = true\n")
+    assert "writes to the handshake block: over TLS only, by role operator\n" in said
+    path.write_text('[modbus]\nwrites = true\nplc_addresses = ["10.20.0.10", "10.20.0.11"]\n')
     main(["check", str(path)])
     said = capsys.readouterr().out
-    assert "Modbus TCP on 127.0.0.1:502,\n  writes to the handshake block: by everybody who may connect\n" in said
+    assert "Modbus TCP on 127.0.0.1:502,\n  writes to the handshake block: by 10.20.0.10, 10.20.0.11\n" in said
+
+
+def test_writes_by_nobody_in_particular_are_a_fault_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "g.toml"
+    path.write_text("[modbus]\nhost = '10.20.0.5'\nwrites = true\n")
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}:3: modbus.writes = true: needs to know who may write: set modbus.plc")
+
+
+@pytest.mark.parametrize(
+    ("keys", "warned"),
+    [
+        ('host = "10.20.0.5"', True),
+        ('host = "0.0.0.0"\nallow = ["10.20.0.0/16"]', True),
+        ('host = "gateway.plant"', True),
+        ('host = "10.20.0.5"\nplc_addresses = ["10.20.0.10"]', False),
+        ('host = "localhost"', False),
+        ('host = "::1"', False),
+        ("", False),
+    ],
+)
+def test_a_plant_without_plc_addresses_is_warned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], keys: str, warned: bool
+) -> None:
+    path = tmp_path / "g.toml"
+    path.write_text(f"[modbus]\n{keys}\n")
+    assert main(["check", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert ("  warning: modbus.plc_addresses: is empty, and host = " in said) == warned
+
+
+def test_the_warning_is_in_the_log_of_a_gateway_that_starts(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gateway.sections.modbus.is_loopback", lambda host: False)  # tests never leave loopback
+
+    async def start() -> None:
+        async with serving(ModbusConfig(port=0), {}, SystemClock()):
+            pass
+
+    asyncio.run(start())
+    (record,) = [one for one in caplog.records if "modbus.plc_addresses: is empty" in one.getMessage()]
+    assert record.levelname == "WARNING"
 
 
 @pytest.mark.parametrize("key", ["cert", "key", "ca", "crl"])
