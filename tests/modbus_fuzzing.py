@@ -16,6 +16,7 @@ WRITABLE = frozenset(range(80, 96))
 FUNCTIONS = [1, 2, 3, 3, 3, 3, 4, 4, 5, 6, 7, 8, 11, 12, 15, 16, 16, 17, 20, 21, 22, 23, 23, 24, 43, 43]
 EDGES = [0, 1, 2, 3, 15, 16, 17, 79, 80, 95, 96, 98, 99, 100, 101, 121, 122, 123, 124, 125, 126, 127, 128, 255, 256,
          1999, 2000, 2001, 32767, 32768, 65434, 65435, 65436, 65535]  # fmt: skip
+COILS = 16 * len(oracle.BIT_REGISTERS) + 1
 PATIENCE_S = 60.0
 
 
@@ -28,10 +29,11 @@ class Bay:
         self.unit = Unit(lambda: tuple(self.words), self._write, objects)
         self.twin = oracle.Bay(list(self.words), WRITABLE, True, dict(objects))
 
-    def _write(self, address: int, words: Sequence[int], _: Peer) -> ModbusException | None:
+    def _write(self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
         if not WRITABLE.issuperset(range(address, address + len(words))):
             return ModbusException.ILLEGAL_ADDRESS
-        self.words[address : address + len(words)] = words
+        for at, word in enumerate(words, start=address):
+            self.words[at] = self.words[at] & ~mask | word & mask
         return None
 
 
@@ -55,12 +57,22 @@ def a_pdu(rng: random.Random) -> bytes:
         pdu = head + where + told.to_bytes(2, "big") + bytes([size]) + body
     elif function == 43:
         pdu = bytes([43, rng.choice([14, 14, 14, 13, 0]), rng.randrange(6), rng.choice([0, 1, 4, 6, 7, 0x80, 0xFF])])
+    elif function in (5, 15):
+        count = rng.choice([1, 1, 2, 7, 8, 9, 16, 17])
+        where = (rng.randrange(COILS) if rng.random() < 0.95 else rng.choice(EDGES)).to_bytes(2, "big")
+        pdu = bytes([15]) + where + bytes([0, count, (count + 7) // 8]) + rng.randbytes((count + 7) // 8)
+        if function == 5:
+            pdu = bytes([5]) + where + rng.choice([b"\x00\x00", b"\xff\x00", b"\x00\x01"])
+    elif function == 22:
+        pdu = bytes([22, 0, rng.randrange(76, 102)]) + number(rng) + number(rng)
+    elif function == 17 and rng.random() < 0.9:
+        pdu = bytes([17])
     elif function == 6:
         pdu = bytes([6, 0, rng.randrange(76, 102)]) + number(rng)
     elif function <= 4 and rng.random() < 0.5:  # most of which lies within the block
-        size, most = (16, 16) if function <= 2 else (100, 100)
+        size = COILS if function <= 2 else 100
         address = rng.randrange(size)
-        count = rng.randrange(1, min(most, size - address) + 2)
+        count = rng.randrange(1, size - address + 2)
         pdu = bytes([function, 0, address, 0, count])
     else:
         pdu = bytes([function]) + number(rng) + number(rng)

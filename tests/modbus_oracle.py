@@ -11,11 +11,14 @@ from dataclasses import dataclass, field
 
 CLOSE = "close"  # the connection can't go on
 NOTHING = "nothing"  # no answer
+BIT_REGISTERS = (3, 81)  # status, plc_control
+NOT_DECIDING = 0x3000  # in register 3: gateway fault, shutdown
+WRITING = (5, 6, 15, 16, 22, 23)
 
 
 @dataclass
 class Bay:
-    """One unit as the tests set it up. Registers by address; the bits are those of register 3."""
+    """One unit as the tests set it up. Registers by address; the bits are those of BIT_REGISTERS, one after the other."""
 
     words: list[int]
     writable: frozenset[int] = frozenset()
@@ -23,14 +26,16 @@ class Bay:
     objects: dict[int, bytes] = field(default_factory=dict)
 
     def bit(self, address: int) -> int:
-        return self.words[3] >> address & 1
+        return self.words[BIT_REGISTERS[address // 16]] >> address % 16 & 1
 
-    bits = 16
+    @property
+    def bits(self) -> int:
+        return 16 * len(BIT_REGISTERS)
 
 
 @dataclass
 class Server:
-    """`bays` by unit id. A lone bay is also unit 0 and 255."""
+    """`bays` by unit id. A lone bay is also unit 0 and 255; nothing is written to unit 0."""
 
     bays: dict[int, Bay]
 
@@ -60,15 +65,34 @@ def _all_writable(bay: Bay, first: int, count: int) -> bool:
     return all(address in bay.writable for address in range(first, first + count))
 
 
+def _coils_writable(bay: Bay, first: int, count: int) -> bool:
+    coils = range(first, first + count)
+    return all(coil < bay.bits and BIT_REGISTERS[coil // 16] in bay.writable for coil in coils)
+
+
 CONDITIONS: dict[int, list[Condition]] = {
     1: _reads(0x7D0, lambda bay: bay.bits),
     2: _reads(0x7D0, lambda bay: bay.bits),
     3: _reads(0x7D, lambda bay: len(bay.words)),
     4: _reads(0x7D, lambda bay: len(bay.words)),
+    5: [
+        (1, lambda bay, p: bay.writes_on),
+        (3, lambda bay, p: len(p) == 5),
+        (3, lambda bay, p: p[3:] in (b"\x00\x00", b"\xff\x00")),
+        (2, lambda bay, p: _coils_writable(bay, u16(p, 1), 1)),
+    ],
     6: [
         (1, lambda bay, p: bay.writes_on),
         (3, lambda bay, p: len(p) == 5),
         (2, lambda bay, p: _all_writable(bay, u16(p, 1), 1)),
+    ],
+    15: [
+        (1, lambda bay, p: bay.writes_on),
+        (3, lambda bay, p: len(p) >= 6),
+        (3, lambda bay, p: 1 <= u16(p, 3) <= 0x7B0),
+        (3, lambda bay, p: p[5] == u16(p, 3) // 8 + (u16(p, 3) % 8 > 0)),
+        (3, lambda bay, p: len(p) == 6 + p[5]),
+        (2, lambda bay, p: _coils_writable(bay, u16(p, 1), u16(p, 3))),
     ],
     16: [
         (1, lambda bay, p: bay.writes_on),
@@ -77,6 +101,12 @@ CONDITIONS: dict[int, list[Condition]] = {
         (3, lambda bay, p: p[5] == 2 * u16(p, 3)),
         (3, lambda bay, p: len(p) == 6 + p[5]),
         (2, lambda bay, p: _all_writable(bay, u16(p, 1), u16(p, 3))),
+    ],
+    17: [(3, lambda bay, p: len(p) == 1)],
+    22: [
+        (1, lambda bay, p: bay.writes_on),
+        (3, lambda bay, p: len(p) == 7),
+        (2, lambda bay, p: _all_writable(bay, u16(p, 1), 1)),
     ],
     23: [
         (1, lambda bay, p: bay.writes_on),
@@ -102,7 +132,7 @@ def answer(server: Server, unit: int, pdu: bytes) -> bytes:
     """The PDU that must come back; carries out writes on the model."""
     function = pdu[0]
     bay = server.bay(unit)
-    if bay is None:
+    if bay is None or (unit == 0 and function in WRITING):
         return bytes([function | 0x80, 0x0B])
     if function not in CONDITIONS:
         return bytes([function | 0x80, 1])
@@ -120,8 +150,22 @@ def _carry_out(bay: Bay, function: int, pdu: bytes) -> bytes:
         return bytes([function, len(octets), *octets])
     if function in (3, 4):
         return bytes([function, 2 * u16(pdu, 3)]) + _octets(bay, u16(pdu, 1), u16(pdu, 3))
+    if function in (5, 15):
+        for n in range(1 if function == 5 else u16(pdu, 3)):
+            register, bit = divmod(u16(pdu, 1) + n, 16)
+            on = pdu[3] > 0 if function == 5 else pdu[6 + n // 8] >> n % 8 & 1
+            word = bay.words[BIT_REGISTERS[register]] & ~(1 << bit)
+            bay.words[BIT_REGISTERS[register]] = word | on << bit
+        return pdu if function == 5 else pdu[:5]
     if function == 6:
         bay.words[u16(pdu, 1)] = u16(pdu, 3)
+        return pdu
+    if function == 17:
+        names = b" ".join(bay.objects[key] for key in (1, 2, 6) if key in bay.objects)[:249]
+        running = 0 if bay.words[3] & NOT_DECIDING else 0xFF
+        return bytes([17, 2 + len(names), 1, running]) + names
+    if function == 22:
+        bay.words[u16(pdu, 1)] = (bay.words[u16(pdu, 1)] & u16(pdu, 3)) | (u16(pdu, 5) & ~u16(pdu, 3) & 0xFFFF)
         return pdu
     if function == 16:
         _store(bay, u16(pdu, 1), pdu[6:])

@@ -1,7 +1,8 @@
 // A PLC on libmodbus: asks a server everything this gateway answers, and says what came back.
 //
-//   libmodbus_client HOST PORT UNIT
+//   libmodbus_client HOST PORT UNIT COIL
 //
+// COIL: the address of the first coil that can be written.
 // One line for each question: what was asked, then the values or `error NAME`. The test compares the text.
 #include <errno.h>
 #include <modbus.h>
@@ -46,8 +47,8 @@ static void raw(const char *name, const uint8_t *pdu, int length, int unit) {
 }
 
 int main(int argc, char **argv) {
-    if (argc != 4) return 2;
-    int unit = atoi(argv[3]);
+    if (argc != 5) return 2;
+    int unit = atoi(argv[3]), coil = atoi(argv[4]);
     plc = modbus_new_tcp(argv[1], atoi(argv[2]));
     if (!plc || modbus_set_slave(plc, unit) || modbus_connect(plc)) {
         fprintf(stderr, "connect: %s\n", modbus_strerror(errno));
@@ -62,7 +63,7 @@ int main(int argc, char **argv) {
     words("holding", modbus_read_registers, 65535, 125);
     bits("discrete", modbus_read_input_bits, 0, 16);
     bits("coils", modbus_read_bits, 1, 9);
-    bits("coils", modbus_read_bits, 15, 2);
+    bits("coils", modbus_read_bits, coil + 15, 2);
 
     uint16_t values[3] = {1, 2, 0x8003}, read[4];
     printf("write 80 3: %s\n", modbus_write_registers(plc, 80, 3, values) == 3 ? "done" : modbus_strerror(errno));
@@ -74,7 +75,20 @@ int main(int argc, char **argv) {
     else
         failed();
     printf("coil 0: %s\n", modbus_write_bit(plc, 0, 1) == 1 ? "done" : modbus_strerror(errno));
-    printf("mask 80: %s\n", modbus_mask_write_register(plc, 80, 0, 1) == 1 ? "done" : modbus_strerror(errno));
+    uint8_t five[5] = {1, 0, 1, 0, 0};
+    printf("coil +1: %s\n", modbus_write_bit(plc, coil + 1, 1) == 1 ? "done" : modbus_strerror(errno));
+    printf("coils +0 5: %s\n", modbus_write_bits(plc, coil, 5, five) == 5 ? "done" : modbus_strerror(errno));
+    printf("coils -1 5: %s\n", modbus_write_bits(plc, coil - 1, 5, five) == 5 ? "done" : modbus_strerror(errno));
+    words("holding", modbus_read_registers, 81, 1);
+    printf("mask 81: %s\n", modbus_mask_write_register(plc, 81, 0xFFF2, 0xA) == 1 ? "done" : modbus_strerror(errno));
+    words("holding", modbus_read_registers, 81, 1);
+    uint8_t id[253];
+    int length = modbus_report_slave_id(plc, sizeof id, id);
+    printf("server id:");
+    if (length < 2)
+        failed();
+    else
+        printf(" %u %02X %.*s\n", id[0], id[1], length - 2, (const char *)id + 2);
     raw("status", (const uint8_t *)"\x07", 1, unit);
     raw("count 0", (const uint8_t *)"\x03\x00\x00\x00\x00", 5, unit);
     words("holding", modbus_read_registers, 3, 2);

@@ -1,6 +1,7 @@
 """Every answer against the specification's table (tests/modbus_oracle.py), over the whole grid."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from gateway.modbus.adu import frame_bytes
 from gateway.modbus.answers import FUNCTIONS, Access, Peer, Unit, answer
+from gateway.modbus.bits import coil_of
 from gateway.modbus.desk import Desk, DeskStats
 from gateway.modbus.exceptions import ModbusException
 from tests import modbus_oracle as oracle
@@ -30,10 +32,11 @@ class Pair:
         self.bay = oracle.Bay(list(WORDS), WRITABLE, writes_on, told)
         self.server = oracle.Server({1: self.bay, 2: self.bay})
 
-    def _write(self, address: int, words: Sequence[int], _: Peer) -> ModbusException | None:
+    def _write(self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
         if not WRITABLE.issuperset(range(address, address + len(words))):
             return ModbusException.ILLEGAL_ADDRESS
-        self.words[address : address + len(words)] = words
+        for at, word in enumerate(words, start=address):
+            self.words[at] = self.words[at] & ~mask | word & mask
         return None
 
     def check(self, pdu: bytes) -> bytes:
@@ -47,6 +50,7 @@ def pdu(function: int, *numbers: int) -> bytes:
     return bytes([function]) + b"".join(number.to_bytes(2, "big") for number in numbers)
 
 
+CONTROL = coil_of("plc_control", 0)  # the first coil that can be written
 ADDRESSES = [*range(102), 126, 127, 128, 255, 256, 32767, 32768, 65409, 65410, 65411, 65434, 65435, 65436, 65535]
 COUNTS = [*range(131), 255, 256, 257, 1999, 2000, 2001, 2002, 32767, 32768, 65535]
 
@@ -82,11 +86,24 @@ def _writes() -> Iterator[bytes]:
                     yield pdu(23, read, read_count, address, count) + bytes([size]) + body
 
 
+    bits = oracle.Bay([]).bits
+    for address in [0, 3, *range(CONTROL - 3, bits + 3), 255, 65535]:
+        for value in (0, 1, 0xFF00, 0xFF01, 0xFFFF):
+            yield pdu(5, address, value)
+        for count in [*range(20), bits, bits + 1, 1968, 1969, 65535]:
+            for size in {(count + 7) // 8 & 0xFF, (count + 8) // 8 & 0xFF, 0}:
+                yield pdu(15, address, count) + bytes([size]) + bytes((29 * n + 0xA5) & 0xFF for n in range(size))
+    for address in range(78, 102):
+        for masks in product((0, 0xFFFF, 0x00F2, 0x1234), repeat=2):
+            yield pdu(22, address, *masks)
+
+
 def test_writes_over_the_grid() -> None:
     pair = Pair(writes_on=True)
     answers = [pair.check(request) for request in _writes() if len(request) <= 253]
-    assert {told[:2].hex() for told in answers if told[0] & 0x80} == {"8602", "9002", "9003", "9702", "9703"}
-    assert len([told for told in answers if told[0] in (6, 16, 23)]) >= 80
+    refused = {told[:2].hex() for told in answers if told[0] & 0x80}
+    assert refused == {"8502", "8503", "8602", "8f02", "8f03", "9002", "9003", "9602", "9702", "9703"}
+    assert len([told for told in answers if told[0] in (5, 6, 15, 16, 22, 23)]) >= 300
     assert pair.words != WORDS  # something was written
 
 
@@ -94,6 +111,49 @@ def test_where_writes_are_off_their_functions_do_not_exist() -> None:
     pair = Pair()
     assert {pair.check(request)[1] for request in _writes() if len(request) <= 253} == {1}
     assert pair.words == WORDS
+
+
+def test_a_coil_is_the_bit_of_its_register() -> None:
+    pair = Pair(writes_on=True)
+    for bit in range(16):
+        pair.check(pdu(6, 81, 0))
+        pair.check(pdu(5, CONTROL + bit, 0xFF00))
+        assert pair.words[81] == 1 << bit
+        assert pair.check(pdu(1, CONTROL + bit, 1))[-1] == 1
+        pair.check(pdu(6, 81, 0xFFFF))
+        pair.check(pdu(5, CONTROL + bit, 0))
+        assert pair.words[81] == 0xFFFF & ~(1 << bit)
+    pair.check(pdu(15, CONTROL + 3, 10) + b"\x02\x55\xfd")
+    assert pair.words[81] == 0x7FFF & ~(0b1010101010 << 3)
+
+
+def test_coils_of_two_registers_are_not_written_and_told() -> None:
+    told: list[str] = []
+    pair = Pair(writes_on=True)
+    unit = replace(pair.unit, refused=lambda _, why: told.append(why))
+    assert answer(unit, pdu(15, CONTROL - 1, 2) + b"\x01\x03", ANYBODY) == b"\x8f\x02"
+    assert told == [f"coils {CONTROL - 1} to {CONTROL} are not of one register"]
+    assert pair.words == WORDS
+
+
+def test_the_mask_write_of_the_specification() -> None:
+    """Its example (6.16): 12 with and mask F2 and or mask 25 becomes 17."""
+    pair = Pair(writes_on=True)
+    pair.check(pdu(6, 81, 0x12))
+    assert pair.check(pdu(22, 81, 0xF2, 0x25)) == pdu(22, 81, 0xF2, 0x25)
+    assert pair.words[81] == 0x17
+
+
+@pytest.mark.parametrize(("status", "running"), [(0, 0xFF), (1, 0xFF), (1 << 12, 0), (1 << 13, 0), (0xFFFF, 0)])
+def test_report_server_id(status: int, running: int) -> None:
+    pair = Pair()
+    pair.words[3] = pair.bay.words[3] = status
+    assert pair.check(b"\x11") == bytes([17, 19, 1, running]) + b"code 1.0 site/bay"
+
+
+def test_report_server_id_fits_whatever_the_names_are() -> None:
+    told = Pair(objects=LONG | {2: b"v" * 244}).check(b"\x11")
+    assert (len(told), told[1]) == (253, 251)
 
 
 def test_function_23_reads_what_it_wrote() -> None:
@@ -107,8 +167,20 @@ def test_function_23_writes_nothing_where_it_can_not_read() -> None:
 
 
 def test_what_the_write_says_is_the_exception() -> None:
-    unit = Unit(lambda: WORDS, lambda address, words, peer: ModbusException.ILLEGAL_VALUE)
+    unit = Unit(lambda: WORDS, lambda address, words, peer, mask: ModbusException.ILLEGAL_VALUE)
     assert answer(unit, pdu(6, 80, 7), ANYBODY) == b"\x86\x03"
+
+
+REQUESTS = {
+    5: pdu(5, CONTROL, 0xFF00),
+    6: pdu(6, 80, 1),
+    15: pdu(15, CONTROL, 3) + b"\x01\x05",
+    16: pdu(16, 80, 1) + b"\x02\x00\x01",
+    17: b"\x11",
+    22: pdu(22, 81, 0xFFF0, 0x0005),
+    23: pdu(23, 0, 1, 80, 1) + b"\x02\x00\x01",
+    43: b"\x2b\x0e\x01\x00",
+}
 
 
 @pytest.mark.parametrize(("access", "read", "write"), [(Access.NONE, 1, 1), (Access.READ, 0, 1), (Access.WRITE, 0, 0)])
@@ -116,9 +188,7 @@ def test_a_role_decides_what_exists(access: Access, read: int, write: int) -> No
     """Modbus/TCP Security: what a role may not do is answered with exception 01. 0 here: it may."""
     pair = Pair(writes_on=True)
     for function in FUNCTIONS.values():
-        request = {6: pdu(6, 80, 1), 16: pdu(16, 80, 1) + b"\x02\x00\x01", 43: b"\x2b\x0e\x01\x00"}.get(
-            function.code, pdu(23, 0, 1, 80, 1) + b"\x02\x00\x01" if function.code == 23 else pdu(function.code, 0, 1)
-        )
+        request = REQUESTS.get(function.code, pdu(function.code, 0, 1))
         told = answer(pair.unit, request, Peer("10.0.0.9", access, "some role"))
         refused = write if function.writes else read
         assert (told == bytes([function.code | 0x80, 1])) == bool(refused), function.name
@@ -172,10 +242,10 @@ def test_units(units: tuple[int, ...]) -> None:
     server = oracle.Server({unit: oracle.Bay(words) for unit, words in images.items()})
     exceptions = 0
     for unit in range(256):
-        for request in (pdu(3, 98, 2), pdu(4, 0, 1), pdu(3, 0, 0), pdu(3, 99, 2), pdu(8, 0, 0), b"\x03"):
+        for request in (pdu(3, 98, 2), pdu(4, 0, 1), pdu(3, 0, 0), pdu(3, 99, 2), pdu(8, 0, 0), b"\x03", pdu(6, 80, 1)):
             told = desk.answer(frame_bytes(0xA55A, unit, request), ANYBODY)
             expected = oracle.answer(server, unit, request)
             assert told == frame_bytes(0xA55A, unit, expected)
             exceptions += expected[0] >= 0x80
     assert failed == []
-    assert (stats.requests, stats.exceptions, stats.image_faults) == (256 * 6, exceptions, 0)
+    assert (stats.requests, stats.exceptions, stats.image_faults) == (256 * 7, exceptions, 0)
