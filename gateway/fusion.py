@@ -85,8 +85,8 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
             vision = _newest_vision(vision, _checked_vision(observation, now_ns))
         case RangeReading():
             rng = _newest_range(rng, _checked_range(observation, now_ns))
-        case Tick() | PlcWrite() | PlcConnection() | FunctionCheck():  # what people and the PLC want is no measurement: interlock.py
-            pass
+        case Tick() | PlcWrite() | PlcConnection() | FunctionCheck():
+            pass  # what people and the PLC want is no measurement: interlock.py
     vision = _aged_vision(vision, now_ns, config)
     rng = _aged_range(rng, now_ns, config)
     memory, vision, rng = _recovering(state, vision, rng, now_ns, config)

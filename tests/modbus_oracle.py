@@ -18,7 +18,7 @@ WRITING = (5, 6, 15, 16, 22, 23)
 
 @dataclass
 class Bay:
-    """One unit as the tests set it up. Registers by address; the bits are those of BIT_REGISTERS, one after the other."""
+    """One unit as the tests set it up. Registers by address; the bits are those of BIT_REGISTERS, in that order."""
 
     words: list[int]
     writable: frozenset[int] = frozenset()
@@ -143,6 +143,8 @@ def answer(server: Server, unit: int, pdu: bytes) -> bytes:
 
 
 def _carry_out(bay: Bay, function: int, pdu: bytes) -> bytes:
+    if function in WRITING:
+        return _written(bay, function, pdu)
     if function in (1, 2):
         octets = [0] * ((u16(pdu, 3) + 7) // 8)
         for n in range(u16(pdu, 3)):
@@ -150,30 +152,35 @@ def _carry_out(bay: Bay, function: int, pdu: bytes) -> bytes:
         return bytes([function, len(octets), *octets])
     if function in (3, 4):
         return bytes([function, 2 * u16(pdu, 3)]) + _octets(bay, u16(pdu, 1), u16(pdu, 3))
-    if function in (5, 15):
-        for n in range(1 if function == 5 else u16(pdu, 3)):
-            register, bit = divmod(u16(pdu, 1) + n, 16)
-            on = pdu[3] > 0 if function == 5 else pdu[6 + n // 8] >> n % 8 & 1
-            word = bay.words[BIT_REGISTERS[register]] & ~(1 << bit)
-            bay.words[BIT_REGISTERS[register]] = word | on << bit
-        return pdu if function == 5 else pdu[:5]
-    if function == 6:
-        bay.words[u16(pdu, 1)] = u16(pdu, 3)
-        return pdu
     if function == 17:
         names = b" ".join(bay.objects[key] for key in (1, 2, 6) if key in bay.objects)[:249]
         running = 0 if bay.words[3] & NOT_DECIDING else 0xFF
         return bytes([17, 2 + len(names), 1, running]) + names
-    if function == 22:
-        bay.words[u16(pdu, 1)] = (bay.words[u16(pdu, 1)] & u16(pdu, 3)) | (u16(pdu, 5) & ~u16(pdu, 3) & 0xFFFF)
-        return pdu
-    if function == 16:
-        _store(bay, u16(pdu, 1), pdu[6:])
-        return pdu[:5]
+    return _identify(bay, pdu[2], pdu[3])
+
+
+def _written(bay: Bay, function: int, pdu: bytes) -> bytes:
+    first = u16(pdu, 1)
     if function == 23:
         _store(bay, u16(pdu, 5), pdu[10:])
-        return bytes([23, 2 * u16(pdu, 3)]) + _octets(bay, u16(pdu, 1), u16(pdu, 3))
-    return _identify(bay, pdu[2], pdu[3])
+        return bytes([23, 2 * u16(pdu, 3)]) + _octets(bay, first, u16(pdu, 3))
+    if function == 5:
+        _store_bit(bay, first, pdu[3] > 0)
+    elif function == 15:
+        for n in range(u16(pdu, 3)):
+            _store_bit(bay, first + n, pdu[6 + n // 8] >> n % 8 & 1 == 1)
+    elif function == 6:
+        bay.words[first] = u16(pdu, 3)
+    elif function == 16:
+        _store(bay, first, pdu[6:])
+    else:
+        bay.words[first] = (bay.words[first] & u16(pdu, 3)) | (u16(pdu, 5) & ~u16(pdu, 3) & 0xFFFF)
+    return pdu[:5] if function in (15, 16) else pdu
+
+
+def _store_bit(bay: Bay, coil: int, on: bool) -> None:
+    register, bit = BIT_REGISTERS[coil // 16], coil % 16
+    bay.words[register] = bay.words[register] & ~(1 << bit) | on << bit
 
 
 def _octets(bay: Bay, first: int, count: int) -> bytes:

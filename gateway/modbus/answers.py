@@ -147,7 +147,7 @@ def _write_coils(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
 
 
 def _mask_write(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
-    """The register becomes (it AND and_mask) OR (or_mask AND NOT and_mask): the bits that and_mask lacks are written."""
+    """The register becomes (it AND and_mask) OR (or_mask AND NOT and_mask): what and_mask lacks is written."""
     address, and_mask, or_mask = _fields(">HHH", pdu)
     _write(unit, address, (or_mask & ~and_mask,), peer, ~and_mask & 0xFFFF)
     return pdu

@@ -1,7 +1,7 @@
-"""FC 43/14, read device identification: which objects there are and how they travel; and FC 17, report server ID. Pure.
+"""Who this is: FC 43/14, read device identification, and FC 17, report server ID. Pure.
 
-Modbus Application Protocol V1.1b3, 6.21 and 6.13. Objects 0 to 2 are basic, 3 to 0x7F regular, 0x80 to 0xFF the product's own.
-A list that is too long for one answer says so (more follows) and names the object to ask for next.
+Modbus Application Protocol V1.1b3, 6.21 and 6.13. Objects 0 to 2 are basic, 3 to 0x7F regular, 0x80 to 0xFF the
+product's own. A list that is too long for one answer says so (more follows) and names the object to ask for next.
 """
 
 from collections.abc import Mapping

@@ -49,6 +49,9 @@ class Budget:
         self.tokens = min(self.most, self.tokens + (now_s - self.counted_s) * self.most / REFILL_S)
         self.counted_s = now_s
 
+    def allows(self, at_once: float) -> bool:
+        return self.waiting < at_once and self.tokens >= 1
+
 
 class Porch:
     """`tlsstream.House`. `admit` gives the protocol for a client that has come in; `share`: of one address, at once."""
@@ -119,7 +122,7 @@ class Porch:
         now_s = asyncio.get_running_loop().time()
         share = self._share(address, now_s)
         self._all.refill(now_s)
-        if share.waiting >= self._most_of_one or share.tokens < 1 or self._all.waiting >= AT_ONCE or self._all.tokens < 1:
+        if not (share.allows(self._most_of_one) and self._all.allows(AT_ONCE)):
             return Refusal.TLS_BUSY
         share.tokens -= 1
         self._all.tokens -= 1

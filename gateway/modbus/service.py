@@ -49,9 +49,7 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
         servers: list[ModbusServer] = []
         if config.tls is not None:
             files = tls.Contexts(config.tls, clock)
-            spoken = Tls(
-                files.current, files.ended, config.tls.handshake_deadline_s, config.tls.handshakes_per_address
-            )
+            spoken = Tls(files.current, files.ended, config.tls.handshake_deadline_s, config.tls.handshakes_per_address)
             peer_of = tls.Roles(config.tls).peer_of
             server = ModbusServer(config, units, port=config.tls.port, tls=spoken, peer_of=peer_of)
             servers.append(await stack.enter_async_context(server))

@@ -181,7 +181,9 @@ def test_pymodbus_pipelines_bits_and_writes() -> None:
         assert (await client.read_coils(CONTROL, count=5)).bits[:5] == [True, True, False, False, True]
         assert not (await client.mask_write_register(address=81, and_mask=0xFFFD, or_mask=0x0004)).isError()
         assert bay.words[81] == 0b10001
-        told = await client.report_device_id()  # it takes the last byte for the run indicator, wherever that stands
+        told: Any = (
+            await client.report_device_id()
+        )  # it takes the last byte for the run indicator, wherever that stands
         assert told.identifier == f"\x01\xffplc-loading-gateway {__version__} site1/bay".encode("latin1")
         client.close()
 
@@ -254,7 +256,8 @@ def test_thirty_thousand_frames_right_and_wrong() -> None:
     """A share of bench/modbus_fuzz.py; another seed than its default."""
     seen = loop.run(fuzz(30_000, seed=20261121))
     assert seen["frames"] == 30_000
-    for what in [*(f"function {code} answered" for code in (1, 2, 3, 4, 5, 6, 15, 16, 17, 22, 23, 43)), "another protocol"]:
+    answered = [f"function {code} answered" for code in (1, 2, 3, 4, 5, 6, 15, 16, 17, 22, 23, 43)]
+    for what in [*answered, "another protocol"]:
         assert seen[what] >= 5, what
     for code in ("01", "02", "03", "0B"):
         assert seen[f"exception {code}"] > 1000

@@ -8,6 +8,7 @@ import ssl
 import struct
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,12 @@ from pymodbus.pdu import DecodePDU
 from gateway import loop
 from gateway.certs import issue
 from gateway.clock import SystemClock
-from gateway.config import ModbusConfig
+from gateway.config import ModbusConfig, TlsConfig
 from gateway.modbus import tls
-from gateway.modbus.answers import Peer, Unit
+from gateway.modbus.answers import MAY_NOT_WRITE, Peer, Unit
 from gateway.modbus.exceptions import ModbusException
-from gateway.modbus.porch import AT_ONCE, PLC_AT_ONCE
+from gateway.modbus.limits import Refusal
+from gateway.modbus.porch import PLC_AT_ONCE
 from gateway.modbus.registers import BLOCK_WORDS
 from gateway.modbus.service import Listening, serving
 from tests.plant_certs import LONG_AGO, NOW, Plant
@@ -33,6 +35,7 @@ COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))
 READ_STOP = bytes((3,)) + struct.pack(">HH", 4, 1)
 WRITE_HEARTBEAT = bytes((6,)) + struct.pack(">HH", 80, 7)
 ANSWER_STOP = bytes((3, 2)) + struct.pack(">H", 1004)
+FRAME = struct.pack(">HHHB", 0xBEEF, 0, 6, 1) + READ_STOP
 
 
 @pytest.fixture(scope="module")
@@ -79,16 +82,28 @@ class Bay:
     def refuse(self, peer: Peer, why: str) -> None:
         self.refused.append((peer.subject, why))
 
-    def write(self, address: int, words: Any, peer: Peer) -> ModbusException | None:
+    def write(self, address: int, words: Any, peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
         self.written.append((address, tuple(words), peer))
         return None
 
 
+@dataclass(frozen=True)
+class LaterClock(SystemClock):
+    """Its wall time can be put forward, by the sum of `days`."""
+
+    days: list[int] = field(default_factory=list)
+
+    def wall_ns(self) -> int:
+        return SystemClock.wall_ns(self) + sum(self.days) * 24 * 3600 * 10**9
+
+
 @asynccontextmanager
-async def gateway(plant: Plant, bay: Bay, **modbus: object) -> AsyncIterator[Listening]:
+async def gateway(
+    plant: Plant, bay: Bay, clock: SystemClock | None = None, **modbus: object
+) -> AsyncIterator[Listening]:
     units = {1: Unit(lambda: COUNTING, bay.write, refused=bay.refuse)}
     config = ModbusConfig.model_validate({"port": 0, "writes": True, "tls": plant.config()} | modbus)
-    async with serving(config, units, SystemClock()) as listening:
+    async with serving(config, units, clock or SystemClock()) as listening:
         yield listening
 
 
@@ -162,7 +177,7 @@ def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expected: 
     play(scene())
     writers = [(peer.address, peer.subject, peer.role) for _, _, peer in bay.written]
     assert writers == ([("127.0.0.1", "operator", "operator")] if name == "operator" else [])
-    assert bay.refused == ([] if name == "operator" else [(name, "it may not write")])
+    assert bay.refused == ([] if name == "operator" else [(name, MAY_NOT_WRITE)])
 
 
 @pytest.mark.parametrize(
@@ -241,9 +256,6 @@ async def openssl(port: int, plant: Plant, name: str, request: bytes, *options: 
         answer, said = b"", await process.stderr.read()
         await process.wait()
     return answer, said.decode()
-
-
-FRAME = struct.pack(">HHHB", 0xBEEF, 0, 6, 1) + READ_STOP
 
 
 @pytest.mark.parametrize("option", ["-tls1_2", "-tls1_3"])
@@ -332,7 +344,19 @@ def test_leaving_does_not_wait_for_handshakes(plant: Plant) -> None:
     play(scene())
 
 
-def test_strangers_may_begin_only_so_many_handshakes_and_the_plc_is_not_held_up(
+BEGUN = TlsConfig.model_fields["handshakes_per_address"].default
+
+
+def ask_from(source: str, port: int, context: ssl.SSLContext) -> bytes:
+    with (
+        socket.create_connection(("127.0.0.1", port), timeout=10, source_address=(source, 0)) as tcp,
+        context.wrap_socket(tcp, server_hostname="127.0.0.1") as connection,
+    ):
+        connection.sendall(FRAME)
+        return _exactly(connection, 11)[7:]
+
+
+def test_one_address_may_begin_only_so_many_handshakes_and_others_are_not_held_up(
     plant: Plant, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def scene() -> None:
@@ -340,9 +364,10 @@ def test_strangers_may_begin_only_so_many_handshakes_and_the_plc_is_not_held_up(
             assert listening.tls is not None
             idle = [
                 await asyncio.open_connection("127.0.0.1", listening.tls, local_addr=("127.0.0.2", 0))
-                for _ in range(AT_ONCE + 5)
+                for _ in range(BEGUN + 5)
             ]
-            await logged(caplog, "too many TLS handshakes")
+            await logged(caplog, "127.0.0.2: too many TLS handshakes")
+            assert await threaded(ask_from, "127.0.0.3", listening.tls, context_of(plant, "viewer")) == ANSWER_STOP
             assert await threaded(ask, listening.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
             for _, writer in idle:
                 writer.close()
@@ -583,6 +608,87 @@ def test_what_is_renewed_and_taken_back_holds_without_a_restart(
     with caplog.at_level(logging.INFO):
         play(scene())
     assert "its certificate was refused: certificate revoked" in caplog.text
+
+
+class Standing:
+    """A connection that stays, and is asked again and again."""
+
+    def __init__(self, port: int, context: ssl.SSLContext) -> None:
+        tcp = socket.create_connection(("127.0.0.1", port), timeout=10)
+        self._tls = context.wrap_socket(tcp, server_hostname="127.0.0.1")
+
+    def ask(self) -> bytes:
+        self._tls.sendall(FRAME)
+        return _exactly(self._tls, 11)[7:]
+
+    def cut(self) -> bool:
+        """Waits for the end. False: none comes within 10 s."""
+        try:
+            return self._tls.recv(100) == b""
+        except TimeoutError:
+            return False
+        except OSError:
+            return True
+
+    def close(self) -> None:
+        self._tls.close()
+
+
+def test_a_certificate_that_is_taken_back_ends_its_connection(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tls, "LOOK_NS", 0)
+    own = Plant(tmp_path)
+    plc1 = own.client("plc1")
+    own.client("plc2")
+
+    async def scene() -> None:
+        async with gateway(own, Bay()) as listening:
+            assert listening.tls is not None
+            first = await threaded(Standing, listening.tls, context_of(own, "plc1"))
+            second = await threaded(Standing, listening.tls, context_of(own, "plc2"))
+            for one in (first, second):
+                assert await threaded(one.ask) == ANSWER_STOP
+            crl = own.folder.crl_path.read_bytes()
+            own.folder.crl_path.write_text("nonsense")  # is told, and nothing ends
+            await logged(caplog, "the files read before stay in force")
+            assert await threaded(first.ask) == ANSWER_STOP
+            own.folder.crl_path.write_bytes(crl)
+            own.revoke(plc1)
+            assert await threaded(first.cut)
+            assert await threaded(second.ask) == ANSWER_STOP
+            assert listening.servers[0].stats.refused[Refusal.CERTIFICATE_REVOKED] == 1
+            first.close()
+            second.close()
+
+    with caplog.at_level(logging.WARNING):
+        play(scene())
+    assert "127.0.0.1: its certificate was taken back (modbus.tls.crl) while it was connected" in caplog.text
+
+
+def test_a_certificate_that_expires_ends_its_connection(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    own, clock = Plant(tmp_path), LaterClock()
+    own.client("plc1")  # for 30 days
+    key = issue.new_key()
+    own.folder.add("plc2", issue.client(own.by, "plc2", "operator", key, NOW, 90), key)
+
+    async def scene() -> None:
+        async with gateway(own, Bay(), clock) as listening:
+            assert listening.tls is not None
+            first = await threaded(Standing, listening.tls, context_of(own, "plc1"))
+            second = await threaded(Standing, listening.tls, context_of(own, "plc2"))
+            for one in (first, second):
+                assert await threaded(one.ask) == ANSWER_STOP
+            clock.days.append(31)
+            assert await threaded(first.cut)
+            assert await threaded(second.ask) == ANSWER_STOP
+            assert listening.servers[0].stats.refused[Refusal.CERTIFICATE_EXPIRED] == 1
+            first.close()
+            second.close()
+
+    with caplog.at_level(logging.WARNING):
+        play(scene())
+    assert "127.0.0.1: its certificate has expired while it was connected" in caplog.text
 
 
 def test_any_bytes_at_any_moment_leave_the_server_well(plant: Plant) -> None:

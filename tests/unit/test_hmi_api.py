@@ -94,7 +94,8 @@ def test_thresholds_are_those_of_the_recipe_in_force() -> None:
     recipe = RecipeConfig.model_validate(
         {"id": 5, "name": "short truck", "fusion": {"radius_threshold_px": 140}, "guidance": {"aim_u_px": 320.0}}
     )
-    config = GatewayConfig(bays=(bay,), recipes=(recipe,), modbus=ModbusConfig(writes=True, plc_addresses=("10.0.0.9",)))
+    modbus = ModbusConfig(writes=True, plc_addresses=("10.0.0.9",))
+    config = GatewayConfig(bays=(bay,), recipes=(recipe,), modbus=modbus)
 
     async def scene() -> None:
         async with plant(config=config) as made:

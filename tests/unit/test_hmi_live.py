@@ -17,7 +17,13 @@ from tests.virtual_time import run
 class Page:
     """A page at the other end: it answers each text after `think_s`, or never."""
 
-    def __init__(self, query: str = "", think_s: float | None = 0.0, words: Sequence[str | bytes] = ()) -> None:
+    def __init__(
+        self,
+        query: str = "",
+        think_s: float | None = 0.0,
+        words: Sequence[str | bytes] = (),
+        address: str = "10.0.1.7",
+    ) -> None:
         self.sent: list[dict[str, Any]] = []
         self.closed: int | None = None
         self.at_s: list[float] = []
@@ -27,6 +33,7 @@ class Page:
         self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         self._inbox.put_nowait({"type": "websocket.connect"})
         scope = {"type": "websocket", "query_string": query.encode(), "headers": [], "path": "/api/live"}
+        scope |= {"client": (address, 40000)}
         self.socket = WebSocket(scope, self._receive, self._send)
 
     def leave(self) -> None:
@@ -134,6 +141,32 @@ def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> 
             assert [page.closed for page in pages] == [None, None, TOO_MANY]
             assert (stranger.closed, stranger.sent) == (UNKNOWN_BAY, [])
             assert live.counts.refused == 1
+
+    run(scene())
+
+
+def test_one_address_has_its_share_of_the_pages() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            live = Live(made.desk, views.driver_json, 64, 16)
+            greedy = [Page("bay=bay1", address="10.0.1.66") for _ in range(64)]
+            driver = Page("bay=bay1", address="10.0.1.8")
+            async with asyncio.TaskGroup() as group:
+                for page in (*greedy, driver):
+                    group.create_task(live.serve(page.socket))
+                await asyncio.sleep(1)
+                assert live.counts.open == 17
+                assert len(driver.sent) > 5
+                greedy[0].leave()
+                await asyncio.sleep(1)
+                again = Page("bay=bay1", address="10.0.1.66")
+                group.create_task(live.serve(again.socket))
+                await asyncio.sleep(1)
+                assert (again.closed, live.counts.open) == (None, 17)
+                for page in (*greedy, driver, again):
+                    page.leave()
+            assert [page.closed for page in greedy] == [None] * 16 + [TOO_MANY] * 48
+            assert (live.counts.refused, live.counts.open, len(live._open)) == (48, 0, 0)
 
     run(scene())
 

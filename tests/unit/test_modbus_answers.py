@@ -85,7 +85,6 @@ def _writes() -> Iterator[bytes]:
                 for read, read_count in [(0, 1), (79, 12), (0, 100), (0, 101), (99, 2), (0, 125), (0, 126), (0, 0)]:
                     yield pdu(23, read, read_count, address, count) + bytes([size]) + body
 
-
     bits = oracle.Bay([]).bits
     for address in [0, 3, *range(CONTROL - 3, bits + 3), 255, 65535]:
         for value in (0, 1, 0xFF00, 0xFF01, 0xFFFF):
@@ -167,7 +166,7 @@ def test_function_23_writes_nothing_where_it_can_not_read() -> None:
 
 
 def test_what_the_write_says_is_the_exception() -> None:
-    unit = Unit(lambda: WORDS, lambda address, words, peer, mask: ModbusException.ILLEGAL_VALUE)
+    unit = Unit(lambda: WORDS, lambda address, words, peer, mask=0: ModbusException.ILLEGAL_VALUE)
     assert answer(unit, pdu(6, 80, 7), ANYBODY) == b"\x86\x03"
 
 

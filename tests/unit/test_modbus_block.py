@@ -1,4 +1,4 @@
-"""Registers 60 to 68 and 80 to 95, and what a write to the first three of the block does."""
+"""Registers 60 to 68 and 80 to 96, and what a write to the first three of the block does."""
 
 from dataclasses import replace
 
@@ -33,6 +33,7 @@ from gateway.plc import (
     RecipeVerdict,
     ResetVerdict,
     Writer,
+    WriteVerdict,
 )
 
 S = 1_000_000_000
@@ -154,16 +155,15 @@ def test_bits_and_words_have_names() -> None:
 
 
 class Bay:
-    def __init__(self, *, dead: bool = False) -> None:
+    def __init__(self, verdict: WriteVerdict = WriteVerdict.TAKEN) -> None:
         self.taken: list[PlcWrite] = []
         self.refused: list[tuple[Writer, str]] = []
-        self._dead = dead
+        self._verdict = verdict
         self.write = writer(self._take, lambda who, why: self.refused.append((who, why)))
 
-    def _take(self, write: PlcWrite) -> bool:
-        if not self._dead:
-            self.taken.append(write)
-        return not self._dead
+    def _take(self, write: PlcWrite) -> WriteVerdict:
+        self.taken.append(write)
+        return self._verdict
 
 
 PEER = Peer("10.0.0.9", Access.WRITE, "operator", "plc1")
@@ -194,5 +194,41 @@ def test_the_rest_is_read_only_and_nothing_of_such_a_write_is_taken(address: int
     assert (bay.taken, bay.refused) == ([], [(WHO, f"register {first} is read only")])
 
 
-def test_a_write_to_a_bay_that_nobody_runs_fails() -> None:
-    assert Bay(dead=True).write(80, (1,), Peer("10.0.0.9")) is ModbusException.DEVICE_FAILURE
+@pytest.mark.parametrize(
+    ("verdict", "exception"),
+    [
+        (WriteVerdict.TAKEN, None),
+        (WriteVerdict.CONFLICT, ModbusException.SERVER_BUSY),
+        (WriteVerdict.UNDECIDED, ModbusException.DEVICE_FAILURE),
+    ],
+)
+def test_what_becomes_of_a_write(verdict: WriteVerdict, exception: ModbusException | None) -> None:
+    bay = Bay(verdict)
+    assert bay.write(80, (1,), PEER) is exception
+    assert bay.refused == [], "the bay itself tells of a conflict"
+
+
+@pytest.mark.parametrize("bit", range(16))
+def test_a_control_bit_without_a_meaning_is_refused_and_told(bit: int) -> None:
+    bay, known = Bay(), bit in set(Control)
+    assert bay.write(81, (1 << bit,), PEER) is (None if known else ModbusException.ILLEGAL_VALUE)
+    assert bay.refused == ([] if known else [(WHO, f"plc_control has no bit {bit}")])
+    assert len(bay.taken) == known
+
+
+def test_one_bit_without_a_meaning_refuses_the_whole_request() -> None:
+    bay = Bay()
+    assert bay.write(80, (5, 0x4003, 7), PEER) is ModbusException.ILLEGAL_VALUE
+    assert bay.taken == []
+
+
+def test_of_a_masked_write_only_the_bits_written_count() -> None:
+    bay = Bay()
+    assert bay.write(81, (0x4001,), PEER, 0x0003) is None
+    assert bay.write(81, (0x0001,), PEER) is None, "the others are written 0"
+    assert bay.write(81, (0x4001,), PEER, 0x4000) is ModbusException.ILLEGAL_VALUE
+    assert bay.taken == [PlcWrite(WHO, control=0x4001, mask=0x0003), PlcWrite(WHO, control=1)]
+
+
+def test_conflicts_are_counted_modulo_65536() -> None:
+    assert words(replace(STATE, plc=replace(STATE.plc, conflicts=0x1_0003)))[96] == 3

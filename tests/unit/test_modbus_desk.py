@@ -30,7 +30,7 @@ class Bench:
             raise self.image
         return self.image  # type: ignore[return-value]  # some tests hand in what is no image
 
-    def _write(self, address: int, words: Sequence[int], _: Peer, mask: int = 0xFFFF) -> ModbusException | None:
+    def _write(self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
         assert isinstance(self.image, tuple)
         self.image = (*self.image[:address], *words, *self.image[address + len(words) :])
         return None

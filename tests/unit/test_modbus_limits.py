@@ -70,6 +70,29 @@ def test_the_quietest_makes_room_when_it_is_quiet_enough() -> None:
     assert rules.judge(SCADA, crowd, 40.0 + QUIET_S).instead_of is crowd[1]
 
 
+def test_one_address_has_its_share_and_no_more() -> None:
+    rules = limits()  # the defaults: 64 connections, 16 of them for one address
+    there: list[Someone] = []
+    while rules.judge(STRANGER, there, 1.0) == Verdict():
+        there.append(Someone(STRANGER, active_s=1.0))
+    assert len(there) == 16
+    assert rules.judge(STRANGER, there, 1.0) == Verdict(Refusal.SHARE)
+    assert rules.judge(SCADA, there, 1.0) == Verdict(), "there is room for others"
+
+
+def test_the_quietest_of_the_same_address_makes_room_and_nobody_elses() -> None:
+    rules = limits(max_connections=8, connections_per_address=2)
+    crowd = [Someone(SCADA, active_s=1.0), Someone(STRANGER, active_s=9.0), Someone(STRANGER, active_s=8.0)]
+    assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S - 0.01) == Verdict(Refusal.SHARE)
+    assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S).instead_of is crowd[2]
+
+
+def test_a_plc_needs_no_share() -> None:
+    rules = limits(max_connections=8, connections_per_address=2, plc_addresses=(PLC,))
+    for there in range(7):
+        assert rules.judge(PLC, guests(PLC, there, is_plc=True), 1.0) == Verdict()
+
+
 def test_nobody_from_elsewhere_can_push_out_a_plc() -> None:
     rules = limits(max_connections=4, plc_connections=2, plc_addresses=("10.0.0.0/24",))
     crowd = [*guests(PLC, 4, is_plc=True)]
@@ -120,6 +143,7 @@ def test_addresses_as_the_kernel_gives_them(given: str, plain: str) -> None:
     [
         ({"allow": ["10.0.0.5/24"]}, 'modbus.allow.0 = "10.0.0.5/24": should be an address or a network'),
         ({"plc_addresses": ["plc1"]}, 'modbus.plc_addresses.0 = "plc1": should be an address or a network'),
+        ({"connections_per_address": 0}, "modbus.connections_per_address = 0: .*allowed: >= 1, <= 4096"),
         ({"max_connections": 0}, "modbus.max_connections = 0: .*allowed: >= 1, <= 4096"),
         (
             {"max_connections": 4, "plc_connections": 5, "plc_addresses": ["::1"]},

@@ -68,16 +68,16 @@ def test_a_second_master_flips_nothing() -> None:
     bay.wait(100)
     bay.write(A, 1, 0)
     bay.write(A, 2, RESET | ENABLE)  # what was latched by the start
-    flips, permit = 0, bay.state.permit
-    assert permit
+    flips, may_move = 0, bay.state.may_move
+    assert may_move
     for beat in range(80):
         bay.write(A, beat + 3, ENABLE)
-        flips += bay.state.permit != permit
-        permit = bay.state.permit
+        flips += bay.state.may_move != may_move
+        may_move = bay.state.may_move
         bay.wait(40)
         bay.write(B, beat + 7, 0)
-        flips += bay.state.permit != permit
-        permit = bay.state.permit
+        flips += bay.state.may_move != may_move
+        may_move = bay.state.may_move
         bay.wait(60)
     assert flips == 0
     assert bay.state.plc.conflicts == 80
@@ -89,7 +89,7 @@ def test_nobody_elses_heartbeat_keeps_a_dead_plc_alive() -> None:
     bay.wait(100)
     bay.write(A, 1, 0)
     bay.write(A, 2, RESET)
-    assert bay.state.permit
+    assert bay.state.may_move
     taken = []
     for beat in range(10):
         bay.wait(100)
@@ -97,7 +97,7 @@ def test_nobody_elses_heartbeat_keeps_a_dead_plc_alive() -> None:
         assert bay.state.plc.link is PlcLink.ALIVE
     assert not any(taken)
     bay.wait(20)
-    assert (bay.state.plc.link, bay.state.permit, bay.state.reason) == (PlcLink.LOST, False, Reason.PLC_LOST)
+    assert (bay.state.plc.link, bay.state.may_move, bay.state.reason) == (PlcLink.LOST, False, Reason.PLC_LOST)
     assert bay.write(B, 200), "and now another may write"
     assert bay.state.plc.owner == B
 
@@ -167,13 +167,13 @@ def test_the_next_one_finds_nothing_of_the_one_before() -> None:
     plc = bay.state.plc
     assert (plc.owner, plc.link, plc.control, plc.truck_left) == (B, PlcLink.ALIVE, 0, False)
     assert (plc.phase, plc.result, plc.trigger_ack) == (Phase.READY, None, False)
-    assert not bay.state.permit, "enable was the other one's"
+    assert not bay.state.may_move, "enable was the other one's"
     bay.write(B, 3, RESET | TRIGGER)
     assert bay.state.memory.latched, "its first word on the bits says how they stand, and makes no edges"
     assert bay.state.plc.acquisition == 1
     bay.write(B, 4, 0)
     bay.write(B, 5, RESET | ENABLE)
-    assert bay.state.permit
+    assert bay.state.may_move
 
 
 def test_a_measurement_of_one_without_a_heartbeat_ends_with_its_ownership() -> None:
@@ -194,7 +194,8 @@ def test_a_truck_that_left_for_one_has_not_left_for_the_next() -> None:
     bay.see(200.0)  # in place: the latch stays
     bay.write(A, control=TRUCK)
     bay.write(A, control=0)
-    assert bay.state.plc.truck_left
+    left = bay.state.plc
+    assert left.truck_left
     bay.step(PlcConnection(A, open=False))
     bay.now_ns += 1001 * MS
     bay.write(B, control=0)
@@ -209,9 +210,10 @@ def test_the_one_that_comes_back_before_another_took_over_goes_on() -> None:
     bay.write(A, 1, 0)
     bay.write(A, 2, RESET | ENABLE)
     bay.wait(1200)
-    assert not bay.state.permit
+    lost = bay.state
+    assert not lost.may_move
     assert bay.write(A, 3)
-    assert bay.state.permit
+    assert bay.state.may_move
     assert not bay.write(B, 9)
 
 

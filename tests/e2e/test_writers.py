@@ -1,0 +1,220 @@
+"""Who may write, on plain TCP over real sockets: plc_addresses, one of them at a time."""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from pymodbus.client import AsyncModbusTcpClient
+
+from gateway import loop
+from gateway.bay import BayControl
+from gateway.clock import SystemClock
+from gateway.config import parse
+from gateway.hub import Hub
+from gateway.modbus.answers import Unit
+from gateway.modbus.bits import coil_of
+from gateway.modbus.registers import BLOCK_WORDS, decode
+from gateway.modbus.service import serving
+from gateway.modbus.showing import image_of
+from gateway.modbus.writes import writer, writer_of
+from gateway.model import Circle, EventKind, Quality, RangeReading, VisionReading
+from gateway.plc import Control, PlcConnection
+from tests.e2e.plc import Plc
+from tests.e2e.processes import Gateway
+
+PLC, SECOND, STRANGER = "127.0.0.1", "127.0.0.2", "127.0.0.99"
+CONTROL = coil_of("plc_control", 0)
+BUSY, ILLEGAL_FUNCTION = 6, 1
+
+
+class Yard:
+    """A bay that ticks and sees a truck 900 mm away, served on plain TCP."""
+
+    def __init__(self, **handshake: Any) -> None:
+        modbus = {"port": 0, "writes": True, "plc_addresses": [PLC, SECOND], "handshake": handshake}
+        # Long periods: on a machine that stands still for a moment the bay is not dead, and answers 06 rather than 04.
+        fusion = {"vision_deadline_s": 10.0, "range_deadline_s": 10.0, "period_s": 1.0}
+        self.config = parse({"modbus": modbus, "fusion": fusion})
+        self.clock = SystemClock()
+        self.hub = Hub(["bay1"])
+        self.events = self.hub.subscribe()
+        self.bay = BayControl(self.config.bays[0], self.hub, self.clock, (), self.config)
+
+    async def _look(self) -> None:
+        while True:
+            now_ns = self.clock.now_ns()
+            self.bay.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200.0)))
+            self.bay.on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
+            await asyncio.sleep(0.05)
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[int]:
+        """The port."""
+        unit = Unit(
+            image_of(self.bay, "big", self.clock),
+            writer(self.bay.on_write, self.bay.on_refused),
+            refused=lambda peer, why: self.bay.on_refused(writer_of(peer), why),
+            connection=lambda peer, here: self.bay.on_connection(PlcConnection(writer_of(peer), here)),
+        )
+        async with serving(self.config.modbus, {1: unit}, self.clock) as bound, asyncio.TaskGroup() as group:
+            tasks = [group.create_task(self.bay.run()), group.create_task(self._look())]
+            assert bound.plain is not None
+            yield bound.plain
+            for task in tasks:
+                task.cancel()
+
+    def refused(self) -> list[str]:
+        return [event.detail for event in self.events.drain() if event.kind is EventKind.WRITE_REFUSED]
+
+
+@asynccontextmanager
+async def client(port: int, source: str) -> AsyncIterator[AsyncModbusTcpClient]:
+    made = AsyncModbusTcpClient("127.0.0.1", port=port, source_address=(source, 0), retries=0)
+    assert await made.connect()
+    yield made
+    made.close()
+
+
+async def image(asked: AsyncModbusTcpClient) -> dict[str, Any]:
+    return decode((await asked.read_holding_registers(0, count=BLOCK_WORDS)).registers)
+
+
+async def until(wanted: Callable[[], Coroutine[Any, Any, bool]]) -> None:
+    for _ in range(1000):
+        if await wanted():
+            return
+        await asyncio.sleep(0.02)
+    raise TimeoutError
+
+
+def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> None:
+    yard = Yard()
+
+    async def scene() -> None:
+        async with yard.open() as port, client(port, STRANGER) as stranger:
+            assert (await image(stranger))["map_version"] == 3
+            tries = [
+                await stranger.write_register(80, 1),
+                await stranger.write_registers(80, [1, 2, 3]),
+                await stranger.write_coil(CONTROL + Control.RESET, True),
+                await stranger.write_coils(CONTROL, [True] * 3),
+                await stranger.mask_write_register(address=81, and_mask=0, or_mask=4),
+                await stranger.readwrite_registers(read_address=0, read_count=1, write_address=80, values=[1]),
+            ]
+            assert [told.exception_code for told in tries] == [ILLEGAL_FUNCTION] * 6
+            seen = await image(stranger)
+            assert (seen["plc_heartbeat"], seen["plc_control"], seen["plc_writes"]) == (0, 0, 0)
+
+    loop.run(scene())
+    why = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles say who may)"
+    assert yard.refused() == [f"{STRANGER}: {why}"] * 6
+
+
+def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -> None:
+    yard = Yard(heartbeat_deadline_s=20.0, enable_required=True)
+
+    async def scene() -> None:
+        async with yard.open() as port, client(port, PLC) as first, client(port, SECOND) as second:
+            assert not (await first.write_registers(80, [1, 1, 0])).isError()
+            await until(lambda: _has(first, "may_move", 1))
+            flips = 0
+            for beat in range(40):
+                tries = [
+                    await second.write_registers(80, [100 + beat, 0, 0]),
+                    await second.write_coil(CONTROL + Control.ENABLE, False),
+                    await second.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0),
+                ]
+                assert [told.exception_code for told in tries] == [BUSY] * 3
+                flips += (await image(second))["may_move"] != 1
+                assert not (await first.write_registers(80, [2 + beat, 1])).isError()
+            assert flips == 0
+            seen = await image(second)
+            assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (120, 1, 41)
+
+    loop.run(scene())
+    assert f"{SECOND}: {PLC} owns the handshake block until its heartbeat is lost" in yard.refused()
+
+
+async def _has(asked: AsyncModbusTcpClient, register: str, value: float) -> bool:
+    return bool((await image(asked))[register] == value)
+
+
+def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused() -> None:
+    yard = Yard(heartbeat_required=False)
+
+    async def scene() -> None:
+        async with yard.open() as port, client(port, PLC) as plc:
+            assert not (await plc.write_coil(CONTROL + Control.TRUCK_PRESENT, True)).isError()
+            assert not (await plc.write_coils(CONTROL, [True, True, False])).isError()
+            assert (await image(plc))["plc_control"] == 0b11
+            assert (await plc.read_coils(CONTROL, count=3)).bits[:3] == [True, True, False]
+            assert not (await plc.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0)).isError()
+            assert (await image(plc))["plc_control"] == 0b10
+            assert (await plc.write_coil(CONTROL + 15, True)).exception_code == 3
+            assert (await plc.write_register(81, 0x8001)).exception_code == 3
+            assert (await plc.write_coil(0, False)).exception_code == 2
+            assert (await plc.write_register(81, 1, device_id=0)).exception_code == 0x0B
+            assert (await image(plc))["plc_control"] == 0b10
+
+    loop.run(scene())
+    assert yard.refused() == [
+        f"{PLC}: plc_control has no bit 15",
+        f"{PLC}: plc_control has no bit 15",
+        f"{PLC}: register 3 is read only",
+        f"{PLC}: write single register: nothing is written under unit id 0",
+    ]
+
+
+def test_without_a_heartbeat_another_writes_once_the_owner_has_gone() -> None:
+    yard = Yard(heartbeat_required=False, heartbeat_deadline_s=0.2)
+
+    async def scene() -> None:
+        async with yard.open() as port, client(port, SECOND) as second:
+            async with client(port, PLC) as first, client(port, PLC):
+                assert not (await first.write_register(81, 1)).isError()
+                await asyncio.sleep(0.5)  # longer than heartbeat_deadline_s
+                first.close()
+                await asyncio.sleep(0.5)
+                assert (await second.write_register(81, 2)).exception_code == BUSY, "it is still connected"
+            await until(lambda: _taken(second))
+            assert (await image(second))["plc_control"] == 2
+
+    loop.run(scene())
+
+
+async def _taken(asked: AsyncModbusTcpClient) -> bool:
+    return not (await asked.write_register(81, 2)).isError()
+
+
+SETTINGS = """
+instance = "writers-{pid}"
+[modbus]
+port = 0
+writes = true
+plc_addresses = ["127.0.0.1"]
+[modbus.handshake]
+heartbeat_deadline_s = 30.0
+"""
+
+
+def test_a_simulated_gateway_with_writes_on(tmp_path: Path) -> None:
+    (tmp_path / "settings.toml").write_text(SETTINGS.format(pid=os.getpid()))
+    with (
+        Gateway(
+            *("simulate", "--config", str(tmp_path / "settings.toml"), "--modbus-port", "0", "--json", "--no-hmi")
+        ) as gateway,
+        Plc(port := gateway.started()["modbus_port"]) as plc,
+    ):
+
+        async def write(source: str, words: list[int]) -> int:
+            async with client(port, source) as master:
+                told = await master.write_registers(80, words)
+                return told.exception_code if told.isError() else 0
+
+        assert loop.run(write(PLC, [7, 1])) == 0
+        plc.wait_for(lambda seen: (seen["plc_heartbeat"], seen["plc_control"]) == (7, 1))
+        assert loop.run(write(SECOND, [8, 0])) == ILLEGAL_FUNCTION
+        assert plc.wait_for(lambda seen: seen["plc_age"] > 0).image["plc_control"] == 1
