@@ -44,7 +44,7 @@ class TlsConfig(Section):
     write_roles: tuple[str, ...] = Field(("operator",), description="roles that may read and write")
     handshake_deadline_s: float = Field(5.0, ge=0.5, le=60, description="a TLS handshake may take so long")
     handshakes_per_address: int = Field(
-        5,
+        8,
         ge=1,
         le=16,
         description="TLS handshakes that one address may have unfinished, and begin within 4 s; not for plc_addresses",

@@ -105,6 +105,22 @@ def test_the_log_has_one_line_of_a_kind_and_now_and_then_all_the_counters(
         serve(use, allow=["127.0.0.3"])
 
 
+def test_one_address_can_not_take_all_connections(serve: Callable[..., None]) -> None:
+    """With the defaults: a stranger opens as many as there are, and others still come in."""
+
+    async def use(server: ModbusServer) -> None:
+        with ExitStack() as crowd:
+            for _ in range(64):
+                crowd.enter_context(connected(server, "127.0.0.66"))
+            await until(lambda: server.stats.refused[Refusal.SHARE] == 48)
+            assert server.stats.open == 16
+            others = [crowd.enter_context(connected(server, f"127.0.0.{n}")) for n in range(70, 80)]
+            assert all([await in_thread(poll, raw) for raw in others])
+        assert server.stats.refused == {Refusal.SHARE: 48}
+
+    serve(use)
+
+
 def test_the_cap_keeps_room_for_the_plc(serve: Callable[..., None]) -> None:
     async def use(server: ModbusServer) -> None:
         with ExitStack() as crowd:
@@ -265,4 +281,5 @@ def test_a_plc_polls_on_among_all_of_them(serve: Callable[..., None]) -> None:
                 finally:
                     ended = True
 
-    serve(use, max_connections=24, plc_connections=2, plc_addresses=[PLC], frame_timeout_s=0.2, send_timeout_s=0.2)
+    keys = {"max_connections": 24, "connections_per_address": 24, "plc_connections": 2, "plc_addresses": [PLC]}
+    serve(use, frame_timeout_s=0.2, send_timeout_s=0.2, **keys)

@@ -22,6 +22,7 @@ from gateway.config import ModbusConfig
 from gateway.errors import ConfigError, LinkError
 from gateway.modbus import identity
 from gateway.modbus.answers import Unit
+from gateway.modbus.bits import BLOCK_BITS
 from gateway.modbus.registers import BLOCK_WORDS, decode, encode
 from gateway.modbus.server import CLOSE_TIMEOUT_S, ModbusServer
 from gateway.modbus.words import WordOrder
@@ -246,7 +247,7 @@ def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pyt
         (9, "2B 0E 01 00", "AB 0B"),
         (1, "01 0000 0001", "01 01 01"),  # bits of the status word, 0x03EB here
         (1, "02 0000 0010", "02 02 EB 03"),
-        (1, "02 0001 0010", "82 02"),
+        (1, f"02 {BLOCK_BITS - 1:04X} 0002", "82 02"),
         (1, "01 0000 0000", "81 03"),
         (1, "01 0000 07D1", "81 03"),
         (1, "05 0000 FF00", "85 01"),  # writes, all of them
@@ -258,7 +259,9 @@ def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pyt
         (1, "07", "87 01"),  # what pymodbus would make up an answer to
         (1, "08 0000 1234", "88 01"),
         (1, "0B", "8B 01"),
-        (1, "11", "91 01"),
+        (1, "11", f"11 1B 01 FF {f'plc-loading-gateway {__version__}'.encode().hex()}"),
+        (1, "11 00", "91 03"),
+        (0, "06 0050 0001", "86 0B"),  # nothing is written to everybody
         (1, "14 07 06 0001 0000 0001", "94 01"),
         (1, "18 0000", "98 01"),
         (1, "41 00", "C1 01"),  # what it does not know
@@ -268,7 +271,7 @@ def test_answers_and_refusals_byte_for_byte(unit: int, pdu: str, answer: str) ->
     async def main() -> None:
         async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
             assert await ask(server, unit, bytes.fromhex(pdu)) == bytes.fromhex(answer)
-            assert server.stats.exceptions == int(answer[0] != "0")
+            assert server.stats.exceptions == (int(answer[:2], 16) >= 0x80)
 
     run(main())
 

@@ -90,7 +90,7 @@ def test_text_and_markdown_show_every_register_code_and_reserved_place(capsys: p
             assert row["name"] in shown
             assert row["meaning"] in shown
         assert "reserved, reads 0: to be decided" in shown
-        assert "96-98" in shown
+        assert "97-98" in shown
         for meaning in (*REASON_MEANING.values(), *QUALITY_MEANING.values()):
             assert meaning in shown
         assert max(len(line) for line in shown.splitlines()) < 160
