@@ -98,8 +98,7 @@ def test_who_takes_over_is_told() -> None:
     bench, other = Bench(), Writer("10.0.0.8")
     bench.bay.on_write(PlcWrite(WHO, 1, 3))
     bench.clock.t_ns += 1001 * MS
-    bench.see(900.0)
-    bench.bay._ticked_ns = bench.clock.t_ns
+    bench.bay._step(Tick())
     bench.told()
     assert bench.bay.on_write(PlcWrite(other, 1)) is WriteVerdict.TAKEN
     assert bench.told() == [

@@ -26,7 +26,13 @@ def rules(**handshake: Any) -> Rules:
     config = parse(
         {
             "modbus": modbus,
-            "fusion": {"vision_deadline_s": 5.0, "range_deadline_s": 5.0, "latch_stop": True},
+            "fusion": {
+                "vision_deadline_s": 5.0,
+                "range_deadline_s": 5.0,
+                "latch_stop": True,
+                "decision": "plain",
+                "recovery_s": 0.0,
+            },
             "recipes": [{"id": 7, "name": "small"}],
         }
     )
