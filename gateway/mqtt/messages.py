@@ -173,6 +173,7 @@ class PlcPayload(BaseModel):
     acquisition_id: Count = Field(description="number of the newest trigger taken; 0: none")
     results_valid: bool = Field(description="the result of acquisition_id is held for the PLC")
     writes: Count = Field(description="writes taken since the start of the gateway")
+    write_conflicts: Count = Field(description="writes refused since then because another PLC owns the block")
 
 
 class StatePayload(Measured):

@@ -231,6 +231,7 @@ def _plc(state: StateVector) -> PlcPayload:
         acquisition_id=plc.acquisition,
         results_valid=plc.phase is Phase.VALID,
         writes=plc.writes,
+        write_conflicts=plc.conflicts,
     )
 
 

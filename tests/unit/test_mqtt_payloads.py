@@ -131,6 +131,7 @@ def test_a_good_state() -> None:
             "acquisition_id": 0,
             "results_valid": False,
             "writes": 0,
+            "write_conflicts": 0,
         },
         "rates": {"vision_hz": 29.99, "range_hz": 19.5, "vision_latency_ms": 11.43},
         "counters": {

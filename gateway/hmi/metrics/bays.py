@@ -133,4 +133,5 @@ BAYS: tuple[Family, ...] = (
     _counter("range_rejected", "readings held back by the glitch gate", lambda s: s.range.stats.rejected),
     _counter("ranger_reopens", "ranger opened again", lambda s: s.range.stats.reopens),
     _counter("plc_writes", "writes of the PLC that were taken", lambda s: s.plc.writes),
+    _counter("plc_write_conflicts", "writes refused because another PLC owns the block", lambda s: s.plc.conflicts),
 )  # fmt: skip

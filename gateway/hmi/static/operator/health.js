@@ -78,7 +78,7 @@ export function Health({ state, links }) {
         facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)]]} />
       <${Part} name="PLC"
         sign=${state ? html`<${Sign} state=${plcHealth(state)} text=${{ UNUSED: 'reads only', WAITING: 'no heartbeat yet', ALIVE: 'heartbeat alive', LOST: 'heartbeat lost' }[state.plc.link] ?? words(state.plc.link)} />` : unknown}
-        facts=${[['heartbeat', state?.plc.age_ms == null ? NONE : age(state.plc.age_ms)], ['recipe', count(state?.plc.recipe)], ['writes', count(state?.plc.writes)]]} />
+        facts=${[['heartbeat', state?.plc.age_ms == null ? NONE : age(state.plc.age_ms)], ['recipe', count(state?.plc.recipe)], ['writes', count(state?.plc.writes)], ['conflicts', count(state?.plc.write_conflicts)]]} />
       <${Part} name="Modbus" detail=${reads.detail} sign=${html`<${Sign} state=${reads.state} text=${reads.text} />`} facts=${reads.facts} />
       <${Part} name="Broker" detail=${mqtt.detail} sign=${html`<${Sign} state=${mqtt.state} text=${mqtt.text} />`} facts=${mqtt.facts} />
       <${Part} name="Gateway" detail=${gateway.detail} sign=${html`<${Sign} state=${gateway.state} text=${gateway.text} />`} facts=${gateway.facts} />
