@@ -1,5 +1,6 @@
 """A plant's certificates for the tests, good and bad ones."""
 
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -7,10 +8,28 @@ from cryptography import x509
 
 from gateway.certs import issue
 from gateway.certs.folder import Folder
+from gateway.clock import SystemClock
 from gateway.config import TlsConfig
 
 NOW = datetime.now(UTC)
 DAYS = 30
+
+
+@dataclass(frozen=True)
+class LaterClock(SystemClock):
+    """Put forward by the sum of `days`, to which a test appends."""
+
+    days: list[float] = field(default_factory=list)
+
+    def now_ns(self) -> int:
+        return SystemClock.now_ns(self) + self._ahead_ns
+
+    def wall_ns(self) -> int:
+        return SystemClock.wall_ns(self) + self._ahead_ns
+
+    @property
+    def _ahead_ns(self) -> int:
+        return round(sum(self.days) * 24 * 3600 * 1e9)
 
 
 class Plant:

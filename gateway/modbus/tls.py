@@ -16,7 +16,7 @@ from cryptography.x509.oid import NameOID
 from gateway.certs import pair
 from gateway.certs.role import role_of
 from gateway.certs.standing import Serial, revoked, standing
-from gateway.clock import Clock
+from gateway.clock import NS_PER_S, Clock
 from gateway.config import TlsConfig
 from gateway.errors import ConfigError
 from gateway.modbus.answers import Access, Peer
@@ -27,7 +27,8 @@ log = logging.getLogger(__name__)
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
 MAX_SHOWN = 200  # characters of a subject or a role
 LOOK_NS = 1_000_000_000  # between two looks at the files, at most so often
-WARN_NS = 24 * 3600 * 1_000_000_000  # a gateway runs for years
+DAY_NS = 24 * 3600 * NS_PER_S
+WARN_NS = DAY_NS  # a gateway runs for years
 
 
 def server_context(config: TlsConfig) -> ssl.SSLContext:
@@ -84,6 +85,7 @@ class Contexts:
         self._context, self._revoked = server_context(config), _revoked(config)
         self._files = (config.cert, config.key, config.ca, config.crl)
         self._stamps = pair.stamps(*self._files)
+        self._clients_warned_ns: dict[Serial, int] = {}  # of those that the authority has signed
         self._looked_ns = self._warned_ns = clock.now_ns()
         self._warn()
 
@@ -102,8 +104,11 @@ class Contexts:
         if peer.certificate is None:
             return None
         self.current()
-        if self._clock.wall_ns() > peer.certificate.until_ns:
+        left_ns = peer.certificate.until_ns - self._clock.wall_ns()
+        if left_ns < 0:
             return Refusal.CERTIFICATE_EXPIRED
+        if left_ns < pair.WARN_DAYS * DAY_NS:
+            self._warn_of(peer, peer.certificate.serial, left_ns // DAY_NS)
         return Refusal.CERTIFICATE_REVOKED if peer.certificate.serial in self._revoked else None
 
     def _renew(self) -> None:
@@ -117,6 +122,15 @@ class Contexts:
             log.error("%s; the files read before stay in force", error)
         else:
             log.info("modbus: the files of [modbus.tls] were read anew")
+
+    def _warn_of(self, peer: Peer, serial: Serial, days: int) -> None:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._clients_warned_ns.get(serial, -WARN_NS) >= WARN_NS:
+            self._clients_warned_ns[serial] = now_ns
+            log.warning(
+                "modbus: %s: its certificate (%s) expires in %d days, which ends its connection; renew it",
+                peer.address, peer.subject, days,
+            )  # fmt: skip
 
     def _warn(self) -> None:
         try:

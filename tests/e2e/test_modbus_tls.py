@@ -8,7 +8,6 @@ import ssl
 import struct
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ from gateway.modbus.limits import Refusal
 from gateway.modbus.porch import PLC_AT_ONCE
 from gateway.modbus.registers import BLOCK_WORDS
 from gateway.modbus.service import Listening, serving
-from tests.plant_certs import LONG_AGO, NOW, Plant
+from tests.plant_certs import LONG_AGO, NOW, LaterClock, Plant
 
 COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))
 READ_STOP = bytes((3,)) + struct.pack(">HH", 4, 1)
@@ -85,16 +84,6 @@ class Bay:
     def write(self, address: int, words: Any, peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
         self.written.append((address, tuple(words), peer))
         return None
-
-
-@dataclass(frozen=True)
-class LaterClock(SystemClock):
-    """Its wall time can be put forward, by the sum of `days`."""
-
-    days: list[int] = field(default_factory=list)
-
-    def wall_ns(self) -> int:
-        return SystemClock.wall_ns(self) + sum(self.days) * 24 * 3600 * 10**9
 
 
 @asynccontextmanager

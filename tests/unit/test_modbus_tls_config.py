@@ -9,14 +9,16 @@ import pytest
 
 from gateway import app
 from gateway.certs import issue, pair
+from gateway.certs.standing import revoked, standing
 from gateway.cli.main import main
 from gateway.clock import SystemClock
 from gateway.config import ModbusConfig, load, parse
 from gateway.errors import ConfigError
 from gateway.modbus import tls
-from gateway.modbus.answers import Access
+from gateway.modbus.answers import Access, Peer
+from gateway.modbus.limits import Refusal
 from gateway.modbus.service import serving
-from tests.plant_certs import NOW, Plant
+from tests.plant_certs import NOW, LaterClock, Plant
 
 NS = 1_000_000_000
 
@@ -140,6 +142,41 @@ def test_roles(plant: Plant) -> None:
         "": Access.NONE,
         None: Access.NONE,
     }
+
+
+def test_a_certificate_in_use_is_looked_at_for_as_long_as_it_is_used(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    own, clock = Plant(tmp_path), LaterClock()
+    days = clock.days
+    first, second = own.client("plc1"), own.client("plc2")  # for 30 days
+    files = tls.Contexts(own.config(), clock)
+    one, other = (Peer("10.0.0.9", certificate=standing(certificate)) for certificate in (first, second))
+    days.append(1.5)
+    for _ in range(1000):
+        assert files.ended(one) is files.ended(other) is files.ended(Peer("10.0.0.8")) is None
+    assert caplog.text.count("10.0.0.9: its certificate () expires in 28 days, which ends its connection") == 2
+    own.revoke(first)
+    days.append(0.001)
+    assert (files.ended(one), files.ended(other)) == (Refusal.CERTIFICATE_REVOKED, None)
+    own.folder.crl_path.write_text("nonsense")
+    days.append(0.001)
+    assert (files.ended(one), files.ended(other)) == (Refusal.CERTIFICATE_REVOKED, None), "as it was read before"
+    days.append(28.4)
+    assert files.ended(other) is None
+    days.append(0.1)
+    assert files.ended(other) is Refusal.CERTIFICATE_EXPIRED
+
+
+def test_lists_of_several_authorities_in_one_file(tmp_path: Path) -> None:
+    plants = [Plant(tmp_path / "a"), Plant(tmp_path / "b")]
+    taken = [plant.client("plc1") for plant in plants]
+    for plant, certificate in zip(plants, taken, strict=True):
+        plant.revoke(certificate)
+    both = b"# two lists\n" + b"".join(plant.folder.crl_path.read_bytes() for plant in plants)
+    assert {serial for _, serial in revoked(both)} == {certificate.serial_number for certificate in taken}
+    with pytest.raises(ValueError, match=r"."):
+        revoked(b"-----BEGIN X509 CRL-----\nnonsense\n-----END X509 CRL-----\n")
 
 
 def test_gateway_check_says_what_would_be_served(
