@@ -182,6 +182,16 @@ def test_the_next_one_finds_nothing_of_the_one_before() -> None:
     assert bay.state.may_move
 
 
+def test_the_very_first_write_of_the_next_one_makes_no_edge() -> None:
+    bay = Bay()
+    bay.wait(100)
+    bay.write(A, 1, 0)
+    bay.wait(1200)
+    assert bay.write(B, 1, RESET | TRIGGER)
+    assert bay.state.memory.latched
+    assert (bay.state.plc.reset_verdict, bay.state.plc.acquisition) == (ResetVerdict.NONE, 0)
+
+
 def test_a_measurement_of_one_without_a_heartbeat_ends_with_its_ownership() -> None:
     bay = Bay(heartbeat_required=False, trigger_timeout_s=60)
     bay.write(A, control=0)
@@ -258,6 +268,8 @@ def test_without_a_required_heartbeat_it_is_the_owners_while_it_is_connected() -
     bay.step(PlcConnection(A, open=False))
     assert bay.write(B, control=0)
     assert bay.state.plc.control == 0
+    bay.now_ns += 3600 * S
+    assert not bay.write(A, control=1), "and now it is the other one's, while that is connected"
 
 
 def test_without_a_required_heartbeat_one_that_connects_for_every_write_keeps_it_for_a_while() -> None:
