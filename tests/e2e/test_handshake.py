@@ -131,6 +131,7 @@ class Yard:
                     "handshake": {"heartbeat_deadline_s": 20.0, "trigger_timeout_s": 20.0},
                 },
                 "fusion": {
+                    "decision": "plain",
                     "latch_stop": True,
                     "latch_leave_s": 0.0,
                     "vision_deadline_s": 5.0,

@@ -15,7 +15,7 @@ from gateway.hmi.api import MAX_NUMBER
 from gateway.hmi.guard.access import Level
 from gateway.hmi.guard.visitor import Visitor
 from gateway.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
-from gateway.plc import PlcWrite, Writer
+from gateway.plc import PlcWrite, Writer, WriteVerdict
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_programs import Said, caller
 from tests.virtual_time import run
@@ -100,7 +100,8 @@ def test_thresholds_are_those_of_the_recipe_in_force() -> None:
     async def scene() -> None:
         async with plant(config=config) as made:
             before = fits(await caller(made).get("/api/bays/bay1/state"), "BayView")
-            assert made.controls["bay1"].on_write(PlcWrite(Writer("10.0.0.1"), recipe=5))
+            verdict = made.controls["bay1"].on_write(PlcWrite(Writer("10.0.0.1"), recipe=5))
+            assert verdict is WriteVerdict.TAKEN
             await asyncio.sleep(2)
             after = fits(await caller(made).get("/api/bays/bay1/state"), "BayView")
             told = [(b["thresholds"]["radius_threshold_px"], b["aim"]["u_px"]) for b in (before, after)]
