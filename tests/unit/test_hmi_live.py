@@ -185,7 +185,7 @@ def test_a_page_that_talks_too_much_is_closed() -> None:
 def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_raised(render: Render) -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, render, 4), Page("bay=bay1", words=["next", b"next"])
+            live, page = Live(made.desk, render, 4, 4), Page("bay=bay1", words=["next", b"next"])
             await live.serve(page.socket)
             assert (page.closed, len(page.sent), live.counts.open) == (BAD_ANSWER, 2, 0)
 
@@ -196,7 +196,7 @@ def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_raised
 def test_a_page_that_goes_while_it_is_told_something_is_no_fault(gone_at: str) -> None:
     async def scene() -> None:
         async with plant() as made:
-            live = Live(made.desk, views.live_json, 4)
+            live = Live(made.desk, views.live_json, 4, 4)
             for page in (Page("bay=bay1", think_s=None), Page("bay=bay9"), Page("bay=bay1", words=[b""])):
                 page.gone_at = (gone_at,)
                 await live.serve(page.socket)
