@@ -89,6 +89,8 @@ loop = true
 port = "{port}"
 [vision]
 min_area_px2 = 200.0
+[fusion]  # the film shows a marker that stands, whatever the ranger says
+decision = "plain"
 """)
     return path
 
