@@ -73,11 +73,13 @@ RANGE_REASON: dict[Quality, Reason] = {
 _REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED: 2}
 
 
-def step(state: StateVector, observation: Observation, now_ns: int, config: FusionConfig) -> StateVector:
+def step(
+    state: StateVector, observation: Observation, now_ns: int, config: FusionConfig, *, valid_until_ns: int = 0
+) -> StateVector:
     """The next state after `observation`, as of `now_ns` (monotonic, the clock that stamped the observations).
 
-    Readings older than the one held are ignored but for their counters; damaged ones (GOOD without a finite value)
-    become a fault. Never raises on any observation.
+    `valid_until_ns`: of the new state (gateway/shown.py). Readings older than the one held are ignored but for their
+    counters; damaged ones (GOOD without a finite value) become a fault. Never raises on any observation.
     """
     vision, rng = state.vision, state.range
     match observation:
@@ -132,7 +134,7 @@ def step(state: StateVector, observation: Observation, now_ns: int, config: Fusi
         guidance=state.guidance,
         function_check=state.function_check,
         visit=state.visit,
-        valid_until_ns=state.valid_until_ns,
+        valid_until_ns=valid_until_ns,
     )
 
 

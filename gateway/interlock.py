@@ -104,13 +104,12 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     before = plc
     if isinstance(observation, FunctionCheck):
         state = replace(state, function_check=observation)
-    if isinstance(observation, Tick):
-        state = replace(state, valid_until_ns=now_ns + rules.dead_after_ns)
     if write is not None and write.recipe is not None:
         asked = handshake.merged(plc.recipe_asked, write.recipe, write.mask)
         plc = handshake.select(plc, asked, state, rules.recipes)
     recipe = rules.recipes[plc.recipe]
-    fused = fusion.step(state, observation, now_ns, recipe.fusion)
+    until_ns = now_ns + rules.dead_after_ns if isinstance(observation, Tick) else state.valid_until_ns
+    fused = fusion.step(state, observation, now_ns, recipe.fusion, valid_until_ns=until_ns)
     if rules.handshake is not None:
         plc = handshake.step(plc, write, fused, rules.handshake)
 
@@ -137,7 +136,12 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
     may_move = (fused.may_move or released) and not stop and allowed and not working
     reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe)
-    decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc, visit=stay)
+    # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
+    same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
+    if same and memory is fused.memory and plc is fused.plc and stay is fused.visit:
+        decided = fused
+    else:
+        decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc, visit=stay)
     told = guidance.advise(
         decided,
         recipe.fusion,

@@ -243,6 +243,17 @@ def test_a_broken_or_doubtful_sensor_proves_no_absence(vision: Quality, rng: Qua
         assert bay.state.memory.latched
 
 
+@pytest.mark.parametrize(("distance_mm", "left"), [(310.0, False), (999.0, False), (1001.0, True)])
+def test_a_truck_that_settled_beyond_the_threshold_behind_dust_has_not_left(distance_mm: float, left: bool) -> None:
+    """It rolled back from 290 to 310 mm, and the marker is hidden for longer than latch_leave_s."""
+    bay = Bay(rules(latch_stop=True, latch_leave_s=5.0))
+    bay.see(290.0)
+    for _ in range(270):  # 5.4 s
+        bay.now_ns += 19 * MS
+        bay.step(VisionReading(bay.now_ns, Quality.NO_TARGET), RangeReading(bay.now_ns, Quality.GOOD, distance_mm))
+    assert bay.state.memory.latched is not left
+
+
 def test_a_marker_hidden_from_the_camera_alone_is_no_absence() -> None:
     bay = Bay(rules(latch_stop=True, latch_leave_s=0.1))
     for _ in range(50):
