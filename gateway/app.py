@@ -40,6 +40,7 @@ from gateway.mqtt.topics import Topics
 from gateway.plc import PlcConnection
 from gateway.ranger.port import check_url
 from gateway.ranger.service import RangerService
+from gateway.remembered import BayFiles
 from gateway.shared_state import SharedStateWriter
 from gateway.strict.faults import at
 from gateway.supervisor import Supervisor, Task
@@ -146,9 +147,13 @@ async def run(
         voices = _voices(config, clock, parts, shared)
         backoff = config.mqtt.reconnect if config.mqtt is not None else Reconnect()
         tasks = [*companions(hub), *(Task(name, voice.deliver, backoff) for name, voice in voices)]
+        vectors = {bay.name: shared.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays}
+        # Read now: with the vectors in hand, no earlier gateway of this name can write its last any more.
+        files = parts.bay_files = BayFiles.read(config, clock)
+        tasks.append(Task("bay-files", files.run))
         controls = {
             bay.name: BayControl(
-                bay, hub, clock, (shared.enter_context(SharedStateWriter(config.instance, bay.name)).write,), config
+                bay, hub, clock, (vectors[bay.name].write, files.note), config, files.remembered(bay.name)
             )
             for bay in config.bays
         }

@@ -41,7 +41,8 @@ class BayControl:
         self._rules = interlock.Rules.of(config, gateway)
         self._audit = {kind: audit.Bucket() for kind in WRITE_EVENTS}
         state = interlock.initial(self.name, clock.now_ns(), self._rules, remembered)
-        self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state)])
+        check = "" if state.function_check is FunctionCheck.OFF else "with a function check on"
+        self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state, detail=check)])
 
     def on_vision(self, reading: VisionReading) -> None:
         self._step(reading)

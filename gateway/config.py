@@ -81,6 +81,12 @@ class GatewayConfig(Section):
     site: Name = Field("site1", description="in topics")
     instance: Name = Field("gateway", description="tells two gateways on one machine apart")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
+    state_dir: str = Field(
+        "auto",
+        description="folder of the bay files, which keep what outlives a restart: a function check, the learned R x Z; "
+        "auto: /var/lib/loading-gateway, or ~/.local/state/loading-gateway for other users than root; empty: nothing "
+        "is kept",
+    )
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None
     hmi: HmiConfig = Field(default_factory=HmiConfig)

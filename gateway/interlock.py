@@ -214,7 +214,7 @@ def _learned(
 ) -> FusionMemory:
     """R times Z: one sample when a truck comes to be in place; a bay that is clear forgets that of its last truck."""
     if stay.in_place and not old.visit.in_place and stay.place is not None:
-        sample = ScaleSample(recipe, stay.place.circle.radius_px, stay.place.distance_mm)
+        sample = ScaleSample(recipe, stay.place.circle.radius_px, stay.place.distance_mm, fused.t_ns)
         memory = replace(memory, scale_samples=scale.with_visit(memory.scale_samples, sample))
     if memory.scale_samples is not old.memory.scale_samples or recipe != old.plc.recipe:
         memory = replace(memory, scale=scale.learned(memory.scale_samples, recipe))

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
+NS_PER_S = 1_000_000_000
 KEPT = 60  # visits
 LEAST = 3  # of them, before it is believed
 NEAR_SHARE = 1.5  # of the learned Z: up to there R Z is judged by it
@@ -17,15 +18,24 @@ JUMP_SHARE = 0.1  # a visit that differs more is worth an alarm: other marker, m
 
 @dataclass(frozen=True, slots=True)
 class ScaleSample:
-    """One truck in place. Recipes may be for other markers, so each has its own."""
+    """One truck in place. Recipes may be for other markers, so each has its own.
+
+    `t_ns`: when, monotonic. `unix_s`: when, Unix time, of a visit before the restart, which has no monotonic time.
+    """
 
     recipe: int
     radius_px: float
     distance_mm: float
+    t_ns: int = 0
+    unix_s: int | None = None
 
     @property
     def px_mm(self) -> float:
         return self.radius_px * self.distance_mm
+
+    def date_s(self, offset_ns: int) -> int:
+        """Unix time, s. `offset_ns`: Unix time minus monotonic time, now."""
+        return (self.t_ns + offset_ns) // NS_PER_S if self.unix_s is None else self.unix_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +46,7 @@ class MarkerScale:
     distance_mm: float  # median of Z
     spread: float  # largest minus smallest R Z, as a share of the median
     visits: int
+    newest: ScaleSample
     jump: float | None = None
 
 
@@ -51,6 +62,7 @@ def learned(samples: Sequence[ScaleSample], recipe: int) -> MarkerScale | None:
         median(sample.distance_mm for sample in of_recipe),
         (max(products) - min(products)) / middle,
         len(of_recipe),
+        of_recipe[-1],
     )
     change = products[-1] / median(products[:-1]) - 1
     return replace(found, jump=change) if abs(change) > JUMP_SHARE else found

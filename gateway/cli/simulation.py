@@ -113,7 +113,7 @@ def _first_of_its_kind() -> Iterator[bool]:
 
 
 def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
-    over: dict[str, Any] = {}
+    over: dict[str, Any] = {"state_dir": ""}  # nothing simulated outlives the run
     if args.modbus_port is not None:
         over["modbus"] = {"port": args.modbus_port}
     if args.no_hmi:
@@ -121,7 +121,7 @@ def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
     elif args.hmi_port is not None:
         over["hmi"] = {"port": args.hmi_port}
     if args.mqtt_url is not None:
-        over["mqtt"] = {"url": args.mqtt_url, "outbox_file": ""}  # nothing simulated outlives the run
+        over["mqtt"] = {"url": args.mqtt_url, "outbox_file": ""}
     if args.config is None:
         over["instance"] = "simulate" if first else f"simulate-{os.getpid()}"  # several may run side by side
     if args.method is not None:

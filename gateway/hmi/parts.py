@@ -13,6 +13,7 @@ from gateway.modbus.traffic import ServerNow
 from gateway.model import VisionReading
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
+from gateway.remembered import BayFiles
 from gateway.strict.faults import without_password
 from gateway.supervisor import TaskRecord
 
@@ -31,6 +32,7 @@ class Parts:
     publisher: MqttPublisher | None = None
     sparkplug: SparkplugPublisher | None = None
     latencies: Latencies = field(default_factory=Latencies)
+    bay_files: BayFiles | None = None
     modbus: Callable[[], tuple[ServerNow, ...]] = tuple
     tasks: dict[str, TaskRecord] = field(default_factory=dict)
 
@@ -75,6 +77,10 @@ class Parts:
             crashed=", ".join(f"{name}: {row.last_error}" for name, row in self.tasks.items() if row.crashes)[
                 :MAX_ERROR
             ],
+            bay_file_fault="" if self.bay_files is None else self.bay_files.fault,
+            bay_file_damaged=""
+            if self.bay_files is None
+            else ", ".join(f"{bay}: {why}" for bay, why in self.bay_files.damaged.items())[:MAX_ERROR],
         )
 
     def _plc_reads(self) -> bool | None:

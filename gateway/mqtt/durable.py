@@ -10,7 +10,6 @@ and makes the file what memory says as soon as it can.
 
 import contextlib
 import logging
-import os
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from gateway.config import MqttConfig
 from gateway.mqtt.journal import Journal
 from gateway.mqtt.outbox import Entry, Limits, MemoryOutbox, Outbox
 from gateway.mqtt.store import EventFile, StoreError, put_aside
+from gateway.remembered import own_folder
 
 log = logging.getLogger(__name__)
 
@@ -48,8 +48,7 @@ def path_of(config: MqttConfig, site: str, instance: str) -> Path | None:
     """Where the configured outbox lies; None: in memory only."""
     if config.outbox_file != "auto":
         return Path(config.outbox_file) if config.outbox_file else None
-    home = Path.home() / ".local" / "state"
-    return (Path("/var/lib") if os.geteuid() == 0 else home) / "loading-gateway" / f"outbox-{site}-{instance}.sqlite"
+    return own_folder() / f"outbox-{site}-{instance}.sqlite"
 
 
 @contextlib.contextmanager
