@@ -1,17 +1,22 @@
 """`gateway run` on a configuration file: a video file for a camera, a pty with real bytes for a ranger."""
 
 import asyncio
+import http.client
+import json
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
 
 import cv2
 import pytest
 
 from gateway.clock import SystemClock
 from gateway.model import Quality, Reason
+from gateway.ne107 import Ne107
 from gateway.sim import scenario as scenarios
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.ranger_board import RangerFault
@@ -80,6 +85,7 @@ def config_file(folder: Path, video: Path, port: str) -> Path:
     path.write_text(f"""
 site = "test"
 instance = "{folder.name}"
+state_dir = "{folder}/state"
 [modbus]
 port = 0
 [camera]
@@ -130,13 +136,86 @@ def test_a_video_and_a_serial_port_become_registers(tmp_path: Path, video: Path,
         assert gateway.end()[0] == 0
 
 
-def port_of(gateway: Gateway) -> int:
+def started(gateway: Gateway) -> str:
+    """The line that says where it serves."""
     for _ in range(200):
         for line in gateway.other:
             if "Modbus TCP on" in line:
-                return int(line.split("127.0.0.1:")[1].split(",")[0])
+                return line
         threading.Event().wait(0.05)
     raise AssertionError(gateway.stderr)
+
+
+def port_of(gateway: Gateway) -> int:
+    return int(started(gateway).split("127.0.0.1:")[1].split(",")[0])
+
+
+def check_function(gateway: Gateway, mode: str) -> dict[str, Any]:
+    """As the technician's page does it."""
+    host = urlsplit(started(gateway).split("pages on ")[1].split(",")[0]).netloc
+    connection = http.client.HTTPConnection(host, timeout=30)
+    try:
+        connection.request("GET", "/api/session")
+        session = json.loads(connection.getresponse().read())
+        headers = {
+            "Content-Type": "application/json",
+            "Origin": f"http://{host}",
+            "X-CSRF-Token": session["csrf"],
+        }
+        connection.request("POST", "/api/bays/bay1/function-check", json.dumps({"mode": mode}), headers)
+        response = connection.getresponse()
+        said: dict[str, Any] = json.loads(response.read())
+        assert response.status == 200, said
+        return said
+    finally:
+        connection.close()
+
+
+def kept_in(path: Path) -> str:
+    return str(json.loads(path.read_bytes())["function_check"]) if path.exists() else ""
+
+
+def test_a_function_check_survives_a_gateway_that_is_killed(tmp_path: Path, video: Path, ranger: Ranger) -> None:
+    """Somebody works at the spout: a crash must not let the truck move."""
+    config = config_file(tmp_path, video, ranger.port)
+    config.write_text(config.read_text() + '[hmi]\nenabled = true\nport = 0\nwithout_login = "technician"\n')
+    kept = tmp_path / "state" / f"bay.test.{tmp_path.name}.bay1.json"
+    with Gateway("run", str(config)) as gateway, Plc(port_of(gateway)) as plc:
+        plc.wait_for(lambda image: image["may_move"] == 1)
+        check_function(gateway, "may_move_off")
+        plc.wait_for(lambda image: image["may_move"] == 0)
+        for _ in range(200):  # it is written at once, which is not before the answer
+            if kept_in(kept) == "MAY_MOVE_OFF":
+                break
+            threading.Event().wait(0.02)
+        gateway.process.kill()
+        gateway.process.wait(10)
+    assert kept_in(kept) == "MAY_MOVE_OFF"
+    with Gateway("run", str(config)) as gateway, Plc(port_of(gateway)) as plc:
+        plc.wait_for(lambda image: image["stop"] == 0)  # both sensors are well
+        threading.Event().wait(1.0)
+        assert {poll.image["may_move"] for poll in plc.polls} == {0}
+        last = plc.polls[-1].image
+        assert (last["stop"], last["ne107"]) == (0, Ne107.FUNCTION_CHECK)
+        check_function(gateway, "off")
+        plc.wait_for(lambda image: image["may_move"] == 1)
+        assert gateway.end()[0] == 0
+    assert kept_in(kept) == "OFF"
+
+
+def test_a_damaged_bay_file_is_a_function_check(tmp_path: Path, video: Path, ranger: Ranger) -> None:
+    kept = tmp_path / "state" / f"bay.test.{tmp_path.name}.bay1.json"
+    kept.parent.mkdir()
+    kept.write_bytes(b"")  # what a power cut leaves of a file that was never synced
+    with Gateway("run", str(config_file(tmp_path, video, ranger.port))) as gateway, Plc(port_of(gateway)) as plc:
+        plc.wait_for(lambda image: image["stop"] == 0)
+        threading.Event().wait(0.5)
+        assert {(poll.image["may_move"], poll.image["ne107"]) for poll in plc.polls if poll.image["stop"] == 0} == {
+            (0, Ne107.FUNCTION_CHECK)
+        }
+        assert gateway.end()[0] == 0
+    assert "so it begins with a function check" in gateway.stderr
+    assert kept_in(kept) == "MAY_MOVE_OFF"
 
 
 def check(path: Path) -> "subprocess.CompletedProcess[str]":

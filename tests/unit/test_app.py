@@ -61,6 +61,7 @@ def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.M
     config = GatewayConfig(
         instance=f"test-app-{os.getpid()}-{past_help}",
         bays=(BayConfig(fusion=FusionConfig(decision="plain")),),
+        state_dir="",
         modbus=ModbusConfig(port=0),
         mqtt=MqttConfig(url="mqtt://127.0.0.1:1", outbox_file=""),
     )
