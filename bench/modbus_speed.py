@@ -111,7 +111,8 @@ def beside_vision(seconds: float, favoured: bool) -> None:
             cv2.imwrite(str(folder / "frames" / f"{n:03}.png"), picture)
         config = folder / "gateway.toml"
         config.write_text(
-            f'instance = "bench{os.getpid()}"\nstate_dir = ""\n[modbus]\nport = 0\n[camera]\nurl = "{folder / "frames"}"\n'
+            f'instance = "bench{os.getpid()}"\nstate_dir = ""\n[modbus]\nport = 0\n'
+            f'[camera]\nurl = "{folder / "frames"}"\n'
             f'pace = "fast"\nloop = true\naffinity = [{other}]\n[vision]\naffinity = [{other}]\n'
             '[ranger]\nport = "loop://"\n',
             encoding="utf-8",
