@@ -330,10 +330,11 @@ class Visit:
     phase: VisitPhase = VisitPhase.UNKNOWN
     in_place: bool = False
     moved: Moved = Moved.NO
+    moved_covered: bool = False  # it moved while the marker was covered: under the spout
     released: bool = False  # by the PLC, for this visit
     place: Place | None = None
     still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
-    covered_since_ns: int | None = None  # in place, and the marker not seen since
+    covered_since_ns: int | None = None  # the camera is alive, and the marker not seen at its place since
     doubt_since_ns: int | None = None  # in place, and nothing confirms it since
     clear_since_ns: int | None = None  # no truck within leave_distance_mm since
     ended: str = ""  # why in_place ended last, in words
@@ -345,7 +346,7 @@ class Visit:
 
     def withdrawn(self) -> "Visit":
         """For a gateway that can't vouch for it any more: it must be earned again."""
-        return Visit(moved=self.moved)
+        return Visit(moved=self.moved, moved_covered=self.moved_covered)
 
 
 class GuidanceCode(IntEnum):

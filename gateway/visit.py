@@ -124,19 +124,20 @@ def _stands(state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: 
 def _watched(visit: Visit, place: Place, state: StateVector, limits: Limits) -> Visit:
     """A truck that is or was in place: does it still stand there, and may in_place be held?"""
     moved, contradicts = _compared(place, state, limits.visit)
+    covered = contradicts or (state.vision.circle is None and state.vision.quality not in BLIND)
     if moved is not Moved.NO and visit.moved is Moved.NO:
-        visit = replace(visit, moved=moved)
+        # One frame without the marker, or with it again, is not enough to tell.
+        lasts = _lasts(visit.covered_since_ns, state, limits.visit.hold_grace_s)
+        visit = replace(visit, moved=moved, moved_covered=lasts)
+    covered_since_ns = _since(visit.covered_since_ns, state, on=covered)
+    if covered_since_ns != visit.covered_since_ns:
+        visit = replace(visit, covered_since_ns=covered_since_ns)
     if not visit.in_place:
         return visit
     if why := _ended(visit, state, moved):
         return _out_of_place(visit, why)
     doubtful = contradicts or state.memory.disagree or state.range.distance_mm is None
-    covered = state.vision.circle is None or contradicts
-    visit = replace(
-        visit,
-        doubt_since_ns=_since(visit.doubt_since_ns, state, on=doubtful),
-        covered_since_ns=_since(visit.covered_since_ns, state, on=covered),
-    )
+    visit = replace(visit, doubt_since_ns=_since(visit.doubt_since_ns, state, on=doubtful))
     if doubtful and _lasts(visit.doubt_since_ns, state, limits.visit.hold_grace_s):
         return _out_of_place(visit, "contradiction" if state.range.distance_mm is not None else "no distance")
     if covered and _lasts(visit.covered_since_ns, state, limits.visit.hold_limit_s):
@@ -205,4 +206,4 @@ def _lasts(since_ns: int | None, state: StateVector, for_s: float) -> bool:
 
 
 def _out_of_place(visit: Visit, why: str) -> Visit:
-    return replace(visit, in_place=False, still_since_ns=None, covered_since_ns=None, doubt_since_ns=None, ended=why)
+    return replace(visit, in_place=False, still_since_ns=None, doubt_since_ns=None, ended=why)

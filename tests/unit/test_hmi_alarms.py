@@ -13,7 +13,21 @@ from gateway.hmi.alarms.board import HISTORY, AlarmBoard
 from gateway.hmi.alarms.records import DEEDS, MAX_NOTE, SHELVE_MOST_MIN, Alarm, Change, Deed, Outcome, Reply
 from gateway.hmi.alarms.states import AlarmState, Cue, following
 from gateway.hmi.alarms.table import Design, Priority, Signs
-from gateway.model import Circle, FunctionCheck, FusionMemory, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.model import (
+    Circle,
+    FunctionCheck,
+    FusionMemory,
+    Moved,
+    Place,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+    Visit,
+)
+from gateway.plc import Handshake, PlcLink
+from gateway.scale import MarkerScale, ScaleSample
 from tests.permitted import permitted
 
 S = 1_000_000_000
@@ -122,6 +136,8 @@ def ranger(quality: Quality) -> StateVector:
     return permitted(range=RangeReading(4_980_000_000, quality))
 
 
+PLACE = Place(280.0, Circle(320, 240, 200.0))
+SCALE = MarkerScale(56_000.0, 280.0, 0.01, 12, ScaleSample(0, 224.0, 280.0), jump=0.12)
 LONG = (0, 40 * 60)
 CAUSES = {
     "control_dead": permitted(reason=Reason.GATEWAY_FAULT),
@@ -139,9 +155,12 @@ CAUSES = {
     "sensors_disagree": permitted(memory=FusionMemory(disagree=True)),
     "maintenance": permitted(memory=FusionMemory(wear=1, wear_ns=4_000_000_000)),
     "function_check_forgotten": permitted(function_check=FunctionCheck.MAY_MOVE_KEPT),
+    "truck_moved": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE, moved_covered=True)),
+    "in_place_lost": permitted(d=None, visit=Visit(place=PLACE, ended="held for too long")),
+    "scale_changed": permitted(memory=FusionMemory(scale=SCALE)),
 }
 NO_ALARM = {
-    "loading": permitted(),
+    "on its way": permitted(),
     "empty bay": permitted(
         vision=VisionReading(1, Quality.NO_TARGET), range=RangeReading(1, Quality.NO_ECHO), reason=Reason.NO_TARGET
     ),
@@ -151,6 +170,11 @@ NO_ALARM = {
     "truck far away": no_echo(20.0),
     "truck far away, by the ranger": no_echo(20.0, Quality.TOO_FAR),
     "stop latched": permitted(memory=FusionMemory(latched=True), stop=True, reason=Reason.STOP_LATCHED),
+    "in place": permitted(d=True, stop=True, may_move=False, visit=Visit(in_place=True, place=PLACE)),
+    "held": permitted(d=None, stop=True, may_move=False, visit=Visit(in_place=True, place=PLACE, covered_since_ns=1)),
+    "a truck leaves where nobody can release it": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE)),
+    "released": permitted(plc=Handshake(link=PlcLink.ALIVE), visit=Visit(place=PLACE, released=True)),
+    "learned": permitted(memory=FusionMemory(scale=replace(SCALE, jump=None))),
 }
 
 
@@ -174,6 +198,8 @@ class TestTheTable:
             ("events_lost", Signs(events_lost=1)),
             ("event_store_fault", Signs(store_fault="disk full")),
             ("task_crashed", Signs(crashes=1)),
+            ("bay_file_fault", Signs(bay_file_fault="no space left")),
+            ("bay_file_damaged", Signs(bay_file_damaged="bay1: cut")),
         ],
     )
     def test_each_sign_raises_its_alarm_and_no_other(self, kind: str, signs: Signs) -> None:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Generic, TypeVar
 
-from gateway.model import FunctionCheck, Quality, Reason, StateVector
+from gateway.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, Quality, Reason, StateVector
 from gateway.ne107 import Ne107, active
+from gateway.plc import PlcLink
 
 ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
 MINUTE_S = 60.0
@@ -70,6 +71,8 @@ class Signs:
     events_lost: int = 0  # counter
     crashes: int = 0  # counter: tasks that failed in a way nobody foresaw
     crashed: str = ""  # the newest of them
+    bay_file_fault: str = ""  # why a bay's file can't be written
+    bay_file_damaged: str = ""  # bays whose file could not be read, until somebody has had a look
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +159,38 @@ def _disagree_detail(seen: BaySeen) -> str:
     return "" if far_mm is None or near_mm is None else f"camera {far_mm:.0f} mm, ranger {near_mm:.0f} mm"
 
 
-_STOPS = "stop is on; no truck can be loaded"
+def _truck_moved(seen: BaySeen) -> bool:
+    """Where nobody can release a truck, every one that leaves has moved: only one under the spout is news."""
+    visit = seen.state.visit
+    return visit.moved is not Moved.NO and (visit.moved_covered or seen.state.plc.link is not PlcLink.UNUSED)
+
+
+def _truck_moved_detail(seen: BaySeen) -> str:
+    place, now_mm = seen.state.visit.place, seen.state.range.distance_mm
+    was = "" if place is None else f"; in place at {place.distance_mm:.0f} mm"
+    return f"{MOVED_MEANING[seen.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
+
+
+def _in_place_lost(seen: BaySeen) -> bool:
+    state, visit = seen.state, seen.state.visit
+    was_in_place = visit.place is not None and not visit.in_place and not visit.released and visit.moved is Moved.NO
+    alive = not {state.vision.quality, state.range.quality} & (DEAD | {Quality.WAITING})
+    return was_in_place and alive and state.d is not False and state.function_check is FunctionCheck.OFF
+
+
+def _jump(seen: BaySeen) -> float | None:
+    scale = seen.state.memory.scale
+    return None if scale is None else scale.jump
+
+
+def _scale_detail(seen: BaySeen) -> str:
+    scale, jump = seen.state.memory.scale, _jump(seen)
+    if scale is None or jump is None:
+        return ""
+    return f"R x Z {scale.newest.px_mm:.0f} px mm, {100 * jump:+.0f} %; learned from {scale.visits} visits"
+
+
+_STOPS = "stop is on and may_move off: no truck can come into place"
 
 BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
     Kind(
@@ -166,7 +200,7 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         "nothing computes this bay's state any more; the PLC reads stop, reason GATEWAY_FAULT",
         _STOPS,
         ("a fault in the software", "a machine that is overloaded or short of memory"),
-        "load by hand; look at the machine's load and the gateway's log; restart the gateway; report the log",
+        "work by hand; look at the machine's load and the gateway's log; restart the gateway; report the log",
         5,
         lambda seen: seen.state.reason is Reason.GATEWAY_FAULT,
         on_delay_s=0.5,
@@ -331,8 +365,10 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
             "the ranger measures something else than the truck",
             "a marker of another size, or something that looks like one",
             "the camera was moved, or its focal length is wrong",
+            "marker, camera or lens was exchanged, and the learned R x Z (docs/visit.md) is still that of the old one",
         ),
-        "measure the distance by hand, see which one is wrong, and mend that one",
+        "measure the distance by hand, see which one is wrong, and mend that one; after an exchange stop the gateway, "
+        "delete the bay's file in state_dir and start it: what was learned is forgotten",
         10,
         lambda seen: seen.state.memory.disagree,
         _disagree_detail,
@@ -367,6 +403,66 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         on_delay_s=30 * MINUTE_S,
         off_delay_s=0.0,
         suppressed=frozenset({Design.SHUTDOWN}),
+    ),
+    Kind(
+        "truck_moved",
+        "Truck moved",
+        Priority.HIGH,
+        "a truck that was in place has left it: with the marker covered, as under the spout, or, where the PLC writes, "
+        "without its release",
+        "in_place is off; a spout that is down may be torn off, or may spill",
+        (
+            "brakes that do not hold, or a truck that settles on its springs by more than visit.band_mm",
+            "the driver drove off",
+            "the PLC's program does not set release before the truck leaves (docs/visit.md)",
+        ),
+        "stop loading and raise the spout; see that nobody is hurt; bring the truck into place again or let it leave",
+        1,
+        _truck_moved,
+        _truck_moved_detail,
+        on_delay_s=0.0,  # the truck has moved further than visit.band_mm before it is called so
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "in_place_lost",
+        "In place lost, though the truck has not moved",
+        Priority.MEDIUM,
+        "a truck that was in place can't be vouched for any more, though both sensors are alive, and it has neither "
+        "moved nor been released",
+        "in_place is off: loading must not go on; stop is on",
+        (
+            "the marker has been covered for longer than visit.hold_limit_s",
+            "dust or the spout before the ranger: no distance, or one that contradicts the camera",
+            "a sensor was away for a moment while the marker was covered",
+        ),
+        "raise the spout until the camera sees the marker: in_place comes by itself; else look at both sensors",
+        5,
+        _in_place_lost,
+        lambda seen: seen.state.visit.ended,
+        on_delay_s=5.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "scale_changed",
+        "Marker of another size, or camera changed",
+        Priority.MEDIUM,
+        "R x Z of the newest truck in place differs by more than a tenth from what was learned from those before",
+        "D = 1 comes at another place than it did; what was learned does not fit, so that good pairs of R and Z may be "
+        "taken for a contradiction",
+        (
+            "a truck whose marker has another size",
+            "the camera or the ranger was moved or exchanged",
+            "zoom or focus of the lens was changed",
+        ),
+        "measure where the truck stands; put marker, camera or lens right. Where the change is meant to stay: set the "
+        "thresholds anew (docs/wiring.md), then stop the gateway, delete the bay's file in state_dir and start it, "
+        "with no function check on: what was learned is forgotten",
+        60,
+        lambda seen: _jump(seen) is not None,
+        _scale_detail,
+        on_delay_s=0.0,
+        off_delay_s=5.0,
+        suppressed=SENSORS_SILENT,
     ),
 )
 
@@ -450,6 +546,36 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         on_delay_s=0.0,
         off_delay_s=60.0,
         latching=True,
+    ),
+    Kind(
+        "bay_file_fault",
+        "Bay file cannot be written",
+        Priority.MEDIUM,
+        "the file that keeps a bay's function check and its learned R x Z cannot be written; both go on in memory",
+        "a function check that is begun or ended now would not be known after a restart",
+        ("the disk is full, read-only or broken", "the folder's owner or permissions", "state_dir is wrong"),
+        "look at the disk and at the file that the detail names; until it is mended, do not rely on a function check "
+        "through a restart",
+        60,
+        lambda seen: bool(seen.now.bay_file_fault),
+        lambda seen: seen.now.bay_file_fault,
+        on_delay_s=5.0,
+        off_delay_s=5.0,
+    ),
+    Kind(
+        "bay_file_damaged",
+        "Bay file was damaged",
+        Priority.MEDIUM,
+        "the file that keeps a bay's function check could not be read at the start, so the bay began with one, with "
+        "may_move off; the learned R x Z of this bay is lost",
+        "no truck may move in this bay",
+        ("a disk that fails", "a file edited by hand, or written by a newer gateway"),
+        "see that nobody works on the bay, then end its function check on the technician's page; look at the disk",
+        30,
+        lambda seen: bool(seen.now.bay_file_damaged),
+        lambda seen: seen.now.bay_file_damaged,
+        on_delay_s=0.0,
+        off_delay_s=5.0,
     ),
 )
 
