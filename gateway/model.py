@@ -334,6 +334,7 @@ class Visit:
     released: bool = False  # by the PLC, for this visit
     place: Place | None = None
     still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
+    in_place_since_ns: int | None = None
     covered_since_ns: int | None = None  # the camera is alive, and the marker not seen at its place since
     doubt_since_ns: int | None = None  # in place, and nothing confirms it since
     clear_since_ns: int | None = None  # no truck within leave_distance_mm since

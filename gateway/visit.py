@@ -104,6 +104,7 @@ def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits:
         moved=Moved.NO,
         place=Place(distance_mm, circle),
         still_since_ns=None,
+        in_place_since_ns=state.t_ns,
         covered_since_ns=None,
         doubt_since_ns=None,
         ended="",
@@ -206,4 +207,4 @@ def _lasts(since_ns: int | None, state: StateVector, for_s: float) -> bool:
 
 
 def _out_of_place(visit: Visit, why: str) -> Visit:
-    return replace(visit, in_place=False, still_since_ns=None, doubt_since_ns=None, ended=why)
+    return replace(visit, in_place=False, in_place_since_ns=None, still_since_ns=None, doubt_since_ns=None, ended=why)

@@ -176,6 +176,19 @@ class PlcPayload(BaseModel):
     write_conflicts: Count = Field(description="writes refused since then because another PLC owns the block")
 
 
+class ScalePayload(BaseModel):
+    """R times Z of the marker, a constant of marker and lens, as learned from one visit to the next."""
+
+    model_config = FROZEN
+    px_mm: float = Field(description="median of R x Z over the visits, px mm")
+    spread: float = Field(description="largest minus smallest, as a share of px_mm")
+    visits: Count = Field(description="trucks in place that it was learned from, the newest 60 at most")
+    newest_ms: Count = Field(description="Unix time of the newest of them, ms")
+    jump: float | None = Field(
+        description="how much the newest differs from those before, as a share; null: by no more than a tenth"
+    )
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic says online and it keeps coming."""
 
@@ -196,6 +209,9 @@ class StatePayload(Measured):
     )
     tilt_deg: float | None = Field(description="of the disc against the line of sight; null like semi_minor_px")
     predicted: PredictedPayload | None = Field(description="null unless vision is COASTED; never to be decided on")
+    in_place_ms: float | None = Field(description="since it is in place, without a break; null: it is not")
+    held_ms: float | None = Field(description="since the marker was covered, in place; null: it is not held")
+    scale: ScalePayload | None = Field(description="null: not learned yet, for the recipe in force")
     ne107: Ne107Payload
     guidance: GuidancePayload
     plc: PlcPayload

@@ -39,6 +39,7 @@ from gateway.mqtt.messages import (
     QualityPayload,
     RatesPayload,
     ReasonPayload,
+    ScalePayload,
     SensorPayload,
     StatePayload,
     StatusPayload,
@@ -88,6 +89,9 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         semi_minor_px=_number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,
         tilt_deg=_number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
         predicted=_predicted(state.vision),
+        in_place_ms=_since_ms(state, state.visit.in_place_since_ns if state.in_place else None),
+        held_ms=_since_ms(state, state.visit.covered_since_ns if state.visit.held else None),
+        scale=_scale(state, offset_ns),
         ne107=_ne107(state),
         guidance=_guidance(state.guidance),
         plc=_plc(state),
@@ -197,6 +201,23 @@ def _sensor(reading: VisionReading | RangeReading, t_ns: int) -> SensorPayload:
         quality=_quality(reading.quality),
         age_ms=None if waiting else round(max(0, t_ns - reading.t_ns) / NS_PER_MS, 1),
         detail=text(reading.detail),
+    )
+
+
+def _since_ms(state: StateVector, since_ns: int | None) -> float | None:
+    return None if since_ns is None else round(max(0, state.t_ns - since_ns) / NS_PER_MS, 1)
+
+
+def _scale(state: StateVector, offset_ns: int) -> ScalePayload | None:
+    scale = state.memory.scale
+    if scale is None:
+        return None
+    px_mm, spread = _number(scale.px_mm, 1), _number(scale.spread, 4)
+    if px_mm is None or spread is None:
+        return None
+    newest_ms = min(max(0, scale.newest.date_s(offset_ns) * 1000), LAST_MS)
+    return ScalePayload(
+        px_mm=px_mm, spread=spread, visits=scale.visits, newest_ms=newest_ms, jump=_number(scale.jump, 4)
     )
 
 

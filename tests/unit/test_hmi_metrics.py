@@ -3,7 +3,7 @@
 import asyncio
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 from prometheus_client import parser
@@ -19,6 +19,7 @@ from gateway.hmi.metrics.text import FAMILIES, markdown, text
 from gateway.hmi.orders import LinksNow
 from gateway.hmi.processes import Usage
 from gateway.model import Circle, Quality, RangeReading, VisionReading, VisionStats
+from gateway.scale import MarkerScale, ScaleSample
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_links import full
 from tests.unit.hmi_programs import caller
@@ -80,6 +81,10 @@ NOT_KNOWN = {
     "bay_plc_heartbeat_age_seconds",  # writes are off
     "bay_vision_distance_meters",  # no cross-check
     "bay_closing_speed_meters_per_second",  # of one distance
+    "bay_scale_pixel_meters",  # no visit yet
+    "bay_scale_spread_ratio",
+    "bay_scale_visits",
+    "bay_scale_jump_ratio",
 }
 
 
@@ -137,6 +142,19 @@ def test_what_is_not_known_has_no_sample() -> None:
             assert early.value("bay_stop") is None
             assert early.value("links_age_seconds") is None
             assert early.value("health", **{f"{PREFIX}health": "failing"}) == 1
+
+    run(scene())
+
+
+def test_what_was_learned_of_the_marker() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            scale = MarkerScale(56_000.0, 280.0, 0.02, 12, ScaleSample(0, 225.0, 280.0), jump=0.125)
+            state = made.hub.state("bay1")
+            made.hub.publish(replace(state, memory=replace(state.memory, scale=scale)))
+            now = await told(made)
+            rows = ("pixel_meters", "spread_ratio", "visits", "jump_ratio")
+            assert [now.value(f"bay_scale_{row}", bay="bay1") for row in rows] == [56.0, 0.02, 12, 0.125]
 
     run(scene())
 

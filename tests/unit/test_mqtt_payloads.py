@@ -19,6 +19,7 @@ from gateway.model import (
     Ellipse,
     Event,
     EventKind,
+    FusionMemory,
     GuidanceCode,
     Quality,
     RangeReading,
@@ -28,10 +29,13 @@ from gateway.model import (
     Tracking,
     VisionReading,
     VisionStats,
+    Visit,
+    VisitPhase,
 )
 from gateway.mqtt import messages, payloads, reference
 from gateway.mqtt.payloads import Gateway, encode, event_payload, state_payload, status_payload
 from gateway.mqtt.topics import Topics
+from gateway.scale import MarkerScale, ScaleSample
 from gateway.shown import shown
 from tests.mqtt_messages import checked
 
@@ -116,6 +120,9 @@ def test_a_good_state() -> None:
         "semi_minor_px": 169.943,
         "tilt_deg": 20.34,
         "predicted": None,
+        "in_place_ms": None,
+        "held_ms": None,
+        "scale": None,
         "ne107": {"name": "GOOD", "code": 0, "active": []},
         "guidance": {
             "name": "WAIT",
@@ -147,6 +154,31 @@ def test_a_good_state() -> None:
             "ranger_reopens": 9,
         },
     }
+
+
+def test_how_long_a_truck_is_in_place_and_how_long_it_is_held() -> None:
+    here = Visit(VisitPhase.HELD, in_place=True, in_place_since_ns=NOW_NS - 61_000 * MS, covered_since_ns=NOW_NS - MS)
+    told = sent(state_payload(replace(GOOD, visit=here), GATEWAY, OFFSET_NS, 1))
+    assert (told["in_place"], told["held"], told["in_place_ms"], told["held_ms"]) == (True, True, 61_000.0, 1.0)
+    lost = replace(here, in_place=False)  # the marker is still covered
+    told = sent(state_payload(replace(GOOD, visit=lost), GATEWAY, OFFSET_NS, 1))
+    assert (told["in_place"], told["held"], told["in_place_ms"], told["held_ms"]) == (False, False, None, None)
+
+
+def test_the_learned_scale_with_its_date() -> None:
+    newest = ScaleSample(0, 200.0, 280.0, t_ns=NOW_NS - 1000 * MS)
+    scale = MarkerScale(56_000.04, 281.5, 0.012345, 12, newest)
+    told = sent(state_payload(replace(GOOD, memory=FusionMemory(scale=scale)), GATEWAY, OFFSET_NS, 1))
+    assert told["scale"] == {
+        "px_mm": 56_000.0,
+        "spread": 0.0123,
+        "visits": 12,
+        "newest_ms": 1_699_999_999_000,
+        "jump": None,
+    }
+    before = replace(scale, newest=replace(newest, unix_s=1_600_000_000), jump=-0.25)  # of before the restart
+    told = sent(state_payload(replace(GOOD, memory=FusionMemory(scale=before)), GATEWAY, OFFSET_NS, 1))
+    assert (told["scale"]["newest_ms"], told["scale"]["jump"]) == (1_600_000_000_000, -0.25)
 
 
 @pytest.mark.parametrize("quality", [q for q in Quality if q is not Quality.GOOD])

@@ -21,6 +21,7 @@ from gateway.model import (
 )
 from gateway.ne107 import Ne107, status
 from gateway.plc import PlcLink
+from gateway.scale import MarkerScale
 
 MM_PER_M = 1000.0
 
@@ -76,6 +77,10 @@ def _meters(number_mm: float | None) -> Value:
     return None if number_mm is None else number_mm / MM_PER_M
 
 
+def _scale(bay: BayKnown, read: Callable[[MarkerScale], Value]) -> Value:
+    return None if bay.state.memory.scale is None else read(bay.state.memory.scale)
+
+
 def _circle(bay: BayKnown, axis: str) -> Value:
     circle = bay.state.vision.circle if bay.state.vision.quality is Quality.GOOD else None
     return None if circle is None else getattr(circle, axis)
@@ -109,6 +114,12 @@ BAYS: tuple[Family, ...] = (
     _gauge("distance_threshold_meters", "Z_th of the configuration",
            lambda b: _meters(b.config.fusion.distance_threshold_mm)),
     _gauge("vision_distance_meters", "distance as the camera sees it", lambda b: _meters(b.state.z_vision_mm)),
+    _gauge("scale_pixel_meters", "learned R x Z; no sample: not learned yet",
+           lambda b: _scale(b, lambda scale: scale.px_mm / MM_PER_M)),
+    _gauge("scale_spread_ratio", "largest minus smallest of it, as a share", lambda b: _scale(b, lambda s: s.spread)),
+    _gauge("scale_visits", "trucks in place that it was learned from", lambda b: _scale(b, lambda s: s.visits)),
+    _gauge("scale_jump_ratio", "how much the newest visit differs; no sample: by no more than a tenth",
+           lambda b: _scale(b, lambda s: s.jump)),
     _gauge("to_go_meters", "until D = 1; negative: past it", lambda b: _meters(b.state.guidance.to_go_mm)),
     _gauge("closing_speed_meters_per_second", "positive: the truck comes nearer",
            lambda b: _meters(b.state.guidance.closing_mm_s)),
