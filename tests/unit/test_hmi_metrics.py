@@ -10,6 +10,7 @@ from prometheus_client import parser
 from prometheus_client.core import Metric
 from prometheus_client.openmetrics import parser as openmetrics_parser
 
+from gateway.hmi.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.hmi.latencies import BOUNDS_S, MOST_STAGES, WHOLE, Latencies
 from gateway.hmi.live import Counts
 from gateway.hmi.metrics.bays import BAYS
@@ -120,7 +121,7 @@ def test_everything_is_told_and_parsed() -> None:
             assert now.value("process_cpu_seconds_total", process="main") == 12.5
             assert now.value("process_resident_memory_bytes", process="gw-worker-bay1") == 1 << 22
             assert now.value("process_instances", process="gw-worker-bay1") == 2
-            assert now.value("alarms", state="normal") == 36
+            assert now.value("alarms", state="normal") == 2 * len(BAY_ALARMS) + len(GATEWAY_ALARMS)
 
     run(scene())
 
