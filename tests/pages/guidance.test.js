@@ -45,8 +45,8 @@ test('what makes no sense is no message', () => {
   ]) assert.equal(told(change), null, JSON.stringify(change));
 });
 
-test('while stop is on, nothing tells the truck to come nearer, whatever the message says', () => {
-  for (const code of ['FORWARD', 'SLOW', 'LEFT', 'RIGHT']) {
+test('while stop is on, nothing tells the truck to come nearer or to leave, whatever the message says', () => {
+  for (const code of ['FORWARD', 'SLOW', 'LEFT', 'RIGHT', 'LEAVE', 'DRIVE_UP']) {
     assert.equal(told({ code, stop: true }), null);
     assert.equal(told({ code, stop: false }).code, code);
   }

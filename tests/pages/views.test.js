@@ -4,7 +4,8 @@ import { safePath } from '../static/lib/api.js';
 import { waitMs } from '../static/lib/live.js';
 import { WIDTHS, widthFor } from '../static/lib/pictures.js';
 import {
-  decisionWords, frameSize, frameView, inOrder, mayAcknowledge, plcHealth, rangeHealth, standing, urgency, visionHealth,
+  decisionWords, frameSize, frameView, inOrder, mayAcknowledge, movedWords, placeWords, plcHealth, rangeHealth, scaleWords, standing, urgency,
+  visionHealth,
 } from '../static/lib/views.js';
 
 const state = (vision, range = 'GOOD', link = 'ALIVE') => ({
@@ -45,6 +46,27 @@ test('nothing known is never leave to move', () => {
   assert.equal(decisionWords({ stop: true, may_move: true }), 'STOP');
   assert.equal(decisionWords({ stop: false, may_move: true }), 'MAY MOVE');
   assert.equal(decisionWords({ stop: false, may_move: false }), 'NO STOP, MAY NOT MOVE');
+});
+
+test('in place: seen or held, and since when', () => {
+  const there = { in_place: true, held: false, in_place_ms: 125_000, held_ms: null };
+  assert.equal(placeWords(null), '–');
+  assert.equal(placeWords({ ...there, in_place: false }), 'no');
+  assert.equal(placeWords(there), 'yes, seen, for 2\u202fmin 5\u202fs');
+  assert.equal(placeWords({ ...there, held: true, held_ms: 35_000 }), 'yes, held for 35.0\u202fs');
+});
+
+test('moved: never shown as no by mistake', () => {
+  assert.deepEqual(['NO', 'DISTANCE', 'MARKER', 'NEW'].map((moved) => movedWords({ moved })), ['no', 'yes, by distance', 'yes, marker elsewhere', 'yes']);
+  assert.equal(movedWords(null), '–');
+});
+
+test('what was learned of R times Z', () => {
+  assert.equal(scaleWords(null), null);
+  assert.equal(scaleWords(undefined), null);
+  const scale = { px_mm: 56_000.4, spread: 0.0123, visits: 12, newest_ms: new Date(2026, 10, 2, 12).getTime(), jump: null };
+  assert.deepEqual(scaleWords(scale), { value: '56\u202f000\u202fpx mm', rest: 'spread 1.2\u202f%, 12 visits, newest 2026-11-02', jump: '' });
+  assert.equal(scaleWords({ ...scale, jump: -0.125 }).jump, 'newest differs by \u221213\u202f%');
 });
 
 test('bays in trouble come first; the rest as people count', () => {

@@ -58,6 +58,12 @@ export function clock(unixMs, { date = false, ms = false } = {}) {
   return date ? `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${fine}` : fine;
 }
 
+/** Unix ms as the reader's own day. */
+export const day = (unixMs) => (known(unixMs) ? clock(unixMs, { date: true }).slice(0, 10) : NONE);
+
+/** A share as a percentage. */
+export const percent = (share, decimals = 0) => number(known(share) ? 100 * share : null, decimals, '%');
+
 /** A name of the wire (NO_TARGET, stop_raised) as words. @param {string} name */
 export const words = (name) => String(name ?? '').toLowerCase().replaceAll('_', ' ');
 

@@ -2,24 +2,26 @@
 
 import { known } from './format.js';
 
-/** @typedef {'WAIT'|'FORWARD'|'BACK'|'LEFT'|'RIGHT'|'SLOW'|'STOP'|'OK'|'TOO_FAR'|'FAULT'} Code */
+/** @typedef {'WAIT'|'FORWARD'|'BACK'|'LEFT'|'RIGHT'|'SLOW'|'STOP'|'OK'|'TOO_FAR'|'FAULT'|'LEAVE'|'DRIVE_UP'} Code */
 
 /**
- * `kind` colours the display: go, care, halt, wait, done. `nearer`: the truck is told to come nearer, which no code
- * does while stop is on.
- * @type {Record<Code, {kind: 'go'|'care'|'halt'|'wait'|'done', symbol: string, nearer: boolean}>}
+ * `kind` colours the display: go, care, halt, wait, done. `drives`: the truck is told to come nearer or to leave, which
+ * no code does while stop is on. BACK does not: a truck that stands too far in goes back under stop.
+ * @type {Record<Code, {kind: 'go'|'care'|'halt'|'wait'|'done', symbol: string, drives: boolean}>}
  */
 export const CODES = {
-  WAIT: { kind: 'wait', symbol: 'pause', nearer: false },
-  FORWARD: { kind: 'go', symbol: 'up', nearer: true },
-  BACK: { kind: 'care', symbol: 'down', nearer: false },
-  LEFT: { kind: 'go', symbol: 'left', nearer: true },
-  RIGHT: { kind: 'go', symbol: 'right', nearer: true },
-  SLOW: { kind: 'care', symbol: 'slow', nearer: true },
-  STOP: { kind: 'halt', symbol: 'stop', nearer: false },
-  OK: { kind: 'done', symbol: 'tick', nearer: false },
-  TOO_FAR: { kind: 'halt', symbol: 'stop', nearer: false },
-  FAULT: { kind: 'halt', symbol: 'stop', nearer: false },
+  WAIT: { kind: 'wait', symbol: 'pause', drives: false },
+  FORWARD: { kind: 'go', symbol: 'up', drives: true },
+  BACK: { kind: 'care', symbol: 'down', drives: false },
+  LEFT: { kind: 'go', symbol: 'left', drives: true },
+  RIGHT: { kind: 'go', symbol: 'right', drives: true },
+  SLOW: { kind: 'care', symbol: 'slow', drives: true },
+  STOP: { kind: 'halt', symbol: 'stop', drives: false },
+  OK: { kind: 'done', symbol: 'tick', drives: false },
+  TOO_FAR: { kind: 'halt', symbol: 'stop', drives: false },
+  FAULT: { kind: 'halt', symbol: 'stop', drives: false },
+  LEAVE: { kind: 'go', symbol: 'leave', drives: true },
+  DRIVE_UP: { kind: 'go', symbol: 'ahead', drives: true },
 };
 
 /**
@@ -52,7 +54,7 @@ export function driverView(text, bay) {
     known(said.age_ms) &&
     said.age_ms >= 0 &&
     [said.amount_mm, said.closing_mm_s, said.to_go_mm].every(number);
-  if (!whole || (said.stop && CODES[said.code].nearer)) return null;
+  if (!whole || (said.stop && CODES[said.code].drives)) return null;
   return said;
 }
 

@@ -1,6 +1,6 @@
 // The JSON of the server as the pages use it: one place that knows its field names. Pure.
 
-import { known, words } from './format.js';
+import { NONE, age, count, day, known, number, percent, signed, words } from './format.js';
 
 /**
  * What was seen in one frame, px of that frame.
@@ -101,6 +101,28 @@ export function decisionWords(state) {
   if (state === null) return 'NOT KNOWN';
   if (state.stop) return 'STOP';
   return state.may_move ? 'MAY MOVE' : 'NO STOP, MAY NOT MOVE';
+}
+
+/** Is a truck in place? That alone is a condition for loading. @param {any} state null: not known */
+export function placeWords(state) {
+  if (state === null) return NONE;
+  if (!state.in_place) return 'no';
+  return state.held ? `yes, held for ${age(state.held_ms)}` : `yes, seen, for ${age(state.in_place_ms)}`;
+}
+
+const MOVED = { NO: 'no', DISTANCE: 'yes, by distance', MARKER: 'yes, marker elsewhere' };
+
+/** Has the truck moved since it was in place? @param {any} state null: not known */
+export const movedWords = (state) => (state === null ? NONE : MOVED[state.moved] ?? 'yes');
+
+/** What was learned of R times Z; null: nothing yet. @returns {{value: string, rest: string, jump: string}|null} */
+export function scaleWords(scale) {
+  if (!scale || !known(scale.px_mm)) return null;
+  return {
+    value: number(scale.px_mm, 0, 'px mm'),
+    rest: `spread ${percent(scale.spread, 1)}, ${count(scale.visits)} visits, newest ${day(scale.newest_ms)}`,
+    jump: known(scale.jump) ? `newest differs by ${signed(100 * scale.jump, 0, '%')}` : '',
+  };
 }
 
 /** States of ISA-18.2 in which an alarm waits for somebody to take notice. */

@@ -3,13 +3,15 @@
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import { CODES } from '../lib/guidance.js';
 import { NONE, mm, signed, words } from '../lib/format.js';
-import { decisionWords } from '../lib/views.js';
+import { decisionWords, movedWords, placeWords, scaleWords } from '../lib/views.js';
 import { Arrow, Decision as Sign, Ne107 } from './signs.js';
 
 const NOT_KNOWN = 'Nothing new from the gateway: treat the bay as STOP.';
 
 function why(state) {
   if (state === null) return NOT_KNOWN;
+  if (state.in_place && state.held) return `in place, held by the ranger alone: ${state.reason.text}`;
+  if (state.in_place) return `in place: ${state.reason.text}`;
   if (state.stop) return state.reason.text;
   return state.may_move ? 'everything is healthy and fresh, and stop is off' : 'stop is off, but not everything is healthy and fresh';
 }
@@ -27,6 +29,14 @@ function Spoken({ text }) {
     return () => clearTimeout(timer);
   }, [text, said]);
   return html`<p class="sr" role="status" aria-live="polite">${said}</p>`;
+}
+
+/** Of what was learned from one visit to the next. */
+function Scale({ scale }) {
+  const said = scaleWords(scale);
+  if (said === null) return html`<span>${scale === undefined ? NONE : 'not learned yet'}</span>`;
+  return html`<span>${said.value}</span><span class="small names"> ${said.rest}</span>
+    ${said.jump && html`<span class="tag bad">${said.jump}</span>`}`;
 }
 
 const Fact = ({ name, children }) => html`<div><dt>${name}</dt><dd class="value">${children}</dd></div>`;
@@ -49,8 +59,12 @@ export function Decision({ state, bay }) {
     <dl class="facts-grid">
       <${Fact} name="Stop">${state === null ? NONE : state.stop ? 'on' : 'off'}<//>
       <${Fact} name="May move">${state === null ? NONE : state.may_move ? 'yes' : 'no'}<//>
-      <${Fact} name="In place, D">${state === null ? NONE : state.d === null ? 'unknowable' : state.d ? 'yes, 1' : 'no, 0'}<//>
+      <${Fact} name="In place">${placeWords(state)}<//>
+      <${Fact} name="Moved since">${movedWords(state)}<//>
+      <${Fact} name="Visit">${state === null ? NONE : words(state.phase)}<//>
+      <${Fact} name="D">${state === null ? NONE : state.d === null ? 'unknowable' : state.d ? '1' : '0'}<//>
       <${Fact} name="Latch">${state === null ? NONE : state.plc.stop_latched ? 'latched' : 'free'}<//>
+      <${Fact} name="R × Z learned"><${Scale} scale=${state?.scale} /><//>
     </dl>
     <div class="guidance">
       <div class="told">

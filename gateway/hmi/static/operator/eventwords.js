@@ -5,7 +5,7 @@ import { words } from '../lib/format.js';
 /** Kinds of events by what they are about. */
 const GROUPS = {
   all: () => true,
-  stop: (kind) => /^(stop|latch|target)/.test(kind),
+  stop: (kind) => /^(stop|latch|target|in_place|moved|released|visit)/.test(kind),
   sensors: (kind) => /^(sensor|target)/.test(kind),
   plc: (kind) => /^(plc|write|recipe|latch)/.test(kind),
   service: (kind) => /^(start|shutdown|function|settings)/.test(kind),

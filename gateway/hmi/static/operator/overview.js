@@ -6,12 +6,18 @@ import { NONE, mm, px, words } from '../lib/format.js';
 import { decisionWords, inOrder, urgency } from '../lib/views.js';
 import { Arrow, Decision, Ne107 } from './signs.js';
 
+function why(state) {
+  if (state === null) return 'nothing known';
+  if (state.in_place) return state.held ? 'in place, held' : 'in place';
+  return words(state.stop ? state.reason.name : state.guidance.name);
+}
+
 function Tile({ name, state, alarms }) {
   const trouble = state === null || state.ne107.name === 'FAILURE';
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
     <span class="row spread"><b>${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} /></span>
     <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} fault=${trouble} /><b>${decisionWords(state)}</b></span>
-    <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${state === null ? 'nothing known' : state.stop ? words(state.reason.name) : words(state.guidance.name)}</span>
+    <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${why(state)}</span>
     <span class="small row spread">
       <span>R <span class="value">${state ? px(state.radius_px, 0) : NONE}</span></span>
       <span>Z <span class="value">${state ? mm(state.distance_mm) : NONE}</span></span>
@@ -20,7 +26,7 @@ function Tile({ name, state, alarms }) {
   </a></li>`;
 }
 
-const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['may_move', 'may move']];
+const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['in_place', 'in place'], ['may_move', 'may move']];
 
 export function Overview({ names, views, alarmsOf }) {
   const [text, setText] = useState('');
@@ -34,6 +40,7 @@ export function Overview({ names, views, alarmsOf }) {
     all: () => true,
     trouble: ({ rank }) => rank < 5,
     stop: ({ state }) => state === null || state.stop,
+    in_place: ({ state }) => state !== null && state.in_place,
     may_move: ({ state }) => state !== null && state.may_move,
   };
   const shown = all.filter((bay) => fits[group](bay) && bay.name.toLowerCase().includes(text.toLowerCase()));
