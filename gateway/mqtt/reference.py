@@ -13,6 +13,7 @@ from gateway.model import (
     Circle,
     Event,
     EventKind,
+    FusionMemory,
     Quality,
     RangeReading,
     RangeStats,
@@ -22,6 +23,7 @@ from gateway.model import (
     VisionStats,
 )
 from gateway.mqtt import homeassistant, messages, payloads, topics
+from gateway.scale import MarkerScale, ScaleSample
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 MODELS: dict[str, type[BaseModel]] = {
@@ -72,6 +74,15 @@ def examples() -> dict[str, BaseModel]:
             distance_mm=296.5,
             seq=11_907,
             stats=RangeStats(lines=11_905, damaged=2, gaps=2, rate_hz=20.0),
+        ),
+        memory=FusionMemory(
+            scale=MarkerScale(
+                px_mm=53_520.0,
+                distance_mm=292.0,
+                spread=0.011,
+                visits=17,
+                newest=ScaleSample(0, 181.9, 294.5, unix_s=1_794_996_413),
+            )
         ),
         d=True,
         stop=True,

@@ -69,9 +69,9 @@ class Shot:
 APPROACH = ("--scenario", "approach")
 FAULTS = ("--scenario", "faults", "--bays", "4")
 SHOTS = (
-    Shot("operator", APPROACH, "/#bay1", with_trend("PERMIT"), height_px=940),
+    Shot("operator", APPROACH, "/#bay1", with_trend("MAY MOVE"), height_px=940),
     Shot("operator-stop", APPROACH, "/#bay1", with_trend("STOP"), height_px=940),
-    Shot("operator-phone", APPROACH, "/#bay1", with_trend("PERMIT"), width_px=390, height_px=844),
+    Shot("operator-phone", APPROACH, "/#bay1", with_trend("MAY MOVE"), width_px=390, height_px=844),
     Shot("overview", FAULTS, "/", one_in_trouble),
     Shot("technician", APPROACH, "/tune/bay1", tried, width_px=1600, height_px=1000),
     Shot("driver-forward", APPROACH, "/driver", of_code("FORWARD"), 960, 540),

@@ -69,6 +69,21 @@ def test_it_begins_with_stop_and_asks_for_its_bay(display: Display) -> None:
     expect(page.locator("#speed")).to_have_text("backing off30cm/s")
 
 
+def test_a_truck_in_place_may_read_so_under_stop_and_leaves_when_it_is_released(display: Display) -> None:
+    page = display()
+    say(page, {**GOOD, "code": "OK", "stop": True, "closing_mm_s": 0.0, "to_go_mm": None})
+    until_shown(page, "OK")
+    expect(page.locator("#word")).to_have_text("OK")
+    expect(page.locator("#column")).to_be_hidden()
+    say(page, {**GOOD, "code": "LEAVE", "closing_mm_s": -200.0, "amount_mm": None})
+    until_shown(page, "LEAVE")
+    expect(page.locator("#word")).to_have_text("LEAVE")
+    expect(page.locator("#amount")).to_be_hidden()
+    say(page, {**GOOD, "code": "DRIVE_UP", "amount_mm": None, "closing_mm_s": None, "to_go_mm": None})
+    until_shown(page, "DRIVE_UP")
+    expect(page.locator("#word")).to_have_text("DRIVE UP")
+
+
 def test_without_scripts_it_is_stop(browser: Browser) -> None:
     context = browser.new_context(java_script_enabled=False)
     context.route("**/*", from_disk)
@@ -93,6 +108,8 @@ def test_without_scripts_it_is_stop(browser: Browser) -> None:
         {**GOOD, "bay": "bay2"},
         {**GOOD, "code": "GO"},
         {**GOOD, "stop": True},
+        {**GOOD, "code": "LEAVE", "stop": True},
+        {**GOOD, "code": "DRIVE_UP", "stop": True},
         {**GOOD, "stop": None},
         {**GOOD, "to_go_mm": "near"},
         {key: value for key, value in GOOD.items() if key != "stop"},
@@ -223,9 +240,9 @@ def test_every_word_fits_and_is_large(display: Display, language: str, width_px:
     page = display(f"?lang={language}&theme=night", width_px, height_px)
     expect(page.locator("html")).to_have_attribute("lang", language)
     for code in GuidanceCode:
-        nearer = code.name in ("FORWARD", "SLOW", "LEFT", "RIGHT")
+        drives = code.name in ("FORWARD", "SLOW", "LEFT", "RIGHT", "LEAVE", "DRIVE_UP")
         say(
-            page, {**GOOD, "code": code.name, "stop": not nearer, "to_go_mm": -1234.0 if code.name == "BACK" else 987.0}
+            page, {**GOOD, "code": code.name, "stop": not drives, "to_go_mm": -1234.0 if code.name == "BACK" else 987.0}
         )
         until_shown(page, code.name)
         out = page.evaluate("""() => ['#word', '#symbol', '#amount', '#speed', '#column'].filter((name) => {

@@ -217,8 +217,49 @@ def test_of_64_bays_those_in_trouble_come_first(operator: Open, desk: Desk) -> N
         page.set_viewport_size({"width": width_px, "height": 900})
         judgements.no_sideways_scroll(page)
     tiles.first.click()
-    expect(page.locator(".decision .word")).to_have_text("PERMIT")
+    expect(page.locator(".decision .word")).to_have_text("MAY MOVE")
     until(page, lambda: page.evaluate("() => window.__asked").endswith("/api/live?bay=bay6"))
+
+
+HERE = {"d": True, "stop": True, "may_move": False, "in_place": True, "phase": "IN_PLACE", "in_place_ms": 125_000.0}
+SCALE = {"px_mm": 56_000.0, "spread": 0.012, "visits": 12, "newest_ms": 1_794_000_000_000, "jump": None}
+
+
+def fact(page: Page, name: str) -> str:
+    text: str = page.locator(".facts-grid > div", has=page.get_by_text(name, exact=True)).locator("dd").inner_text()
+    return " ".join(text.split())
+
+
+def test_the_visit_of_a_truck(operator: Open) -> None:
+    page = operator(live([state("bay1", **HERE, scale=SCALE)]))
+    expect(page.locator(".decision .why")).to_contain_text("in place: ")
+    assert [fact(page, name) for name in ("Stop", "May move", "In place", "Moved since", "Visit", "D")] == [
+        *("on", "no", "yes, seen, for 2 min 5 s", "no", "in place", "1")
+    ]
+    assert re.fullmatch(r"56 000 px mm spread 1\.2 %, 12 visits, newest 2026-11-0[67]", fact(page, "R × Z learned")), (
+        fact(page, "R × Z learned")
+    )
+    held = {**HERE, "d": None, "held": True, "held_ms": 35_000.0, "phase": "HELD", "radius_px": None}
+    say(page, live([state("bay1", **held, scale={**SCALE, "jump": -0.125})]))
+    expect(page.locator(".decision .why")).to_contain_text("in place, held by the ranger alone: ")
+    assert (fact(page, "In place"), fact(page, "D")) == ("yes, held for 35.0 s", "unknowable")
+    assert fact(page, "R × Z learned").endswith("newest differs by −13 %")
+    judgements.accessible(page)
+    moved = {**held, "in_place": False, "held": False, "in_place_ms": None, "held_ms": None, "moved": "DISTANCE"}
+    say(page, live([state("bay1", **moved)]))
+    expect(page.locator(".decision .why")).not_to_contain_text("in place")
+    assert (fact(page, "In place"), fact(page, "Moved since")) == ("no", "yes, by distance")
+    for width_px in (360, 768, 1366):
+        page.set_viewport_size({"width": width_px, "height": 900})
+        judgements.no_sideways_scroll(page)
+
+
+def test_the_overview_counts_trucks_in_place(operator: Open, desk: Desk) -> None:
+    desk.session["bays"] = ["bay1", "bay2", "bay3"]
+    held = {**HERE, "held": True, "held_ms": 1000.0}
+    page = operator(live([state("bay1", **HERE), state("bay2", **held), state("bay3")]))
+    page.get_by_role("button", name="in place 2").click()
+    expect(page.locator(".tile .why")).to_have_text(["in place", "in place, held"])
 
 
 def test_a_bay_of_which_nothing_comes_is_not_known(operator: Open, desk: Desk) -> None:
@@ -231,24 +272,24 @@ def test_a_bay_of_which_nothing_comes_is_not_known(operator: Open, desk: Desk) -
     expect(page.locator(".tile")).to_have_count(2)
     for n in range(2):
         expect(page.locator(".tile").nth(n)).to_contain_text("NOT KNOWN")
-        expect(page.locator(".tile").nth(n)).not_to_contain_text("PERMIT")
+        expect(page.locator(".tile").nth(n)).not_to_contain_text("MAY MOVE")
 
 
 def test_a_message_that_makes_no_sense_is_not_shown_as_the_last_one(operator: Open) -> None:
     page = operator(live([state("bay1")]))
-    expect(page.locator(".decision .word")).to_have_text("PERMIT")
+    expect(page.locator(".decision .word")).to_have_text("MAY MOVE")
     for nonsense in ("{", "[]", "null", '{"bays": 3}', '{"bays": []}'):
         say(page, nonsense)
         expect(page.locator(".decision .word")).to_have_text("NOT KNOWN")
         expect(page.get_by_text("NO CONNECTION TO THE GATEWAY.", exact=True)).to_be_visible()
         say(page, live([state("bay1")]))
-        expect(page.locator(".decision .word")).to_have_text("PERMIT")
+        expect(page.locator(".decision .word")).to_have_text("MAY MOVE")
 
 
 def test_a_fault_of_the_page_itself_leaves_nothing_standing_that_looks_live(operator: Open, watch: Watch) -> None:
     watch.excused = re.compile("TypeError")
     page = operator(live([state("bay1")]))
-    expect(page.locator(".decision .word")).to_have_text("PERMIT")
+    expect(page.locator(".decision .word")).to_have_text("MAY MOVE")
     strange = live([state("bay1")])
     del strange["bays"][0]["state"]["guidance"], strange["bays"][0]["state"]["rates"]
     say(page, strange)

@@ -106,7 +106,7 @@ def test_save_shows_the_difference_and_changes_one_line_of_the_file(visit: Visit
         page = tuning(bay, visit)
         page.get_by_role("button", name="Begin function check").click()
         plc.wait_for(lambda image: image["may_move"] == 0, PATIENCE_S)
-        expect(page.get_by_role("heading", name=re.compile("FUNCTION CHECK"))).to_contain_text("permit is OFF")
+        expect(page.get_by_role("heading", name=re.compile("FUNCTION CHECK"))).to_contain_text("may_move is OFF")
 
         field = page.locator(f"#k-{AREA}-n")
         field.fill("350")

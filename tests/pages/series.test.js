@@ -57,6 +57,13 @@ test('stretches for the strip: joined, cut to the window, none where nothing is 
   assert.deepEqual(series.stretches('stop', 5, 6), []);
 });
 
+test('every strip of the trend has its column', () => {
+  const series = new Series();
+  series.add(0, { radius_px: 1, distance_mm: 2, stop: true, in_place: true, may_move: false });
+  for (const [name, value] of [['stop', true], ['in_place', true], ['may_move', false]])
+    assert.deepEqual(series.stretches(name, 0, 60), [{ from: 0, to: GAP_S, value }], name);
+});
+
 test('the newest sample does not stand for the time after it', () => {
   const series = new Series();
   series.add(0, sample(5, true));

@@ -19,6 +19,7 @@ from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
 from gateway.hmi.alarms.board import MAX_DETAIL
 from gateway.hmi.alarms.records import MAX_NOTE, Change, Standing
 from gateway.hmi.alarms.states import AlarmState, Cue
+from gateway.hmi.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.hmi.latencies import BOUNDS_S, Histogram
 from gateway.hmi.orders import TO_WEB, Answer, Ask, TaskNow
 from gateway.hmi.parts import MAX_ERROR, MOST_ALARMS, PLC_QUIET_S, Parts
@@ -91,7 +92,7 @@ def test_links_hold_what_the_parts_say_and_no_password() -> None:
                 "bay1.control", True, MAX_ERROR,
             )  # fmt: skip
             assert (links.modbus, links.broker_connected) == ((server(),), True)
-            assert sum(count for _, count in links.alarms.counts) == 21
+            assert sum(count for _, count in links.alarms.counts) == len(BAY_ALARMS) + len(GATEWAY_ALARMS)
 
     run(scene())
 

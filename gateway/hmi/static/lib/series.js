@@ -10,7 +10,7 @@ const PER_S = 10;
 /**
  * @typedef {object} Sample
  * @property {number|null} radius_px @property {number|null} distance_mm
- * @property {boolean|null} stop @property {boolean|null} may_move
+ * @property {boolean|null} stop @property {boolean|null} in_place @property {boolean|null} may_move
  */
 
 export class Series {
@@ -21,8 +21,8 @@ export class Series {
   }
 
   clear() {
-    /** @type {{t: number[], radius: (number|null)[], distance: (number|null)[], stop: (boolean|null)[], mayMove: (boolean|null)[]}} */
-    this.row = { t: [], radius: [], distance: [], stop: [], mayMove: [] };
+    /** @type {{t: number[], radius: (number|null)[], distance: (number|null)[], stop: (boolean|null)[], in_place: (boolean|null)[], may_move: (boolean|null)[]}} */
+    this.row = { t: [], radius: [], distance: [], stop: [], in_place: [], may_move: [] };
   }
 
   /** @param {number} tS never goes back @param {Sample} sample */
@@ -43,15 +43,16 @@ export class Series {
   }
 
   _push(tS, sample) {
-    const { t, radius, distance, stop, mayMove } = this.row;
+    const { t, radius, distance, stop, in_place, may_move } = this.row;
     t.push(tS);
     radius.push(known(sample?.radius_px) ? sample.radius_px : null);
     distance.push(known(sample?.distance_mm) ? sample.distance_mm : null);
     stop.push(sample?.stop ?? null);
-    mayMove.push(sample?.may_move ?? null);
+    in_place.push(sample?.in_place ?? null);
+    may_move.push(sample?.may_move ?? null);
   }
 
-  /** Stretches of the same value, for a strip: from, to, value; null ones are left out. @param {'stop'|'mayMove'} name */
+  /** Stretches of the same value, for a strip: from, to, value; null ones are left out. @param {'stop'|'in_place'|'may_move'} name */
   stretches(name, fromS, toS) {
     const { t } = this.row;
     const values = this.row[name];

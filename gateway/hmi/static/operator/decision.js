@@ -35,11 +35,11 @@ function Spoken({ text }) {
 function Scale({ scale }) {
   const said = scaleWords(scale);
   if (said === null) return html`<span>${scale === undefined ? NONE : 'not learned yet'}</span>`;
-  return html`<span>${said.value}</span><span class="small names"> ${said.rest}</span>
+  return html`<span>${said.value}</span><span class="small names"> ${said.rest} </span>
     ${said.jump && html`<span class="tag bad">${said.jump}</span>`}`;
 }
 
-const Fact = ({ name, children }) => html`<div><dt>${name}</dt><dd class="value">${children}</dd></div>`;
+const Fact = ({ name, wide, children }) => html`<div class=${wide ? 'wide-fact' : ''}><dt>${name}</dt><dd class="value">${children}</dd></div>`;
 
 export function Decision({ state, bay }) {
   const word = decisionWords(state);
@@ -64,7 +64,7 @@ export function Decision({ state, bay }) {
       <${Fact} name="Visit">${state === null ? NONE : words(state.phase)}<//>
       <${Fact} name="D">${state === null ? NONE : state.d === null ? 'unknowable' : state.d ? '1' : '0'}<//>
       <${Fact} name="Latch">${state === null ? NONE : state.plc.stop_latched ? 'latched' : 'free'}<//>
-      <${Fact} name="R × Z learned"><${Scale} scale=${state?.scale} /><//>
+      <${Fact} name="R × Z learned" wide=${true}><${Scale} scale=${state?.scale} /><//>
     </dl>
     <div class="guidance">
       <div class="told">

@@ -1,9 +1,9 @@
-// R and Z over the last minutes with their thresholds; stop and may move as strips below. No line across what is missing.
+// R and Z over the last minutes with their thresholds; stop, in place and may move as strips below. No line across what is missing.
 
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import uPlot from '../vendor/uplot.js';
 import { nice } from '../lib/bars.js';
-import { clock, number } from '../lib/format.js';
+import { clock, number, words } from '../lib/format.js';
 import { Series } from '../lib/series.js';
 import { useKept } from './hooks.js';
 
@@ -96,6 +96,8 @@ function hatched(g, left, top, width, height, ratio) {
   g.restore();
 }
 
+const STRIPS = [['stop', '#1f2529'], ['in_place', '#3f5a73'], ['may_move', '#5b7285']];
+
 function strip(canvas, plot, series, from, to) {
   const ratio = devicePixelRatio || 1;
   const room = canvas.getBoundingClientRect();
@@ -105,8 +107,8 @@ function strip(canvas, plot, series, from, to) {
   g.clearRect(0, 0, width, height);
   const { left, width: across } = plot.bbox;
   const x = (t) => left + ((t - from) / (to - from)) * across;
-  const row = height / 2;
-  for (const [n, name, fill] of [[0, 'stop', '#1f2529'], [1, 'may move', '#5b7285']]) {
+  const row = height / STRIPS.length;
+  for (const [n, [name, fill]] of STRIPS.entries()) {
     const [y, tall] = [n * row + row * 0.14, row * 0.72];
     hatched(g, left, y, across, tall, ratio); // not known, unless something is drawn over it
     for (const { from: a, to: b, value } of series.stretches(name, from, to)) {
@@ -117,10 +119,10 @@ function strip(canvas, plot, series, from, to) {
     g.lineWidth = ratio;
     g.strokeRect(left, y, across, tall);
     g.fillStyle = '#1f2529';
-    g.font = `${row * 0.66}px ${FONT}`;
+    g.font = `${row * 0.58}px ${FONT}`;
     g.textAlign = 'right';
     g.textBaseline = 'middle';
-    g.fillText(name, left - 6 * ratio, y + tall / 2);
+    g.fillText(words(name), left - 6 * ratio, y + tall / 2);
   }
 }
 
@@ -142,8 +144,8 @@ export function Trend({ state, limits, fresh, bay }) {
     const time = () => (start.wall + performance.now() - start.steady) / 1000; // never steps, whoever sets the clock
     const follow = (u) => {
       const at = u.cursor.idx;
-      const { t, radius: r, distance: z, stop, mayMove } = series.row;
-      setCursor(u.cursor.left >= 0 && at != null && t[at] ? { t: t[at], r: r[at], z: z[at], stop: stop[at], mayMove: mayMove[at] } : null);
+      const { t, radius: r, distance: z, stop } = series.row;
+      setCursor(u.cursor.left >= 0 && at != null && t[at] ? { t: t[at], r: r[at], z: z[at], stop: stop[at] } : null);
     };
     for (const { plot } of [radius, distance]) (plot.hooks.setCursor ??= []).push(follow);
     const paint = () => {
@@ -197,8 +199,8 @@ export function Trend({ state, limits, fresh, bay }) {
     if (!tools.current) return;
     const { series, time } = tools.current;
     series.add(time(), fresh && state
-      ? { radius_px: state.radius_px, distance_mm: state.distance_mm, stop: state.stop, may_move: state.may_move }
-      : { radius_px: null, distance_mm: null, stop: null, may_move: null });
+      ? { radius_px: state.radius_px, distance_mm: state.distance_mm, stop: state.stop, in_place: state.in_place, may_move: state.may_move }
+      : { radius_px: null, distance_mm: null, stop: null, in_place: null, may_move: null });
   }, [state, fresh]);
   useEffect(() => tools.current?.paint(), [seconds, paused]);
 
