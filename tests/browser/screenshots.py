@@ -22,10 +22,11 @@ def of_code(code: str) -> Callable[[Page], None]:
     return lambda page: until(page, lambda: page.evaluate("() => document.body.dataset.code") == code, WAIT_S)
 
 
-def with_trend(decision: str) -> Callable[[Page], None]:
+def with_trend(decision: str, why: str = "") -> Callable[[Page], None]:
     def moment(page: Page) -> None:
         page.wait_for_timeout(TREND_MS)
         expect(page.locator(".decision .word")).to_have_text(decision, timeout=1000 * WAIT_S)
+        expect(page.locator(".decision .why")).to_contain_text(why, timeout=1000 * WAIT_S)
         page.wait_for_timeout(1500)
 
     return moment
@@ -70,7 +71,7 @@ APPROACH = ("--scenario", "approach")
 FAULTS = ("--scenario", "faults", "--bays", "4")
 SHOTS = (
     Shot("operator", APPROACH, "/#bay1", with_trend("MAY MOVE"), height_px=940),
-    Shot("operator-stop", APPROACH, "/#bay1", with_trend("STOP"), height_px=940),
+    Shot("operator-stop", APPROACH, "/#bay1", with_trend("STOP", "in place"), height_px=940),
     Shot("operator-phone", APPROACH, "/#bay1", with_trend("MAY MOVE"), width_px=390, height_px=844),
     Shot("overview", FAULTS, "/", one_in_trouble),
     Shot("technician", APPROACH, "/tune/bay1", tried, width_px=1600, height_px=1000),

@@ -234,7 +234,7 @@ def test_the_visit_of_a_truck(operator: Open) -> None:
     page = operator(live([state("bay1", **HERE, scale=SCALE)]))
     expect(page.locator(".decision .why")).to_contain_text("in place: ")
     assert [fact(page, name) for name in ("Stop", "May move", "In place", "Moved since", "Visit", "D")] == [
-        *("on", "no", "yes, seen, for 2 min 5 s", "no", "in place", "1")
+        *("on", "no", "yes, seen 2 min 5 s", "no", "in place", "1")
     ]
     assert re.fullmatch(r"56 000 px mm spread 1\.2 %, 12 visits, newest 2026-11-0[67]", fact(page, "R × Z learned")), (
         fact(page, "R × Z learned")
@@ -242,7 +242,7 @@ def test_the_visit_of_a_truck(operator: Open) -> None:
     held = {**HERE, "d": None, "held": True, "held_ms": 35_000.0, "phase": "HELD", "radius_px": None}
     say(page, live([state("bay1", **held, scale={**SCALE, "jump": -0.125})]))
     expect(page.locator(".decision .why")).to_contain_text("in place, held by the ranger alone: ")
-    assert (fact(page, "In place"), fact(page, "D")) == ("yes, held for 35.0 s", "unknowable")
+    assert (fact(page, "In place"), fact(page, "D")) == ("yes, held 35.0 s", "unknowable")
     assert fact(page, "R × Z learned").endswith("newest differs by −13 %")
     judgements.accessible(page)
     moved = {**held, "in_place": False, "held": False, "in_place_ms": None, "held_ms": None, "moved": "DISTANCE"}

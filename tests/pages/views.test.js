@@ -52,8 +52,8 @@ test('in place: seen or held, and since when', () => {
   const there = { in_place: true, held: false, in_place_ms: 125_000, held_ms: null };
   assert.equal(placeWords(null), '–');
   assert.equal(placeWords({ ...there, in_place: false }), 'no');
-  assert.equal(placeWords(there), 'yes, seen, for 2\u202fmin 5\u202fs');
-  assert.equal(placeWords({ ...there, held: true, held_ms: 35_000 }), 'yes, held for 35.0\u202fs');
+  assert.equal(placeWords(there), 'yes, seen 2\u202fmin 5\u202fs');
+  assert.equal(placeWords({ ...there, held: true, held_ms: 35_000 }), 'yes, held 35.0\u202fs');
 });
 
 test('moved: never shown as no by mistake', () => {

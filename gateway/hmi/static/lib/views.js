@@ -107,7 +107,7 @@ export function decisionWords(state) {
 export function placeWords(state) {
   if (state === null) return NONE;
   if (!state.in_place) return 'no';
-  return state.held ? `yes, held for ${age(state.held_ms)}` : `yes, seen, for ${age(state.in_place_ms)}`;
+  return state.held ? `yes, held ${age(state.held_ms)}` : `yes, seen ${age(state.in_place_ms)}`;
 }
 
 const MOVED = { NO: 'no', DISTANCE: 'yes, by distance', MARKER: 'yes, marker elsewhere' };
