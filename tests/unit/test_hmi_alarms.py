@@ -173,7 +173,8 @@ NO_ALARM = {
     "in place": permitted(d=True, stop=True, may_move=False, visit=Visit(in_place=True, place=PLACE)),
     "held": permitted(d=None, stop=True, may_move=False, visit=Visit(in_place=True, place=PLACE, covered_since_ns=1)),
     "a truck leaves where nobody can release it": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE)),
-    "released": permitted(plc=Handshake(link=PlcLink.ALIVE), visit=Visit(place=PLACE, released=True)),
+    "released": permitted(d=True, plc=Handshake(link=PlcLink.ALIVE), visit=Visit(place=PLACE, released=True)),
+    "gone by both sensors": permitted(d=False, visit=Visit(place=PLACE, ended="D = 0")),
     "learned": permitted(memory=FusionMemory(scale=replace(SCALE, jump=None))),
 }
 
@@ -216,6 +217,15 @@ class TestTheTable:
         far = replace(no_echo(100.0), z_vision_mm=3000.0)
         assert told(look(board(), near, *LONG)) == [("bay1.ranger_no_echo", "unacknowledged")]
         assert look(board(), far, *LONG) == []
+
+    def test_a_dead_camera_is_its_own_alarm_until_it_is_back(self) -> None:
+        lost = Visit(place=PLACE, ended="camera dead")
+        alarms = board()
+        dead = replace(camera(Quality.LINK_DOWN), d=None, visit=lost)
+        assert told(look(alarms, dead, 0, 10)) == [("bay1.camera_down", "unacknowledged")]
+        covered = replace(camera(Quality.NO_TARGET), d=None, visit=lost)
+        changes = [change for change in look(alarms, covered, 20, 25, 30) if change.after is U]
+        assert [(change.id, change.detail) for change in changes] == [("bay1.in_place_lost", "camera dead")]
 
     def test_every_row_says_what_to_do(self) -> None:
         for kind in table.KINDS.values():
