@@ -97,7 +97,7 @@ def encoded(remembered: Remembered, bay: BayConfig, offset_ns: int) -> bytes:
     """The file's text. `offset_ns`: Unix time minus monotonic time."""
     kept = _BayFile(
         version=VERSION,
-        function_check=remembered.function_check.name,  # type: ignore[arg-type]  # its names are those of the file
+        function_check=remembered.function_check.name,
         picture_px=(bay.camera.width_px, bay.camera.height_px),
         visits=tuple(
             _Visit(unix_s=s.date_s(offset_ns), recipe=s.recipe, radius_px=s.radius_px, distance_mm=s.distance_mm)

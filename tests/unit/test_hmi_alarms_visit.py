@@ -6,6 +6,7 @@ import pytest
 
 from gateway import interlock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, VisitConfig
+from gateway.fusion import Observation
 from gateway.hmi.alarms.board import AlarmBoard
 from gateway.hmi.alarms.records import Change
 from gateway.hmi.alarms.states import AlarmState
@@ -56,7 +57,7 @@ class Bay:
                 self.step(PlcWrite(PLC, heartbeat=self.beat, control=0 if self.beat == 1 else None))
             self.changes += self.board.look_at_bay(self.state, self.now_ns)
 
-    def step(self, observation: interlock.fusion.Observation) -> None:
+    def step(self, observation: Observation) -> None:
         self.state = interlock.step(self.state, observation, self.now_ns, self.rules)
 
     def comes_to_stand(self) -> None:
