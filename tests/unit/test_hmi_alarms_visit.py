@@ -31,7 +31,8 @@ class Bay:
 
     def __post_init__(self) -> None:
         bay = BayConfig(fusion=FusionConfig(recovery_s=0.2, clear_hold_s=0.2), visit=self.visit)
-        gateway = GatewayConfig(bays=(bay,), modbus=ModbusConfig(writes=self.writes))
+        modbus = ModbusConfig(writes=self.writes, plc_addresses=("10.0.0.1",))
+        gateway = GatewayConfig(bays=(bay,), modbus=modbus)
         self.rules = interlock.Rules.of(bay, gateway)
         self.now_ns = 1_000_000 * MS
         self.state: StateVector = interlock.initial("bay1", self.now_ns, self.rules, self.remembered)
