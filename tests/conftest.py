@@ -1,9 +1,18 @@
-"""Property tests search the same examples in every run, so that a red test is red for everybody.
+"""What is the same for everybody who runs the tests, so that a red test is red for everybody.
 
-`pytest --hypothesis-profile=wild` searches new ones: for finding faults, not for judging a change.
+Property tests search the same examples in every run. `pytest --hypothesis-profile=wild` searches new ones: for finding
+faults, not for judging a change.
+
+The programs that tests start see a user's environment: with PYTHONUNBUFFERED, which build machines set, some faults of
+a program's end do not show.
 """
 
+import os
+
 from hypothesis import settings
+
+for name in [name for name in os.environ if name.startswith("PYTHON")]:
+    del os.environ[name]
 
 settings.register_profile("steady", derandomize=True, deadline=None)
 settings.register_profile("wild", deadline=None, max_examples=300)

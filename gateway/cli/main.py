@@ -1,11 +1,13 @@
 """`gateway VERB`: one module a verb, each with NAME, HELP, `configure(parser)` and `main(args) -> exit code`."""
 
 import argparse
+import errno
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
 from gateway import __version__
+from gateway.cli.outlet import flushed
 from gateway.errors import ConfigError, GatewayError
 
 VERBS = (
@@ -32,6 +34,31 @@ exit codes: 0 done, 1 failed, 2 a file or an argument must be edited
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """The exit code. What stands in the buffers is written here, and not by the interpreter at its end."""
+    try:
+        code = _run_verb(argv)
+    except SystemExit:  # argparse: --help, --version, a wrong argument
+        if not _output_lost():
+            raise
+        return 1
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC):
+            raise
+        _output_lost(error)
+        return 1
+    return 1 if _output_lost() else code
+
+
+def _output_lost(known: OSError | None = None) -> bool:
+    """Has output been lost for good? A reader that went away (`gateway detect ... | head`) needs no word about it."""
+    errors = [error for error in (known, flushed(sys.stdout), flushed(sys.stderr)) if error is not None]
+    told = [error for error in errors if not isinstance(error, BrokenPipeError)]
+    if told:
+        print(f"gateway: the output cannot be written: {told[0].strerror}", file=sys.stderr)
+    return bool(errors)
+
+
+def _run_verb(argv: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(
         prog="gateway",
         description="Tells a loading-control PLC when a truck's filling port stands under the loading spout.",
@@ -62,6 +89,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:  # the long-running verbs end by themselves on Ctrl-C; this is for the short ones
         return 130
-    except BrokenPipeError:  # the reader of our output went away: `gateway detect ... | head`
-        sys.stderr.close()
-        return 1

@@ -2,6 +2,9 @@
 
 Writing puts text into a bounded queue; a daemon thread carries it to the real stream. What does not fit is dropped and
 counted, and the count is written when the stream moves again.
+
+The thread writes to the stream's file descriptor, past its buffer. It may hang in a write when the process ends: the
+interpreter flushes `sys.stdout` at its end, would wait for the lock of a buffer in use, and abort with a core dump.
 """
 
 import contextlib
@@ -15,9 +18,40 @@ LIMIT = 20_000  # chunks; a second of JSON lines of a bay is about 30
 CLOSE_S = 0.5
 
 
+def flushed(stream: TextIO | None) -> OSError | None:
+    """Flush `stream` before the interpreter does, whose exit code would be 120 where it fails.
+
+    Returns why it failed; what could not be written is then given up.
+    """
+    if stream is not None:
+        try:
+            stream.flush()
+        except OSError as error:
+            _give_up(stream)
+            return error
+    return None
+
+
+def _give_up(stream: TextIO) -> None:
+    """What is left in the stream's own buffer goes nowhere, or the interpreter would complain of it at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+
+
+def _write(stream: TextIO, text: str) -> None:
+    rest = text.encode(stream.encoding, stream.errors or "strict")
+    while rest:
+        rest = rest[os.write(stream.fileno(), rest) :]
+
+
 class Outlet:
-    """A writable text stream for `print`, `logging` and rich. `on_lost` is called once, from the thread, when the
-    stream is gone (reader ended, disk full); everything after that is dropped in silence."""
+    """A writable text stream for `print`, `logging` and rich, in front of a stream with a file descriptor.
+
+    `on_lost` is called once, from the thread, when the stream is gone (reader ended, disk full); everything after that
+    is dropped in silence.
+    """
 
     def __init__(self, stream: TextIO | None, on_lost: Callable[[], None] = lambda: None, limit: int = LIMIT) -> None:
         self._stream = stream
@@ -39,7 +73,7 @@ class Outlet:
         return len(text)
 
     def flush(self) -> None:
-        """Nothing to do: the thread flushes whenever it has caught up."""
+        """Nothing to do: nothing is kept back."""
 
     def isatty(self) -> bool:
         return self._stream is not None and self._stream.isatty()
@@ -50,8 +84,8 @@ class Outlet:
             raise OSError("this stream is closed")
         return self._stream.fileno()
 
-    def close(self, timeout_s: float = CLOSE_S) -> None:
-        """Give the thread so long to write what is queued; what it cannot write by then is left."""
+    def close(self, timeout_s: float | None = CLOSE_S) -> None:
+        """Give the thread so long (None: as long as it takes) to write what is queued; what it cannot is left."""
         try:
             self._queue.put(None, timeout=timeout_s)
         except queue.Full:
@@ -65,18 +99,9 @@ class Outlet:
             dropped, self._dropped = self._dropped, 0
             try:
                 if dropped:
-                    self._stream.write(f"({dropped} outputs dropped: nobody read them in time)\n")
-                self._stream.write(text)
-                if self._queue.empty():
-                    self._stream.flush()
-            except (OSError, ValueError):  # ValueError: closed under our hands
+                    _write(self._stream, f"({dropped} outputs dropped: nobody read them in time)\n")
+                _write(self._stream, text)
+            except (OSError, ValueError):  # ValueError: closed under our hands, or a letter that its encoding lacks
                 self.lost = True
-                self._silence()
+                _give_up(self._stream)
                 self._on_lost()
-
-    def _silence(self) -> None:
-        """What is left in the stream's own buffer goes nowhere, or the interpreter would complain of it at its end."""
-        with contextlib.suppress(OSError, ValueError):
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self.fileno())
-            os.close(nowhere)

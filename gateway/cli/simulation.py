@@ -240,6 +240,7 @@ class _Simulation:
                 source=str(self._args.config.resolve()) if self._args.config else "",
             )
         if self._trials:
+            self._out.close(None)  # the report has the same stdout, and comes after
             return simtrials.report(self._trials, as_json=self._args.json)
         if self._json:
             self._json.summary()

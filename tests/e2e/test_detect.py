@@ -270,6 +270,14 @@ def test_a_reader_that_leaves_early(folder: Path) -> None:
         assert process.wait(timeout=60) == 1
 
 
+def test_a_full_disk_ends_it(folder: Path) -> None:
+    with open("/dev/full", "wb") as full:
+        command = [sys.executable, "-m", "gateway", "detect", "--json", "a1.png", "a2.png"]
+        done = subprocess.run(command, cwd=folder, stdout=full, stderr=subprocess.PIPE, timeout=60, check=False)
+    assert done.returncode == 1
+    assert done.stderr == b"gateway: the output cannot be written: No space left on device\n"
+
+
 @pytest.mark.parametrize(("method", "r"), [("paper", 2001.5), ("robust", 2000.0)])
 def test_a_hundred_megapixels(tmp_path: Path, method: str, r: float) -> None:
     image = np.full((8000, 12500, 3), (95, 95, 92), np.uint8)
