@@ -15,14 +15,21 @@ from gateway.model import Reason
 from gateway.sim import trials
 
 LOOK_S = 0.1
+LEAVE_S = 0.1  # from the judgement to the departure: the camera process must have heard of it by then
 
 
 class Recorder:
-    """Every state of one bay, with what was true at that moment."""
+    """Judges every state of one bay beside what was true at that moment, and lets the truck leave a decided trial."""
 
     def __init__(self, bay: Bay) -> None:
         self.bay = bay
-        self.records: list[trials.Record] = []
+        thresholds = bay.thresholds
+        self._evaluation = trials.Evaluation(
+            radius_threshold_px=thresholds.radius_threshold_px,
+            distance_threshold_mm=thresholds.distance_threshold_mm,
+        )
+        self._leg_left = -1
+        self._seen_ns: int | None = None
 
     async def run(self, hub: Hub, clock: Clock) -> None:
         seq = -1
@@ -32,30 +39,32 @@ class Recorder:
             if self.bay.t_s(state.t_ns) < 0 or state.reason is Reason.SHUTDOWN:
                 continue  # the show has not begun, or is over
             circle = state.vision.circle
-            self.records.append(
-                trials.Record(
-                    t_ns=state.t_ns,
-                    truth=self.bay.truth(state.t_ns),
-                    distance_mm=state.range.distance_mm,
-                    radius_px=circle.radius_px if circle else None,
-                    stop=state.stop,
-                    d=state.d,
-                )
+            truth = self.bay.truth(state.t_ns)
+            record = trials.Record(
+                t_ns=state.t_ns,
+                truth=truth,
+                distance_mm=state.range.distance_mm,
+                radius_px=circle.radius_px if circle else None,
+                stop=state.stop,
+                d=state.d,
             )
+            self._seen_ns = state.t_ns
+            decided = self._evaluation.see(record)
+            if decided and self.bay.standing is not None and truth.leg != self._leg_left:
+                self._leg_left = truth.leg
+                self.bay.standing.leave(truth.leg, self.bay.t_s(clock.now_ns()) + LEAVE_S)
+
+    def planned_s(self, now_ns: int) -> float:
+        """How far the trials have come, s of the scenario's plan; negative before they begin."""
+        return self.bay.world.planned_s(self.bay.t_s(now_ns))
 
     @property
     def cut_short(self) -> bool:
         """The run ended before the last trial was over."""
-        planned = self.bay.scenario.duration_s
-        return not self.records or self.bay.t_s(self.records[-1].t_ns) < planned - 1.0
+        return self._seen_ns is None or self.planned_s(self._seen_ns) < self.bay.scenario.duration_s - 1.0
 
     def evaluate(self) -> trials.TrialReport:
-        thresholds = self.bay.thresholds
-        return trials.evaluate(
-            self.records,
-            radius_threshold_px=thresholds.radius_threshold_px,
-            distance_threshold_mm=thresholds.distance_threshold_mm,
-        )
+        return self._evaluation.report()
 
 
 def progress_bar() -> Progress:
@@ -75,16 +84,16 @@ async def record(
     recorders: list[Recorder], hub: Hub, clock: Clock, stop: asyncio.Event, progress: Progress | None
 ) -> None:
     """Record until the last trial is over, then set `stop`."""
-    end_s = max(recorder.bay.scenario.duration_s for recorder in recorders)
+    end_s = max(recorder.bay.scenario.duration_s for recorder in recorders)  # the seeds differ, the plans hardly
     async with asyncio.TaskGroup() as group:
         work = [group.create_task(recorder.run(hub, clock)) for recorder in recorders]
         if progress is not None:
             progress.start()
             row = progress.add_task("trials", total=end_s)
         try:
-            while (t_s := recorders[0].bay.t_s(clock.now_ns())) < end_s:
+            while (done_s := min(recorder.planned_s(clock.now_ns()) for recorder in recorders)) < end_s:
                 if progress is not None:
-                    progress.update(row, completed=max(0.0, t_s), refresh=True)
+                    progress.update(row, completed=max(0.0, done_s), refresh=True)
                 await clock.sleep(LOOK_S)
         finally:
             if progress is not None:
@@ -162,6 +171,7 @@ def _emit(bay: str, result: trials.TrialReport) -> None:
                 "radius_px": trial.radius_px,
                 "decision": trial.decision,
                 "expected": trial.expected,
+                "waited_s": trial.waited_s,
                 "right": trial.right,
             }
             for trial in result.trials
@@ -173,5 +183,6 @@ def _emit(bay: str, result: trials.TrialReport) -> None:
         false_stops=figures.false_stops,
         missed_stops=figures.missed_stops,
         undecided=result.undecided,
+        longest_wait_s=result.longest_wait_s,
         accuracy=figures.accuracy,
     )

@@ -6,6 +6,7 @@ import contextlib
 import os
 import socket
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -28,6 +29,7 @@ from gateway.sim.camera import SimCameraSpec
 from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.scenario import Scenario
+from gateway.sim.standing import Standing
 from gateway.strict.faults import without_password
 from gateway.strict.section import Section, most_of
 from gateway.supervisor import Task
@@ -66,13 +68,21 @@ def _simulate(args: argparse.Namespace, *, first: bool) -> int:
     settings = _at_speed(_settings(args, first=first), args.speed)
     clock = SystemClock(speed=args.speed)
     origin_ns = clock.now_ns() + int(LEAD_S * args.speed * NS_PER_S)
-    bays = [
-        Bay(bay.name, bay.unit_id, _variant(scenario, bay.name, number, len(settings.bays)), bay.fusion, origin_ns)
-        for number, bay in enumerate(settings.bays)
-    ]
-    live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
-    running.setup_logging("error" if live else settings.log_level)
-    return loop.run(_Simulation(args, scenario, settings, clock, bays, live).run())
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trials-"))) if args.trials else None
+        bays = []
+        for number, bay in enumerate(settings.bays):
+            show = _variant(scenario, bay.name, number, len(settings.bays))
+            standing = _standing(show, folder / bay.name, args.speed) if folder else None
+            bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, standing))
+        live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
+        running.setup_logging("error" if live else settings.log_level)
+        return loop.run(_Simulation(args, scenario, settings, clock, bays, live).run())
+
+
+def _standing(scenario: Scenario, path: Path, speed: float) -> Standing:
+    """Waiting is for this machine, so its limit is real seconds, as in `_at_speed`."""
+    return Standing(path, trials.trial_legs(scenario), trials.WAIT_S * max(1.0, speed))
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -219,7 +229,9 @@ class _Simulation:
                 await stack.enter_async_context(ranger)
             ports = app.Ports(
                 camera={
-                    bay.name: SimCameraSpec(bay.scenario, bay.origin_ns, f"simulated camera of {bay.name}")
+                    bay.name: SimCameraSpec(
+                        bay.scenario, bay.origin_ns, f"simulated camera of {bay.name}", bay.standing
+                    )
                     for bay in self._bays
                 },
                 ranger={name: ranger.port for name, ranger in rangers.items()},

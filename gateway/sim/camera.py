@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
 from gateway.sim.scenario import FaultKind, Scenario
+from gateway.sim.standing import Standing
 from gateway.sim.world import World
 from gateway.vision.sources import Frame
 
@@ -26,6 +27,7 @@ class SimCameraSpec:
     scenario: Scenario
     origin_ns: int
     label: str = "simulated camera"
+    standing: Standing | None = None
 
     def open(self, clock: Clock) -> "SimCamera":
         """Paints the textures, most of a second. Raises LinkError while the scenario says the camera is lost."""
@@ -44,7 +46,7 @@ class SimCamera:
     def __init__(self, spec: SimCameraSpec, clock: Clock, painter: "Painter") -> None:
         self._spec = spec
         self._clock = clock
-        self._world = World(spec.scenario)
+        self._world = World(spec.scenario, standing=spec.standing)
         self._painter: Painter | None = painter
         self._period_ns = round(NS_PER_S / spec.scenario.camera.fps)
         self._last = self._index(clock.now_ns())  # of the frame exposed last; negative before world time 0

@@ -8,8 +8,12 @@ Definitions, all on D of equation 14 and none on the fail-safe, which is counted
 - False stop: D = 1 although the truth has surely said no for the last `SETTLE_S`, driving or at rest. An unbroken run
   of such records is one false stop.
 - Missed stop: a trial at rest whose truth surely says yes, with a record in which D = 0.
-- Undecided: a trial at rest with a record in which D is unknown (a sensor was bad; `stop` is then the fail-safe's).
-- A trial is right when none of the three happened from its start to the start of the next.
+- Decided: at rest D was known without a break for `DECIDED_S`, once. The truck stands until then, `WAIT_S` longer than
+  planned at most: how soon a loaded machine knows D is no matter of the decision. While D is unknown (a sensor is bad)
+  `stop` is the fail-safe's. A false or missed stop counts at any time, before a trial is decided and after.
+- Undecided: a trial whose truck left without that.
+- A trial is right when it is decided, and neither a false nor a missed stop happened from its start to the start of
+  the next.
 """
 
 import math
@@ -30,6 +34,9 @@ TRIAL = "trial "  # names of the legs that end in a trial
 DISTANCE_TOLERANCE_MM = 8.0  # 4 standard deviations of the default ranger's jitter and half its 4 mm step
 RADIUS_TOLERANCE_PX = 3.0  # the thresholded mask is up to 3 px larger than the paint
 SETTLE_S = 0.5  # the slowest way from the truth to the registers: exposure, filters, debounce
+STAND_S = 2.0  # planned at the end of a trial; on a machine with room nobody waits longer
+DECIDED_S = 1.2  # of STAND_S, after SETTLE_S and with the steps between records to spare
+WAIT_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +61,9 @@ class TrialResult:
     worst_error_mm: float | None  # of any reading at rest
     true_radius_px: float
     radius_px: float | None
-    decision: bool | None  # the last D at rest; None: unknown
+    decision: bool | None  # the last D known at rest; None: undecided
     expected: bool | None  # None: the truth lies within the tolerances of a threshold, either answer is right
+    waited_s: float | None  # at rest, until D was known and stayed so; None: undecided
     right: bool
 
 
@@ -80,6 +88,7 @@ class TrialReport:
     trials: tuple[TrialResult, ...]
     figures: Figures
     undecided: int
+    longest_wait_s: float | None  # for a decision; None: none was made
     radius_threshold_px: float
     distance_threshold_mm: float
     paper: Figures = field(default=PAPER)
@@ -96,6 +105,7 @@ class TrialReport:
             ("False stops", str(paper.false_stops), str(ours.false_stops)),
             ("Missed stops", str(paper.missed_stops), str(ours.missed_stops)),
             ("Undecided at rest", "not reported", str(self.undecided)),
+            ("Longest wait for a decision", "not reported", _s(self.longest_wait_s)),
             ("Stop decision accuracy", _percent(paper.accuracy), _percent(ours.accuracy)),
         ]
 
@@ -122,7 +132,7 @@ def trial_scenario(seed: int, n: int = 10) -> Scenario:
                 lateral_mm=aside,
                 vertical_mm=up,
                 speed_cm_s=25.0,
-                hold_s=2.0,
+                hold_s=STAND_S,
             )
         )
         legs.append(Leg(name="back off", distance_cm=START_CM, speed_cm_s=40.0, acceleration_cm_s2=60.0, hold_s=0.3))
@@ -130,35 +140,58 @@ def trial_scenario(seed: int, n: int = 10) -> Scenario:
     return scenario.model_copy(update={"duration_s": math.ceil(World(scenario).plan_s)})
 
 
-def evaluate(
-    records: Iterable[Record], *, radius_threshold_px: float = 180.0, distance_threshold_mm: float = 300.0
-) -> TrialReport:
-    """What the module's definitions make of `records`, which must be in order of time. Only trials begun count."""
-    judge = _Judge(radius_threshold_px, distance_threshold_mm)
-    trials: dict[str, _Trial] = {}
-    current: _Trial | None = None
+def trial_legs(scenario: Scenario) -> tuple[int, ...]:
+    """The legs that end in a trial."""
+    return tuple(number for number, leg in enumerate(scenario.legs) if leg.name.startswith(TRIAL))
+
+
+class Evaluation:
+    """What the module's definitions make of records, which must come in order of time. Only trials begun count."""
+
+    def __init__(self, *, radius_threshold_px: float = 180.0, distance_threshold_mm: float = 300.0) -> None:
+        self._thresholds = radius_threshold_px, distance_threshold_mm
+        self._judge = _Judge(radius_threshold_px, distance_threshold_mm)
+        self._trials: dict[str, _Trial] = {}
+        self._current: _Trial | None = None
+
+    def see(self, record: Record) -> bool:
+        """Take one record in; True where it was taken at rest in a trial that is decided: its truck may leave."""
+        name = record.truth.leg_name
+        if name.startswith(TRIAL):
+            self._current = self._trials.setdefault(name, _Trial(name))
+        false_stop_begins = self._judge.see(record)
+        if self._current is None:
+            return False
+        self._current.false_stops += false_stop_begins
+        if record.truth.leg_name != self._current.name or not self._judge.at_rest(record):
+            return False
+        self._current.stand(record)
+        return self._current.waited_s is not None
+
+    def report(self) -> TrialReport:
+        trials = self._trials.values()
+        results = [result for trial in trials if (result := trial.result(self._judge)) is not None]
+        errors = [r.worst_error_mm for r in results if r.worst_error_mm is not None]
+        figures = Figures(
+            trials=len(results),
+            nearest_mm=min((r.actual_mm for r in results), default=None),
+            farthest_mm=max((r.actual_mm for r in results), default=None),
+            worst_error_mm=max(errors, default=None),
+            false_stops=self._judge.false_stops,
+            missed_stops=sum(trial.missed(self._judge) for trial in trials),
+            accuracy=fmean(r.right for r in results) if results else None,
+        )
+        undecided = sum(result.waited_s is None for result in results)
+        longest_s = max((r.waited_s for r in results if r.waited_s is not None), default=None)
+        return TrialReport(tuple(results), figures, undecided, longest_s, *self._thresholds)
+
+
+def evaluate(records: Iterable[Record]) -> TrialReport:
+    """With the paper's thresholds."""
+    evaluation = Evaluation()
     for record in records:
-        if record.truth.leg_name.startswith(TRIAL):
-            current = trials.setdefault(record.truth.leg_name, _Trial(record.truth.leg_name))
-        false_stop_begins = judge.see(record)
-        if current is not None:
-            current.false_stops += false_stop_begins
-            if record.truth.leg_name == current.name and judge.at_rest(record):
-                current.rest.append(record)
-    results = [result for trial in trials.values() if (result := trial.result(judge)) is not None]
-    errors = [r.worst_error_mm for r in results if r.worst_error_mm is not None]
-    missed = sum(trial.missed(judge) for trial in trials.values())
-    figures = Figures(
-        trials=len(results),
-        nearest_mm=min((r.actual_mm for r in results), default=None),
-        farthest_mm=max((r.actual_mm for r in results), default=None),
-        worst_error_mm=max(errors, default=None),
-        false_stops=judge.false_stops,
-        missed_stops=missed,
-        accuracy=fmean(r.right for r in results) if results else None,
-    )
-    undecided = sum(trial.undecided() for trial in trials.values())
-    return TrialReport(tuple(results), figures, undecided, radius_threshold_px, distance_threshold_mm)
+        evaluation.see(record)
+    return evaluation.report()
 
 
 class _Judge:
@@ -203,12 +236,18 @@ class _Trial:
     name: str
     rest: list[Record] = field(default_factory=list)
     false_stops: int = 0
+    waited_s: float | None = None
+    _known_since: int | None = None
+
+    def stand(self, record: Record) -> None:
+        """Take one record at rest in."""
+        self.rest.append(record)
+        self._known_since = known = _since(self._known_since, record, record.d is not None)
+        if self.waited_s is None and known is not None and _lasted(known, record, DECIDED_S):
+            self.waited_s = (known - self.rest[0].t_ns) / NS_PER_S
 
     def missed(self, judge: _Judge) -> bool:
         return any(r.d is False and judge.verdict(r.truth) is True for r in self.rest)
-
-    def undecided(self) -> bool:
-        return any(r.d is None for r in self.rest)
 
     def result(self, judge: _Judge) -> TrialResult | None:
         """None where the truck never came to rest."""
@@ -223,9 +262,10 @@ class _Trial:
             worst_error_mm=max(errors, default=None),
             true_radius_px=fmean(r.truth.radius_px for r in self.rest),
             radius_px=_median([r.radius_px for r in self.rest]),
-            decision=last.d,
+            decision=None if self.waited_s is None else next(r.d for r in reversed(self.rest) if r.d is not None),
             expected=judge.verdict(last.truth),
-            right=not (self.false_stops or self.missed(judge) or self.undecided()),
+            waited_s=self.waited_s,
+            right=self.waited_s is not None and not self.false_stops and not self.missed(judge),
         )
 
 
@@ -235,8 +275,8 @@ def _since(since: int | None, record: Record, holds: bool) -> int | None:
     return record.t_ns if since is None else since
 
 
-def _lasted(since: int | None, record: Record) -> bool:
-    return since is not None and record.t_ns - since >= SETTLE_S * NS_PER_S
+def _lasted(since: int | None, record: Record, seconds: float = SETTLE_S) -> bool:
+    return since is not None and record.t_ns - since >= seconds * NS_PER_S
 
 
 def _median(values: Sequence[float | None]) -> float | None:
@@ -252,6 +292,10 @@ def _span(figures: Figures) -> str:
 
 def _cm(value_mm: float | None) -> str:
     return "none" if value_mm is None else f"{value_mm / 10:.2g} cm"
+
+
+def _s(value_s: float | None) -> str:
+    return "none" if value_s is None else f"{value_s:.1f} s"
 
 
 def _percent(share: float | None) -> str:

@@ -1,5 +1,7 @@
 """Where the truck is and what an ideal camera and ranger would measure: a pure function of scenario and time.
 
+In trials also of what has been told to `Standing`: how long the truck stands at the end of some legs.
+
 Axes as the camera's: X right, Y down, Z along the optical axis, mm. The marker is a disc facing the camera, so its
 picture is a circle: u = cx + f X/Z, v = cy + f Y/Z, R = f r/Z. With the defaults (f = 600 px, r = 90 mm) R = 180 px at
 Z = 30 cm exactly, the paper's pair of thresholds.
@@ -13,6 +15,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from gateway.sim.scenario import FaultKind, Leg, Scenario, Vibration
+from gateway.sim.standing import Standing
 
 SINES = 4  # per axis of the vibration
 DELTA_S = 1e-4  # for the image speed; vibration is slow against it
@@ -105,9 +108,15 @@ class World:
     """The truck of one scenario, with the thresholds of equation 14 that decide `stop`."""
 
     def __init__(
-        self, scenario: Scenario, *, radius_threshold_px: float = 180.0, distance_threshold_mm: float = 300.0
+        self,
+        scenario: Scenario,
+        *,
+        radius_threshold_px: float = 180.0,
+        distance_threshold_mm: float = 300.0,
+        standing: Standing | None = None,
     ) -> None:
         self.scenario = scenario
+        self._standing = standing
         self._radius_threshold_px = radius_threshold_px
         self._distance_threshold_mm = distance_threshold_mm
         start = scenario.start
@@ -124,6 +133,10 @@ class World:
     def plan_s(self) -> float:
         """World time at which the last leg's hold ends; from then on the truck stands, or begins again."""
         return self._segments[-1].end_s if self._segments else 0.0
+
+    def planned_s(self, t_s: float) -> float:
+        """How far the plan has come at world time `t_s`, s: that less what the truck has stood beyond it."""
+        return self._leg_and_planned_s(t_s)[1]
 
     def truth(self, t_s: float) -> Truth:
         """Everything at world time `t_s`; before 0 the truck stands at the start."""
@@ -164,13 +177,30 @@ class World:
     def _here(self, t_s: float) -> tuple[Vector, Phase, int]:
         if not self._segments or t_s < 0:
             return self._shaken(self._start, 0.0, t_s), Phase.HOLD, -1
-        plan_t = t_s % self.plan_s if self.scenario.repeat and self.plan_s > 0 else t_s
-        leg = max(0, bisect_right(self._starts, plan_t) - 1)
+        leg, planned_s = self._leg_and_planned_s(t_s)
         segment = self._segments[leg]
-        place, speed = segment.at(plan_t)
+        place, speed = segment.at(planned_s)
         phase = Phase.RETREAT if segment.target.z > segment.origin.z else Phase.APPROACH
         phase = phase if speed > 0 else Phase.HOLD
         return self._shaken(place, speed / (10.0 * self.scenario.legs[leg].speed_cm_s), t_s), phase, leg
+
+    def _leg_and_planned_s(self, t_s: float) -> tuple[int, float]:
+        waited_s = 0.0
+        if self._standing is not None:
+            left = self._standing.left()
+            for leg in self._standing.legs:
+                end_s = self._segments[leg].end_s
+                due_s = end_s + waited_s
+                if t_s < due_s:
+                    break
+                leaves_s = min(max(due_s, left.get(leg, math.inf)), due_s + self._standing.limit_s)
+                if t_s < leaves_s:
+                    return leg, end_s
+                waited_s += leaves_s - due_s
+        planned_s = t_s - waited_s
+        if self.scenario.repeat and self.plan_s > 0:
+            planned_s %= self.plan_s
+        return max(0, bisect_right(self._starts, planned_s) - 1), planned_s
 
     def _shaken(self, place: Vector, drive: float, t_s: float) -> Vector:
         """Add the vibration; `drive` 0 to 1 is the speed as a share of the cruising speed."""
