@@ -80,6 +80,7 @@ async def heard(subscriber: Subscriber, timeout_s: float = 10.0, **wanted: Any) 
 
 def test_a_late_subscriber_sees_the_retained_state_and_status(mosquitto: Mosquitto) -> None:
     async def scenario() -> None:
+        begun_ms = time.time() * 1000
         plant = Plant(mosquitto.url, "bay1", "bay2")
         async with plant.running():
             await plant.until(lambda: plant.publisher.stats.published >= 3)
@@ -92,12 +93,13 @@ def test_a_late_subscriber_sees_the_retained_state_and_status(mosquitto: Mosquit
                 "loading/site1/gw/status",
             }
             assert all(message.retained and message.qos == 1 for message in first)
+            read_ms = time.time() * 1000
             for message in first:
                 said = checked(message.topic, message.text)
                 if message.topic.endswith("/state"):
                     assert said["reason"]["name"] == "STARTING"
                     assert said["status_topic"] == "loading/site1/gw/status"
-                    assert abs(said["timestamp_ms"] - time.time() * 1000) < 5000
+                    assert begun_ms - 5 <= said["timestamp_ms"] <= read_ms + 5
                 else:
                     assert said["status"] == "online"
                     assert said["bays"] == ["bay1", "bay2"]
@@ -131,11 +133,9 @@ def test_a_change_of_stop_is_on_the_wire_at_once(mosquitto: Mosquitto) -> None:
             async with asyncio.TaskGroup() as group:
                 deliver = group.create_task(plant.publisher.deliver())
                 await heard(subscriber, status="online")
-                changed = time.monotonic()
                 plant.happen(EventKind.STOP_CLEARED, stop=False, may_move=True, reason=Reason.NONE)
-                message = await heard(subscriber, stop=False)
+                message = await heard(subscriber, stop=False)  # the next one by its period would come after 60 s
                 assert message.topic == "loading/site1/bay1/state"
-                assert message.arrived_s - changed < 5.0  # the next one by its period would come after 60
                 deliver.cancel()
 
     asyncio.run(scenario())
@@ -178,7 +178,7 @@ def test_no_event_is_lost_when_the_broker_is_killed(mosquitto: Mosquitto) -> Non
         assert [event["kind"] for event in events] == plant.happened
         assert plant.publisher.stats.reconnects == 4
         assert plant.publisher.stats.dropped == 0
-        assert sorted(plant.publish_s)[int(len(plant.publish_s) * 0.99)] < 0.002
+        assert plant.hardly_waited
 
     asyncio.run(scenario())
 
@@ -194,7 +194,7 @@ def test_without_a_broker_events_wait_and_the_control_path_does_not(mosquitto: M
                 await asyncio.sleep(0.005)
             assert plant.link_errors >= 2
             assert plant.publisher.stats.queued == 100
-            assert sorted(plant.publish_s)[int(len(plant.publish_s) * 0.99)] < 0.002
+            assert plant.hardly_waited
             await asyncio.to_thread(mosquitto.start)
             with Subscriber(mosquitto, "loading/#") as subscriber:
                 await plant.until(lambda: plant.publisher.stats.queued == 0)
@@ -209,16 +209,14 @@ def test_a_paused_broker_is_noticed_and_nothing_is_lost(mosquitto: Mosquitto) ->
         with Subscriber(mosquitto, "loading/site1/+/event", session="records") as subscriber:
             async with plant.running():
                 await plant.until(lambda: plant.publisher.stats.published >= 3)
-                plant.publish_s.clear()
-                plant.late_s.clear()
+                plant.waits.clear()
                 mosquitto.pause()
                 for _ in range(20):
                     plant.happen(EventKind.STOP_RAISED)
-                noticed_s = await plant.until(lambda: plant.link_errors > 0)
-                assert noticed_s < 1.5 * 2
-                await asyncio.sleep(0.5)  # into the next connection, which nobody answers
-                assert sorted(plant.publish_s)[int(len(plant.publish_s) * 0.99)] < 0.002
-                assert sorted(plant.late_s)[int(len(plant.late_s) * 0.95)] < 0.05
+                await plant.until(lambda: plant.link_errors > 0)
+                assert "no acknowledgement within 1.5 s" in plant.supervisor.records["deliver"].last_error
+                await plant.tick(25, 5)  # into the next connection, which nobody answers
+                assert plant.hardly_waited
                 mosquitto.resume()
                 await asyncio.to_thread(subscriber.wait_until, lambda: len(first_of_each(subscriber)) >= 20)
                 await plant.until(lambda: plant.publisher.stats.queued == 0)
@@ -228,9 +226,9 @@ def test_a_paused_broker_is_noticed_and_nothing_is_lost(mosquitto: Mosquitto) ->
 
 
 @contextlib.contextmanager
-def process(url: str, before: str = "") -> Iterator[subprocess.Popen[str]]:
+def process(url: str, before: str = "", farewell_s: float = 30.0) -> Iterator[subprocess.Popen[str]]:
     """The plant in a process of its own, running, killed at the end; it executes `before` first."""
-    code = f"{before}\nimport asyncio\nfrom tests.e2e.mqtt_plant import main\nasyncio.run(main({url!r}))"
+    code = f"{before}\nimport asyncio\nfrom tests.e2e.mqtt_plant import main\nasyncio.run(main({url!r}, {farewell_s}))"
     with subprocess.Popen(
         [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as running:
@@ -258,10 +256,9 @@ def test_the_broker_says_offline_when_the_gateway_hangs(mosquitto: Mosquitto) ->
     with Subscriber(mosquitto, "loading/+/+/status") as subscriber, process(mosquitto.url) as gateway:
         subscriber.wait_for(says(status="online"))
         gateway.send_signal(signal.SIGSTOP)
-        stopped = time.monotonic()
-        offline = subscriber.wait_for(says(status="offline"), 15)
+        # After 1.5 keepalives of 2 s; mosquitto looks every six seconds. By the usual keepalive it would take 90 s.
+        offline = subscriber.wait_for(says(status="offline"), 30)
         assert offline.json["cause"] == "connection lost"
-        assert offline.arrived_s - stopped < 1.5 * 2 + 7  # mosquitto looks every six seconds
         gateway.send_signal(signal.SIGCONT)
         subscriber.wait_for(lambda message: message.arrived_s > offline.arrived_s and says(status="online")(message))
 
@@ -270,10 +267,8 @@ def test_a_proper_end_leaves_stop_on_and_offline_behind(mosquitto: Mosquitto) ->
     with Subscriber(mosquitto, "loading/#") as subscriber, process(mosquitto.url) as gateway:
         subscriber.wait_for(says(status="online"))
         gateway.terminate()
-        begun = time.monotonic()
-        assert gateway.communicate()[0] == "True\n"
-        assert gateway.wait(10) == 0
-        assert time.monotonic() - begun < 5.0
+        assert gateway.communicate(timeout=20)[0] == "True\n"
+        assert gateway.returncode == 0
         offline = subscriber.wait_for(says(status="offline"))
         assert offline.json["cause"] == "shutdown"
         with Subscriber(mosquitto, "loading/#") as late:
@@ -504,15 +499,16 @@ def false_broker(answer: bytes) -> Iterator[int]:
         thread.join(10)
 
 
+PATIENT = "from gateway.mqtt import link; link.CONNECT_S = 600.0"
+
+
 @pytest.mark.parametrize("scheme", ["mqtt", "mqtts"])
 @pytest.mark.parametrize("accepts", [True, False], ids=["silent", "unreachable"])
 def test_the_process_ends_in_time_whatever_it_waits_for(scheme: str, accepts: bool) -> None:
-    with silent_server(accepts=accepts) as port, process(f"{scheme}://127.0.0.1:{port}") as gateway:
+    with silent_server(accepts=accepts) as port, process(f"{scheme}://127.0.0.1:{port}", PATIENT, 1.0) as gateway:
         time.sleep(0.3)  # into the attempt to connect
         gateway.terminate()
-        begun = time.monotonic()
-        out, err = gateway.communicate(timeout=10)
-        assert time.monotonic() - begun < 4.0  # the farewell has 1 s; waiting for the broker would take 5
+        out, err = gateway.communicate(timeout=30)  # the farewell has 1 s; waiting for the broker would take 600
     assert (out, gateway.returncode) == ("False\n", 0)
     assert "Traceback" not in err
 
@@ -522,32 +518,29 @@ import socket, time
 true = socket.getaddrinfo
 def slow(host, port, *args, **kwargs):
     if not kwargs.get("flags"):
-        time.sleep(30)
+        time.sleep(600)
     return true(host, port, *args, **kwargs)
 socket.getaddrinfo = slow
 """
 
 
 def test_the_process_ends_in_time_when_no_name_server_answers() -> None:
-    with process("mqtt://broker.example", SILENT_NAME_SERVER) as gateway:
+    with process("mqtt://broker.example", SILENT_NAME_SERVER, 1.0) as gateway:
         time.sleep(0.3)
         gateway.terminate()
-        begun = time.monotonic()
-        out, _ = gateway.communicate(timeout=20)
-        assert time.monotonic() - begun < 4.0  # the farewell has 1 s; waiting for the broker would take 5
+        out, _ = gateway.communicate(timeout=30)  # the farewell has 1 s; waiting for the name would take 600
     assert (out, gateway.returncode) == ("False\n", 0)
 
 
 def test_farewell_to_a_paused_broker_ends_in_time_and_the_will_follows(mosquitto: Mosquitto) -> None:
     async def scenario() -> None:
-        plant = Plant(mosquitto.url)
+        plant = Plant(mosquitto.url, keepalive_s=600)
         with Subscriber(mosquitto, "loading/+/+/status") as subscriber:
             async with plant.running():
                 await heard(subscriber, status="online")
                 mosquitto.pause()
-                begun = time.monotonic()
-                assert await plant.publisher.farewell(0.5) is False
-                assert time.monotonic() - begun < 2.5  # waiting for an acknowledgement would take 7
+                async with asyncio.timeout(20):  # waiting for an acknowledgement would take 450
+                    assert await plant.publisher.farewell(0.5) is False
             mosquitto.resume()
             await heard(subscriber, status="offline")
 
@@ -619,10 +612,11 @@ def test_the_commands_of_the_page_work(mosquitto: Mosquitto, command: str) -> No
             ran = await asyncio.create_subprocess_exec(
                 program(name), "-p", str(mosquitto.port), *args, stdout=subprocess.PIPE, stderr=subprocess.PIPE
             )
-            for _ in range(20):
+            ended = asyncio.get_running_loop().create_task(ran.communicate())
+            while not ended.done():  # it may take a while to come up
                 plant.happen(EventKind.STOP_RAISED)
                 await asyncio.sleep(0.02)
-            out, err = await ran.communicate()
+            out, err = await ended
         # 27: mosquitto_sub's word for "the time of -W is over".
         assert ran.returncode in ((0, 27) if "-W" in args else (0,)), err
         return out.decode()
