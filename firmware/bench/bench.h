@@ -30,7 +30,8 @@ double rng_normal(rng_t *rng);             // mean 0, standard deviation 1
 uint32_t rng_below(rng_t *rng, uint32_t n); // 0 to n - 1
 
 // -- truth.c: what was played, one JSON object a line
-bool truth_open(const char *path);
+uint64_t monotonic_ns(void); // the machine's time, whatever the board's pace
+bool truth_open(const char *path, bool with_real_time);
 void truth_close(void);
 void truth(uint64_t at, const char *type, const char *format, ...) __attribute__((format(printf, 3, 4)));
 void truth_line(uint64_t at, const uint8_t *line, size_t size);

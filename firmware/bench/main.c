@@ -45,7 +45,7 @@ static void on_signal(int unused) {
     stopped = 1;
 }
 
-static uint64_t monotonic_ns(void) {
+uint64_t monotonic_ns(void) {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
@@ -151,7 +151,7 @@ int main(int argc, char **argv) {
         fputs(USAGE, stderr);
         return 2;
     }
-    if (truth_path && !truth_open(truth_path)) return perror(truth_path), 1;
+    if (truth_path && !truth_open(truth_path, !pace.fast)) return perror(truth_path), 1;
     if (uart_path && !(port.capture = fopen(uart_path, "wb"))) return perror(uart_path), 1;
     const struct sigaction end = {.sa_handler = on_signal};
     (void)sigaction(SIGTERM, &end, NULL);

@@ -5,8 +5,16 @@
 #include "bench.h"
 
 static FILE *out;
+static bool real;
 
-bool truth_open(const char *path) {
+static void begin(uint64_t at, const char *type) {
+    fprintf(out, "{\"t_ns\": %llu, ", (unsigned long long)ns_of(at));
+    if (real) fprintf(out, "\"real_ns\": %llu, ", (unsigned long long)monotonic_ns());
+    fprintf(out, "\"type\": \"%s\"", type);
+}
+
+bool truth_open(const char *path, bool with_real_time) {
+    real = with_real_time;
     out = fopen(path, "w");
     if (out) setvbuf(out, NULL, _IOLBF, 0);
     return out != NULL;
@@ -19,7 +27,7 @@ void truth_close(void) {
 
 void truth(uint64_t at, const char *type, const char *format, ...) {
     if (!out) return;
-    fprintf(out, "{\"t_ns\": %llu, \"type\": \"%s\"", (unsigned long long)ns_of(at), type);
+    begin(at, type);
     va_list args;
     va_start(args, format);
     vfprintf(out, format, args);
@@ -29,7 +37,8 @@ void truth(uint64_t at, const char *type, const char *format, ...) {
 
 void truth_line(uint64_t at, const uint8_t *line, size_t size) {
     if (!out) return;
-    fprintf(out, "{\"t_ns\": %llu, \"type\": \"line\", \"text\": \"", (unsigned long long)ns_of(at));
+    begin(at, "line");
+    fputs(", \"text\": \"", out);
     for (size_t i = 0; i < size; i++) {
         const uint8_t c = line[i];
         if (c < ' ' || c > '~' || c == '"' || c == '\\') fprintf(out, "\\u%04x", c);

@@ -20,6 +20,7 @@ from gateway.sim.emulator import EmulatedRanger
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger_board import RangerFault
 from gateway.supervisor import Supervisor, Task
+from tests.e2e.played import dated_right, too_fresh_ns
 from tests.e2e.processes import Gateway
 from tests.e2e.test_ranger_port import QUICK, Host, together
 from tests.firmware.bench_runs import built
@@ -40,7 +41,7 @@ def plugged(board: EmulatedRanger) -> bool:
     return os.path.lexists(board.port)
 
 
-def test_a_moving_target_is_seen_where_it_is() -> None:
+def test_a_moving_target_is_seen_where_it_is(tmp_path: Path) -> None:
     async def main() -> None:
         clock = SystemClock(speed=2.0)
         await asyncio.sleep(0.3)  # a clock that has been running: its time is not the machine's any more
@@ -49,17 +50,15 @@ def test_a_moving_target_is_seen_where_it_is() -> None:
         def truth(t_ns: int) -> float:
             return 900.0 - 100.0 * (t_ns - origin_ns) / 1e9
 
-        async with EmulatedRanger(truth, clock, errors=EXACT) as board:
+        log = tmp_path / "played"
+        async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
             host = Host(board.port, clock)
             async with together(board.run, host.supervisor.run):
-                await asyncio.sleep(2.5)
-            good = [r for _, r in host.said if r.distance_mm is not None]
-            assert len(good) >= 40
-            errors = sorted(abs((r.distance_mm or 0) - truth(r.t_ns)) for r in good)
-            assert errors[len(errors) // 2] < 2.0  # 10 ms of the machine are 2 mm
-            assert errors[-1] < 0.15 * 100.0 + 2.0  # on a busy machine a date may be 150 ms too fresh, not more
-            assert good[-1].stats.damaged == 0
+                await host.until_measured(40)
+            assert host.service.session.stats.damaged == 0
             assert host.service.session.hello == Hello("hcsr04", 1, 60, 1)
+        fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
+        assert dated_right(fresh_ns), fresh_ns
 
     asyncio.run(main())
 
@@ -103,11 +102,8 @@ def test_noise_on_the_wire_is_counted_and_no_distance_is_wrong() -> None:
             async with together(board.run, host.supervisor.run):
                 await host.until(lambda r: r.stats.damaged >= 25)
                 board.forced.clear()
-                await asyncio.sleep(0.3)
-                damaged = host.service.session.stats.damaged
-                await host.until_good()
-                await asyncio.sleep(0.5)
-                assert host.service.session.stats.damaged == damaged
+                # Every second line was damaged: twenty whole ones in a row, and the noise is over.
+                await host.until(lambda _: len({r.stats.damaged for _, r in host.said[-20:]}) == 1, 60)
             said = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
             assert said
             assert all(mm == pytest.approx(520, abs=0.2) for mm in said)
@@ -183,7 +179,7 @@ def test_nothing_survives_a_killed_gateway() -> None:
         assert folder.exists()
         gateway.process.send_signal(signal.SIGKILL)
         gateway.process.wait(10)
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 30
         while (bench.is_running() or folder.exists()) and time.monotonic() < deadline:
             time.sleep(0.05)
         assert not bench.is_running()
@@ -193,8 +189,7 @@ def test_nothing_survives_a_killed_gateway() -> None:
 def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
     """Three of the ten; every decision right, and an error that stays within the module's own steps and jitter.
 
-    A busy machine may hold the emulated board back for longer than the range deadline: D is then unknown for a moment
-    (`undecided`), which is the fail-safe at work. A wrong decision is never excused.
+    A busy machine may hold the emulated board back for longer than the range deadline: then the truck stands longer.
     """
     log = tmp_path / "played.jsonl"
     done = subprocess.run(
@@ -208,10 +203,10 @@ def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
         check=False,
     )
     (report,) = (row for line in done.stdout.splitlines() if (row := json.loads(line))["type"] == "trials")
-    assert (report["number"], report["false_stops"], report["missed_stops"]) == (3, 0, 0)
-    assert done.returncode == (1 if report["undecided"] else 0), done.stdout[-2000:] + done.stderr[-2000:]
+    assert (report["number"], report["false_stops"], report["missed_stops"], report["undecided"]) == (3, 0, 0, 0)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     for trial in report["trials"]:
-        assert trial["decision"] in (trial["expected"], None) or trial["expected"] is None, trial
+        assert trial["decision"] == trial["expected"] or trial["expected"] is None, trial
     assert report["worst_error_mm"] < 17.0
     played = [json.loads(line) for line in log.read_text().splitlines()]
     assert sum(row["type"] == "line" for row in played) > 200

@@ -9,7 +9,6 @@ import os
 import random
 import socket
 import threading
-import time
 import tty
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from typing import Any
@@ -25,6 +24,7 @@ from gateway.model import Quality, RangeReading
 from gateway.ranger.pace import Place
 from gateway.ranger.protocol import Hello, Measurement, encode_hello, encode_measurement
 from gateway.ranger.service import RangerService
+from gateway.sim import ranger_board
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.ranger_board import RangerFault
@@ -54,7 +54,7 @@ class Host:
         self.said.append((self.clock.now_ns(), reading))
         self._changed.set()
 
-    async def until(self, wanted: Callable[[RangeReading], bool], seconds: float = 10.0) -> RangeReading:
+    async def until(self, wanted: Callable[[RangeReading], bool], seconds: float = 30.0) -> RangeReading:
         """The first reading from now on that is wanted; `seconds` are the machine's."""
         seen = len(self.said)
         async with asyncio.timeout(seconds):
@@ -66,8 +66,17 @@ class Host:
                 self._changed.clear()
                 await self._changed.wait()
 
-    async def until_good(self, seconds: float = 10.0) -> RangeReading:
+    async def until_good(self, seconds: float = 30.0) -> RangeReading:
         return await self.until(lambda r: r.quality is Quality.GOOD, seconds)
+
+    @property
+    def measured(self) -> list[tuple[int, RangeReading]]:
+        """The readings with a distance, and when they were said."""
+        return [(at, r) for at, r in self.said if r.distance_mm is not None]
+
+    async def until_measured(self, readings: int) -> None:
+        """Until there are so many with a distance, from the beginning on."""
+        await self.until(lambda _: len(self.measured) >= readings)
 
 
 @contextlib.asynccontextmanager
@@ -80,6 +89,15 @@ async def together(*work: Callable[[], Coroutine[Any, Any, None]]) -> AsyncItera
         finally:
             for task in tasks:
                 task.cancel()
+
+
+async def eventually(fact: Callable[[], bool], seconds: float = 30.0) -> None:
+    """Until `fact` holds; `seconds` are the machine's."""
+    clock = asyncio.get_running_loop().time
+    deadline = clock() + seconds
+    while not fact():
+        assert clock() < deadline, "not in time"
+        await asyncio.sleep(0.01)
 
 
 @contextlib.contextmanager
@@ -115,16 +133,13 @@ def test_distances_arrive_dated_and_in_time() -> None:
         async with SimulatedRanger(truth, clock, errors=exact) as ranger:
             host = Host(ranger.port, clock)
             async with together(ranger.run, host.supervisor.run):
-                await asyncio.sleep(3)
-            good = [(at, r) for at, r in host.said if r.distance_mm is not None]
-            assert 35 <= len(good) <= 50
-            errors = sorted(abs((r.distance_mm or 0) - truth(r.t_ns)) for _, r in good)
-            assert errors[len(errors) // 2] < 0.5
-            assert errors[-1] < 0.15 * 60.0 + 0.5  # on a busy machine a date may be 150 ms too fresh, not more
-            ages_ms = sorted((at - r.t_ns) / 1e6 for at, r in good[3:])
-            assert 85 <= ages_ms[len(ages_ms) // 2] <= 130  # a line, and one cycle of the median
-            assert good[-1][1].stats.rate_hz == pytest.approx(16.7, abs=4)
-            assert good[-1][1].stats.damaged == 0
+                await host.until_measured(40)
+            # Too fresh a date makes the distance look too long. A busy machine does that to some, by 150 ms at most.
+            errors = [(r.distance_mm or 0) - truth(r.t_ns) for _, r in host.measured]
+            assert min(errors) == pytest.approx(0.0, abs=0.5)
+            assert max(errors) < 0.15 * 60.0 + 0.5
+            assert min((at - r.t_ns) / 1e6 for at, r in host.measured) > 34  # the line's flight over the wire
+            assert host.measured[-1][1].stats.damaged == 0
             assert host.service.session.hello == Hello("hcsr04-sim", 1, 60, 1)
 
     asyncio.run(main())
@@ -139,11 +154,8 @@ def test_cancelling_ends_the_thread_and_frees_the_port() -> None:
                 async with together(host.supervisor.run):
                     await host.until_good()
                     said = len(host.said)
-                    begun = time.monotonic()
-                assert time.monotonic() - begun < 3.0
                 assert [t.name for t in threading.enumerate() if t.name.startswith("ranger")] == []
-                await asyncio.sleep(0.1)
-                assert not ranger.opened
+                await eventually(lambda: not ranger.opened)  # the far end looks up now and then
                 assert len(host.said) <= said + 2
 
     asyncio.run(main())
@@ -195,14 +207,13 @@ def test_noise_on_the_line_makes_no_distance_and_is_over_when_it_is_over() -> No
             async with together(ranger.run, host.supervisor.run):
                 await host.until_good()
                 ranger.forced[RangerFault.LINE_NOISE] = 0.05
-                await clock.sleep(15)
+                await host.until(lambda r: r.stats.damaged > 100)
                 del ranger.forced[RangerFault.LINE_NOISE]
-                quiet_ns = clock.now_ns()
+                quiet_ns, lines = clock.now_ns(), host.service.session.stats.lines
                 first = await host.until(lambda r: r.quality is Quality.GOOD and r.t_ns > quiet_ns)
-                assert first.t_ns - quiet_ns < 400_000_000
+                assert first.stats.lines - lines <= 7
             distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
             assert all(abs(mm - 500.0) <= 12.1 for mm in distances)
-            assert host.said[-1][1].stats.damaged > 100
             assert not [r for _, r in host.said if r.quality is Quality.LINK_DOWN]
 
     asyncio.run(main())
@@ -225,19 +236,17 @@ def test_silence_is_reported_and_the_ranger_is_asked() -> None:
     asyncio.run(main())
 
 
-def test_a_question_is_answered_over_the_port() -> None:
-    """The hello at boot went unheard; without the question the next one would come after five seconds."""
+def test_a_question_is_answered_over_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hello at boot went unheard; without the question the next one would come after ten minutes."""
+    monkeypatch.setattr(ranger_board, "HELLO_NS", 600_000_000_000)
 
     async def main() -> None:
         clock = SystemClock()
         async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
-            await asyncio.sleep(0.5)
-            assert ranger.dropped_bytes > 100  # nobody listens, nothing piles up
+            await eventually(lambda: ranger.dropped_bytes > 100)  # nobody listens, nothing piles up
             host = Host(ranger.port, clock)
             async with together(host.supervisor.run):
-                begun = time.monotonic()
                 await host.until_good()
-                assert time.monotonic() - begun < 5.0
 
     asyncio.run(main())
 
@@ -249,10 +258,11 @@ def test_however_the_bytes_are_cut(cut: str) -> None:
         with bare_pty() as (master, path):
             host = Host(path, SystemClock())
 
-            async def board() -> None:
+            async def board() -> int:
+                """The number of lines it took: one begins, one is held back, a busy machine may be late."""
                 await host.until(lambda r: r.quality is Quality.WAITING)
                 os.write(master, HELLO)
-                for n in range(12):
+                for n in range(200):
                     rest = line(n, 500.0) if cut != "pairs" else line(2 * n, 500.0) + line(2 * n + 1, 500.0)
                     pause = asyncio.create_task(asyncio.sleep(0.06 if cut != "pairs" else 0.12))
                     while rest:
@@ -261,13 +271,16 @@ def test_however_the_bytes_are_cut(cut: str) -> None:
                         rest = rest[size:]
                         await asyncio.sleep(0.0005)
                     await pause
+                    if n >= 11 and len(host.measured) >= 6:
+                        break
+                return (n + 1) * (2 if cut == "pairs" else 1)
 
             async with together(host.supervisor.run):
-                await board()
-                await asyncio.sleep(0.2)
+                lines = await board()
+                await eventually(lambda: host.service.session.stats.lines >= lines)
             good = [r for _, r in host.said if r.quality is Quality.GOOD]
-            assert len(good) >= 6  # one begins, one is held back, a busy machine may be late
-            assert good[-1].stats.lines == (24 if cut == "pairs" else 12)
+            assert len(good) >= 6
+            assert host.service.session.stats.lines == lines
             assert {round(r.distance_mm or 0) for r in good} == {500}
             assert good[-1].stats.damaged == 0
 
@@ -315,11 +328,7 @@ def test_a_host_that_never_reads_costs_bytes_and_nothing_else() -> None:
         async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
             lazy = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY)
             try:
-                for _ in range(200):
-                    await asyncio.sleep(0.05)
-                    if ranger.dropped_bytes > 1000:
-                        break
-                assert ranger.dropped_bytes > 1000
+                await eventually(lambda: ranger.dropped_bytes > 1000)
                 assert ranger.opened
             finally:
                 os.close(lazy)
@@ -332,6 +341,7 @@ def test_a_host_that_never_reads_costs_bytes_and_nothing_else() -> None:
 
 def test_a_terminal_program_sees_the_bytes_as_they_are_sent() -> None:
     """Opened without any setting of the line: no echo, CR LF untouched."""
+    wanted = encode_hello(Hello("hcsr04-sim", 1, 60, 1)) + line(0, 250.0) + line(1, 250.0)
 
     async def main() -> None:
         clock = SystemClock()
@@ -339,11 +349,17 @@ def test_a_terminal_program_sees_the_bytes_as_they_are_sent() -> None:
             terminal = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             try:
                 async with together(ranger.run):
-                    await asyncio.sleep(0.4)
-                    seen = os.read(terminal, 4096)
+                    seen = bytearray()
+
+                    def complete() -> bool:
+                        with contextlib.suppress(BlockingIOError):
+                            seen.extend(os.read(terminal, 4096))
+                        return len(seen) >= len(wanted)
+
+                    await eventually(complete)
             finally:
                 os.close(terminal)
-        assert seen.startswith(encode_hello(Hello("hcsr04-sim", 1, 60, 1)) + line(0, 250.0) + line(1, 250.0))
+        assert seen.startswith(wanted)
 
     asyncio.run(main())
 
@@ -400,11 +416,8 @@ def test_a_stale_backlog_from_a_serial_server_is_not_taken_for_now() -> None:
         async with Server(stored[11:]) as server:
             host = Host(server.url, SystemClock())
             async with together(host.supervisor.run):
-                await host.until_good()
-                await asyncio.sleep(0.5)
-            distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
-            assert len(distances) >= 7
-            assert {round(mm) for mm in distances} == {500}
+                await host.until_measured(7)
+            assert {round(r.distance_mm or 0) for _, r in host.measured} == {500}
             assert host.service.session.unused[Place.DUPLICATE] == 0
 
     asyncio.run(main())
@@ -421,8 +434,6 @@ def test_a_serial_server_that_hangs_up_is_called_again() -> None:
                 assert "was lost" in down.detail
                 await host.until_good()
                 assert server.connections == 2
-                begun = time.monotonic()
-            assert time.monotonic() - begun < 3.0
 
     asyncio.run(main())
 
@@ -431,14 +442,11 @@ def test_a_flooding_serial_server_does_not_hold_up_the_gateway() -> None:
     async def main() -> None:
         async with Server(flood=True) as server:
             host = Host(server.url, SystemClock())
-            late_s = []
             async with together(host.supervisor.run):
                 await host.until(lambda r: r.quality is Quality.WAITING)
-                for _ in range(100):
-                    begun = time.monotonic()
-                    await asyncio.sleep(0.01)
-                    late_s.append(time.monotonic() - begun - 0.01)
-            assert sorted(late_s)[90] < 0.15  # a machine may stand still for a moment; a flood would hold it up always
+                async with asyncio.timeout(20):  # it takes 1; a flood that holds up each would hold them up for ever
+                    for _ in range(100):
+                        await asyncio.sleep(0.01)
             assert host.service.session.stats.lines == 0
 
     asyncio.run(main())
@@ -454,10 +462,8 @@ def test_rfc2217_onto_a_pty() -> None:
             with rfc2217_server(ranger.port) as url:
                 host = Host(url, clock)
                 async with together(host.supervisor.run):
-                    reading = await host.until_good(15)
+                    reading = await host.until_good()
                     assert reading.distance_mm == pytest.approx(500.0, abs=12.1)
-                    begun = time.monotonic()
-                assert time.monotonic() - begun < 3.0
 
     asyncio.run(main())
 

@@ -15,13 +15,14 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.model import Quality
-from gateway.ranger.pace import LATE_NS, Place
+from gateway.ranger.pace import Place
 from gateway.ranger.protocol import Hello
 from gateway.sim.emulator import EmulatedRanger
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger_board import RangerFault
 from tests.e2e.brokers import SEARCH, free_port
-from tests.e2e.test_ranger_port import Host, together
+from tests.e2e.played import dated_right, lines, too_fresh_ns
+from tests.e2e.test_ranger_port import Host, eventually, together
 from tests.firmware.bench_runs import built
 
 EXACT = SensorErrors(0.0, 0.0, 0.0)
@@ -56,7 +57,7 @@ class Ser2net:
         )
         self._log = (self._folder / "ser2net.log").open("wb")
         self.process = subprocess.Popen([program, "-n", "-d", "-c", str(config)], stdout=self._log, stderr=self._log)
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 30
         while not self._listens():
             log = (self._folder / "ser2net.log").read_text()
             assert self.process.poll() is None, log
@@ -91,6 +92,13 @@ class Ser2net:
             self.process.send_signal(signal.SIGCONT)
 
 
+async def stall(server: Ser2net, log: Path) -> None:
+    """While the board sends 25 lines, which takes it 1.5 s where the machine has room."""
+    sent = lines(log)
+    with server.stalled():
+        await eventually(lambda: lines(log) >= sent + 25)
+
+
 class Approach:
     """A target that comes nearer all the time, so that an old distance is a wrong one."""
 
@@ -100,14 +108,6 @@ class Approach:
     def __call__(self, t_ns: int) -> float:
         return 3500.0 - SPEED_MM_S * (t_ns - self._origin_ns) / 1e9
 
-    def worst_mm(self, host: Host) -> float:
-        """The largest error of all readings at their own dates; and none is older than it says."""
-        return max(abs(r.distance_mm - self(r.t_ns)) for _, r in host.said if r.distance_mm is not None)
-
-
-FRESH_MM = SPEED_MM_S * (LATE_NS / 1e9) + 2.0
-"""What the contract allows: no date is more than 150 ms too fresh."""
-
 
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # pyserial 3.5
 @pytest.mark.parametrize("kind", ACCEPTER)
@@ -115,24 +115,23 @@ def test_distances_come_through_and_a_stall_never_makes_an_old_one_look_fresh(ki
     async def main() -> None:
         clock = SystemClock()
         truth = Approach(clock)
-        async with EmulatedRanger(truth, clock, errors=EXACT) as board:
+        log = tmp_path / "played"
+        async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
             with Ser2net(tmp_path, board.port, kind) as server:
                 host = Host(server.url, clock)
                 async with together(board.run, host.supervisor.run):
                     await host.until_good()
                     assert host.service.session.hello == Hello("hcsr04", 1, 60, 1)  # it asked, through the server
-                    await asyncio.sleep(1.0)
+                    await host.until_measured(10)
                     before = host.service.session.stats
                     assert before.damaged <= 1  # opening an RFC 2217 port empties buffers, perhaps amid a line
-                    with server.stalled():
-                        await asyncio.sleep(1.5)
-                    await host.until_good()
-                    await asyncio.sleep(1.0)
+                    await stall(server, log)
+                    await host.until_measured(len(host.measured) + 15)
                     after = host.service.session.stats
                     assert after.rejected - before.rejected >= 10  # the held-up lines
                     assert after.damaged == before.damaged
-                assert truth.worst_mm(host) < FRESH_MM
-                assert len([r for _, r in host.said if r.distance_mm is not None]) >= 25
+        fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
+        assert dated_right(fresh_ns), fresh_ns
 
     asyncio.run(main())
 
@@ -149,19 +148,18 @@ def test_a_stale_backlog_at_the_start_is_not_used(tmp_path: Path) -> None:
                 host = Host(server.url, clock)
                 async with together(board.run, host.supervisor.run):
                     await asyncio.to_thread(wait_for_a_question, log)
-                    with server.stalled():
-                        await asyncio.sleep(1.5)
-                    await host.until_good()
-                    await asyncio.sleep(1.0)
+                    await stall(server, log)
+                    await host.until_measured(15)
                 assert host.service.session.unused[Place.BACKLOG] >= 10
-                assert truth.worst_mm(host) < FRESH_MM
+        fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
+        assert dated_right(fresh_ns), fresh_ns
 
     asyncio.run(main())
 
 
 def wait_for_a_question(log: Path) -> None:
     """Until the board has heard the host."""
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 30
     while '"heard"' not in log.read_text():
         assert time.monotonic() < deadline
         time.sleep(0.002)
