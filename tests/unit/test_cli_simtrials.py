@@ -17,6 +17,7 @@ from gateway.sim.standing import Standing
 from gateway.sim.trials import WAIT_S, TrialReport, trial_legs, trial_scenario
 from gateway.sim.world import Phase, Truth
 from tests import virtual_time
+from tests.permitted import FOREVER_NS
 from tests.virtual_time import LoopClock
 
 STEP_S = 0.05
@@ -54,7 +55,9 @@ def run(folder: Path, known: Known) -> tuple[TrialReport, float]:
                 if truth.phase is not Phase.HOLD:
                     arrived_ns = now_ns
                 d = known(truth, (now_ns - arrived_ns) / NS_PER_S)
-                state = replace(state, t_ns=now_ns, seq=state.seq + 1, d=d, stop=d is not False)
+                state = replace(
+                    state, t_ns=now_ns, valid_until_ns=FOREVER_NS, seq=state.seq + 1, d=d, stop=d is not False
+                )
                 hub.publish(state)
                 await clock.sleep(STEP_S)
 
