@@ -8,9 +8,9 @@ Definitions, all on D of equation 14 and none on the fail-safe, which is counted
 - False stop: D = 1 although the truth has surely said no for the last `SETTLE_S`, driving or at rest. An unbroken run
   of such records is one false stop.
 - Missed stop: a trial at rest whose truth surely says yes, with a record in which D = 0.
-- Decided: at rest D was known without a break for `DECIDED_S`, once. The truck stands until then, `WAIT_S` longer than
-  planned at most: how soon a loaded machine knows D is no matter of the decision. While D is unknown (a sensor is bad)
-  `stop` is the fail-safe's. A false or missed stop counts at any time, before a trial is decided and after.
+- Decided: at rest D has been known for `DECIDED_S` altogether. The truck stands until then, `WAIT_S` longer than planned
+  at most: how soon and how steadily a loaded machine knows D is no matter of the decision. While D is unknown (a sensor
+  is bad) `stop` is the fail-safe's. A false or missed stop counts at any time, before a trial is decided and after.
 - Undecided: a trial whose truck left without that.
 - A trial is right when it is decided, and neither a false nor a missed stop happened from its start to the start of
   the next.
@@ -36,7 +36,7 @@ RADIUS_TOLERANCE_PX = 3.0  # the thresholded mask is up to 3 px larger than the 
 SETTLE_S = 0.5  # the slowest way from the truth to the registers: exposure, filters, debounce
 STAND_S = 2.0  # planned at the end of a trial; on a machine with room nobody waits longer
 DECIDED_S = 1.2  # of STAND_S, after SETTLE_S and with the steps between records to spare
-WAIT_S = 20.0
+WAIT_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class TrialResult:
     radius_px: float | None
     decision: bool | None  # the last D known at rest; None: undecided
     expected: bool | None  # None: the truth lies within the tolerances of a threshold, either answer is right
-    waited_s: float | None  # at rest, until D was known and stayed so; None: undecided
+    waited_s: float | None  # how long D was unknown at rest until it was decided; None: undecided
     right: bool
 
 
@@ -237,14 +237,15 @@ class _Trial:
     rest: list[Record] = field(default_factory=list)
     false_stops: int = 0
     waited_s: float | None = None
-    _known_since: int | None = None
+    _known_ns: int = 0
 
     def stand(self, record: Record) -> None:
         """Take one record at rest in."""
+        if self.rest and self.rest[-1].d is not None and record.d is not None:
+            self._known_ns += record.t_ns - self.rest[-1].t_ns
         self.rest.append(record)
-        self._known_since = known = _since(self._known_since, record, record.d is not None)
-        if self.waited_s is None and known is not None and _lasted(known, record, DECIDED_S):
-            self.waited_s = (known - self.rest[0].t_ns) / NS_PER_S
+        if self.waited_s is None and self._known_ns >= DECIDED_S * NS_PER_S:
+            self.waited_s = (record.t_ns - self.rest[0].t_ns - self._known_ns) / NS_PER_S
 
     def missed(self, judge: _Judge) -> bool:
         return any(r.d is False and judge.verdict(r.truth) is True for r in self.rest)
@@ -275,8 +276,8 @@ def _since(since: int | None, record: Record, holds: bool) -> int | None:
     return record.t_ns if since is None else since
 
 
-def _lasted(since: int | None, record: Record, seconds: float = SETTLE_S) -> bool:
-    return since is not None and record.t_ns - since >= seconds * NS_PER_S
+def _lasted(since: int | None, record: Record) -> bool:
+    return since is not None and record.t_ns - since >= SETTLE_S * NS_PER_S
 
 
 def _median(values: Sequence[float | None]) -> float | None:

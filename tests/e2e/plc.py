@@ -51,7 +51,7 @@ class Plc:
         self._thread.join(10)
         self._client.close()  # type: ignore[no-untyped-call]  # pymodbus's own
 
-    def wait_for(self, wanted: Callable[[Image], bool], timeout_s: float = 15.0) -> Poll:
+    def wait_for(self, wanted: Callable[[Image], bool], timeout_s: float = 30.0) -> Poll:
         """The first image from now on that `wanted` accepts."""
         begun = time.monotonic()
         with self._changed:
@@ -65,6 +65,13 @@ class Plc:
                 if left <= 0 or not self._changed.wait(left):
                     last = self.polls[-1].image if self.polls else None
                     raise AssertionError(f"not seen in {timeout_s} s of {len(self.polls)} polls; last image: {last}")
+
+    def wait_for_beats(self, beats: int, timeout_s: float = 30.0) -> list[Poll]:
+        """The polls from now on, until the heartbeat has gone on by so many ticks: a second is fifty of them."""
+        with self._changed:
+            mark, first = len(self.polls), self.polls[-1].image["heartbeat"]
+        self.wait_for(lambda image: (image["heartbeat"] - first) % 65536 >= beats, timeout_s)
+        return self.polls[mark:]
 
     @property
     def last(self) -> Image:

@@ -133,7 +133,7 @@ def test_a_video_and_a_serial_port_become_registers(tmp_path: Path, video: Path,
             deaf = plc.wait_for(lambda image: image["stop"] == 1).image
             assert (deaf["range_quality"], deaf["reason"]) == (Quality.NO_ECHO, Reason.NO_ECHO)
             assert deaf["distance"] is None
-        assert gateway.end()[0] == 0
+        assert gateway.end() == 0
 
 
 def started(gateway: Gateway) -> str:

@@ -92,10 +92,17 @@ def test_a_late_decision_is_waited_for(tmp_path: Path, quiet: tuple[TrialReport,
 
 
 def test_a_moment_of_not_knowing_is_waited_out(tmp_path: Path) -> None:
-    """From 1 to 1.2 s of the stand: what was known before does not count to what is known after."""
-    report, _ = run(tmp_path, at_near(lambda truth, stood_s: None if 1 < stood_s < 1.2 else truth.stop))
+    report, _ = run(tmp_path, at_near(lambda truth, stood_s: None if 1 < stood_s < 1.6 else truth.stop))
     assert report.undecided == 0
-    assert report.longest_wait_s == pytest.approx(1.2 - 0.5, abs=2 * STEP_S)
+    assert report.longest_wait_s == pytest.approx(0.6, abs=2 * STEP_S)
+
+
+def test_what_is_known_now_and_then_adds_up(tmp_path: Path, quiet: tuple[TrialReport, float]) -> None:
+    """0.25 s of every second, from 0.5 s of the stand on: the fifth of them makes it 1.2 s."""
+    report, ended_s = run(tmp_path, at_near(lambda truth, stood_s: truth.stop if (stood_s - 0.5) % 1 < 0.27 else None))
+    assert report.undecided == 0
+    assert report.longest_wait_s == pytest.approx(4 * 0.75, abs=6 * STEP_S)
+    assert ended_s - quiet[1] == pytest.approx(0.5 + 4.2 - 2, abs=0.3)
 
 
 def test_nobody_waits_for_ever(tmp_path: Path, quiet: tuple[TrialReport, float]) -> None:
@@ -104,11 +111,6 @@ def test_nobody_waits_for_ever(tmp_path: Path, quiet: tuple[TrialReport, float])
     assert [(trial.right, trial.decision) for trial in report.trials if trial.waited_s is None] == [(False, None)]
     assert report.figures.accuracy == (N - 1) / N
     assert ended_s - quiet[1] == pytest.approx(WAIT_S, abs=0.3)
-
-
-def test_what_flickers_is_undecided(tmp_path: Path) -> None:
-    report, _ = run(tmp_path, at_near(lambda truth, stood_s: truth.stop if stood_s % 1 > 0.2 else None))
-    assert report.undecided == 1
 
 
 @pytest.mark.parametrize("wrong_s", [1.0, 5.0, 9.5])
