@@ -18,10 +18,10 @@ from typing import Any
 
 import psutil
 import pytest
-from pymodbus.client import ModbusTcpClient
 from websockets.asyncio.client import ClientConnection, connect
 
-from gateway.modbus.registers import REGISTERS
+from gateway.model import Reason
+from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway, Row, survivors
 
 QUICK = ("--modbus-port", "0", "--json")
@@ -37,7 +37,7 @@ def web(gateway: Gateway) -> list[psutil.Process]:
     return [process for process in gateway.family() if process.name() == "gw-hmi"]
 
 
-def got(url: str, path: str, timeout_s: float = 20.0) -> tuple[int, dict[str, str], bytes]:
+def got(url: str, path: str, timeout_s: float = 60.0) -> tuple[int, dict[str, str], bytes]:
     address = urllib.parse.urlsplit(url)
     connection = http.client.HTTPConnection(address.hostname or "", address.port, timeout=timeout_s)
     try:
@@ -112,11 +112,8 @@ def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(g
     assert got(url, "/api/bays/bay1/picture")[0] == 200
     (process,) = web(gateway)
     os.kill(process.pid, signal.SIGSTOP)
-    begun, first = time.monotonic(), state(gateway)
-    time.sleep(1.0)
-    last = gateway.wait_for(lambda row: row["type"] == "state" and row["seq"] > first["seq"] + 50)
-    assert time.monotonic() - begun < 10  # 50 ticks a second on a machine with room
-    assert last["reason"] != "gateway_fault"
+    first = state(gateway)
+    gateway.wait_for(lambda row: row["type"] == "state" and row["seq"] > first["seq"] + 50 and not row["stop"])
     assert gateway.end() == 0
     assert survivors([process]) == []
 
@@ -169,15 +166,6 @@ def test_a_taken_port_keeps_no_bay_from_working_and_is_tried_again(tmp_path: Pat
             assert "another program listens there" in gateway.stderr
 
 
-HEARTBEAT = next(row.address for row in REGISTERS if row.name == "heartbeat")
-
-
-def heartbeat(client: ModbusTcpClient) -> int:
-    block = client.read_holding_registers(HEARTBEAT, count=1, device_id=1)
-    assert not block.isError()
-    return int(block.registers[0])
-
-
 async def watch(pages: AsyncExitStack, url: str, number: int, *, stalled: bool) -> list[int]:
     """One page: live view and pictures; a stalled one answers nothing."""
     host = urllib.parse.urlsplit(url).netloc
@@ -208,34 +196,21 @@ async def watch(pages: AsyncExitStack, url: str, number: int, *, stalled: bool) 
     return views
 
 
-def test_twenty_viewers_some_of_them_stalled_do_not_slow_the_registers(gateway: Gateway) -> None:
+def test_twenty_viewers_some_of_them_stalled_do_not_hold_up_the_registers(gateway: Gateway) -> None:
     started = gateway.started()
     gateway.wait_for(lambda row: row["type"] == "state" and row["vision"] == "good")
     url = started["hmi"]
-    with ModbusTcpClient("127.0.0.1", port=started["modbus_port"]) as client:
 
-        def pace_hz(seconds: float) -> float:
-            """Fusion ticks a second, as a PLC sees them."""
-            begun_s, first = time.monotonic(), heartbeat(client)
-            time.sleep(seconds)
-            last, spent_s = heartbeat(client), time.monotonic() - begun_s
-            return float((last - first) % 65536) / spent_s
+    async def crowd(plc: Plc) -> list[int]:
+        async with AsyncExitStack() as pages:
+            views = [await watch(pages, url, number, stalled=number >= 15) for number in range(20)]
+            polls = await asyncio.to_thread(plc.wait_for_beats, 150, 60)
+            await asyncio.to_thread(eventually, lambda: min(count[0] for count in views[:15]) >= 3, 60)
+            assert [count[0] for count in views[15:]] == [0] * 5
+            return [poll.image["reason"] for poll in polls]
 
-        quiet_hz = pace_hz(2.0)
-
-        async def crowd() -> tuple[float, list[int]]:
-            async with AsyncExitStack() as pages:
-                views = [await watch(pages, url, number, stalled=number >= 15) for number in range(20)]
-                await asyncio.sleep(1.0)
-                for count in views:
-                    count[0] = 0
-                pace = await asyncio.to_thread(pace_hz, 3.0)
-                return pace, [count[0] for count in views]
-
-        crowded_hz, seen = asyncio.run(crowd())
-    # A tenth as quick as this, and the registers would say GATEWAY_FAULT; a shared machine may be slow by itself.
-    assert crowded_hz > 0.6 * quiet_hz, (quiet_hz, crowded_hz)
-    assert all(count >= 3 for count in seen[:15]), seen
-    assert seen[15:] == [0] * 5
+    with Plc(started["modbus_port"]) as plc:
+        reasons = asyncio.run(crowd(plc))
+    assert Reason.GATEWAY_FAULT not in reasons
     faults = [row for row in gateway.rows if row["type"] == "state" and row["reason"] == "gateway_fault"]
     assert faults == []
