@@ -40,7 +40,7 @@ PATIENCE_S = 30.0  # a busy machine may be slow; every wait ends as soon as it c
 
 
 class Bay:
-    """A running service with everything it has emitted. Its deadlines are a busy machine's, unless a test is of them."""
+    """A running service with everything it has emitted. Its deadlines are long, unless a test is of them."""
 
     def __init__(
         self,
