@@ -82,7 +82,7 @@ def _simulate(args: argparse.Namespace, *, first: bool) -> int:
 
 def _standing(scenario: Scenario, path: Path, speed: float) -> Standing:
     """Waiting is for this machine, so its limit is real seconds, as in `_at_speed`."""
-    return Standing(path, trials.trial_legs(scenario), trials.WAIT_S * max(1.0, speed))
+    return Standing(str(path), trials.trial_legs(scenario), trials.WAIT_S * max(1.0, speed))
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -11,21 +11,24 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """At the end of `legs` (by index, ascending) the truck stands on beyond the plan, `limit_s` at most. Picklable."""
+    """At the end of `legs` (by index, ascending) the truck stands on beyond the plan, `limit_s` at most.
 
-    path: Path
+    It travels to the camera process.
+    """
+
+    path: str
     legs: tuple[int, ...]
     limit_s: float
 
     def leave(self, leg: int, t_s: float) -> None:
         """Let the truck leave the end of `leg` at world time `t_s`, which must lie a little ahead of all observers."""
-        with self.path.open("a", encoding="ascii") as file:
+        with Path(self.path).open("a", encoding="ascii") as file:
             file.write(f"{leg} {t_s!r}\n")
 
     def left(self) -> Mapping[int, float]:
         """World time of each departure told so far, by leg."""
         try:
-            text = self.path.read_text(encoding="ascii")
+            text = Path(self.path).read_text(encoding="ascii")
         except FileNotFoundError:  # nobody has been let go yet
             return {}
         words = [line.split() for line in text.splitlines(keepends=True) if line.endswith("\n")]

@@ -43,7 +43,7 @@ def run(folder: Path, known: Known) -> tuple[TrialReport, float]:
 
     async def main() -> tuple[TrialReport, float]:
         clock, hub, stop = LoopClock(), Hub(["bay1"]), asyncio.Event()
-        standing = Standing(folder / "bay1", trial_legs(PLAN), WAIT_S)
+        standing = Standing(str(folder / "bay1"), trial_legs(PLAN), WAIT_S)
         bay = Bay("bay1", 1, PLAN, FusionConfig(), clock.now_ns(), standing)
         recorder = simtrials.Recorder(bay)
 

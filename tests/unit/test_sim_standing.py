@@ -1,10 +1,10 @@
 """In trials the truck stands until it is let go, in every process that computes the world."""
 
-import pickle
 from pathlib import Path
 
 import pytest
 
+from gateway.children.codec import record_of, record_packed
 from gateway.sim.scenario import Scenario, parse
 from gateway.sim.standing import Standing
 from gateway.sim.world import Phase, World
@@ -23,7 +23,7 @@ LIMIT_S = 20.0
 
 @pytest.fixture
 def standing(tmp_path: Path) -> Standing:
-    return Standing(tmp_path / "bay1", (0, 2), LIMIT_S)
+    return Standing(str(tmp_path / "bay1"), (0, 2), LIMIT_S)
 
 
 def world(standing: Standing) -> World:
@@ -60,7 +60,7 @@ def test_let_go_in_time_it_keeps_to_the_plan(standing: Standing) -> None:
 
 
 def test_both_processes_see_the_same_truck(standing: Standing) -> None:
-    here, there = world(standing), world(pickle.loads(pickle.dumps(standing)))
+    here, there = world(standing), world(record_of(Standing, record_packed(standing)))
     assert there.truth(IN_S + 2).phase is Phase.HOLD
     standing.leave(0, IN_S + 2.1)
     for t_s in (IN_S + 2, IN_S + 2.2, IN_S + 4, IN_S + 30):
@@ -68,5 +68,5 @@ def test_both_processes_see_the_same_truck(standing: Standing) -> None:
 
 
 def test_half_a_line_is_none(standing: Standing) -> None:
-    standing.path.write_text(f"0 {IN_S + 1}\n2 17")
+    Path(standing.path).write_text(f"0 {IN_S + 1}\n2 17")
     assert standing.left() == {0: IN_S + 1}
