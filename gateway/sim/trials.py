@@ -8,9 +8,9 @@ Definitions, all on D of equation 14 and none on the fail-safe, which is counted
 - False stop: D = 1 although the truth has surely said no for the last `SETTLE_S`, driving or at rest. An unbroken run
   of such records is one false stop.
 - Missed stop: a trial at rest whose truth surely says yes, with a record in which D = 0.
-- Decided: at rest D has been known for `DECIDED_S` altogether. The truck stands until then, at most `WAIT_S` longer than
-  planned: how soon and how steadily a loaded machine knows D is no matter of the decision. While D is unknown (a sensor
-  is bad) `stop` is the fail-safe's. A false or missed stop counts at any time, before a trial is decided and after.
+- Decided: at rest D has been known for `DECIDED_S` altogether. The truck stands until then, at most `WAIT_S` longer
+  than planned: how soon and how steadily a loaded machine knows D is no matter of the decision. While D is unknown (a
+  sensor is bad) `stop` is the fail-safe's. A false or missed stop counts at any time, also in a decided trial.
 - Undecided: a trial whose truck left without that.
 - A trial is right when it is decided, and neither a false nor a missed stop happened from its start to the start of
   the next.

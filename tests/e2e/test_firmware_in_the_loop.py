@@ -186,6 +186,7 @@ def test_nothing_survives_a_killed_gateway() -> None:
         assert not folder.exists()
 
 
+@pytest.mark.timeout(300)
 def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
     """Three of the ten; every decision right, and an error that stays within the module's own steps and jitter.
 
@@ -199,7 +200,7 @@ def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
         ],
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=280,
         check=False,
     )
     (report,) = (row for line in done.stdout.splitlines() if (row := json.loads(line))["type"] == "trials")
