@@ -32,6 +32,7 @@ from gateway.modbus.answers import Unit
 from gateway.modbus.service import serving
 from gateway.modbus.showing import image_of
 from gateway.modbus.writes import writer, writer_of
+from gateway.model import RangeReading
 from gateway.mqtt import address, credentials
 from gateway.mqtt.durable import outbox_of
 from gateway.mqtt.publisher import MqttPublisher
@@ -174,7 +175,8 @@ async def run(
         }
         for bay in config.bays:
             control, vision = controls[bay.name], visions[bay.name]
-            ranger = RangerService(bay.ranger, clock, control.on_range, port=ports.ranger[bay.name])
+            on_range = partial(_on_range, control, vision)
+            ranger = RangerService(bay.ranger, clock, on_range, port=ports.ranger[bay.name])
             tasks += [
                 Task(f"{bay.name}.control", control.run, vital=True),
                 Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
@@ -227,6 +229,12 @@ async def run(
                 supervised.cancel()
         except BaseExceptionGroup as group_error:
             raise _deliberate(group_error) from group_error
+
+
+def _on_range(control: BayControl, vision: VisionService, reading: RangeReading) -> None:
+    """A distance is also what tells the search how large the marker can be."""
+    control.on_range(reading)
+    vision.expect(control.marker_radii_px())
 
 
 def _voices(

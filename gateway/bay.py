@@ -10,6 +10,7 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.hub import Hub
 from gateway.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
 from gateway.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
+from gateway.scale import possible_radii_px
 from gateway.shown import valid
 
 log = logging.getLogger(__name__)
@@ -99,6 +100,16 @@ class BayControl:
     def state(self) -> StateVector:
         """The state as it may be shown now."""
         return self._hub.shown(self.name, self._clock.now_ns())
+
+    def marker_radii_px(self) -> tuple[float, float] | None:
+        """Which radii the marker can have where the ranger has the truck now, by what was learned; None: unknown."""
+        config = self._config
+        if config.cross_check is not None or config.decision != "held" or not config.scale_tolerance:
+            return None
+        state = self.state()
+        return possible_radii_px(
+            state.memory.scale, state.range.distance_mm, state.guidance.closing_mm_s, config.scale_tolerance
+        )
 
     def shut_down(self) -> None:
         """The last word: stop on, no values, and no observation changes it any more."""

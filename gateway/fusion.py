@@ -173,7 +173,10 @@ def _not_good(quality: Quality) -> Quality:
 
 
 def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
-    """`predicted` stays with COASTED alone: it is for people to look at, and nothing is decided on it."""
+    """`predicted` stays with COASTED alone: it is for people to look at, and nothing is decided on it.
+
+    `wrong_size` stays with what says that a frame was looked at: it can only contradict.
+    """
     return replace(
         reading,
         quality=quality,
@@ -184,6 +187,7 @@ def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
         confidence=None,
         visible=None,
         predicted=reading.predicted if quality is Quality.COASTED else None,
+        wrong_size=reading.wrong_size if quality in (Quality.COASTED, Quality.NO_TARGET) else None,
     )
 
 
@@ -273,6 +277,8 @@ def _scale(
     A verdict, or the wait for one, is kept while it cannot be renewed. A bay that has been clear forgets its constant:
     gateway/interlock.py.
     """
+    if vision.wrong_size is not None and rng.distance_mm is not None:
+        return _contradicted(memory, now_ns, config)  # the search has refused it by what was learned
     if vision.circle is None or rng.distance_mm is None:
         return memory
     scale = vision.circle.radius_px * rng.distance_mm
@@ -280,10 +286,14 @@ def _scale(
     expected_px = expected_radius_px(memory.scale, rng.distance_mm, config.scale_tolerance)
     misfit = expected_px is not None and not expected_px[0] <= vision.circle.radius_px <= expected_px[1]
     if misfit or (len(known) >= SCALE_LEAST and not _alike(scale, median(known), config.scale_tolerance)):
-        since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
-        lasting = now_ns - since_ns >= config.scale_lasting_s * NS_PER_S
-        return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting)
+        return _contradicted(memory, now_ns, config)
     return replace(memory, scale_px_mm=(*known, scale)[-SCALE_MOST:], disagree_since_ns=None, disagree=False)
+
+
+def _contradicted(memory: FusionMemory, now_ns: int, config: FusionConfig) -> FusionMemory:
+    since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
+    lasting = now_ns - since_ns >= config.scale_lasting_s * NS_PER_S
+    return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting)
 
 
 def _alike(one: float, other: float, tolerance: float) -> bool:

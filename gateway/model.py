@@ -179,6 +179,7 @@ class Detection:
     rejected: tuple[Rejection, ...] = ()  # the best few of the candidates not taken
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # where the marker should be; only while it coasts
+    wrong_size: Circle | None = None  # no circle, but one that the ranger's distance makes too large or too small
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +225,7 @@ class VisionReading:
     visible: float | None = None  # share of the rim that was seen; None: no circle, or the method can't tell
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
+    wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
 
 
 @dataclass(frozen=True, slots=True)

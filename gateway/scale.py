@@ -13,6 +13,8 @@ NS_PER_S = 1_000_000_000
 KEPT = 60  # visits
 LEAST = 3  # of them, before it is believed
 NEAR_SHARE = 1.5  # of the learned Z: up to there R Z is judged by it
+SLACK = 1.15  # the search is told so much wider a range than the one beyond which fusion sees a contradiction
+LAG_S = 0.7  # so old may the distance be, by which a frame is searched: sensor, median, message, and no newer one
 JUMP_SHARE = 0.1  # a visit that differs more is worth an alarm: other marker, moved camera, changed zoom
 
 
@@ -81,6 +83,18 @@ def expected_radius_px(
         return None
     radius_px = scale.px_mm / distance_mm
     return radius_px / (1 + tolerance), radius_px * (1 + tolerance)
+
+
+def possible_radii_px(
+    scale: MarkerScale | None, distance_mm: float | None, closing_mm_s: float | None, tolerance: float
+) -> tuple[float, float] | None:
+    """Which radii the search may take for the marker's, of a truck that moves at that speed; None: nobody knows."""
+    if distance_mm is None or closing_mm_s is None:
+        return None
+    wider, travel_mm = (1 + tolerance) * SLACK - 1, abs(closing_mm_s) * LAG_S
+    far = expected_radius_px(scale, distance_mm + travel_mm, wider)
+    near = expected_radius_px(scale, max(distance_mm - travel_mm, distance_mm / 4), wider)
+    return None if far is None or near is None else (far[0], near[1])
 
 
 def distance_of(scale: MarkerScale, radius_px: float) -> float:

@@ -81,7 +81,7 @@ def is_over(visit: Visit, state: StateVector, limits: Limits) -> bool:
 def clear(state: StateVector, limits: Limits) -> bool:
     """Do both sensors say that no truck is at the spout? A broken sensor proves nothing."""
     vision, distance_mm = state.vision, state.range.distance_mm
-    if vision.quality is Quality.NO_TARGET:
+    if vision.quality is Quality.NO_TARGET and vision.wrong_size is None:
         return state.range.quality in NO_TRUCK_RANGE or (distance_mm is not None and distance_mm > limits.leave_mm)
     small = vision.circle is not None and vision.circle.radius_px < FAR_SHARE * limits.fusion.radius_threshold_px
     return small and distance_mm is not None and distance_mm > limits.leave_mm

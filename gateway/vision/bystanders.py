@@ -8,6 +8,9 @@ beside the marker, for it may come with the truck, nearer and larger as the mark
 It is not held against it when the marker may have left the picture, when the marker is still seen beside it (then the
 search has changed its mind, which it may: the thing followed first was perhaps the lamp), nor for longer than HELD_NS
 after the marker was measured last.
+
+Where the ranger's distance tells which radii are possible, what has another radius is not the marker, whether it stood
+beside it or not (`size`).
 """
 
 import math
@@ -18,6 +21,8 @@ from gateway.model import Circle, Rejection
 
 HELD_NS = 10_000_000_000
 WEAKER = "weaker"  # the search's code for a candidate that passed every gate, beside a better one
+SIZE = "size"  # and for one that passed all but that of the radii that the ranger's distance allows
+RED_DISC = (WEAKER, SIZE)
 NEAR = 0.5  # of its radius: so far from where it should be, a bystander is known again
 ALIKE = 1.4  # and so much larger or smaller
 ROOM = 1.1  # of its radius round the marker: with less to the picture's edge it may have driven out
@@ -31,13 +36,16 @@ class Bystanders:
     t_ns: int  # then
     others: tuple[Circle, ...] = ()  # as heard last
     beside: Circle | None = None  # the marker in that frame
+    fitted: bool = False  # it has had a radius that the ranger's distance allows
 
-    def with_measured(self, marker: Circle, t_ns: int, rejected: Iterable[Rejection]) -> "Bystanders":
+    def with_measured(
+        self, marker: Circle, t_ns: int, rejected: Iterable[Rejection], *, fits: bool = False
+    ) -> "Bystanders":
         """`rejected`: of the same frame. A search in a window hears of nothing elsewhere: the old ones stay."""
-        others = tuple(refused.circle for refused in rejected if refused.why == WEAKER)
+        others = tuple(refused.circle for refused in rejected if refused.why in RED_DISC)
         if others:
-            return Bystanders(marker, t_ns, others, marker)
-        return Bystanders(marker, t_ns, self.others, self.beside)
+            return Bystanders(marker, t_ns, others, marker, self.fitted or fits)
+        return Bystanders(marker, t_ns, self.others, self.beside, self.fitted or fits)
 
     def holds(self, found: Circle, t_ns: int, rejected: Iterable[Rejection], width: int, height: int) -> bool:
         """Is `found` a bystander, left alone in the frame of `t_ns`, `width` x `height` px, by a covered marker?"""
@@ -45,6 +53,18 @@ class Bystanders:
             return False
         if any(refused.why == WEAKER and alike(refused.circle, self.marker) for refused in rejected):
             return False
+        return self.has(found)
+
+    def refused_for_size(self, rejected: Iterable[Rejection]) -> Circle | None:
+        """The thing followed, if this frame shows it and it has no radius that the marker can have."""
+        return next((r.circle for r in rejected if r.why == SIZE and alike(r.circle, self.marker)), None)
+
+    def wrong_size(self, rejected: Iterable[Rejection]) -> Circle | None:
+        """The best red disc that was refused for its radius and is no bystander: the marker, for all one can see."""
+        return next((r.circle for r in rejected if r.why == SIZE and not self.has(r.circle)), None)
+
+    def has(self, found: Circle) -> bool:
+        """Was it seen beside the marker, at whatever time?"""
         return any(alike(found, place) for other in self.others for place in self._places(other))
 
     def _places(self, other: Circle) -> Iterable[Circle]:

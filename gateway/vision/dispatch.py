@@ -177,6 +177,7 @@ class Dispatcher:
             visible=detection.visible,
             tracking=detection.tracking,
             predicted=detection.predicted,
+            wrong_size=detection.wrong_size,
         )
         self._tell(reading, now_ns)
 
@@ -396,6 +397,17 @@ class Dispatcher:
             reopens=old.reopens + reopens,
         )
 
+    def readers(self, now_ns: int) -> list[int]:
+        """The vision processes that read their messages now: not those that start, or have looked at a frame for long.
+
+        A process that takes no messages is killed when its inbox is full; that is left to its deadlines.
+        """
+        return [
+            seat.token
+            for seat in self._workers
+            if seat.phase is Phase.IDLE or (seat.phase is Phase.BUSY and now_ns - seat.since_ns < NS_PER_S)
+        ]
+
     def _is_camera(self, token: int) -> bool:
         return token == self._eye.token and self._eye.alive and self._eye.phase is not Phase.ENDING
 
@@ -420,6 +432,7 @@ def _with(reading: VisionReading, stats: VisionStats) -> VisionReading:
         reading.visible,
         reading.tracking,
         reading.predicted,
+        reading.wrong_size,
     )
 
 

@@ -12,14 +12,21 @@ round the prediction can't hide what the search prefers. A jerk is no jump: what
 prediction, or the marker as it was measured last, begins a new track, but is a measurement. Where nothing is followed
 there is nothing to contradict, and the first sight counts. Sightings count only if each is newer than the last. What
 stood beside the marker before it was covered is not believed so soon: see `bystanders`.
+
+**The ranger's distance may tell how large the marker can be** (`expect`). What is larger or smaller is not measured.
+If it is the very thing that was followed, either that is a lamp or the ranger is wrong. A thing that never had a
+possible radius is forgotten: the first sight of the marker counts. One that had is not given up for another: there is
+no measurement. Either way the frame says what was seen (`wrong_size`), and fusion calls it a contradiction; not,
+though, if it is only a known bystander.
 """
 
 from dataclasses import replace
 from typing import Protocol
 
 from gateway.model import Circle, Detection, Rejection, Tracking
-from gateway.vision.bystanders import Bystanders, alike
+from gateway.vision.bystanders import HELD_NS, Bystanders, alike
 from gateway.vision.pixels import Image
+from gateway.vision.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.tracking import NS_PER_S, Prediction, Track, usable
 
 JUMP = "jump"  # the code of a circle on trial among those refused
@@ -29,10 +36,13 @@ TOLD = 5  # of those refused
 class Search(Protocol):
     """Looks for the marker in one picture."""
 
-    def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
+    def __call__(
+        self, image: Image, t_ns: int, expected: Prediction | None, radii_px: tuple[float, float] | None
+    ) -> Detection:
         """`expected`: where it should be, None where nobody knows. A hint of where to look first, not what to find.
 
-        It may be a poor one: see `Prediction.useful`.
+        It may be a poor one: see `Prediction.useful`. `radii_px`: the marker's radius lies between these; None: nobody
+        knows.
         """
         ...
 
@@ -46,26 +56,45 @@ class Follower:
         self._track: Track | None = None
         self._trial: Track | None = None  # what may be another thing than the one followed
         self._others: Bystanders | None = None
+        self._radii = WITHDRAWN
+
+    def expect(self, radii: MarkerRadii) -> None:
+        self._radii = radii
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         track = self._track
         expected = None if track is None else track.at(t_ns)
         undecided = self._trial is not None and not self._trial.confirmed
-        found = self._search(image, t_ns, None if undecided else expected)
+        radii_px = self._radii.at(t_ns)
+        found = self._search(image, t_ns, None if undecided else expected, radii_px)
+        if radii_px is not None and self._others is not None:
+            found = self._of_possible_size(found, self._others, t_ns)
+            track, expected = (None, None) if self._track is None else (track, expected)
         if found.circle is None or not usable(found.circle):
             self._trial = None
         elif self._believed(found.circle, found, t_ns, expected, image):
             seen = self._others or Bystanders(found.circle, t_ns)
-            self._others = seen.with_measured(found.circle, t_ns, found.rejected)
+            self._others = seen.with_measured(found.circle, t_ns, found.rejected, fits=radii_px is not None)
             return replace(found, tracking=Tracking.MEASURED, predicted=None)
         else:
-            refused = (Rejection(found.circle, JUMP), *found.rejected[: TOLD - 1])
-            found = Detection(None, candidates=found.candidates, rejected=refused, stage_ns=found.stage_ns)
+            found = _on_trial(found)
         if track is not None and expected is not None and self._may_coast(track, expected, t_ns, image):
             return replace(found, circle=None, tracking=Tracking.COASTED, predicted=expected.circle)
         if track is not None and t_ns > track.t_ns and not (self._trial is not None and self._young(track, t_ns)):
             self._track = None
         return replace(found, circle=None, tracking=Tracking.LOST, predicted=None)
+
+    def _of_possible_size(self, found: Detection, known: Bystanders, t_ns: int) -> Detection:
+        """What follows from the radii that were refused; it may end the track."""
+        seen = found.circle is not None and alike(found.circle, known.marker)
+        followed = None if seen else known.refused_for_size(found.rejected)
+        if followed is None:
+            return found if found.wrong_size is None else replace(found, wrong_size=known.wrong_size(found.rejected))
+        if known.fitted and 0 <= t_ns - known.t_ns <= HELD_NS:
+            self._others = replace(known, marker=followed, t_ns=t_ns)
+            return replace(found if found.circle is None else _on_trial(found), wrong_size=followed)
+        self._track = self._trial = self._others = None
+        return found
 
     def _believed(self, circle: Circle, found: Detection, t_ns: int, expected: Prediction | None, image: Image) -> bool:
         """Is it a measurement: of what is followed, of something new that nothing contradicts, or of one confirmed?"""
@@ -109,3 +138,10 @@ class Follower:
         """Where the track leads, or where the marker was seen last: frames that come in bursts mislead the motion."""
         places = [expected.circle] if self._others is None else [expected.circle, self._others.marker]
         return expected.admits(found) or any(alike(place, found, expected.near_px) for place in places)
+
+
+def _on_trial(found: Detection) -> Detection:
+    """Without its circle, which is told among those refused."""
+    assert found.circle is not None
+    refused = (Rejection(found.circle, JUMP), *found.rejected[: TOLD - 1])
+    return Detection(None, candidates=found.candidates, rejected=refused, stage_ns=found.stage_ns)

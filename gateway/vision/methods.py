@@ -1,12 +1,15 @@
 """The detection methods by name: what `vision.method` and `vision.tracking` ask for, ready to be called."""
 
 from gateway.config import VisionConfig
+from gateway.model import Detection
 from gateway.vision import pipeline
 from gateway.vision.exact import search, tracker
 from gateway.vision.exact.search import ExactSearch
 from gateway.vision.follow import Follower
 from gateway.vision.near import NearSearch
 from gateway.vision.pipeline import Detector, NowNs
+from gateway.vision.pixels import Image
+from gateway.vision.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.robust import detect as robust
 
 
@@ -17,11 +20,26 @@ def detector(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
             return _paper(params, now_ns)
         case "paper", _:
             near = tracker.of(params, now_ns) if ExactSearch.knows(params) else _paper(params, now_ns)
-            return Follower(lambda image, t_ns, _: near(image, t_ns), params.coast_s)
+            return Follower(lambda image, t_ns, *_: near(image, t_ns), params.coast_s)
         case _, False:
-            return lambda image, t_ns=0: robust.detect(image, params, now_ns)
+            return Robust(params, now_ns)
         case _:
             return Follower(NearSearch(params, now_ns), params.coast_s)
+
+
+class Robust:
+    """The robust method without tracking: each picture by itself."""
+
+    def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
+        self._params = params
+        self._now_ns = now_ns
+        self._radii = WITHDRAWN
+
+    def expect(self, radii: MarkerRadii) -> None:
+        self._radii = radii
+
+    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
+        return robust.detect(image, self._params, self._now_ns, radii_px=self._radii.at(t_ns))
 
 
 def _paper(params: VisionConfig, now_ns: NowNs) -> Detector:

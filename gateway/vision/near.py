@@ -19,7 +19,7 @@ from dataclasses import replace
 
 from gateway.config import VisionConfig
 from gateway.model import Circle, Detection
-from gateway.vision.bystanders import WEAKER
+from gateway.vision.bystanders import RED_DISC
 from gateway.vision.pipeline import NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.rivals import Spots, spots
@@ -41,13 +41,20 @@ class NearSearch:
         self._near = 0  # frames in a row that were searched in a window only
         self._spots: Spots | None = None  # other red things, when they were last looked at
         self._looked_ns = self._t_ns = 0  # when that was, and the frame at hand
+        self._radii_px: tuple[float, float] | None = None  # possible in the frame at hand
 
-    def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
-        self._t_ns = t_ns
-        if expected is None:
+    def __call__(
+        self,
+        image: Image,
+        t_ns: int,
+        expected: Prediction | None,
+        radii_px: tuple[float, float] | None = None,
+    ) -> Detection:
+        self._t_ns, self._radii_px = t_ns, radii_px
+        if expected is None or not _possible(expected.circle, radii_px):
             return self._remembered(image, self._whole(image))
         window = window_round(expected, image.shape[1], image.shape[0])
-        found = detect(image, self._params, self._now_ns, window=window, expected=expected.circle)
+        found = detect(image, self._params, self._now_ns, window=window, expected=expected.circle, radii_px=radii_px)
         if found.circle is None or not expected.admits(found.circle):
             return self._also_whole(image, found)
         self._near += 1
@@ -61,7 +68,7 @@ class NearSearch:
 
     def _whole(self, image: Image) -> Detection:
         self._near = 0
-        return detect(image, self._params, self._now_ns)
+        return detect(image, self._params, self._now_ns, radii_px=self._radii_px)
 
     def _also_whole(self, image: Image, before: Detection) -> Detection:
         """`before`: what the window gave; its time is told, too."""
@@ -86,6 +93,10 @@ class NearSearch:
         return before is None or due or self._spots.news(before)
 
 
+def _possible(circle: Circle, radii_px: tuple[float, float] | None) -> bool:
+    return radii_px is None or radii_px[0] <= circle.radius_px <= radii_px[1]
+
+
 def _better(whole: Detection, held: Detection) -> Detection:
     """The search of the whole frame may have overlooked what was found in the window; it passed the same gates."""
     if held.circle is None or _heard(whole, held.circle):
@@ -94,8 +105,8 @@ def _better(whole: Detection, held: Detection) -> Detection:
 
 
 def _heard(whole: Detection, held: Circle) -> bool:
-    """Has the search of the whole frame chosen it, or found it weaker than what it chose?"""
-    others = (rejected.circle for rejected in whole.rejected if rejected.why == WEAKER)
+    """Has the search of the whole frame chosen it, or refused a good red disc there?"""
+    others = (rejected.circle for rejected in whole.rejected if rejected.why in RED_DISC)
     chosen = () if whole.circle is None else (whole.circle,)
     return any(same_place(circle, held) for circle in (*chosen, *others))
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from gateway.model import Detection
 from gateway.vision import stages
 from gateway.vision.intrinsics import normalise
 from gateway.vision.pixels import Image
+from gateway.vision.radii import MarkerRadii
 from gateway.vision.stages import Contour, Mask
 
 NowNs = Callable[[], int]
@@ -22,6 +23,15 @@ class Detector(Protocol):
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         """`t_ns`: when the picture was taken, monotonic; a method that follows the marker's motion needs it."""
+        ...
+
+
+@runtime_checkable
+class Sized(Protocol):
+    """A Detector that may be told how large the marker can be."""
+
+    def expect(self, radii: MarkerRadii) -> None:
+        """From the next picture on."""
         ...
 
 

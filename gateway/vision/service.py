@@ -3,7 +3,7 @@
 import logging
 import os
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from gateway.children.pool import Pool, Role
 from gateway.children.words import Failed, Gone
@@ -27,12 +27,13 @@ from gateway.vision.jobs import (
     SourceRecord,
     Straight,
 )
+from gateway.vision.radii import MarkerRadii, Pace
 from gateway.vision.sources import SourceSpec
 from gateway.vision.workerjob import DetectorSpec, WorkerJob
 
 log = logging.getLogger(__name__)
 
-ToChild = CameraJob | WorkerJob | Look | GiveBack | Straight
+ToChild = CameraJob | WorkerJob | Look | GiveBack | Straight | MarkerRadii
 VisionPool = Pool[ToChild, FromChild]
 
 
@@ -72,6 +73,7 @@ class VisionService:
         self._ring = ring
         self._turns: _Turns | None = None
         self._dispatcher: Dispatcher | None = None
+        self._pace = Pace()
 
     @property
     def settings(self) -> VisionConfig:
@@ -90,6 +92,15 @@ class VisionService:
         self._detector = DetectorSpec(vision, self._detector.factory)
         if self._turns is not None:
             self._turns.end()
+
+    def expect(self, radii_px: tuple[float, float] | None) -> None:
+        """The marker's radius lies between these now, px; None: nobody knows. To be called again and again: it is
+        forgotten soon. Not for the paper's method."""
+        if self._turns is None or self._dispatcher is None or self._vision.method != "robust":
+            return
+        now_ns = self._clock.now_ns()
+        if (message := self._pace.due(radii_px, now_ns)) is not None:
+            self._turns.send(self._dispatcher.readers(now_ns), message)
 
     async def run(self) -> None:
         """Until cancelled; afterwards there is no process and no memory left. Raises ConfigError, or LinkError
@@ -168,6 +179,12 @@ class _Turns:
         self._over = True
         if self._pool is not None:
             self._pool.wake()
+
+    def send(self, tokens: Iterable[int], message: MarkerRadii) -> None:
+        """To these processes, if there are any."""
+        if self._pool is not None and not self._over:
+            for token in tokens:
+                self._pool.send(token, message)
 
     async def run(self, pool: VisionPool) -> None:
         """Until cancelled or told to end, or something raises."""

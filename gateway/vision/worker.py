@@ -7,13 +7,15 @@ import cv2
 from gateway.children.codec import Codec
 from gateway.children.link import Link
 from gateway.vision.jobs import Look, Looked, Ready
+from gateway.vision.pipeline import Sized
+from gateway.vision.radii import MarkerRadii
 from gateway.vision.shm import Ring
 from gateway.vision.workerjob import WorkerJob
 
-CODEC = Codec(WorkerJob | Look, compressed=True)
+CODEC = Codec(WorkerJob | Look | MarkerRadii, compressed=True)
 
 
-def run(link: Link[Ready | Looked, Look], job: WorkerJob) -> None:
+def run(link: Link[Ready | Looked, Look | MarkerRadii], job: WorkerJob) -> None:
     """Until the main process is gone. Never returns."""
     cv2.setNumThreads(1)  # workers are the parallelism; threads inside them only fight
     ring = Ring(job.ring, writable=False)
@@ -23,7 +25,12 @@ def run(link: Link[Ready | Looked, Look], job: WorkerJob) -> None:
     link.send(Ready())
     newest = 0
     while True:
-        frame = link.receive().frame
+        message = link.receive()
+        if isinstance(message, MarkerRadii):
+            if isinstance(detect, Sized):
+                detect.expect(message)
+            continue
+        frame = message.frame
         detection = None
         # One from the main process and one from the camera itself may cross: a method with a memory sees time go on.
         if frame.seq > newest:

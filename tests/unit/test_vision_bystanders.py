@@ -91,7 +91,7 @@ class Bay:
         self.n = -1
         self.find = Follower(self._search, coast_s)
 
-    def _search(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
+    def _search(self, image: Image, t_ns: int, expected: Prediction | None, radii_px: object) -> Detection:
         if self.covered:
             return Detection(LAMP)
         return Detection(MARKER, rejected=HEARD if expected is None else ())

@@ -42,7 +42,7 @@ class Script:
     visible: float | None = None
     expected: list[Prediction | None] = field(default_factory=list)
 
-    def __call__(self, image: Image, t_ns: int, expected: Prediction | None) -> Detection:
+    def __call__(self, image: Image, t_ns: int, expected: Prediction | None, radii_px: object) -> Detection:
         self.expected.append(expected)
         return Detection(self.circle, visible=self.visible, candidates=3, stage_ns=(("search", 5),))
 

@@ -41,6 +41,7 @@ class Limits:
     min_radius_px: float
     max_radius_px: float
     min_confidence: float
+    possible_px: tuple[float, float] | None = None  # radii, where the ranger knows more; of a marker, not of a search
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,11 @@ def _not_magenta(bgr: tuple[float, float, float]) -> bool:
     return bgr[0] <= MAX_BLUE * bgr[2] or bgr[2] >= BRIGHTEST
 
 
+def _of_possible_size(c: Candidate, limits: Limits) -> bool:
+    possible = limits.possible_px
+    return possible is None or possible[0] <= c.rim.ellipse.semi_major_px <= possible[1]
+
+
 Gate = Callable[[Candidate, Limits], bool]
 
 GATES: tuple[tuple[str, Gate], ...] = (
@@ -89,8 +95,12 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
     ("blur", lambda c, _: _sharp(c)),
     ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
+    ("size", _of_possible_size),
 )
-"""Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`."""
+"""Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`.
+
+`size` is the last: what it refuses is a red disc, as good as a marker.
+"""
 
 
 def veto(found: Candidate, limits: Limits) -> str | None:

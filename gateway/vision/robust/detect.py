@@ -9,6 +9,7 @@ import numpy as np
 
 from gateway.config import VisionConfig
 from gateway.model import Circle, Detection, Ellipse, Rejection
+from gateway.vision.bystanders import SIZE
 from gateway.vision.intrinsics import normalise
 from gateway.vision.pixels import Image
 from gateway.vision.robust.decision import Candidate, Limits, circle_of, confidence
@@ -42,12 +43,14 @@ def detect(
     *,
     window: Window | None = None,
     expected: Circle | None = None,
+    radii_px: tuple[float, float] | None = None,
 ) -> Detection:
     """The red disc in one (H, W, 3) uint8 BGR picture. `now_ns` gives the times of `stage_ns`; without it, 0.
 
     `window` restricts the search to a part of the picture. With a window and an `expected` circle, that place is looked
     at first, and if the marker is there nothing else is; without a window a prediction changes nothing. Coordinates are
-    always the whole picture's. Raises ValueError for anything but such a picture with at least one pixel.
+    always the whole picture's. A disc whose radius lies outside `radii_px` is not the marker; where there is none, the
+    best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one pixel.
     """
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
         raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")
@@ -56,7 +59,7 @@ def detect(
     def done(stage: str) -> None:
         stamps.append((stage, now_ns()))
 
-    limits = _limits(image, params)
+    limits = _limits(image, params, radii_px)
     x0, y0, part = _part(image, window)
     taken: Candidate | None = None
     seeds = 1
@@ -74,6 +77,8 @@ def detect(
     )
     if taken is not None:
         found = _filled(found, taken, x0, y0)
+    elif radii_px is not None:
+        found = replace(found, wrong_size=next((r.circle for r in found.rejected if r.why == SIZE), None))
     if found.circle is not None and params.intrinsics is not None:
         # The image of a tilted disc's centre is not its ellipse's centre; the ellipse stays as seen.
         pose = None if found.ellipse is None else disc_pose(found.ellipse, params.intrinsics)
@@ -85,12 +90,13 @@ def detect(
     return replace(found, stage_ns=stage_ns)
 
 
-def _limits(image: Image, params: VisionConfig) -> Limits:
+def _limits(image: Image, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
     diagonal_px = math.hypot(*image.shape[:2])
     return Limits(
         min_radius_px=max(SMALLEST_PX, params.min_radius_share * diagonal_px),
         max_radius_px=params.max_radius_share * diagonal_px,
         min_confidence=params.min_confidence,
+        possible_px=radii_px,
     )
 
 

@@ -16,6 +16,7 @@ REJECTION_MEANING: dict[str, str] = {
     "support": "too few edges lie on the rim",
     "blur": "a glow, not a disc: no rim that is sharp for its size",
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not whole",
+    "size": "a red disc, but at the ranger's distance the marker is larger or smaller",
     "weaker": "a red disc, but another one in this picture has more evidence",
     "jump": "with tracking: a red disc where the marker that is followed can't be, or of another size; on trial",
 }
