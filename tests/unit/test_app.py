@@ -26,6 +26,9 @@ class Sensors:
         self._emit: Callable[[VisionReading | RangeReading], None] = args[-1]
         self._camera = len(args) > 3
 
+    def expect(self, radii_px: tuple[float, float] | None) -> None:
+        pass
+
     async def run(self) -> None:
         t_ns = self._clock.now_ns()
         good = VisionReading(t_ns, Quality.GOOD, Circle(1.0, 2.0, 100.0))

@@ -205,6 +205,32 @@ def test_a_frame_without_a_marker_is_no_target_not_a_fault() -> None:
     assert bench.told[0].stage_ns == (("hsv", 5),)
 
 
+def test_a_disc_of_the_wrong_size_is_told_with_the_frame() -> None:
+    bench = Bench()
+    bench.open()
+    bench.ready()
+    bench.frame()
+    bench.look(bench.workers[0], Detection(None, wrong_size=Circle(10.0, 20.0, 30.0)))
+    assert bench.told[-1].quality is Quality.NO_TARGET
+    assert bench.told[-1].wrong_size == Circle(10.0, 20.0, 30.0)
+
+
+def test_only_those_that_read_their_messages_are_sent_any_that_can_wait() -> None:
+    """One that reads none for long would be killed for a full inbox, before its deadline."""
+    bench = Bench(workers=2)
+    first, second = bench.workers
+    bench.open()
+    assert bench.dispatcher.readers(bench.ns) == []
+    bench.ready(first)
+    assert bench.dispatcher.readers(bench.ns) == [first]
+    bench.ready(second)
+    bench.frame()
+    assert bench.dispatcher.readers(bench.ns) == [first, second]
+    assert bench.dispatcher.readers(bench.ns + 1000 * MS) == [second]
+    bench.die(second)
+    assert bench.dispatcher.readers(bench.ns) == [first]
+
+
 def test_nothing_is_assigned_before_the_detector_is_ready() -> None:
     bench = Bench()
     bench.open()

@@ -28,6 +28,7 @@ from gateway.vision.jobs import (
     SourceRecord,
     Straight,
 )
+from gateway.vision.radii import MarkerRadii
 from gateway.vision.shm import RingSpec
 from gateway.vision.sources import SourceSpec
 from gateway.vision.specs import CameraSpec, FileSpec, StreamSpec
@@ -55,6 +56,7 @@ DETECTIONS = st.builds(
     rejected=st.lists(st.builds(Rejection, CIRCLES, st.text()), max_size=3).map(tuple),
     tracking=st.sampled_from(Tracking),
     predicted=st.none() | CIRCLES,
+    wrong_size=st.none() | CIRCLES,
 )
 FROM_CHILDREN = st.one_of(
     st.builds(Captured, FRAMES, INT),
@@ -74,7 +76,7 @@ def test_every_word_of_a_child_comes_out_as_it_went_in(message: object) -> None:
     assert jobs.FROM_CHILDREN.unpacked(Codec.packed(message)) == message
 
 
-@given(TO_CAMERA, st.builds(Look, FRAMES))
+@given(TO_CAMERA, st.builds(Look, FRAMES) | st.builds(MarkerRadii, NUMBER, NUMBER, INT))
 def test_every_word_to_a_child_comes_out_as_it_went_in(to_camera: object, to_worker: object) -> None:
     assert camera.CODEC.unpacked(Codec.packed(to_camera)) == to_camera
     assert worker.CODEC.unpacked(Codec.packed(to_worker)) == to_worker
