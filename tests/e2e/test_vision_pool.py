@@ -698,3 +698,38 @@ def test_settings_change_while_it_runs_and_the_frames_are_counted_on(tmp_path: P
             assert not [r for r in bay.readings if r.quality in (Quality.PROCESS_FAULT, Quality.LINK_DOWN)]
 
     asyncio.run(scene())
+
+
+def test_a_vision_process_heeds_the_radii_it_is_told_and_forgets_them(tmp_path: Path) -> None:
+    image = np.full((240, 320, 3), 120, np.uint8)
+    cv2.circle(image, (200, 110), 70, (30, 30, 200), -1)
+    cv2.circle(image, (50, 190), 20, (30, 30, 200), -1)
+    for n in range(2):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), image)
+
+    def of(radius_px: float) -> Callable[[VisionReading], bool]:
+        return lambda reading: reading.circle is not None and abs(reading.circle.radius_px - radius_px) < 3
+
+    async def scene() -> None:
+        async with Bay(str(tmp_path), detector=None, loop=True, fps=30.0) as bay:
+            radii: list[tuple[float, float] | None] = [(15.0, 30.0)]
+
+            async def told() -> None:
+                while radii:
+                    bay._service.expect(radii[0])
+                    await asyncio.sleep(0.06)
+
+            at = await bay.until(of(70))
+            telling = asyncio.create_task(told())
+            at = await bay.until(of(20), at)
+            radii[0] = (100.0, 140.0)
+            at = await bay.until(lambda reading: reading.quality is Quality.NO_TARGET, at)
+            wrong = bay.readings[at].wrong_size
+            assert wrong is not None
+            assert abs(wrong.radius_px - 20) < 3  # it was followed, and fitted
+            radii.clear()
+            await telling
+            await bay.until(lambda reading: reading.circle is not None, at)  # nobody says it any more
+            assert not [r for r in bay.readings if r.quality in (Quality.PROCESS_FAULT, Quality.LINK_DOWN)]
+
+    asyncio.run(scene())
