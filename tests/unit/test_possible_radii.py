@@ -16,8 +16,8 @@ from tests.virtual_time import LoopClock
 
 MS = 1_000_000
 T0 = 10_000 * MS
-SCALE = MarkerScale(px_mm=54_000.0, distance_mm=280.0, spread=0.02, visits=9)
 SAMPLES = (ScaleSample(0, 192.0, 281.25),) * 3  # 54,000 px mm
+SCALE = MarkerScale(px_mm=54_000.0, distance_mm=280.0, spread=0.02, visits=9, newest=SAMPLES[0])
 MARKER, LAMP = Circle(320.0, 240.0, 193.0), Circle(40.0, 400.0, 20.0)
 
 
