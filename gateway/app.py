@@ -175,8 +175,7 @@ async def run(
         }
         for bay in config.bays:
             control, vision = controls[bay.name], visions[bay.name]
-            on_range = partial(_on_range, control, vision)
-            ranger = RangerService(bay.ranger, clock, on_range, port=ports.ranger[bay.name])
+            ranger = RangerService(bay.ranger, clock, partial(_on_range, control, vision), port=ports.ranger[bay.name])
             tasks += [
                 Task(f"{bay.name}.control", control.run, vital=True),
                 Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),

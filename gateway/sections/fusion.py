@@ -56,8 +56,8 @@ class FusionConfig(Section):
         0.35,
         ge=0,
         le=10,
-        description="R x Z of one marker and lens is constant: a larger relative change is a contradiction; 0: not "
-        "checked; only with decision = held and without cross_check",
+        description="R x Z of one marker and lens is constant: a larger relative change is a contradiction, and a disc "
+        "that differs still more is no marker; 0: not checked; only with decision = held and without cross_check",
     )
     scale_lasting_s: float = Field(0.3, ge=0, le=60, description="such a change must last so long to be a fault")
     arrive_by_camera: bool = Field(

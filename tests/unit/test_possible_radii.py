@@ -140,11 +140,13 @@ class Visit:
         self.rules = Rules.of(BayConfig(name="north", fusion=FusionConfig(recovery_s=0)))
         self.state = interlock.initial("north", T0, self.rules)
 
-    def for_s(self, seconds: float, quality: Quality, **seen: Circle) -> StateVector:
+    def for_s(
+        self, seconds: float, quality: Quality, circle: Circle | None = None, wrong_size: Circle | None = None
+    ) -> StateVector:
         for _ in range(round(seconds / 0.02)):
             self.now_ns += 20 * MS
             for observation in (
-                VisionReading(self.now_ns, quality, **seen),
+                VisionReading(self.now_ns, quality, circle, wrong_size=wrong_size),
                 RangeReading(self.now_ns, Quality.GOOD, 280.0),
                 Tick(),
             ):

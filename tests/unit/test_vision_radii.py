@@ -191,10 +191,12 @@ def test_what_fits_is_measured_as_without_a_range() -> None:
 
 
 def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    windows: list[object] = []
+    searched: list[tuple[bool, object]] = []
 
-    def watched(image: Image, params: VisionConfig, *args: Any, window: Any = None, **more: Any) -> Detection:
-        windows.append(window)
+    def watched(
+        image: Image, params: VisionConfig, *args: Any, window: Any = None, radii_px: Any = None, **_: Any
+    ) -> Detection:
+        searched.append((window is not None, radii_px))
         return Detection(Circle(200.0, 90.0, 45.0))
 
     monkeypatch.setattr(near, "detect", watched)
@@ -202,9 +204,9 @@ def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeyp
     track = Track.begun(Circle(60.0, 60.0, 18.0), 0)
     assert track is not None
     search(discs(), 1, track.at(1), (30.0, 60.0))
-    assert windows == [None]
+    assert searched == [(False, (30.0, 60.0))]
     search(discs(), 1, track.at(1), (15.0, 60.0))
-    assert windows[1] is not None
+    assert searched[1] == (True, (15.0, 60.0))
 
 
 # -- following: what was followed is refused ---------------------------------------------------------------------------
