@@ -3,7 +3,8 @@
 gateway registers                               for reading in a terminal
 gateway registers --format ignition --host 10.1.2.3 --out tags.json
 gateway registers --format st --bay bay2 --unit-id 2 --out plc/
-gateway registers --format openplc --host 10.1.2.3 --out openplc/
+gateway registers --format tcpou --bay bay1:1 --bay bay2:2 --host 10.1.2.3 --out plc/
+gateway registers --format openplc --host 10.1.2.3 --writes --out openplc/
 
 Every export comes from the same table and so fits the gateway that makes it. Give the bay's unit id and the word order
 as they stand in the gateway's configuration ([modbus] word_order, [[bays]] unit_id). docs/plc-integration.md walks
@@ -13,8 +14,12 @@ through the commissioning.
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gateway.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gateway.modbus.exports.target import Target
 
 NAME = "registers"
 HELP = "print the Modbus register table, or export it for PLC and SCADA tools"
@@ -31,7 +36,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     form.add_argument("--format", choices=SUMMARY, metavar="FORMAT", help="one of the formats below (default: text)")
     for name in TEXT_FORMS:
         form.add_argument(f"--{name}", dest="format", action="store_const", const=name, help=f"--format {name}")
-    parser.add_argument("--bay", default=default.bay, metavar="NAME", help=f"of the bay (default: {default.bay})")
+    parser.add_argument(
+        "--bay",
+        action="append",
+        metavar="NAME[:UNIT]",
+        help=f"of the bay (default: {default.bay}), and its unit id; several times for several bays",
+    )
     parser.add_argument(
         "--host",
         default=default.host,
@@ -40,10 +50,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--port", type=int, default=default.port, metavar="N", help=f"default: {default.port}")
     parser.add_argument(
-        "--unit-id", type=int, default=default.unit_id, metavar="N", help=f"of the bay (default: {default.unit_id})"
+        "--unit-id",
+        type=int,
+        default=default.unit_id,
+        metavar="N",
+        help=f"of a --bay without one (default: {default.unit_id})",
     )
     parser.add_argument(
         "--word-order", choices=("big", "little"), default=default.word_order, help="[modbus] word_order (default: big)"
+    )
+    parser.add_argument(
+        "--writes",
+        action="store_true",
+        help="[modbus] writes is on: OpenPLC then writes the handshake registers; the other formats look by themselves",
     )
     parser.add_argument(
         "--out",
@@ -60,13 +79,8 @@ def main(args: argparse.Namespace) -> int:
     """Prints to stdout, or writes files and says which."""
     from gateway.modbus import export
     from gateway.modbus.exports.formats import FORMATS
-    from gateway.modbus.exports.target import Target
 
-    if args.format is None:
-        files = {"registers.txt": export.plain_text()}
-    else:
-        target = Target(args.bay, args.host, args.port, args.unit_id, args.word_order)
-        files = FORMATS[args.format](target)
+    files = {"registers.txt": export.plain_text()} if args.format is None else FORMATS[args.format](_targets(args))
     if args.out is not None:
         _write(files, args.out)
     elif len(files) == 1:
@@ -74,6 +88,20 @@ def main(args: argparse.Namespace) -> int:
     else:
         raise ConfigError(f"--format {args.format} makes {len(files)} files ({', '.join(files)}): give --out DIR")
     return 0
+
+
+def _targets(args: argparse.Namespace) -> "tuple[Target, ...]":
+    """One target a --bay. ConfigError for what no PLC could be given, or could not tell apart."""
+    from gateway.modbus.exports.target import Target, distinct
+
+    targets = []
+    for text in args.bay or [Target().bay]:
+        name, colon, unit = text.partition(":")
+        if colon and not unit.isdecimal():
+            raise ConfigError(f"--bay: {text!r}: NAME or NAME:UNIT, where UNIT is 1 to 247")
+        unit_id = int(unit) if colon else args.unit_id
+        targets.append(Target(name, args.host, args.port, unit_id, args.word_order, args.writes))
+    return distinct(tuple(targets))
 
 
 def _write(files: dict[str, str], where: str) -> None:

@@ -1,23 +1,28 @@
-"""The checks that every generated PLC program makes before it believes an image, in their order. Pure; one table.
+"""The checks that every generated PLC program makes before it believes an image. Pure; one table for both outputs.
 
-The first check that fails names the diagnosis and takes the enable away. A condition is written in the subset that
-IEC 61131-3 structured text, Siemens SCL and Rockwell structured text share, with `#` before every local name (as SCL
-wants it); it is true when the check fails. `Raw` is the decoded block.
+An image says at most one of two things: the truck may move (`may_move`), or it stands in place (`in_place`). A check
+names the outputs that it can take away (`needs`); the first that fails is the diagnosis. The checks of SOUND are made
+first: only an image that passes them is looked at, and only there does a heartbeat count.
+
+A condition is written in the subset that IEC 61131-3 structured text, Siemens SCL and Rockwell structured text share,
+with `#` before every local name (as SCL wants it); it is true when the check fails. `Raw` is the decoded block.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 
 from gateway.modbus.registers import KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION
+from gateway.model import FRESH_FRAME, Quality
 
 HEARTBEAT_TIMEOUT_MS = 500
-_SWAPPED_UINT32 = (KNOWN_UINT32 & 0xFFFF) << 16 | KNOWN_UINT32 >> 16
+HEARTBEAT_CHANGES = 2  # an image left over from before and one frozen image make one change, never two
+SWAPPED_UINT32 = (KNOWN_UINT32 & 0xFFFF) << 16 | KNOWN_UINT32 >> 16
 
 
 class Diagnosis(IntEnum):
-    """Why the enable is off. Never renumber, only add."""
+    """Why both outputs are off. Never renumber, only add."""
 
-    ENABLED = 0
+    OK = 0
     POLL_FAILED = 1
     WORD_ORDER = 2
     FOREIGN = 3
@@ -28,21 +33,61 @@ class Diagnosis(IntEnum):
     STOP = 8
     VISION = 9
     RANGER = 10
-    NO_PERMIT = 11
+    NO_MAY_MOVE = 11
+    CAMERA = 12
+
+
+class Needs(Enum):
+    """Which output needs a check to pass; the value is what makes the check count, in the common language."""
+
+    BOTH = ""
+    MAY_MOVE = "(#Raw.in_place = 0) AND "
+    IN_PLACE = "(#Raw.in_place = 1) AND "
+
+    @property
+    def outputs(self) -> str:
+        """For people."""
+        return {"BOTH": "MayMove, InPlace", "MAY_MOVE": "MayMove", "IN_PLACE": "InPlace"}[self.name]
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """`fails`: the condition. `alive` False: nothing in the image may be used. `action`: what a person does."""
+    """`fails`: the condition. `meaning`: what was found. `action`: what a person does."""
 
     diagnosis: Diagnosis
     fails: str
     meaning: str
     action: str
-    alive: bool = False
+    needs: Needs = Needs.BOTH
+
+    @property
+    def condition(self) -> str:
+        """`fails`, only for the output that needs the check."""
+        return f"{self.needs.value}({self.fails})" if self.needs.value else self.fails
 
 
-CHECKS: tuple[Check, ...] = (
+def _none_of(name: str, qualities: frozenset[Quality]) -> str:
+    return " AND ".join(f"(#Raw.{name} <> {quality.value})" for quality in sorted(qualities))
+
+
+# Two facts of one image that can't both be true. What the gateway guarantees: docs/visit.md, gateway/visit.py.
+CONTRADICTIONS: tuple[str, ...] = (
+    "(#Raw.stop > 1) OR (#Raw.may_move > 1) OR (#Raw.in_place > 1)",
+    "(#Raw.may_move = 1) AND (#Raw.stop = 1)",
+    "(#Raw.may_move = 1) AND (#Raw.in_place = 1)",
+    "(#Raw.may_move = 1) AND (#Raw.reason <> 0)",
+    "(#Raw.in_place = 1) AND (#Raw.stop = 0)",
+    "(#Raw.in_place = 1) AND (#Raw.moved <> 0)",
+    "(#Raw.in_place = 1) AND #Raw.d_valid AND (#Raw.d = 0)",
+    "#Raw.status_stop XOR (#Raw.stop = 1)",
+    "#Raw.status_may_move XOR (#Raw.may_move = 1)",
+    "#Raw.position_status_may_move XOR (#Raw.may_move = 1)",
+    "#Raw.position_status_in_place XOR (#Raw.in_place = 1)",
+    "#Raw.position_status_moved XOR (#Raw.moved <> 0)",
+    "#Raw.position_status_held AND (#Raw.in_place = 0)",
+)
+
+SOUND: tuple[Check, ...] = (
     Check(
         Diagnosis.POLL_FAILED,
         "NOT #PollOk",
@@ -51,7 +96,7 @@ CHECKS: tuple[Check, ...] = (
     ),
     Check(
         Diagnosis.WORD_ORDER,
-        f"(#Raw.known_u32 = {_SWAPPED_UINT32})"
+        f"(#Raw.known_u32 = {SWAPPED_UINT32})"
         f" OR ((#Raw.known_u32 = {KNOWN_UINT32}) AND (#Raw.known_f32 <> {KNOWN_FLOAT32}))",
         "the known constants come with their words swapped",
         "export again with the other --word-order, or change modbus.word_order",
@@ -59,7 +104,7 @@ CHECKS: tuple[Check, ...] = (
     Check(
         Diagnosis.FOREIGN,
         f"#Raw.known_u32 <> {KNOWN_UINT32}",
-        "the known constants are not there: another device, or another start address",
+        "the known constants are not there: nothing polled yet, another device, or another start address",
         "read 100 registers from address 0 of this gateway, function code 3; check for an offset of one",
     ),
     Check(
@@ -75,53 +120,67 @@ CHECKS: tuple[Check, ...] = (
         "update the gateway, or export from the version that runs",
     ),
     Check(
+        Diagnosis.CONTRADICTION,
+        "\n    OR ".join(f"({claim})" for claim in CONTRADICTIONS),
+        "stop, may_move, in_place, moved, reason and the status words contradict each other",
+        "something between gateway and PLC changes the data: a wrong mapping, a second writer",
+    ),
+)
+
+ALIVE: tuple[Check, ...] = (
+    Check(
         Diagnosis.HEARTBEAT,
         "NOT #Beating",
         "the heartbeat does not move, or has not been seen to move yet",
         "normal for a moment after the start; else restart the gateway and keep its log",
     ),
-    Check(
-        Diagnosis.CONTRADICTION,
-        "(#Raw.stop > 1) OR (#Raw.may_move > 1) OR ((#Raw.stop = 1) AND (#Raw.may_move = 1))"
-        " OR (#Raw.status_stop XOR (#Raw.stop = 1)) OR (#Raw.status_may_move XOR (#Raw.may_move = 1))"
-        " OR ((#Raw.may_move = 1) AND (#Raw.reason <> 0))",
-        "stop, may_move, reason and the status word contradict each other",
-        "something between gateway and PLC changes the data: a wrong mapping, a second writer",
-    ),
+)
+
+VALUES: tuple[Check, ...] = (
     Check(
         Diagnosis.STOP,
         "#Raw.stop <> 0",
-        "the gateway says stop",
+        "the gateway says stop, and the truck is not in place",
         "register reason says why",
-        alive=True,
+        Needs.MAY_MOVE,
     ),
     Check(
         Diagnosis.VISION,
         "#Raw.vision_quality <> 0",
         "the camera's measurement is not good",
         "register vision_quality says why",
-        alive=True,
+        Needs.MAY_MOVE,
     ),
     Check(
         Diagnosis.RANGER,
         "#Raw.range_quality <> 0",
         "the ranger's measurement is not good",
         "register range_quality says why",
-        alive=True,
     ),
     Check(
-        Diagnosis.NO_PERMIT,
+        Diagnosis.NO_MAY_MOVE,
         "#Raw.may_move <> 1",
-        "the truck may not move",
+        "the truck may not move, and it is not in place",
         "the status word says what is missing",
-        alive=True,
+        Needs.MAY_MOVE,
+    ),
+    Check(
+        Diagnosis.CAMERA,
+        _none_of("vision_quality", FRESH_FRAME),
+        "no live camera stands behind in_place; a covered marker (no_target, coasted) is none of this",
+        "register vision_quality says why",
+        Needs.IN_PLACE,
     ),
 )
 
-MEANING: dict[int, tuple[str, str]] = {
-    int(Diagnosis.ENABLED): ("enabled", "all checks passed: the enable is on"),
-    **{int(check.diagnosis): (check.diagnosis.name.lower(), check.meaning) for check in CHECKS},
-}
+CHECKS: tuple[Check, ...] = (*SOUND, *ALIVE, *VALUES)
+"""In the order in which they are made. From FIRST_ALIVE on the gateway lives, and what its image says is handed on."""
+FIRST_ALIVE = min(int(check.diagnosis) for check in VALUES)
 
-# Diagnoses below this one mean that nothing in the block may be used.
-FIRST_ALIVE = min(int(check.diagnosis) for check in CHECKS if check.alive)
+MEANING: dict[int, tuple[str, str]] = {
+    int(Diagnosis.OK): ("ok", "all checks passed: MayMove or InPlace is on"),
+    **{
+        int(check.diagnosis): (check.diagnosis.name.lower(), check.meaning)
+        for check in sorted(CHECKS, key=lambda check: check.diagnosis)
+    },
+}

@@ -1,6 +1,8 @@
-"""Ignition 8.1 tag import (Tag Browser, Import Tags): a folder for the bay with one OPC tag for every register and bit.
+"""Ignition 8.1 tag import (Tag Browser, Import Tags): a folder for the bay with a tag for every register and bit.
 
-Addresses are of Ignition's own Modbus driver, one-based as it is set by default: HRUS4 is register 3. Pure.
+Addresses are of Ignition's own Modbus driver, one-based as it is set by default: HRUS4 is register 3. A register that
+may hold no value is read into the folder `raw` as it stands; the tag of its name is an expression that then has bad
+quality and no value. Pure.
 """
 
 import json
@@ -18,39 +20,78 @@ _TYPES = {
     "uint64": ("HRUI_64", "Int8"),
     "float32": ("HRF", "Float4"),
 }
+RAW = "raw"
+_EXPONENT = 0x7F80  # of a float32's high word: all of it set is no number
+_OUT_OF_RANGE = 524  # Ignition's subcode Bad_OutOfRange
 
 
 def text(target: Target) -> str:
     """The JSON file to import. The device in Ignition must bear the bay's name."""
     tags: list[dict[str, Any]] = []
+    raw: list[dict[str, Any]] = []
     for register in REGISTERS:
-        tags.append(_tag(register, target))
+        if register.kind.no_value is None:
+            tags.append(_tag(register, target))
+        else:
+            raw += _raw(register, target)
+            tags.append(_expression(register))
         if register.bits is not None:
             tags.append(_bits(register, target))
+    tags.append({"name": RAW, "tagType": "Folder", "tags": raw})
     folder = {"name": target.bay, "tagType": "Folder", "tags": tags}
     return json.dumps({"name": "", "tagType": "Provider", "tags": [folder]}, indent=2, ensure_ascii=False) + "\n"
 
 
 def _tag(register: Register, target: Target) -> dict[str, Any]:
+    """A register that always holds a value."""
     designator, data_type = _TYPES[register.kind.name]
     tag = _opc(register.name, f"{designator}{register.address + 1}", data_type, target)
     tag["documentation"] = describe(register) + _codes(register)
     if not register.writable:
         tag["readOnly"] = True
-    if register.unit:
-        tag["engUnit"] = register.unit
-    if register.scale != 1:
-        low, high = register.kind.low, register.kind.high
-        tag |= {
-            "dataType": "Float4",
-            "scaleMode": "Linear",
-            "rawLow": low,
-            "rawHigh": high,
-            "scaledLow": round(low * register.scale, 6),
-            "scaledHigh": round(high * register.scale, 6),
-            "clampMode": "No_Clamp",
-        }
     return tag
+
+
+def _raw(register: Register, target: Target) -> list[dict[str, Any]]:
+    """The register as it stands; of a float its high word, too, whose exponent tells a number from none."""
+    designator, data_type = _TYPES[register.kind.name]
+    tags = [_opc(register.name, f"{designator}{register.address + 1}", data_type, target)]
+    if register.kind.is_float:
+        high, _ = target.high_low(register.address)
+        tags.append(_opc(f"{register.name}_high", f"HRUS{high + 1}", "Int4", target))
+    return [
+        tag | {"readOnly": True, "documentation": f"as it stands in the register: {_none(register)}"} for tag in tags
+    ]
+
+
+def _expression(register: Register) -> dict[str, Any]:
+    """The value in its unit; null with bad quality where there is none."""
+    source = f"{{[.]{RAW}/{register.name}}}"
+    if register.kind.is_float:
+        missing = f"({{[.]{RAW}/{register.name}_high}} & {_EXPONENT}) = {_EXPONENT}"
+    else:
+        missing = f"{source} = {_sentinel(register)}"
+    value = source if register.scale == 1 else f"{source} * {register.scale}"
+    tag = {
+        "name": register.name,
+        "tagType": "AtomicTag",
+        "valueSource": "expr",
+        "expression": f"if({missing}, qualifiedValue(null, 'Bad', {_OUT_OF_RANGE}, 'no value'), {value})",
+        "dataType": "Int4" if register.scale == 1 and not register.kind.is_float else "Float4",
+        "documentation": describe(register) + _codes(register),
+        "readOnly": True,
+    }
+    return tag | {"engUnit": register.unit} if register.unit else tag
+
+
+def _sentinel(register: Register) -> int:
+    """No value, as a signed or unsigned number."""
+    word = register.kind.no_value or 0
+    return word - 0x10000 if register.kind.low < 0 else word
+
+
+def _none(register: Register) -> str:
+    return "NaN: no value" if register.kind.is_float else f"{_sentinel(register)}: no value"
 
 
 def _bits(register: Register, target: Target) -> dict[str, Any]:

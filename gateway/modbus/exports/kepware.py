@@ -1,12 +1,17 @@
 """KEPServerEX tag CSV for the driver "Modbus TCP/IP Ethernet" (device, Tag Group, Import CSV). Pure.
 
 Six-digit addresses of holding registers: 400001 is register 0, as in the driver's own setting of zero-based addressing.
+
+The driver can scale a number but not tell one that means "no value" from the others. So an integer that may hold none
+is not scaled: it comes as `NAME_raw`, in counts and without a unit, and nobody takes 65535 for a distance. What people
+look at are the float mirrors, whose NaN is no number for any client, given that the channel's "Non-Normalized Float
+Handling" is set to "Unmodified": by default the driver makes 0.0 of it.
 """
 
 import csv
 import io
 
-from gateway.modbus.exports.fields import describe
+from gateway.modbus.exports.fields import describe, measured
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import REGISTERS, Register
 
@@ -53,23 +58,12 @@ def _rows(register: Register, target: Target) -> list[Row]:
             _row(f"{register.name}_{half}", f"{400001 + register.address + 2 * place}", "DWord", describe(register))
             for place, half in enumerate((first, second))
         ]
-    row = _row(register.name, f"{400001 + register.address}", _TYPES[register.kind.name], describe(register))
-    row["Eng Units"] = register.unit
+    counted = measured(register) and not register.kind.is_float
+    tag = f"{register.name}_raw" if counted else register.name
+    row = _row(tag, f"{400001 + register.address}", _TYPES[register.kind.name], _said(register, counted=counted))
+    row["Eng Units"] = "" if counted else register.unit
     if register.writable:
         row["Client Access"] = "R/W"
-    if register.scale != 1:
-        low, high = register.kind.low, register.kind.high
-        row |= {
-            "Scaling": "Linear",
-            "Raw Low": low,
-            "Raw High": high,
-            "Scaled Low": round(low * register.scale, 6),
-            "Scaled High": round(high * register.scale, 6),
-            "Scaled Data Type": "Float",
-            "Clamp Low": 0,
-            "Clamp High": 0,
-            "Negate Value": 0,
-        }
     bits = (register.bits or {}).items()
     return [
         row,
@@ -78,6 +72,17 @@ def _rows(register: Register, target: Target) -> list[Row]:
             for bit, (name, meaning) in bits
         ),
     ]
+
+
+def _said(register: Register, *, counted: bool) -> str:
+    """The meaning, what an unscaled register counts, and what says that it holds no value."""
+    word = register.kind.no_value
+    if word is None:
+        return describe(register)
+    none = "NaN" if register.kind.is_float else str(word - 0x10000 if register.kind.low < 0 else word)
+    if counted:
+        return f"counts of {register.scale:g} {register.unit}; {none}: no value. {register.meaning}"
+    return f"{describe(register)}; {none}: no value"
 
 
 def _row(name: str, address: str, data_type: str, description: str) -> Row:

@@ -1,86 +1,119 @@
-"""The function block's body, once for IEC 61131-3 structured text and Siemens SCL. Pure.
+"""The function block's body, once for IEC 61131-3 structured text, Siemens SCL and, but for the decoding, Logix. Pure.
 
-Written as SCL wants it, with `#` before local names and function names in quotes; `iec` takes both away. Only what both
-languages and every tool share is used: no pointers, no unions, no shifts, no 64-bit numbers. A float is put together
-by arithmetic, which is exact because only powers of two are multiplied.
+Written as SCL wants it, with `#` before local names and function names in quotes; `iec` takes both away, logix.py
+translates. Only what every language and tool shares is used: no pointers, no unions, no shifts, no 64-bit numbers. A
+float is put together by arithmetic, which is exact because only powers of two are multiplied.
 """
 
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from gateway.modbus.exports.diagnosis import CHECKS, FIRST_ALIVE
-from gateway.modbus.exports.fields import Field, fields, measured
+from gateway.modbus.exports.decode import decode
+from gateway.modbus.exports.diagnosis import ALIVE, FIRST_ALIVE, HEARTBEAT_CHANGES, SOUND, VALUES, Check
+from gateway.modbus.exports.fields import fields
+from gateway.modbus.exports.interface import REQUESTS, STEP_TIMEOUT_MS
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import Register, dead_image
+from gateway.modbus.registers import dead_image
 from gateway.model import StateVector
 
-_PLAIN = {"×": "x", "–": "-", "°": "deg", "±": "+-", "µ": "u"}
-
-UDINT_BODY = """\
-#LG_UDInt := WORD_TO_UDINT(#High) * UDINT#65536 + WORD_TO_UDINT(#Low);
-"""
-
-# Sign, 8 bits of exponent with a bias of 127, 23 bits of fraction; an exponent of 255 is no number.
-REAL_BODY = """\
-#Exponent := WORD_TO_DINT(#High AND 16#7F80) / 128;
-#Value := UDINT_TO_REAL(WORD_TO_UDINT(#High AND 16#007F) * UDINT#65536 + WORD_TO_UDINT(#Low));
-IF #Exponent = 0 THEN
-  #Exponent := 1;
-ELSE
-  #Value := #Value + 8388608.0;
-END_IF;
-IF #Exponent = 255 THEN
-  #Value := 0.0;
-  #Exponent := 150;
-END_IF;
-WHILE #Exponent > 150 DO
-  #Value := #Value * 2.0;
-  #Exponent := #Exponent - 1;
-END_WHILE;
-WHILE (#Exponent < 150) AND (#Value <> 0.0) DO
-  #Value := #Value * 0.5;
-  #Exponent := #Exponent + 1;
-END_WHILE;
-IF (#High AND 16#8000) <> 16#0000 THEN
-  #Value := 0.0 - #Value;
-END_IF;
-#LG_Real := #Value;
-"""
-
-_HEARTBEAT = """\
-(* A heartbeat counts once it was seen to change between two good polls. *)
+_HEARTBEAT = f"""\
+(* The heartbeat counts in sound images only: seen to move {HEARTBEAT_CHANGES} times, with none but sound ones between.
+   An image left over from before and one frozen image make a single change. *)
 #Changed := FALSE;
-IF #PollOk THEN
+IF #Sound THEN
   IF #Seen AND (#Raw.heartbeat <> #LastHeartbeat) THEN
     #Changed := TRUE;
-    #Beating := TRUE;
+    IF #Changes < {HEARTBEAT_CHANGES} THEN
+      #Changes := #Changes + 1;
+    END_IF;
   END_IF;
   #LastHeartbeat := #Raw.heartbeat;
   #Seen := TRUE;
 ELSE
   #Seen := FALSE;
+  #Changes := 0;
 END_IF;
 #HeartbeatTimer(IN := NOT #Changed, PT := #HeartbeatTimeout);
 IF #HeartbeatTimer.Q THEN
-  #Beating := FALSE;
+  #Changes := 0;
 END_IF;
+#Beating := #Changes >= {HEARTBEAT_CHANGES};
 """
 
 _OUTPUTS = """\
-(* Whatever is not known to be right takes the enable away. Nothing of a doubtful image is handed on: Data then reads
+(* Whatever is not known to be right takes both outputs away. Nothing of a doubtful image is handed on: Data then reads
    as that of a gateway that has stopped deciding. *)
 #Alive := (#Diagnostic = 0) OR (#Diagnostic >= {first_alive});
-#Enable := #Diagnostic = 0;
 IF #Alive THEN
   #Data := #Raw;
 ELSE
-  #Data := #Nothing;
-{dead}
+{nothing}
 END_IF;
+#MayMove := (#Diagnostic = 0) AND (#Data.may_move = 1) AND (#Data.stop = 0);
+#InPlace := (#Diagnostic = 0) AND (#Data.in_place = 1) AND (#Data.stop = 1);
+#Moved := #Data.moved <> 0;
+#Held := #InPlace AND #Data.position_status_held;
 #MustStop := #Data.stop <> 0;
 #Reason := #Data.reason;
+"""
 
-(* The PLC's own heartbeat, for gateways that take writes. *)
+# The bits go up only when the gateway was seen to have them off, so that each is a new edge for it.
+_TRIGGER = """\
+(* A triggered measurement, step by step: ask, be taken, read, acknowledge. Each step but the reader's has its time. *)
+#Entered := FALSE;
+IF #Trigger AND (NOT #TriggerWas) AND (#Stage = 0) THEN
+  #Stage := 1;
+  #Entered := TRUE;
+  #TriggerFailed := FALSE;
+END_IF;
+#TriggerWas := #Trigger;
+IF #Alive THEN
+  IF #Stage = 1 THEN
+    IF #Data.handshake_status_trigger_ready AND (NOT #Data.plc_control_trigger) THEN
+      #TriggerBit := TRUE;
+    END_IF;
+    IF #TriggerBit AND #Data.handshake_status_trigger_ack THEN
+      #TriggerBit := FALSE;
+      #Stage := 2;
+      #Entered := TRUE;
+    END_IF;
+  ELSIF #Stage = 2 THEN
+    IF #Data.handshake_status_results_valid AND (#Data.result_id = #Data.acquisition_id) THEN
+      #Stage := 3;
+      #Entered := TRUE;
+    ELSIF #Data.handshake_status_timed_out THEN
+      #Stage := 0;
+      #TriggerFailed := TRUE;
+    END_IF;
+  ELSIF #Stage = 3 THEN
+    IF NOT #Data.handshake_status_results_valid THEN
+      #Stage := 0;
+      #TriggerFailed := TRUE;
+    ELSIF #Acknowledge THEN
+      #AcknowledgeBit := TRUE;
+      #Stage := 4;
+      #Entered := TRUE;
+    END_IF;
+  ELSIF #Stage = 4 THEN
+    IF NOT #Data.handshake_status_results_valid THEN
+      #AcknowledgeBit := FALSE;
+      #Stage := 0;
+    END_IF;
+  END_IF;
+END_IF;
+#StageTimer(IN := (#Stage <> 0) AND (#Stage <> 3) AND (NOT #Entered), PT := {limit});
+IF #StageTimer.Q THEN
+  #TriggerBit := FALSE;
+  #AcknowledgeBit := FALSE;
+  #Stage := 0;
+  #TriggerFailed := TRUE;
+END_IF;
+#TriggerReady := #Alive AND (#Stage = 0) AND #Data.handshake_status_trigger_ready;
+#Measuring := (#Stage = 1) OR (#Stage = 2);
+#ResultReady := #Alive AND (#Stage = 3);
+"""
+
+_HEARTBEAT_OUT = """\
+#RecipeSelect := #Recipe;
 IF #PlcHeartbeat >= 65535 THEN
   #PlcHeartbeat := 0;
 ELSE
@@ -90,16 +123,31 @@ END_IF;
 
 
 def body(target: Target) -> str:
-    """The whole function block: decode, heartbeat, checks, outputs."""
-    decode = "(* The words of one poll, as fields. *)\n" + "\n".join(_decode(field, target) for field in fields())
-    dead = "\n".join(f"  #Data.{name} := {value};" for name, value in dead_fields())
-    return f"{decode}\n\n{_HEARTBEAT}\n{checks()}\n{_OUTPUTS.format(first_alive=FIRST_ALIVE, dead=dead)}"
+    """The whole function block: decode, checks, heartbeat, outputs, triggered measurement, what is written."""
+    return f"{decode(target)}\n{logic()}"
 
 
-def dead_fields(true: str = "TRUE") -> Iterator[tuple[str, str]]:
+def logic() -> str:
+    """All that comes after the decoding: the same in every language of IEC 61131-3 and at Rockwell."""
+    outputs = _OUTPUTS.format(first_alive=FIRST_ALIVE, nothing=indented(nothing()))
+    trigger = _TRIGGER.format(limit=f"T#{STEP_TIMEOUT_MS}ms")
+    return "\n".join((_sound(), _HEARTBEAT, _values(), outputs, trigger, _requests()))
+
+
+def nothing() -> str:
+    """Data as that of a gateway that has stopped deciding."""
+    dead = (f"#Data.{name} := {value};" for name, value in dead_fields())
+    return "\n".join(("#Data := #Nothing;", *dead))
+
+
+def indented(text: str) -> str:
+    return "\n".join(f"  {line}" for line in text.splitlines())
+
+
+def dead_fields() -> Iterator[tuple[str, str]]:
     """(field, value) of every code, flag and bit that is not 0 in the image of a gateway that has stopped deciding.
 
-    Without them an empty structure would say "quality good, no reason". `true`: how the language spells it.
+    Without them an empty structure would say "quality good, no reason".
     """
     image = dead_image(StateVector(""), 0, 0, "big")
     for field in fields():
@@ -108,71 +156,33 @@ def dead_fields(true: str = "TRUE") -> Iterator[tuple[str, str]]:
             continue
         word = image[register.address]
         if field.part == "bit" and word >> field.bit & 1:
-            yield field.name, true
+            yield field.name, "TRUE"
         elif field.part == "value" and word not in (0, register.kind.no_value):
             yield field.name, str(word)
 
 
-def checks() -> str:
-    """The chain of checks: the first that fails is the diagnosis."""
-    lines = ["(* The first check that fails says why there is no enable. *)"]
-    for n, check in enumerate(CHECKS):
-        lines.append(f"{'ELSIF' if n else 'IF'} {check.fails} THEN")
-        lines.append(f"  #Diagnostic := {int(check.diagnosis)}; (* {check.meaning} *)")
-    return "\n".join([*lines, "ELSE", "  #Diagnostic := 0;", "END_IF;", ""])
+def _sound() -> str:
+    """The checks of an image itself, before anything in it counts."""
+    lines = ["(* The first check that fails says why both outputs are off. First those of the image itself. *)"]
+    return "\n".join([*lines, *_chain(SOUND), "#Sound := #Diagnostic = 0;", ""])
 
 
-def iec(text: str) -> str:
-    """SCL's local names and quoted function names as plain IEC identifiers. Typed literals keep their `#`."""
-    return re.sub(r'"(\w+)"', r"\1", re.sub(r"(?<!\w)#(?=[A-Za-z_])", "", text))
+def _values() -> str:
+    """The checks of a sound image."""
+    chain = indented("\n".join(_chain((*ALIVE, *VALUES))))
+    return f"(* Then what a sound image says, for the output that it names. *)\nIF #Sound THEN\n{chain}\nEND_IF;\n"
 
 
-def ascii_only(text: str) -> str:
-    """PLC tools disagree on encodings; the few signs that are not ASCII have a plain spelling."""
-    for sign, plain in _PLAIN.items():
-        text = text.replace(sign, plain)
-    return text.encode("ascii", "replace").decode("ascii")
+def _chain(checks: Sequence[Check]) -> Iterator[str]:
+    for n, check in enumerate(checks):
+        yield f"{'ELSIF' if n else 'IF'} {check.condition} THEN"
+        yield f"  #Diagnostic := {int(check.diagnosis)}; (* {check.meaning} *)"
+    yield from ("ELSE", "  #Diagnostic := 0;", "END_IF;")
 
 
-def _decode(field: Field, target: Target) -> str:
-    name, register = f"#Raw.{field.name}", field.register
-    if field.part == "valid":
-        none = f"IF NOT {name} THEN\n  #Raw.{register.name} := {_zero(register)};\nEND_IF;"
-        return f"{name} := {_valid(register, target)};\n{none}"
-    if field.part == "bit":
-        return f"{name} := (#Words[{register.address}] AND 16#{1 << field.bit:04X}) <> 16#0000;"
-    if field.part in ("high", "low"):
-        first = (field.part == "high") == (target.word_order == "big")
-        return f"{name} := {_pair('LG_UDInt', register.address + (0 if first else 2), target)};"
-    return f"{name} := {_value(register, field, target)};"
-
-
-def _value(register: Register, field: Field, target: Target) -> str:
-    if register.kind.is_float:
-        return _pair("LG_Real", register.address, target)
-    if register.words == 2:
-        raw = _pair("LG_UDInt", register.address, target)
-        kind = "UDINT"
-    else:
-        kind = "INT" if register.kind.low < 0 else "UINT"
-        raw = f"WORD_TO_{kind}(#Words[{register.address}])"
-    if field.kind != "REAL":
-        return raw
-    scale = "" if register.scale == 1 else f" * {register.scale}"
-    return f"{kind}_TO_REAL({raw}){scale}"
-
-
-def _pair(function: str, address: int, target: Target) -> str:
-    high, low = target.high_low(address)
-    return f'"{function}"(High := #Words[{high}], Low := #Words[{low}])'
-
-
-def _valid(register: Register, target: Target) -> str:
-    if register.kind.is_float:
-        high, _ = target.high_low(register.address)
-        return f"(#Words[{high}] AND 16#7F80) <> 16#7F80"
-    return f"#Words[{register.address}] <> 16#{register.kind.no_value or 0:04X}"
-
-
-def _zero(register: Register) -> str:
-    return "0.0" if measured(register) else "0"
+def _requests() -> str:
+    """What is written to the gateway: its bits are put together by adding, which every language can."""
+    lines = ["(* What is written to the gateway, where it takes writes. *)", "#PlcControl := 0;"]
+    for name, bit in REQUESTS:
+        lines.append(f"IF #{name} THEN\n  #PlcControl := #PlcControl + {1 << bit};\nEND_IF;")
+    return "\n".join([*lines, _HEARTBEAT_OUT])

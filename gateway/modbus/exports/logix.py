@@ -1,75 +1,60 @@
 """The function block's body in Rockwell's structured text, for an Add-On Instruction. Pure.
 
 Logix has signed numbers only, no functions and no TRUE: words are masked into DINT, floats are copied bit by bit (COP,
-low word first, as Logix keeps them), a BOOL is set to 1 or 0. The chain of checks is the one of all the exports.
+low word first, as Logix keeps them), a BOOL is set to 1 or 0. All that comes after the decoding is the common logic,
+translated statement by statement.
 """
 
-from gateway.modbus.exports.diagnosis import FIRST_ALIVE
+import re
+
+from gateway.modbus.exports.diagnosis import Diagnosis
+from gateway.modbus.exports.dialect import iec
 from gateway.modbus.exports.fields import Field, fields
-from gateway.modbus.exports.logic import checks, dead_fields, iec
+from gateway.modbus.exports.interface import OUTPUTS
+from gateway.modbus.exports.logic import dead_fields, logic, nothing
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import Register
+from gateway.plc import Control
 
-_HEARTBEAT = """\
-// A heartbeat counts once it was seen to change between two good polls.
-Changed := 0;
-IF PollOk THEN
-  IF Seen AND (Raw.heartbeat <> LastHeartbeat) THEN
-    Changed := 1;
-    Beating := 1;
-  END_IF;
-  LastHeartbeat := Raw.heartbeat;
-  Seen := 1;
-ELSE
-  Seen := 0;
-END_IF;
-HeartbeatTimer.PRE := HeartbeatTimeoutMs;
-HeartbeatTimer.TimerEnable := NOT Changed;
-TONR(HeartbeatTimer);
-IF HeartbeatTimer.DN THEN
-  Beating := 0;
-END_IF;
-"""
-
-_OUTPUTS = """\
-// Whatever is not known to be right takes the enable away. Nothing of a doubtful image is handed on: Data then reads
-// as that of a gateway that has stopped deciding.
-Alive := (Diagnostic = 0) OR (Diagnostic >= {first_alive});
-Enable := (Diagnostic = 0);
-IF Alive THEN
-  COP(Raw, Data, 1);
-ELSE
-  COP(Nothing, Data, 1);
-{dead}
-END_IF;
-MustStop := (Data.stop <> 0);
-Reason := Data.reason;
-
-// The PLC's own heartbeat, for gateways that take writes.
-IF PlcHeartbeat >= 65535 THEN
-  PlcHeartbeat := 0;
-ELSE
-  PlcHeartbeat := PlcHeartbeat + 1;
-END_IF;
-"""
-
-# Runs when the instruction's rung is false or the controller starts: outputs would else stand as they were.
-OFF = """\
-Enable := 0;
-MustStop := 1;
-Alive := 0;
-Diagnostic := 1;
-Seen := 0;
-Beating := 0;
-"""
+_TIMER = re.compile(r"^(\w+)\(IN := (.+), PT := (\w+|T#\d+ms)\);$", re.MULTILINE)
+_COPY = re.compile(r"^( *)Data := (Raw|Nothing);$", re.MULTILINE)
 
 
 def body(target: Target) -> str:
     """The routine "Logic"."""
     decode = "// The words of one poll, as fields.\n" + "\n".join(_decode(field, target) for field in fields())
-    dead = "\n".join(f"  Data.{name} := {value};" for name, value in dead_fields(true="1"))
-    outputs = _OUTPUTS.format(first_alive=FIRST_ALIVE, dead=dead)
-    return f"{decode}\n\n{_HEARTBEAT}\n{iec(checks())}\n{outputs}"
+    return f"{decode}\n\n{translated(logic())}"
+
+
+def off() -> str:
+    """What runs while the instruction's rung is false, and when the controller starts: everything reads as dead.
+
+    Else outputs, Data and memory would stand as they were. Of what is written only "truck present" stays: taken back,
+    it would say that the truck has left.
+    """
+    reason = dict(dead_fields())["reason"]
+    started = {"MustStop": "1", "Alive": "0", "Diagnostic": f"{int(Diagnosis.POLL_FAILED)}", "Reason": reason}
+    kept = {"PlcHeartbeat", "PlcControl", "RecipeSelect", "Data"}
+    lines = [f"{var.name} := {started.get(var.name, '0')};" for var in OUTPUTS if var.name not in kept]
+    memory = ("Sound", "Seen", "Changed", "Changes", "Beating", "TriggerWas", "TriggerBit", "AcknowledgeBit", "Stage")
+    lines += [f"{name} := 0;" for name in memory]
+    lines.append(f"PlcControl := PlcControl AND {1 << Control.TRUCK_PRESENT};")
+    return translated("\n".join([nothing(), *lines, ""]))
+
+
+def translated(text: str) -> str:
+    """The common language as Logix takes it: timers by TONR, structures by COP, 1 and 0."""
+    text = _TIMER.sub(_timer, iec(text))
+    text = _COPY.sub(r"\1COP(\2, Data, 1);", text).replace("Timer.Q", "Timer.DN")
+    code = re.split(r"(\(\*.*?\*\))", text, flags=re.DOTALL)  # comments stay as they are
+    code[::2] = [re.sub(r"\bFALSE\b", "0", re.sub(r"\bTRUE\b", "1", part)) for part in code[::2]]
+    return "".join(code)
+
+
+def _timer(found: re.Match[str]) -> str:
+    name, on, limit = found[1], found[2], found[3]
+    preset = limit[2:-2] if limit.startswith("T#") else f"{limit}Ms"
+    return f"{name}.PRE := {preset};\n{name}.TimerEnable := {on};\nTONR({name});"
 
 
 def _decode(field: Field, target: Target) -> str:

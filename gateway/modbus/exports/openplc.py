@@ -1,66 +1,93 @@
 """OpenPLC Runtime 3: a program and the list of slave devices, both to upload. Pure.
 
-OpenPLC copies what it reads from slave devices into the input image: 100 holding registers of the only device stand
-from %IW100 on. It tells a program nothing about failed polls, so the heartbeat alone says whether the link lives.
+OpenPLC copies what it reads from slave devices into the input image, one device after the other from %IW100 on, and
+what it writes to them from %QW100 on. It tells a program nothing about failed polls, so the heartbeat alone says whether
+the link lives.
+
+%QX0.0 stays unused: it was the output of an earlier export that was on while the truck may move, and whatever is still
+wired to it must not find another meaning there.
 """
 
+from gateway.errors import ConfigError
 from gateway.modbus.exports import structured_text
-from gateway.modbus.exports.logic import ascii_only
+from gateway.modbus.exports.dialect import ascii_only
+from gateway.modbus.exports.interface import FIRST_WRITTEN, REQUESTS, WRITTEN
+from gateway.modbus.exports.pou import BLOCK, FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS
 
 PROGRAM = "loading_bay.st"
 DEVICES = "mbconfig.cfg"
-FIRST_INPUT = 100  # OpenPLC's own number: what comes from slave devices begins at %IW100
+FIRST_WORD = 100  # OpenPLC's own number: what belongs to slave devices begins at %IW100 and %QW100
+MOST_BAYS = 4  # OpenPLC's own number: 400 words for all slave devices together
 POLL_MS = 100
 _TIMEOUT_MS = 1000
+OUTPUTS = ("MustStop", "Alive", "MayMove", "InPlace", "Moved", "Held")  # from bit 1 on
+INPUTS = (*(name for name, _ in REQUESTS if not name.endswith("Bit")), "Trigger", "Acknowledge")
 
 
-def files(target: Target) -> dict[str, str]:
+def files(targets: tuple[Target, ...]) -> dict[str, str]:
     """The program (Programs, Upload Program) and mbconfig.cfg (or type its values under Slave Devices)."""
-    return {PROGRAM: _program(target), DEVICES: _devices(target)}
+    if len(targets) > MOST_BAYS:
+        raise ConfigError(f"--bay: OpenPLC has room for {MOST_BAYS} bays, not for {len(targets)}")
+    return {PROGRAM: _program(targets), DEVICES: _devices(targets)}
 
 
-def _program(target: Target) -> str:
-    inputs = "\n".join(f"  w{n} AT %IW{FIRST_INPUT + n} : WORD;" for n in range(BLOCK_WORDS))
-    copies = "\n".join(f"Words[{n}] := w{n};" for n in range(BLOCK_WORDS))
-    return structured_text.text(target) + ascii_only(
+def _program(targets: tuple[Target, ...]) -> str:
+    located = "\n".join(line for n, target in enumerate(targets) for line in _located(n, target))
+    instances = "\n".join(
+        f"  {target.instance} : {FUNCTION_BLOCK};\n  {target.instance}_Words : {BLOCK};" for target in targets
+    )
+    calls = "\n".join(line for target in targets for line in _calls(target))
+    return structured_text.library(targets) + ascii_only(
         f"""
 PROGRAM loading_bay
 VAR
-{inputs}
-  LoadingEnable AT %QX0.0 : BOOL;
-  StopTruck AT %QX0.1 : BOOL;
-  GatewayAlive AT %QX0.2 : BOOL;
-  Diagnostic AT %QW0 : UINT;
-  Reason AT %QW1 : UINT;
+{located}
 END_VAR
 VAR
-  Words : {structured_text.BLOCK};
-  Gateway : {structured_text.FUNCTION_BLOCK};
+{instances}
 END_VAR
-{copies}
-Gateway(PollOk := TRUE, Words := Words);
-LoadingEnable := Gateway.Enable;
-StopTruck := Gateway.MustStop;
-GatewayAlive := Gateway.Alive;
-Diagnostic := Gateway.Diagnostic;
-Reason := Gateway.Reason;
+{calls}
 END_PROGRAM
 
 CONFIGURATION Config0
   RESOURCE Res0 ON PLC
     TASK Main(INTERVAL := T#20ms, PRIORITY := 0);
-    PROGRAM Bay WITH Main : loading_bay;
+    PROGRAM Bays WITH Main : loading_bay;
   END_RESOURCE
 END_CONFIGURATION
 """
     )
 
 
-def _devices(target: Target) -> str:
+def _located(n: int, target: Target) -> list[str]:
+    bay, first = target.instance, FIRST_WORD + n * BLOCK_WORDS
+    lines = [f"  {bay}_w{word} AT %IW{first + word} : WORD;" for word in range(BLOCK_WORDS)]
+    lines += [f"  {bay}_{name} AT %IX{n}.{bit} : BOOL;" for bit, name in enumerate(INPUTS)]
+    lines += [f"  {bay}_{name} AT %QX{n}.{bit} : BOOL;" for bit, name in enumerate(OUTPUTS, 1)]
+    lines += [f"  {bay}_Diagnostic AT %QW{2 * n} : UINT;", f"  {bay}_Reason AT %QW{2 * n + 1} : UINT;"]
+    lines += [f"  {bay}_Recipe AT %MW{n} : UINT;"]
+    first = FIRST_WORD + n * len(WRITTEN)
+    return lines + [f"  {bay}_{name} AT %QW{first + place} : UINT;" for place, name in enumerate(WRITTEN)]
+
+
+def _calls(target: Target) -> list[str]:
+    bay = target.instance
+    lines = [f"{bay}_Words[{word}] := {bay}_w{word};" for word in range(BLOCK_WORDS)]
+    given = "".join(f",\n  {name} := {bay}_{name}" for name in (*INPUTS, "Recipe"))
+    lines.append(f"{bay}(PollOk := TRUE, Words := {bay}_Words{given});")
+    return lines + [f"{bay}_{name} := {bay}.{name};" for name in (*OUTPUTS, "Diagnostic", "Reason", *WRITTEN)]
+
+
+def _devices(targets: tuple[Target, ...]) -> str:
+    head = [f'Num_Devices = "{len(targets)}"', f'Polling_Period = "{POLL_MS}"', f'Timeout = "{_TIMEOUT_MS}"']
+    return "\n".join([*head, *(line for n, target in enumerate(targets) for line in _device(n, target))]) + "\n"
+
+
+def _device(n: int, target: Target) -> list[str]:
     none = dict.fromkeys(("RTU_Baud_Rate", "RTU_Parity", "RTU_Data_Bits", "RTU_Stop_Bits", "RTU_TX_Pause"), "None")
-    device: dict[str, str | int] = {
+    entries: dict[str, str | int] = {
         "name": target.identifier,
         "slave_id": target.unit_id,
         "protocol": "TCP",
@@ -75,9 +102,9 @@ def _devices(target: Target) -> str:
         "Input_Registers_Size": 0,
         "Holding_Registers_Read_Start": 0,
         "Holding_Registers_Read_Size": BLOCK_WORDS,
-        "Holding_Registers_Start": 0,
-        "Holding_Registers_Size": 0,
+        # A refused write makes OpenPLC close the connection at every poll: only where the gateway takes them.
+        "Holding_Registers_Start": FIRST_WRITTEN if target.writes else 0,
+        "Holding_Registers_Size": len(WRITTEN) if target.writes else 0,
     }
-    lines = ['Num_Devices = "1"', f'Polling_Period = "{POLL_MS}"', f'Timeout = "{_TIMEOUT_MS}"']
-    lines += ["# ------------", "#   DEVICE 0", "# ------------"]
-    return "\n".join([*lines, *(f'device0.{key} = "{value}"' for key, value in device.items())]) + "\n"
+    lines = ["# ------------", f"#   DEVICE {n}", "# ------------"]
+    return [*lines, *(f'device{n}.{key} = "{value}"' for key, value in entries.items())]

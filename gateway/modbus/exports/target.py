@@ -12,13 +12,17 @@ EXAMPLE_HOST = "192.0.2.10"
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One bay as its PLC sees it: where to connect, and under which unit id and word order it answers."""
+    """One bay as its PLC sees it: where to connect, and under which unit id and word order it answers.
+
+    `writes`: the gateway's [modbus] writes is on. Only tools that write whether they are answered or not ask for it.
+    """
 
     bay: str = "bay1"
     host: str = EXAMPLE_HOST
     port: int = 502
     unit_id: int = 1
     word_order: WordOrder = "big"
+    writes: bool = False
 
     def __post_init__(self) -> None:
         """Raises ConfigError for what no PLC could be given."""
@@ -37,6 +41,19 @@ class Target:
         name = re.sub(r"[^A-Za-z0-9]+", "_", self.bay).strip("_")
         return name if name[0].isalpha() else f"bay_{name}"
 
+    @property
+    def instance(self) -> str:
+        """The same as the name of a variable, which no language has as a keyword."""
+        return self.identifier if self.identifier.lower().startswith("bay") else f"bay_{self.identifier}"
+
     def high_low(self, address: int) -> tuple[int, int]:
         """Addresses of the high and the low word of the 32-bit value at `address`."""
         return (address, address + 1) if self.word_order == "big" else (address + 1, address)
+
+
+def distinct(targets: tuple[Target, ...]) -> tuple[Target, ...]:
+    """The same targets. Raises ConfigError where two of them can't be told apart by name or by unit id."""
+    for what, of in (("name", [t.instance.lower() for t in targets]), ("unit id", [str(t.unit_id) for t in targets])):
+        if len(set(of)) != len(of):
+            raise ConfigError(f"--bay: two bays have the same {what}: {', '.join(of)}")
+    return targets

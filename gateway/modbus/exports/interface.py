@@ -1,0 +1,92 @@
+"""The function block's interface: its inputs, outputs and memory, once for every language. Pure.
+
+Neither output is called enable: MayMove is for the truck, InPlace for the spout, and a program that mixes them up
+has to write the wrong word itself.
+"""
+
+from dataclasses import dataclass
+
+from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
+from gateway.modbus.registers import BLOCK_WORDS, REGISTERS
+from gateway.plc import Control
+
+STEP_TIMEOUT_MS = 3000
+"""A step of a triggered measurement that takes longer has failed; the gateway's trigger_timeout_s is 1 s."""
+_ADDRESS = {register.name: register.address for register in REGISTERS}
+FIRST_WRITTEN = _ADDRESS["plc_heartbeat"]
+WRITTEN = ("PlcHeartbeat", "PlcControl", "RecipeSelect")
+"""The outputs that go to the registers from FIRST_WRITTEN on, in this order, where [modbus] writes is on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Var:
+    """`kind`: BOOL, UINT, TIME, or one of the names below. `start`: its value before the first call; "": the type's."""
+
+    name: str
+    kind: str
+    comment: str
+    start: str = ""
+
+
+BLOCK, DATA, TIMER = "BLOCK", "DATA", "TIMER"  # the polled words; the decoded block; an on-delay timer
+
+INPUTS: tuple[Var, ...] = (
+    Var("PollOk", "BOOL", "the last poll that ended ended without an error; TRUE where your client can't tell"),
+    Var("Words", BLOCK, f"registers 0 to {BLOCK_WORDS - 1}, of one request"),
+    Var("HeartbeatTimeout", "TIME", "the heartbeat must move within it", f"T#{HEARTBEAT_TIMEOUT_MS}ms"),
+    Var("EnableRequest", "BOOL", "the bay is wanted in use"),
+    Var("TruckPresent", "BOOL", "a truck is in the bay; back to FALSE: it has left"),
+    Var("Reset", "BOOL", "rising: end the latched stop, if its cause is gone"),
+    Var("Trigger", "BOOL", "rising: measure anew; the block does the handshake"),
+    Var("Acknowledge", "BOOL", "TRUE while ResultReady: the result was taken over"),
+    Var("Release", "BOOL", "rising while the truck is in place: loading is over, the truck may leave"),
+    Var("Recipe", "UINT", "id of the recipe wanted; 0: the configuration as it is"),
+)
+
+OUTPUTS: tuple[Var, ...] = (
+    Var("MayMove", "BOOL", "TRUE: the truck may move. Never a condition for loading"),
+    Var("InPlace", "BOOL", "TRUE: the truck stands in place. The only condition for loading"),
+    Var("Moved", "BOOL", "TRUE: the truck left its place without release"),
+    Var("Held", "BOOL", "TRUE: InPlace is held by the ranger alone, the marker is covered"),
+    Var("MustStop", "BOOL", "TRUE: the truck must stop; also whenever nothing is known", "TRUE"),
+    Var("Alive", "BOOL", "TRUE: Data is of a live gateway"),
+    Var("Diagnostic", "UINT", "0, or the check that failed", "1"),
+    Var("Reason", "UINT", "register reason: why the gateway says stop", "40"),
+    Var("TriggerReady", "BOOL", "TRUE: a rising Trigger would be taken"),
+    Var("Measuring", "BOOL", "TRUE: a triggered measurement runs"),
+    Var("ResultReady", "BOOL", "TRUE: Data.result_... hold the result of the trigger; acknowledge it"),
+    Var("TriggerFailed", "BOOL", "TRUE: the newest trigger brought no result; until the next one"),
+    *(
+        Var(name, "UINT", f"write it to register {FIRST_WRITTEN + place}, where [modbus] writes is on")
+        for place, name in enumerate(WRITTEN)
+    ),
+    Var("Data", DATA, "the block in engineering units; a dead gateway's while not Alive"),
+)
+
+MEMORY: tuple[Var, ...] = (
+    Var("Raw", DATA, "the newest words, decoded"),
+    Var("Nothing", DATA, "never written"),
+    Var("Sound", "BOOL", "the newest image passed the checks of an image"),
+    Var("HeartbeatTimer", TIMER, ""),
+    Var("LastHeartbeat", "UINT", ""),
+    Var("Seen", "BOOL", "LastHeartbeat is of a sound image, and none but sound ones came since"),
+    Var("Changed", "BOOL", ""),
+    Var("Changes", "UINT", "how often the heartbeat was seen to change"),
+    Var("Beating", "BOOL", ""),
+    Var("TriggerWas", "BOOL", ""),
+    Var("TriggerBit", "BOOL", "as it is written"),
+    Var("AcknowledgeBit", "BOOL", "as it is written"),
+    Var("Stage", "UINT", "of the triggered measurement: 0 none, 1 asked, 2 taken, 3 result held, 4 acknowledged"),
+    Var("Entered", "BOOL", "Stage has just changed"),
+    Var("StageTimer", TIMER, ""),
+)
+
+REQUESTS: tuple[tuple[str, Control], ...] = (
+    ("EnableRequest", Control.ENABLE),
+    ("TruckPresent", Control.TRUCK_PRESENT),
+    ("Reset", Control.RESET),
+    ("TriggerBit", Control.TRIGGER),
+    ("AcknowledgeBit", Control.RESULTS_ACK),
+    ("Release", Control.RELEASE),
+)
+"""What is in PlcControl, and at which bit."""

@@ -1,0 +1,103 @@
+"""PLCopen XML (TC6, 2.01) of the same units as the structured text: CODESYS, Beremiz and others import it. Pure."""
+
+import re
+from xml.sax.saxutils import escape, quoteattr
+
+from gateway.modbus.exports import pou
+from gateway.modbus.exports.clients import codesys
+from gateway.modbus.exports.dialect import ascii_only
+from gateway.modbus.exports.interface import Var
+from gateway.modbus.exports.target import Target
+
+_XHTML = "http://www.w3.org/1999/xhtml"
+_MADE = "2026-01-01T00:00:00"  # a fixed date, not the clock's: the same table gives the same file
+_SECTIONS = {"VAR_INPUT": "inputVars", "VAR_OUTPUT": "outputVars", "VAR": "localVars"}
+_KINDS = {"FUNCTION": "function", "FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program"}
+_ELEMENTARY = frozenset({"BOOL", "BYTE", "WORD", "UINT", "INT", "UDINT", "DINT", "REAL", "TIME"})
+
+
+def text(targets: tuple[Target, ...]) -> str:
+    """With a program whose variables are to be mapped to the tool's own Modbus channels."""
+    return _project(targets, pou.program(targets))
+
+
+def codesys_text(targets: tuple[Target, ...]) -> str:
+    """With a program that polls by itself, with CODESYS' library ModbusFB."""
+    return _project(targets, codesys(targets))
+
+
+def _project(targets: tuple[Target, ...], program: pou.Pou) -> str:
+    types = "".join(map(_type, pou.types()))
+    units = "".join(map(_unit, (*pou.library(targets[0]), program)))
+    return ascii_only(f"""\
+<?xml version="1.0" encoding="utf-8"?>
+<project xmlns="http://www.plcopen.org/xml/tc6_0200">
+  <fileHeader companyName="" productName="gateway registers" productVersion="1.0" creationDateTime="{_MADE}" />
+  <contentHeader name="LoadingGateway" modificationDateTime="{_MADE}">
+    <coordinateInfo>
+      <fbd><scaling x="1" y="1" /></fbd>
+      <ld><scaling x="1" y="1" /></ld>
+      <sfc><scaling x="1" y="1" /></sfc>
+    </coordinateInfo>
+  </contentHeader>
+  <types>
+    <dataTypes>
+{types}    </dataTypes>
+    <pous>
+{units}    </pous>
+  </types>
+  <instances>
+    <configurations />
+  </instances>
+</project>
+""")
+
+
+def _type(made: pou.Words | pou.Struct) -> str:
+    if isinstance(made, pou.Words):
+        base = _array("WORD", 0, made.size - 1)
+    else:
+        base = "<struct>\n" + "".join(map(_variable, made.members)) + "</struct>"
+    return f"<dataType name={quoteattr(made.name)}>\n<baseType>{base}</baseType>\n</dataType>\n"
+
+
+def _unit(unit: pou.Pou) -> str:
+    returns = f"<returnType>{_kind(unit.returns)}</returnType>\n" if unit.returns else ""
+    sections = "".join(
+        f"<{_SECTIONS[keyword]}>\n{''.join(map(_variable, variables))}</{_SECTIONS[keyword]}>\n"
+        for keyword, variables in unit.sections
+    )
+    comment = f"(* {unit.comment} *)\n" if unit.comment else ""
+    return (
+        f'<pou name={quoteattr(unit.name)} pouType="{_KINDS[unit.kind]}">\n'
+        f"<interface>\n{returns}{sections}</interface>\n"
+        f'<body>\n<ST>\n<xhtml xmlns="{_XHTML}">{escape(comment + unit.body)}</xhtml>\n</ST>\n</body>\n</pou>\n'
+    )
+
+
+def _variable(var: Var) -> str:
+    start = _start(var)
+    note = f'<documentation>\n<xhtml xmlns="{_XHTML}">{escape(var.comment)}</xhtml>\n</documentation>\n'
+    return (
+        f"<variable name={quoteattr(var.name)}>\n<type>{_kind(var.kind)}</type>\n{start}"
+        f"{note if var.comment else ''}</variable>\n"
+    )
+
+
+def _start(var: Var) -> str:
+    if not var.start:
+        return ""
+    if var.start.startswith("["):
+        values = "".join(f'<value><simpleValue value="{one.strip()}" /></value>' for one in var.start[1:-1].split(","))
+        return f"<initialValue><arrayValue>{values}</arrayValue></initialValue>\n"
+    return f"<initialValue><simpleValue value={quoteattr(var.start)} /></initialValue>\n"
+
+
+def _kind(kind: str) -> str:
+    if found := re.fullmatch(r"ARRAY \[(\d+)\.\.(\d+)\] OF (\w+)", kind):
+        return _array(found[3], int(found[1]), int(found[2]))
+    return f"<{kind} />" if kind in _ELEMENTARY else f"<derived name={quoteattr(kind)} />"
+
+
+def _array(of: str, low: int, high: int) -> str:
+    return f'<array><dimension lower="{low}" upper="{high}" /><baseType><{of} /></baseType></array>'

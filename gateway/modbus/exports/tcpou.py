@@ -1,0 +1,51 @@
+"""TwinCAT 3 source files: one .TcPOU a function, function block or program, one .TcDUT a type. Pure.
+
+Added to a PLC project by "Add, Existing Item". Each object has an id, derived from its name: the same table gives the
+same files.
+"""
+
+import uuid
+
+from gateway.modbus.exports import pou
+from gateway.modbus.exports.clients import twincat
+from gateway.modbus.exports.dialect import ascii_only
+from gateway.modbus.exports.target import Target
+
+_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "plc-loading-gateway/tcpou")
+
+
+def files(targets: tuple[Target, ...]) -> dict[str, str]:
+    """Types, functions, function block, and a program that polls with the blocks of TF6250."""
+    made = {f"{kind.name}.TcDUT": _object(_type(kind)) for kind in pou.types()}
+    for unit in (*pou.library(targets[0]), twincat(targets)):
+        made[f"{unit.name}.TcPOU"] = _object(_unit(unit))
+    return made
+
+
+def _type(made: pou.Words | pou.Struct) -> str:
+    return f'  <DUT Name="{made.name}" Id="{_id(made.name)}">\n{_declaration(pou.type_text(made))}  </DUT>\n'
+
+
+def _unit(unit: pou.Pou) -> str:
+    return (
+        f'  <POU Name="{unit.name}" Id="{_id(unit.name)}" SpecialFunc="None">\n'
+        f"{_declaration(pou.declaration(unit))}"
+        f"    <Implementation>\n      <ST>{_cdata(unit.body)}</ST>\n    </Implementation>\n  </POU>\n"
+    )
+
+
+def _declaration(text: str) -> str:
+    return f"    <Declaration>{_cdata(text)}</Declaration>\n"
+
+
+def _object(inner: str) -> str:
+    head = '<?xml version="1.0" encoding="utf-8"?>\n<TcPlcObject Version="1.1.0.1">\n'
+    return ascii_only(f"{head}{inner}</TcPlcObject>\n")
+
+
+def _cdata(text: str) -> str:
+    return f"<![CDATA[{text.rstrip()}\n]]>"
+
+
+def _id(name: str) -> str:
+    return f"{{{uuid.uuid5(_NAMESPACE, name)}}}"
