@@ -63,6 +63,7 @@ class Program:
         self.arrays: dict[str, tuple[int, int, str]] = {}
         self.functions: dict[str, Any] = {}
         self.blocks: dict[str, Any] = {}
+        self.programs: dict[str, Any] = {}
         for item in parse(source).items:
             match item:
                 case tree.DataTypeDeclaration(declaration=tree.StructureTypeDeclaration() as made):
@@ -75,6 +76,8 @@ class Program:
                     self.functions[str(item.name)] = item
                 case tree.FunctionBlock():
                     self.blocks[str(item.name)] = item
+                case tree.Program():
+                    self.programs[str(item.name)] = item  # it calls the blocks; what it adds is compared as text
                 case _:
                     raise RefusedError(type(item).__name__)
 
@@ -188,7 +191,7 @@ class Instance:
         except KeyError:
             raise RefusedError(f"{name} is not declared") from None
 
-    def _value(self, node: Any) -> Value:  # noqa: PLR0911  # one case a kind of expression
+    def _value(self, node: Any) -> Value:  # noqa: PLR0911, PLR0912  # one case a kind of expression
         match node:
             case tree.HexInteger():
                 return "INT_LITERAL", int(str(node.value), 16)
@@ -200,6 +203,8 @@ class Instance:
                 return "REAL_LITERAL", _f32(float(node.value))
             case tree.Boolean():
                 return "BOOL", str(node.value) == "TRUE"
+            case tree.Duration(milliseconds=ms, seconds=None, minutes=None, hours=None, days=None):
+                return "TIME", int(ms)
             case tree.ParenthesizedExpression():
                 return self._value(node.expr)
             case tree.SimpleVariable():

@@ -11,19 +11,31 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.exports import node_red, openplc, structured_text
-from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, Diagnosis
+from gateway.modbus.exports import node_red_function, openplc, structured_text
+from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
 from gateway.modbus.exports.fields import fields
+from gateway.modbus.exports.interface import INPUTS, OUTPUTS, STEP_TIMEOUT_MS
+from gateway.modbus.exports.pou import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
-from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.model import (
+    FRESH_FRAME,
+    Circle,
+    Moved,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+    Visit,
+    VisitPhase,
+)
+from gateway.plc import Acquired, Handshake, Outcome, Phase, PlcLink
 from tests.node_function import run_function
-from tests.permitted import permitted
+from tests.permitted import permitted, standing
 from tests.structured_text import Instance, Program, RefusedError, parse
 
-pytestmark = pytest.mark.xdist_group("structured text")  # building the parser takes seconds
-
-pytestmark = pytest.mark.timeout(300)  # the parser takes its time on a busy machine
+pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
 
 ADDRESS = {register.name: register.address for register in REGISTERS}
 # Elementary types, keywords and standard functions of IEC 61131-3, SCL and Logix that a field must not be called.
@@ -37,7 +49,7 @@ transition true type udint uint ulint until usint var while with word xor ton to
 
 @pytest.fixture(scope="module")
 def program() -> Program:
-    return Program(structured_text.text(Target()))
+    return Program(structured_text.library((Target(),)))
 
 
 def words(state: StateVector) -> list[int]:
@@ -56,19 +68,32 @@ class Scan:
             self.now_ms += 10
             self.block.call(self.now_ms, PollOk=ok, Words=list(image))
         found = Diagnosis(self.block["Diagnostic"])
-        assert self.block["Enable"] is (found is Diagnosis.ENABLED)
+        assert (self.may_move or self.in_place) is (found is Diagnosis.OK)
+        assert not (self.may_move and self.in_place)
+        assert self.block["MustStop"] is not self.may_move or found > Diagnosis.STOP
         return found
 
+    @property
+    def may_move(self) -> bool:
+        return bool(self.block["MayMove"])
+
+    @property
+    def in_place(self) -> bool:
+        return bool(self.block["InPlace"])
+
     def start(self) -> "Scan":
-        """Polls a live gateway until it is enabled."""
-        assert self.run(words(permitted(6))) is Diagnosis.HEARTBEAT
-        assert self.run(words(permitted(7))) is Diagnosis.ENABLED
+        """Polls a live gateway until the truck may move, whatever came before."""
+        self.run([0] * BLOCK_WORDS, ok=False)
+        for heartbeat in (5, 6):
+            assert self.run(words(permitted(heartbeat))) is Diagnosis.HEARTBEAT
+        assert self.run(words(permitted(7))) is Diagnosis.OK
+        assert self.may_move
         return self
 
 
 @pytest.fixture
 def scan(program: Program) -> Scan:
-    return Scan(program.instance(structured_text.FUNCTION_BLOCK))
+    return Scan(program.instance(FUNCTION_BLOCK))
 
 
 def test_every_register_is_decoded_as_the_gateway_encodes_it(scan: Scan) -> None:
@@ -92,76 +117,162 @@ def test_every_register_is_decoded_as_the_gateway_encodes_it(scan: Scan) -> None
 def test_a_float_survives_the_arithmetic_exactly(scan: Scan, value: float) -> None:
     state = permitted(6, vision=VisionReading(0, Quality.GOOD, Circle(value, 0.0, 1.0)))
     expected = decode(words(state))["u_f32"]
-    scan.run(words(state))
-    scan.run(words(replace(state, heartbeat=7)))
+    for heartbeat in (6, 7, 8):
+        scan.run(words(replace(state, heartbeat=heartbeat)))
     assert scan.block["Data"]["u_f32"] == expected
 
 
-def test_enable_follows_permit(scan: Scan) -> None:
+def test_the_outputs_follow_the_gateway(scan: Scan) -> None:
+    """Approach, at the mark, in place, held, moved; each image names one output at most."""
     scan.start()
-    on_mark = permitted(8, d=True, stop=True, may_move=False, reason=Reason.TARGET_REACHED)
-    assert scan.run(words(on_mark)) is Diagnosis.STOP
-    assert (scan.block["MustStop"], scan.block["Alive"]) == (True, True)
+    assert (scan.may_move, scan.in_place, scan.block["MustStop"]) == (True, False, False)
+    at_mark = permitted(8, d=True, stop=True, may_move=False, reason=Reason.TARGET_REACHED)
+    assert scan.run(words(at_mark)) is Diagnosis.STOP
+    assert (scan.may_move, scan.in_place, scan.block["MustStop"], scan.block["Alive"]) == (False, False, True, True)
     assert scan.block["Reason"] == int(Reason.TARGET_REACHED)
-    assert scan.run(words(permitted(9))) is Diagnosis.ENABLED
-    assert (scan.block["MustStop"], scan.block["Reason"]) == (False, 0)
-    assert scan.run(words(permitted(10, may_move=False))) is Diagnosis.NO_PERMIT
+    assert scan.run(words(standing(9))) is Diagnosis.OK
+    assert (scan.may_move, scan.in_place, scan.block["MustStop"], scan.block["Held"]) == (False, True, True, False)
+    assert scan.run(words(standing(10, covered=True))) is Diagnosis.OK
+    assert (scan.in_place, scan.block["Held"], scan.block["Data"]["held_time"]) == (True, True, 3)
+    rolled = standing(11, visit=Visit(VisitPhase.AT_MARK, moved=Moved.DISTANCE))
+    assert scan.run(words(rolled)) is Diagnosis.STOP
+    assert (scan.in_place, scan.block["Moved"], scan.block["MustStop"]) == (False, True, True)
+    assert scan.run(words(permitted(12))) is Diagnosis.OK
+    assert (scan.may_move, scan.block["MustStop"], scan.block["Reason"]) == (True, False, 0)
+    assert scan.run(words(permitted(13, may_move=False))) is Diagnosis.NO_MAY_MOVE
 
 
-def test_nothing_is_enabled_before_the_heartbeat_was_seen_to_move(scan: Scan) -> None:
-    assert scan.block["MustStop"] is True
-    assert scan.block["Enable"] is False
-    assert scan.run(words(permitted()), cycles=30) is Diagnosis.HEARTBEAT
-
-
-def test_a_heartbeat_that_stands_still_takes_the_enable_away_within_its_time(scan: Scan) -> None:
+@pytest.mark.parametrize("quality", Quality)
+def test_a_covered_marker_keeps_in_place_and_a_dead_camera_ends_it(scan: Scan, quality: Quality) -> None:
     scan.start()
-    image = words(permitted(7))
-    assert scan.run(image, cycles=HEARTBEAT_TIMEOUT_MS // 10 - 1) is Diagnosis.ENABLED
-    assert scan.run(image, cycles=2) is Diagnosis.HEARTBEAT
-    assert scan.block["MustStop"] is True
-    assert scan.run(words(permitted(8))) is Diagnosis.ENABLED
+    found = scan.run(words(standing(8, covered=True, vision=VisionReading(0, quality))))
+    assert scan.in_place is (quality in FRESH_FRAME)
+    assert (found is Diagnosis.CAMERA) is (quality not in FRESH_FRAME)
+
+
+@pytest.mark.parametrize("quality", [quality for quality in Quality if quality is not Quality.GOOD])
+def test_without_a_good_distance_neither_output_is_on(scan: Scan, quality: Quality) -> None:
+    for state in (permitted, standing):
+        scan.start()
+        assert scan.run(words(state(8, range=RangeReading(0, quality)))) is Diagnosis.RANGER
+
+
+def test_nothing_is_on_before_the_first_call(scan: Scan) -> None:
+    assert (scan.may_move, scan.in_place, scan.block["Alive"]) == (False, False, False)
+    assert (scan.block["MustStop"], scan.block["Diagnostic"], scan.block["Reason"]) == (True, 1, 40)
+
+
+# What may stand in the words before the first poll, while the input says that the poll was good.
+BEFORE_THE_FIRST_POLL = {
+    "nothing": [],
+    "zeros": [[0] * BLOCK_WORDS],
+    "left over from before": [words(permitted(3))],
+    "left over, in place": [words(standing(3))],
+    "zeros, then left over": [[0] * BLOCK_WORDS, words(permitted(3))],
+    "torn": [[*words(permitted(3))[:99], 5]],
+    "another device": [[1] * BLOCK_WORDS],
+}
+
+
+@pytest.mark.parametrize("before", BEFORE_THE_FIRST_POLL.values(), ids=BEFORE_THE_FIRST_POLL)
+@pytest.mark.parametrize("good", [True, False], ids=["poll good", "poll bad"])
+@pytest.mark.parametrize("state", [permitted, standing])
+def test_a_frozen_image_never_gives_an_output(
+    program: Program, before: list[list[int]], good: bool, state: type[StateVector]
+) -> None:
+    """Whatever stood in the words before the first poll, and whatever the input says of it."""
+    scan = Scan(program.instance(FUNCTION_BLOCK))
+    for image in before:
+        assert scan.run(image, ok=good, cycles=3) is not Diagnosis.OK
+    for _ in range(100):
+        assert scan.run(words(state(7))) is Diagnosis.HEARTBEAT
+
+
+def test_a_frozen_image_between_failed_polls_never_gives_an_output(scan: Scan) -> None:
+    scan.start()
+    scan.run(words(permitted(7)), ok=False)
+    for n in range(60):
+        assert scan.run(words(standing(30)), ok=n % 3 != 2) is not Diagnosis.OK
+
+
+def test_a_heartbeat_that_stands_still_takes_both_outputs_away_within_its_time(scan: Scan) -> None:
+    for state in (permitted, standing):
+        for heartbeat in (5, 6, 7):
+            scan.run(words(state(heartbeat)))
+        image = words(state(7))
+        assert scan.run(image, cycles=HEARTBEAT_TIMEOUT_MS // 10 - 1) is Diagnosis.OK
+        assert scan.run(image, cycles=2) is Diagnosis.HEARTBEAT
+        assert (scan.block["MustStop"], scan.block["Alive"]) == (True, False)
 
 
 def test_a_heartbeat_wraps(scan: Scan) -> None:
-    scan.run(words(permitted(0xFFFF)))
-    assert scan.run(words(permitted(0x10000))) is Diagnosis.ENABLED
+    for heartbeat in (0xFFFE, 0xFFFF):
+        scan.run(words(permitted(heartbeat)))
+    assert scan.run(words(permitted(0x10000))) is Diagnosis.OK
 
 
-def test_a_failed_poll_takes_the_enable_away_at_once_and_two_good_ones_give_it_back(scan: Scan) -> None:
+def test_an_unsound_image_takes_the_outputs_away_at_once_and_three_sound_ones_give_them_back(scan: Scan) -> None:
     scan.start()
-    assert scan.run(words(permitted(7)), ok=False, cycles=60) is Diagnosis.POLL_FAILED
+    assert scan.run(words(permitted(7)), ok=False) is Diagnosis.POLL_FAILED
     assert scan.run(words(permitted(99))) is Diagnosis.HEARTBEAT  # it differs, but was not seen to move
-    assert scan.run(words(permitted(100))) is Diagnosis.ENABLED
+    assert scan.run(words(permitted(100))) is Diagnosis.HEARTBEAT
+    assert scan.run(words(permitted(101))) is Diagnosis.OK
+    assert scan.run([*words(permitted(102))[:99], 1]) is Diagnosis.TORN
+    assert scan.run(words(permitted(103))) is Diagnosis.HEARTBEAT
 
 
-@pytest.mark.parametrize(
-    ("changes", "found"),
-    [
-        ({"seq_end": 3}, Diagnosis.TORN),
-        ({"map_version": 0}, Diagnosis.OLD_MAP),
-        ({"known_u32": 1}, Diagnosis.FOREIGN),
-        ({"known_f32": 1}, Diagnosis.WORD_ORDER),
-        ({"stop": 1}, Diagnosis.CONTRADICTION),
-        ({"stop": 2}, Diagnosis.CONTRADICTION),
-        ({"may_move": 2}, Diagnosis.CONTRADICTION),
-        ({"may_move": 0}, Diagnosis.CONTRADICTION),
-        ({"reason": 10}, Diagnosis.CONTRADICTION),
-        ({"status": 0}, Diagnosis.CONTRADICTION),
-        ({"vision_quality": 1}, Diagnosis.VISION),
-        ({"range_quality": 1}, Diagnosis.RANGER),
-    ],
-)
-def test_each_doubt_has_its_diagnosis(scan: Scan, changes: dict[str, int], found: Diagnosis) -> None:
-    scan.start()
-    image = words(permitted(8))
-    for name, word in changes.items():
-        image[ADDRESS[name]] = word
-    assert scan.run(image) is found
+# Each doubt: what a word becomes, what is found in the image of a truck that may move, and in that of one in place.
+DOUBTS: dict[str, tuple[dict[str, int], Diagnosis, Diagnosis]] = {
+    "torn": ({"seq_end": 3}, Diagnosis.TORN, Diagnosis.TORN),
+    "old": ({"map_version": 2}, Diagnosis.OLD_MAP, Diagnosis.OLD_MAP),
+    "foreign": ({"known_u32": 1}, Diagnosis.FOREIGN, Diagnosis.FOREIGN),
+    "swapped float": ({"known_f32": 1}, Diagnosis.WORD_ORDER, Diagnosis.WORD_ORDER),
+    "stop on": ({"stop": 1}, Diagnosis.CONTRADICTION, Diagnosis.OK),
+    "stop off": ({"stop": 0}, Diagnosis.OK, Diagnosis.CONTRADICTION),
+    "stop 2": ({"stop": 2}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "may_move on": ({"may_move": 1}, Diagnosis.OK, Diagnosis.CONTRADICTION),
+    "may_move off": ({"may_move": 0}, Diagnosis.CONTRADICTION, Diagnosis.OK),
+    "may_move 2": ({"may_move": 2}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "in_place on": ({"in_place": 1}, Diagnosis.CONTRADICTION, Diagnosis.OK),
+    "in_place off": ({"in_place": 0}, Diagnosis.OK, Diagnosis.CONTRADICTION),
+    "in_place 2": ({"in_place": 2}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "in_place with its bit": ({"in_place": 1, "position_status": 3}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "in_place on, may_move bit off": (
+        {"in_place": 1, "position_status": 2}, Diagnosis.CONTRADICTION, Diagnosis.OK,
+    ),
+    "reason": ({"reason": 10}, Diagnosis.CONTRADICTION, Diagnosis.OK),
+    "status empty": ({"status": 0}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "position_status empty": ({"position_status": 0}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "moved without its bit": ({"moved": 1}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "moved and in place": ({"moved": 1, "position_status": 10}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "held bit": ({"position_status": 5}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "D is 0": ({"d": 0}, Diagnosis.OK, Diagnosis.CONTRADICTION),
+    "D is not known": ({"d": 0xFFFF}, Diagnosis.OK, Diagnosis.OK),
+    "vision waiting": ({"vision_quality": 1}, Diagnosis.VISION, Diagnosis.CAMERA),
+    "vision stale": ({"vision_quality": 2}, Diagnosis.VISION, Diagnosis.CAMERA),
+    "no target": ({"vision_quality": 4}, Diagnosis.VISION, Diagnosis.OK),
+    "coasted": ({"vision_quality": 12}, Diagnosis.VISION, Diagnosis.OK),
+    "range": ({"range_quality": 6}, Diagnosis.RANGER, Diagnosis.RANGER),
+}  # fmt: skip
 
 
-def test_the_checks_stand_in_the_order_of_their_numbers() -> None:
-    assert [check.diagnosis for check in CHECKS] == [d for d in Diagnosis if d]
+@pytest.mark.parametrize(("changes", "moving", "placed"), DOUBTS.values(), ids=DOUBTS)
+def test_each_doubt_has_its_diagnosis(
+    scan: Scan, changes: dict[str, int], moving: Diagnosis, placed: Diagnosis
+) -> None:
+    for state, found in ((permitted(8), moving), (standing(8), placed)):
+        scan.start()
+        image = words(state)
+        for name, word in changes.items():
+            image[ADDRESS[name]] = word
+        assert scan.run(image) is found
+
+
+def test_every_diagnosis_has_its_check_and_no_check_counts_a_heartbeat_of_an_unsound_image() -> None:
+    assert sorted(check.diagnosis for check in CHECKS) == [d for d in Diagnosis if d]
+    assert Diagnosis.HEARTBEAT not in [check.diagnosis for check in SOUND]
+    text = structured_text.library((Target(),))
+    assert text.index("Sound := Diagnostic = 0;") < text.index("IF Sound THEN") < text.index("LastHeartbeat := Raw")
 
 
 def test_the_plcs_own_heartbeat_beats_whatever_comes_and_wraps(scan: Scan) -> None:
@@ -172,14 +283,14 @@ def test_the_plcs_own_heartbeat_beats_whatever_comes_and_wraps(scan: Scan) -> No
 
 
 def test_swapped_words_are_called_so(scan: Scan) -> None:
-    for heartbeat in (6, 7):
+    for heartbeat in (5, 6, 7):
         found = scan.run(encode(permitted(heartbeat), 0, "little"))
     assert found is Diagnosis.WORD_ORDER
 
 
 def test_the_export_for_the_other_word_order_differs_in_the_words_places_alone() -> None:
     """Compared as text: the parser is slow, and what the places mean is computed in the tests of the other formats."""
-    big, little = (structured_text.text(Target(word_order=order)) for order in ("big", "little"))
+    big, little = (structured_text.library((Target(word_order=order),)) for order in ("big", "little"))
     for register in REGISTERS:
         first, last = register.address, register.address + register.words - 1
         if register.words == 2:
@@ -213,6 +324,13 @@ def test_a_dead_gateway_and_a_doubtful_image_leave_no_good_looking_value(scan: S
     assert [name for name, value in data.items() if name.endswith("_valid") and value] == []
 
 
+visits = st.builds(
+    Visit,
+    in_place=st.booleans(),
+    moved=st.sampled_from(Moved),
+    covered_since_ns=st.sampled_from([None, 0]),
+    released=st.booleans(),
+)
 states = st.builds(
     StateVector,
     bay=st.just("b"),
@@ -224,26 +342,25 @@ states = st.builds(
     reason=st.sampled_from(Reason),
     vision=st.builds(VisionReading, t_ns=st.just(0), quality=st.sampled_from(Quality)),
     range=st.builds(RangeReading, t_ns=st.just(0), quality=st.sampled_from(Quality)),
+    visit=visits,
 )
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(state=states)
-def test_no_state_but_a_whole_permit_enables(program: Program, state: StateVector) -> None:
-    scan = Scan(program.instance(structured_text.FUNCTION_BLOCK)).start()
-    found = scan.run(words(state))
-    whole = (
-        state.may_move
-        and not state.stop
-        and state.reason is Reason.NONE
-        and state.vision.quality is Quality.GOOD
-        and state.range.quality is Quality.GOOD
-    )
-    assert (found is Diagnosis.ENABLED) is whole
+def test_each_output_is_on_for_what_it_says_and_for_nothing_else(program: Program, state: StateVector) -> None:
+    """Any state at all, also such as no gateway makes."""
+    scan = Scan(program.instance(FUNCTION_BLOCK)).start()
+    scan.run(words(state))
+    good = state.range.quality is Quality.GOOD and not (state.may_move and state.in_place)
+    moves = state.may_move and not state.stop and state.reason is Reason.NONE and state.vision.quality is Quality.GOOD
+    stands = state.in_place and state.stop and state.d is not False and state.visit.moved is Moved.NO
+    assert scan.may_move is (good and moves)
+    assert scan.in_place is (good and stands and state.vision.quality in FRESH_FRAME)
     assert scan.block["MustStop"] is (state.stop or not scan.block["Alive"])
 
 
-def test_noise_never_enables_and_never_stops_the_program(scan: Scan) -> None:
+def test_noise_never_gives_an_output_and_never_stops_the_program(scan: Scan) -> None:
     """Every word at random, and every word at its edges; the program ends each cycle, without a number too large."""
     chance = random.Random(3)
     scan.start()
@@ -253,24 +370,44 @@ def test_noise_never_enables_and_never_stops_the_program(scan: Scan) -> None:
 
 
 def test_node_red_gives_the_same_verdicts(scan: Scan) -> None:
-    """300 images of a live bay with up to three words changed, 10 ms apart; silence is Node-RED's own affair."""
+    """400 images of a live bay with up to three words changed, 10 ms apart; silence is Node-RED's own affair."""
     chance = random.Random(61131)
     watched = ["seq_begin", "map_version", "heartbeat", "status", "stop", "may_move", "reason", "vision_quality"]
-    addresses = [ADDRESS[name] for name in (*watched, "range_quality", "known_u32", "known_f32", "seq_end")]
-    images = [words(permitted(6)), words(permitted(7))]
-    for n in range(300):
-        image = words(permitted(8 + n // 3))
-        for _ in range(chance.choice((0, 0, 1, 1, 2, 3))):
-            image[chance.choice(addresses)] = chance.choice((0, 1, 2, 10, 0x1234, 0x5678, 0xFFFF))
+    watched += ["range_quality", "known_u32", "known_f32", "seq_end", "in_place", "moved", "position_status", "d"]
+    addresses = [ADDRESS[name] for name in watched]
+    images = [words(permitted(6)), words(permitted(7)), words(permitted(8))]
+    others: list[dict[str, object]] = [
+        {"vision": VisionReading(0, Quality.COASTED)},
+        {"vision": VisionReading(0, Quality.STALE)},
+        {"range": RangeReading(0, Quality.NO_ECHO)},
+        {"may_move": False},
+        {"may_move": False, "stop": True, "reason": Reason.NO_TARGET, "visit": Visit()},
+    ]
+    for n in range(400):
+        state = (permitted, standing)[n // 40 % 2]
+        image = words(state(9 + n // 3, **chance.choice([{}, {}, {}, *others])))
+        for _ in range(chance.choice((0, 0, 0, 0, 0, 0, 0, 1, 2))):
+            image[chance.choice(addresses)] = chance.choice((0, 1, 2, 4, 10, 0x1234, 0x5678, 0xFFFF))
         images.append(image)
-    verdicts = [status for _, status in run_function(node_red.code(Target()), [(10, image) for image in images])]
-    mine = [scan.run(image).name.lower() for image in images]
-    assert mine == verdicts
-    assert len(set(mine)) >= 9
+    ran = run_function(node_red_function.code(Target()), [(10, image) for image in images])
+    verdicts, mine, on, mine_on = [], [], [False, False], []
+    for (outputs, status), image in zip(ran, images, strict=True):
+        mine.append(scan.run(image).name.lower())
+        mine_on.append([scan.may_move, scan.in_place])
+        for place in (0, 1):
+            on[place] = outputs[place]["payload"] if outputs[place] else on[place]
+        verdicts.append(({"may move": "ok", "in place": "ok"}.get(status, status), list(on)))
+    assert list(zip(mine, mine_on, strict=True)) == verdicts
+    assert len(set(mine)) >= 10
+    assert [True, False] in mine_on
+    assert [False, True] in mine_on
 
 
 def test_names_are_plain_distinct_and_no_keyword() -> None:
     names = [field.name.lower() for field in fields()]
+    others = [var.name.lower() for var in (*INPUTS, *OUTPUTS)]
+    assert not set(RESERVED.split()) & set(others)
+    assert "enable" not in others
     assert len(set(names)) == len(names)
     assert all(re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) for name in names)
     assert not set(RESERVED.split()) & set(names)
@@ -279,18 +416,142 @@ def test_names_are_plain_distinct_and_no_keyword() -> None:
 
 def test_the_openplc_program_around_the_block_is_structured_text_too() -> None:
     """All but its CONFIGURATION, which TwinCAT and so this parser do not have."""
-    text = openplc.files(Target())[openplc.PROGRAM]
+    text = openplc.files((Target(),))[openplc.PROGRAM]
     whole = text[text.index("PROGRAM loading_bay") : text.index("CONFIGURATION")]
     (made,) = parse(whole).items
     assert str(made.name) == "loading_bay"
-    assert len(made.body.statements) == BLOCK_WORDS + 6  # the copies, the call, five outputs
+    assert len(made.body.statements) == BLOCK_WORDS + 12  # the copies, the call, six outputs, two codes, three to write
+
+
+def test_the_program_of_several_bays_is_structured_text_too() -> None:
+    targets = (Target(), Target(bay="bay-2", unit_id=2))
+    text = structured_text.text(targets)
+    (made,) = parse(text[text.index("PROGRAM LoadingGateways") :]).items
+    assert len(made.body.statements) == 2 * 4  # the call, three to write
 
 
 def test_the_text_is_plain_ascii_and_names_its_target() -> None:
-    text = structured_text.text(Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7))
+    text = structured_text.text((Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7),))
     assert text.isascii()
-    assert "10.1.2.3, port 5020, unit id 7" in text
+    assert "bay-2: 10.1.2.3, port 5020, unit id 7" in text
     assert max(len(line) for line in text.splitlines()) < 300
+    assert "Enable " not in text.replace("Enabled ", "")
+    assert not re.search(r"\bEnable\b", text)
+
+
+# ---- What is asked of the gateway, and a triggered measurement
+
+
+def answered(heartbeat: int, phase: Phase = Phase.READY, *, control: int = 0, number: int = 0, ack: bool = False,
+             timed_out: bool = False) -> list[int]:  # fmt: skip
+    """The image of a gateway with writes on, as its handshake stands."""
+    result = Acquired(number, 0, Outcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0) if phase is Phase.VALID else None
+    plc = Handshake(
+        PlcLink.ALIVE, control=control, phase=phase, acquisition=number, trigger_ack=ack, timed_out=timed_out,
+        result=result,
+    )  # fmt: skip
+    return words(standing(heartbeat, plc=plc))
+
+
+TRIGGER, ACK = 8, 16
+
+
+def test_each_request_has_its_bit_and_the_recipe_its_register(scan: Scan) -> None:
+    bits = {"EnableRequest": 1, "TruckPresent": 2, "Reset": 4, "Release": 32}
+    for name, bit in bits.items():
+        scan.block.values[name] = True
+        scan.run(words(permitted()), ok=False)  # whether the gateway answers or not
+        assert scan.block["PlcControl"] == bit
+        scan.block.values[name] = False
+    scan.block.values |= dict.fromkeys(bits, True) | {"Recipe": 7}
+    scan.run(words(permitted()))
+    assert (scan.block["PlcControl"], scan.block["RecipeSelect"]) == (39, 7)
+
+
+class Measurement:
+    """The function block opposite to a gateway that is told, image by image, how its handshake stands."""
+
+    def __init__(self, scan: Scan) -> None:
+        self.scan, self.heartbeat = scan, 0
+        for _ in range(3):
+            self.see()
+
+    def see(self, phase: Phase = Phase.READY, **how: object) -> tuple[int, bool, bool, bool]:
+        """(bits 3 and 4 of PlcControl, Measuring, ResultReady, TriggerFailed) after that image."""
+        self.heartbeat += 1
+        self.scan.run(answered(self.heartbeat, phase, **how))  # type: ignore[arg-type]
+        block = self.scan.block
+        return block["PlcControl"] & 24, block["Measuring"], block["ResultReady"], block["TriggerFailed"]
+
+    def put(self, **inputs: bool) -> None:
+        self.scan.block.values |= inputs
+
+
+def test_a_trigger_is_asked_taken_read_and_acknowledged(scan: Scan) -> None:
+    plc = Measurement(scan)
+    assert scan.block["TriggerReady"] is True
+    plc.put(Trigger=True)
+    assert plc.see() == (TRIGGER, True, False, False)
+    assert plc.see(control=TRIGGER) == (TRIGGER, True, False, False)  # until it is acknowledged
+    assert plc.see(Phase.ACQUIRING, number=1, ack=True, control=TRIGGER) == (0, True, False, False)
+    assert plc.see(Phase.ACQUIRING, number=1) == (0, True, False, False)
+    assert plc.see(Phase.VALID, number=1) == (0, False, True, False)
+    assert scan.block["Data"]["result_distance"] == 281
+    assert plc.see(Phase.VALID, number=1) == (0, False, True, False)  # held until it is acknowledged
+    plc.put(Acknowledge=True)
+    assert plc.see(Phase.VALID, number=1) == (ACK, False, False, False)
+    assert plc.see(Phase.CLEARING, number=1, control=ACK) == (0, False, False, False)
+    assert scan.block["TriggerReady"] is False
+    assert plc.see(number=1) == (0, False, False, False)  # Trigger still stands: no new edge
+    plc.put(Trigger=False)
+    plc.see(number=1)
+    plc.put(Trigger=True)
+    assert plc.see(number=1) == (TRIGGER, True, False, False)
+
+
+def test_the_trigger_waits_until_the_gateway_was_seen_to_have_its_bit_off(scan: Scan) -> None:
+    plc = Measurement(scan)
+    plc.put(Trigger=True)
+    assert plc.see(control=TRIGGER)[0] == 0
+    assert plc.see(Phase.CLEARING)[0] == 0
+    assert plc.see()[0] == TRIGGER
+
+
+def test_a_measurement_without_a_result_fails_and_the_next_one_goes(scan: Scan) -> None:
+    plc = Measurement(scan)
+    plc.put(Trigger=True)
+    plc.see()
+    plc.see(Phase.ACQUIRING, number=1, ack=True, control=TRIGGER)
+    assert plc.see(number=1, timed_out=True) == (0, False, False, True)
+    plc.put(Trigger=False)
+    assert plc.see(number=1, timed_out=True)[3] is True
+    plc.put(Trigger=True)
+    assert plc.see(number=1, timed_out=True) == (TRIGGER, True, False, False)
+
+
+@pytest.mark.parametrize("writes_off", [True, False])
+def test_a_gateway_that_does_not_take_the_trigger_fails_it_in_time(scan: Scan, writes_off: bool) -> None:
+    plc = Measurement(scan)
+    plc.put(Trigger=True)
+    for n in range(STEP_TIMEOUT_MS // 10 + 2):
+        image = words(permitted(100 + n)) if writes_off else answered(100 + n, control=TRIGGER * (n > 0))
+        scan.run(image)
+    assert (scan.block["TriggerFailed"], scan.block["Measuring"], scan.block["PlcControl"]) == (True, False, 0)
+
+
+def test_a_result_that_is_gone_is_not_ready(scan: Scan) -> None:
+    """The gateway was restarted, or has lost the PLC for a while."""
+    plc = Measurement(scan)
+    plc.put(Trigger=True)
+    plc.see()
+    plc.see(Phase.ACQUIRING, number=1, ack=True)
+    assert plc.see(Phase.VALID, number=1)[2] is True
+    scan.run(answered(99, Phase.VALID, number=1), ok=False)
+    assert scan.block["ResultReady"] is False
+    for _ in range(3):
+        plc.see(Phase.VALID, number=1)
+    assert scan.block["ResultReady"] is True
+    assert plc.see() == (0, False, False, True)
 
 
 @pytest.mark.parametrize(
