@@ -18,7 +18,7 @@ from gateway.hmi.alarms import states as alarm_states
 from gateway.hmi.alarms import table as alarm_table
 from gateway.hmi.guard import access
 from gateway.hmi.metrics import text as metrics
-from gateway.modbus import export, timing
+from gateway.modbus import export, reaction, situations, timing
 from gateway.modbus import reference as modbus_reference
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports.formats import FORMATS
@@ -70,13 +70,14 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "mqtt.md": reference.BLOCKS,
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
-    "registers.md": {"registers": export.markdown},
+    "reaction-time.md": reaction.blocks(protocol.PERIOD_MS),
+    "registers.md": {"registers": export.markdown, "situations": situations.markdown},
     "sparkplug.md": {"device metrics": sparkplug_metrics.markdown, "assertions": sparkplug_assertions},
     "simulator.md": {"keys and faults": scenariodoc.markdown},
     "vision.md": {"stages and parameters": parameters.markdown},
     "vision-robust.md": robust_reference.BLOCKS,
 }
-PLC_EXAMPLES = ("ignition", "kepware", "st", "scl", "l5x", "node-red", "openplc")
+PLC_EXAMPLES = ("ignition", "kepware", "st", "plcopen", "codesys", "tcpou", "scl", "l5x", "node-red", "openplc")
 
 
 def page(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
@@ -96,9 +97,9 @@ def texts() -> Iterator[tuple[Path, str]]:
         yield DOCS / "schemas" / name, text
     yield DOCS / "openapi.json", json.dumps(openapi.document(), indent=1, ensure_ascii=False) + "\n"
     for name in PLC_EXAMPLES:
-        for file, text in FORMATS[name](Target()).items():
+        for file, text in FORMATS[name]((Target(writes=True),)).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
-    for name, text in timing.figures().items():
+    for name, text in (timing.figures() | situations.figures()).items():
         yield DOCS / "images" / f"{name}.svg", text
     yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", cheader.header()
 

@@ -1,4 +1,4 @@
-"""Timing diagrams for docs/handshake.md, played by the gateway's own state machine: nobody draws them by hand.
+"""Timing diagrams for the PLC's pages, played by the gateway's own state machine: nobody draws them by hand.
 
 Each is a little story (what the sensors see and what the PLC writes, at which millisecond) run through
 gateway/interlock.py; the signals that come out are drawn as SVG. Pure.
@@ -20,7 +20,6 @@ from gateway.plc import Control, PlcWrite, Writer
 
 MS = 1_000_000
 T0 = 1_000_000 * MS
-STEP_MS = 5
 PLC = Writer("10.0.0.9")
 WIDTH, ROW, LEFT, TOP = 860, 34, 150, 14
 STYLE = (
@@ -30,32 +29,50 @@ STYLE = (
 
 Image = Mapping[str, Any]
 Signal = Callable[[Image], Any]
+Seen = Callable[[int, int], tuple[Observation, ...]]
 
 
 @dataclass(frozen=True)
 class Story:
-    """`writes` and `distances` (mm): from that millisecond on. Signals: name -> (whose, value)."""
+    """`writes`: from that millisecond on. `seen`: what both sensors say at a time, ms and ns; before 0 as at 0.
+
+    Signals: name -> (whose, value). `grid_ms`: between two lines; every second one has its number, in `unit_ms`.
+    """
 
     title: str
     until_ms: int
     config: dict[str, Any]
     writes: dict[int, tuple[Control, ...]]
     signals: dict[str, tuple[str, Signal]]
-    distances: dict[int, float]
+    seen: Seen
     silent_ms: int = 10**9
     again_ms: int = 10**9
     frame_ms: int = 60
+    step_ms: int = 5
+    grid_ms: int = 100
+    unit_ms: int = 1
+
+
+def approach(distances: dict[int, float]) -> Seen:
+    """A marker large enough all along, at these distances (mm) from that millisecond on."""
+
+    def seen(now_ms: int, now_ns: int) -> tuple[Observation, ...]:
+        distance = distances[max(at for at in distances if at <= max(0, now_ms))]
+        vision = VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200))
+        return vision, RangeReading(now_ns, Quality.GOOD, distance)
+
+    return seen
 
 
 def _bit(which: HandshakeBit) -> Signal:
     return lambda image: int(image["handshake_status"]) >> which & 1
 
 
-def _control(which: Control) -> Signal:
+def control(which: Control) -> Signal:
     return lambda image: int(image["plc_control"]) >> which & 1
 
 
-def _word(name: str) -> Signal:
+def word(name: str) -> Signal:
     return lambda image: int(image[name])
 
 
@@ -67,17 +84,17 @@ MEASUREMENT = Story(
     {100: (Control.TRIGGER,), 300: (Control.TRIGGER, Control.RESULTS_ACK), 380: (), 500: (Control.TRIGGER,), 560: (),
      600: (Control.TRIGGER,), 700: (Control.RESULTS_ACK,), 780: ()},
     {
-        "trigger": (PLC_SIDE, _control(Control.TRIGGER)),
+        "trigger": (PLC_SIDE, control(Control.TRIGGER)),
         "trigger_ready": (BIT, _bit(HandshakeBit.TRIGGER_READY)),
         "trigger_ack": (BIT, _bit(HandshakeBit.TRIGGER_ACK)),
         "acquiring": (BIT, _bit(HandshakeBit.ACQUIRING)),
-        "acquisition_id": (NUMBER, _word("acquisition_id")),
+        "acquisition_id": (NUMBER, word("acquisition_id")),
         "results_valid": (BIT, _bit(HandshakeBit.RESULTS_VALID)),
-        "result_id": (NUMBER, _word("result_id")),
-        "results_ack": (PLC_SIDE, _control(Control.RESULTS_ACK)),
+        "result_id": (NUMBER, word("result_id")),
+        "results_ack": (PLC_SIDE, control(Control.RESULTS_ACK)),
         "overrun": (BIT, _bit(HandshakeBit.OVERRUN)),
     },
-    {0: 900.0},
+    approach({0: 900.0}),
 )  # fmt: skip
 LATCH = Story(
     "A latched stop: a reset while its cause stands is refused, a later one ends it",
@@ -87,13 +104,13 @@ LATCH = Story(
     {
         "D": (BIT, lambda image: int(image["d"] or 0)),
         "stop_latched": (BIT, _bit(HandshakeBit.STOP_LATCHED)),
-        "reset": (PLC_SIDE, _control(Control.RESET)),
-        "reset_verdict": (NUMBER, _word("reset_verdict")),
-        "stop": (BIT, _word("stop")),
-        "may_move": (BIT, _word("may_move")),
-        "reason": (NUMBER, _word("reason")),
+        "reset": (PLC_SIDE, control(Control.RESET)),
+        "reset_verdict": (NUMBER, word("reset_verdict")),
+        "stop": (BIT, word("stop")),
+        "may_move": (BIT, word("may_move")),
+        "reason": (NUMBER, word("reason")),
     },
-    {0: 900.0, 400: 250.0, 1000: 900.0},
+    approach({0: 900.0, 400: 250.0, 1000: 900.0}),
 )
 HEARTBEAT = Story(
     "The PLC's heartbeat stops and comes back (heartbeat_deadline_s = 0.5)",
@@ -103,11 +120,11 @@ HEARTBEAT = Story(
     {
         "plc_heartbeat": (PLC_SIDE, lambda image: int(image["plc_heartbeat"]) & 1),
         "plc_alive": (BIT, _bit(HandshakeBit.PLC_ALIVE)),
-        "stop": (BIT, _word("stop")),
-        "may_move": (BIT, _word("may_move")),
-        "reason": (NUMBER, _word("reason")),
+        "stop": (BIT, word("stop")),
+        "may_move": (BIT, word("may_move")),
+        "reason": (NUMBER, word("reason")),
     },
-    {0: 900.0},
+    approach({0: 900.0}),
     silent_ms=400,
     again_ms=1300,
 )
@@ -116,11 +133,11 @@ STORIES = {"handshake-measurement": MEASUREMENT, "handshake-latch": LATCH, "hand
 
 def figures() -> dict[str, str]:
     """File name without its ending -> SVG."""
-    return {name: _svg(story, _played(story)) for name, story in STORIES.items()}
+    return {name: svg(story, played(story)) for name, story in STORIES.items()}
 
 
-def _played(story: Story) -> list[Image]:
-    """The image after every STEP_MS."""
+def played(story: Story) -> list[Image]:
+    """The image after every step."""
     modbus = {"writes": True, "plc_addresses": [PLC.address]} | story.config.get("modbus", {})
     config = parse(story.config | {"modbus": modbus})
     rules = Rules.of(config.bays[0], config)
@@ -128,13 +145,11 @@ def _played(story: Story) -> list[Image]:
     images: list[Image] = []
     state = interlock.step(state, PlcWrite(PLC, control=0), T0 - MS, rules)
     beat = 0
-    for now_ms in range(-200, story.until_ms, STEP_MS):
+    for now_ms in range(-200, story.until_ms, story.step_ms):
         now_ns = T0 + now_ms * MS
-        distance = story.distances[max(at for at in story.distances if at <= max(0, now_ms))]
         seen: list[Observation] = [Tick()]
         if now_ms % story.frame_ms == 0:
-            seen.append(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200)))
-            seen.append(RangeReading(now_ns, Quality.GOOD, distance))
+            seen.extend(story.seen(now_ms, now_ns))
         if now_ms % 100 == 0 and not story.silent_ms <= now_ms < story.again_ms:
             beat += 1
             seen.append(PlcWrite(PLC, heartbeat=beat))
@@ -147,7 +162,7 @@ def _played(story: Story) -> list[Image]:
     return images
 
 
-def _svg(story: Story, images: list[Image]) -> str:
+def svg(story: Story, images: list[Image]) -> str:
     height = TOP + ROW * len(story.signals) + 34
     scale = (WIDTH - LEFT - 20) / story.until_ms
     out = [
@@ -156,26 +171,28 @@ def _svg(story: Story, images: list[Image]) -> str:
         f'<rect width="{WIDTH}" height="{height}" fill="#fff"/>',
     ]
     foot = TOP + ROW * len(story.signals)
-    for at_ms in range(0, story.until_ms + 1, 100):
+    for at_ms in range(0, story.until_ms + 1, story.grid_ms):
         x = LEFT + at_ms * scale
         out.append(f'<path class="g" d="M{x:.1f} {TOP}V{foot}"/>')
-        if at_ms % 200 == 0:
-            out.append(f'<text class="t" x="{x:.1f}" y="{foot + 16}" text-anchor="middle">{at_ms}</text>')
-    out.append(f'<text class="t" x="{LEFT - 12}" y="{foot + 16}" text-anchor="end">ms</text>')
+        if at_ms % (2 * story.grid_ms) == 0:
+            said = at_ms // story.unit_ms
+            out.append(f'<text class="t" x="{x:.1f}" y="{foot + 16}" text-anchor="middle">{said}</text>')
+    unit = "ms" if story.unit_ms == 1 else "s"
+    out.append(f'<text class="t" x="{LEFT - 12}" y="{foot + 16}" text-anchor="end">{unit}</text>')
     for n, (name, (whose, value)) in enumerate(story.signals.items()):
         low, high = TOP + ROW * (n + 1) - 8, TOP + ROW * n + 8
         out.append(f'<text x="{LEFT - 12}" y="{low - 3}" text-anchor="end">{escape(name)}</text>')
-        out.append(_row([value(image) for image in images], scale, low, high, whose))
+        out.append(_row([value(image) for image in images], scale, low, high, whose, story.step_ms))
     return "\n".join([*out, "</svg>"]) + "\n"
 
 
-def _row(values: list[Any], scale: float, low: int, high: int, whose: str) -> str:
+def _row(values: list[Any], scale: float, low: int, high: int, whose: str, step_ms: int) -> str:
     runs: list[tuple[int, int, Any]] = []  # begin and end in ms, value
     for n, value in enumerate(values):
         if runs and runs[-1][2] == value:
-            runs[-1] = (runs[-1][0], (n + 1) * STEP_MS, value)
+            runs[-1] = (runs[-1][0], (n + 1) * step_ms, value)
         else:
-            runs.append((n * STEP_MS, (n + 1) * STEP_MS, value))
+            runs.append((n * step_ms, (n + 1) * step_ms, value))
     if whose == NUMBER:
         shapes = []
         for begin, end, value in runs:

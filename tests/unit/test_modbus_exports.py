@@ -4,6 +4,7 @@ import argparse
 import csv
 import io
 import json
+import math
 import re
 import struct
 import xml.etree.ElementTree as ET
@@ -15,33 +16,59 @@ import pytest
 from gateway.cli import registers as verb
 from gateway.errors import ConfigError
 from gateway.modbus.exports import (
+    dialect,
     kepware,
     l5x,
     logic,
     logix,
     node_red,
     openplc,
+    pou,
     reference,
     scl,
     structured_text,
 )
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, Diagnosis
-from gateway.modbus.exports.fields import fields
+from gateway.modbus.exports.fields import fields, measured
 from gateway.modbus.exports.formats import FORMATS
+from gateway.modbus.exports.interface import INPUTS, OUTPUTS, REQUESTS
 from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, decode, encode
-from gateway.model import Reason
+from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
+from gateway.model import Reason, StateVector
+from gateway.plc import Control, Handshake, PlcLink
 from tests.node_function import run_function
-from tests.permitted import permitted
+from tests.permitted import permitted, standing
 
 TARGET = Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7)
 LITTLE = Target(word_order="little")
+SECOND = Target(bay="bay-3", host="10.1.2.3", port=5020, unit_id=8)
 BY_NAME = {register.name: register for register in REGISTERS}
 
 
 def image(heartbeat: int = 7, order: Any = "big") -> list[int]:
     return list(encode(permitted(heartbeat), 1_763_640_000_123_456_789, order))
+
+
+def empty(order: Any = "big") -> list[int]:
+    """Every register that may hold no value holds none."""
+    return list(dead_image(StateVector(""), 0, 0, order))
+
+
+# What plants wire to spouts and lights: an output that is on while the truck may move is no condition for loading.
+PROGRAMS = ("st", "plcopen", "codesys", "tcpou", "scl", "l5x", "openplc", "node-red")
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_no_program_has_an_output_that_could_be_taken_for_the_wrong_one(name: str) -> None:
+    text = "\n".join(FORMATS[name]((TARGET, SECOND)).values())
+    assert re.search(r"\bMayMove\b|may_move", text)
+    assert re.search(r"\bInPlace\b|in_place", text)
+    text = re.sub(r"Enable (Input|Output) - System Defined Parameter", "", text)  # Rockwell's own
+    assert not re.search(r"\bEnable\b|LoadingEnable|[Mm]ay_?[Ll]oad|[Ll]oading may", text)
+    said = [line.strip() for line in text.splitlines() if re.search(r"[Cc]ondition for loading", line)]
+    assert said
+    assert [line for line in said if not re.search(r"only condition for loading|[Nn]ever a condition", line)] == []
 
 
 def unpack(words: list[int], letter: str) -> Any:
@@ -52,7 +79,7 @@ def unpack(words: list[int], letter: str) -> Any:
 
 
 def ignition_tags(target: Target) -> list[dict[str, Any]]:
-    (text,) = FORMATS["ignition"](target).values()
+    (text,) = FORMATS["ignition"]((target,)).values()
     whole = json.loads(text)
     assert whole["tagType"] == "Provider"
     (folder,) = whole["tags"]
@@ -60,14 +87,30 @@ def ignition_tags(target: Target) -> list[dict[str, Any]]:
     return list(folder["tags"])
 
 
-def test_ignition_reads_the_image_through_its_own_addresses() -> None:
-    """Each opcItemPath is followed by Ignition's rules: one-based, designator says the type, big words."""
+EXPRESSION = re.compile(
+    r"if\((?P<missing>.+?), qualifiedValue\(null, 'Bad', 524, 'no value'\),"
+    r" \{\[\.\](?P<value>\S+?)\}( \* (?P<scale>\S+))?\)"
+)
+
+
+def ignition_reads(target: Target, words: list[int]) -> tuple[dict[str, Any], dict[str, bool]]:
+    """Each opcItemPath followed by Ignition's rules (one-based, designator says the type), then the expressions."""
     letters = {"HRUS": ("H", 1), "HR": ("h", 1), "HRUI": ("I", 2), "HRUI_64": ("Q", 4), "HRF": ("f", 2)}
-    words, read, bits = image(), {}, {}
-    for tag in ignition_tags(TARGET):
+    read: dict[str, Any] = {}
+    bits: dict[str, bool] = {}
+    expressions = {}
+    for tag in ignition_tags(target):
         for leaf in tag.get("tags", [tag]):
+            path = f"raw/{leaf['name']}" if tag["name"] == "raw" else leaf["name"]
+            assert leaf.get("readOnly", False) is not (path in BY_NAME and BY_NAME[path].writable)
+            if leaf["valueSource"] == "expr":
+                expressions[path] = leaf
+                continue
             assert leaf["valueSource"] == "opc"
-            found = re.fullmatch(r"ns=1;s=\[bay-2\]7\.(HRUI_64|HRUI|HRUS|HRF|HR)(\d+)(?:\.(\d+))?", leaf["opcItemPath"])
+            unit = target.unit_id
+            found = re.fullmatch(
+                rf"ns=1;s=\[{target.bay}\]{unit}\.(HRUI_64|HRUI|HRUS|HRF|HR)(\d+)(?:\.(\d+))?", leaf["opcItemPath"]
+            )
             assert found, leaf
             designator, address, bit = found[1], int(found[2]) - 1, found[3]
             if bit is not None:
@@ -75,19 +118,36 @@ def test_ignition_reads_the_image_through_its_own_addresses() -> None:
                 bits[leaf["name"]] = bool(words[address] >> int(bit) & 1)
                 continue
             letter, size = letters[designator]
-            value = unpack(words[address : address + size], letter)
-            if leaf.get("scaleMode") == "Linear":
-                share = (value - leaf["rawLow"]) / (leaf["rawHigh"] - leaf["rawLow"])
-                value = leaf["scaledLow"] + share * (leaf["scaledHigh"] - leaf["scaledLow"])
-            read[leaf["name"]] = value
-            assert leaf.get("engUnit", "") == BY_NAME[leaf["name"]].unit
-            assert leaf.get("readOnly", False) is not BY_NAME[leaf["name"]].writable
+            read[path] = unpack(words[address : address + size], letter)
+            assert "scaleMode" not in leaf
+            assert "engUnit" not in leaf
+    for name, leaf in expressions.items():
+        found = EXPRESSION.fullmatch(leaf["expression"])
+        assert found, leaf
+        missing = re.sub(r"\{\[\.\](\S+?)\}", r"read['\1']", found["missing"]).replace(" = ", " == ")
+        value = read[found["value"]] * float(found["scale"] or 1)
+        read[name] = None if eval(missing, {"read": read}) else value  # our own arithmetic
+        assert leaf.get("engUnit", "") == BY_NAME[name].unit
+    return read, bits
+
+
+def test_ignition_reads_the_image_through_its_own_addresses() -> None:
+    words = image()
+    read, bits = ignition_reads(TARGET, words)
     expected = decode(words)
-    assert set(read) == set(expected)
+    assert {name for name in read if not name.startswith("raw/")} == set(expected)
     for name, value in expected.items():
-        if value is not None:
-            assert read[name] == pytest.approx(value, abs=1e-3), name
-    assert (bits["may_move"], bits["stop"], bits["healthy"]) == (True, False, True)
+        assert read[name] == (None if value is None else pytest.approx(value, abs=1e-3)), name
+    assert (bits["may_move"], bits["stop"], bits["healthy"], bits["in_place"]) == (True, False, True, False)
+
+
+@pytest.mark.parametrize("order", ["big", "little"])
+def test_ignition_shows_no_sentinel_as_a_value(order: Any) -> None:
+    """6553.5 px was one."""
+    read, _ = ignition_reads(Target(word_order=order), empty(order))
+    none = [name for name, value in decode(empty("big")).items() if value is None]
+    assert len(none) > 25
+    assert [name for name in none if read[name] is not None] == []
 
 
 def test_ignition_documents_codes() -> None:
@@ -98,14 +158,12 @@ def test_ignition_documents_codes() -> None:
 # ---- Kepware
 
 
-def test_kepware_reads_the_image_through_its_own_addresses() -> None:
-    text = kepware.text(TARGET)
-    assert text.endswith("\r\n")
-    assert text.count("\r\n") == text.count("\n")
-    rows = list(csv.DictReader(io.StringIO(text, newline="")))
+def kepware_reads(target: Target, words: list[int]) -> tuple[dict[str, Any], list[dict[str, str]]]:
+    """Every tag by the driver's rules."""
+    rows = list(csv.DictReader(io.StringIO(kepware.text(target), newline="")))
     assert tuple(rows[0]) == kepware.COLUMNS
     letters = {"Word": ("H", 1), "Short": ("h", 1), "DWord": ("I", 2), "Float": ("f", 2)}
-    words, read = image(), {}
+    read: dict[str, Any] = {}
     for row in rows:
         found = re.fullmatch(r"4(\d{5})(?:\.(\d+))?", row["Address"])
         assert found, row
@@ -115,61 +173,205 @@ def test_kepware_reads_the_image_through_its_own_addresses() -> None:
             read[row["Tag Name"]] = bool(words[address] >> int(found[2]) & 1)
             continue
         letter, size = letters[row["Data Type"]]
-        value = unpack(words[address : address + size], letter)
-        if row["Scaling"] == "Linear":
-            low, high = float(row["Raw Low"]), float(row["Raw High"])
-            scaled_low, scaled_high = float(row["Scaled Low"]), float(row["Scaled High"])
-            value = scaled_low + (value - low) / (high - low) * (scaled_high - scaled_low)
-        read[row["Tag Name"]] = value
+        read[row["Tag Name"]] = unpack(words[address : address + size], letter)
         assert len(row["Description"]) <= 255
     assert len(read) == len(rows)
+    return read, rows
+
+
+def test_kepware_reads_the_image_through_its_own_addresses() -> None:
+    text = kepware.text(TARGET)
+    assert text.endswith("\r\n")
+    assert text.count("\r\n") == text.count("\n")
+    words = image()
+    read, rows = kepware_reads(TARGET, words)
     writable = {row["Tag Name"] for row in rows if row["Client Access"] == "R/W"}
     assert writable == {register.name for register in REGISTERS if register.writable}
     assert {row["Client Access"] for row in rows} == {"RO", "R/W"}
     for name, expected in decode(words).items():
-        if BY_NAME[name].words == 4:
+        register = BY_NAME[name]
+        if register.words == 4:
             assert read[f"{name}_high"] << 32 | read[f"{name}_low"] == expected
+        elif measured(register) and not register.kind.is_float:
+            assert name not in read
+            assert expected is None or read[f"{name}_raw"] * register.scale == pytest.approx(expected, abs=1e-3), name
         elif expected is not None:
             assert read[name] == pytest.approx(expected, abs=1e-3), name
-    assert (read["status_may_move"], read["status_stop"]) == (True, False)
+    assert (read["status_may_move"], read["status_stop"], read["in_place"]) == (True, False, 0)
+
+
+def test_kepware_shows_no_sentinel_as_a_quantity() -> None:
+    """What may hold no value is either a count without a unit, or a float that is then NaN."""
+    read, rows = kepware_reads(Target(), empty())
+    assert {row["Scaling"] for row in rows} == {""}
+    with_unit = [row["Tag Name"] for row in rows if row["Eng Units"]]
+    assert with_unit == ["u_f32", "v_f32", "radius_f32", "distance_f32", "z_vision_f32"]
+    assert all(math.isnan(read[name]) for name in with_unit)
+    told = {row["Tag Name"]: row["Description"] for row in rows}
+    assert told["radius_raw"] == "counts of 0.1 px; 65535: no value. marker radius R"
+    assert told["u_raw"].startswith("counts of 0.1 px; -32768: no value. ")
 
 
 # ---- Siemens
 
 
+def scl_bodies(siemens: str) -> list[str]:
+    return re.findall(r"^BEGIN\n(.*?)^END_FUNCTION(?:_BLOCK)?$", siemens, re.MULTILINE | re.DOTALL)
+
+
 def test_scl_is_the_structured_text_that_was_parsed_and_run() -> None:
     """Nothing here parses SCL. Its bodies are the ones of structured text, letter for letter, but for # and quotes."""
-    siemens = scl.text(TARGET)
-    iec = structured_text.text(TARGET)
-    bodies = re.findall(r"^BEGIN\n(.*?)^END_FUNCTION(?:_BLOCK)?$", siemens, re.MULTILINE | re.DOTALL)
-    assert len(bodies) == 3
+    siemens = scl.text((TARGET,))
+    iec = structured_text.text((TARGET,))
+    bodies = scl_bodies(siemens)
+    assert len(bodies) == 4
+    for body in bodies[:3]:
+        assert dialect.iec(body) in iec
     for body in bodies:
-        assert logic.iec(body) in iec
-    locals_declared = set(re.findall(r"^    (\w+)(?: \{.*?\})? : ", siemens, re.MULTILINE))
-    used = set(re.findall(r"(?<!\w)#(\w+)", "".join(bodies)))
-    assert used - {"LG_UDInt", "LG_Real"} <= locals_declared
+        declared = set(re.findall(r"^    (\w+)(?: \{.*?\})? : ", siemens, re.MULTILINE))
+        used = set(re.findall(r"(?<!\w)#(\w+)", body))
+        assert used - {"LG_UDInt", "LG_Real"} <= declared
     # every local is marked: no name of the interface stands without # outside of comments and formal parameters
     code = re.sub(r"\(\*.*?\*\)", "", bodies[2], flags=re.DOTALL)
-    assert re.findall(r"(?<![\w#.\"])(?:Raw|Data|Words|Enable|Diagnostic|PollOk|Beating|Seen)\b", code) == []
+    assert (
+        re.findall(r"(?<![\w#.\"])(?:Raw|Data|Words|MayMove|InPlace|Diagnostic|PollOk|Beating|Seen|Stage)\b", code)
+        == []
+    )
 
 
-def test_scl_declares_every_field_and_tells_how_to_poll() -> None:
-    siemens = scl.text(TARGET)
+def test_scl_declares_every_field_input_and_output() -> None:
+    siemens = scl.text((TARGET,))
     assert siemens.isascii()
     declared = re.search(r'^TYPE "LoadingGateway_Data".*?^END_TYPE', siemens, re.MULTILINE | re.DOTALL)
     assert declared
     members = re.findall(r"^    (\w+) : (\w+);", declared[0], re.MULTILINE)
     assert [(name, kind.upper()) for name, kind in members] == [(field.name, field.kind) for field in fields()]
-    for line in ("MB_MODE := 103", "MB_DATA_LEN := 100", "MB_Unit_ID := 7 ", "RemotePort := 5020;"):
-        assert line in siemens
-    assert [f"ADDR[{n}] := {octet};" in siemens for n, octet in enumerate((10, 1, 2, 3), 1)] == [True] * 4
+    block = siemens[siemens.index('FUNCTION_BLOCK "FB_LoadingGateway"') : siemens.index("DATA_BLOCK")]
+    named = re.findall(r"^    (\w+)(?: \{.*?\})? : ", block, re.MULTILINE)
+    assert {var.name for var in (*INPUTS, *OUTPUTS)} <= set(named)
+
+
+def test_scl_calls_mb_client_for_every_bay_by_itself() -> None:
+    """Reading and writing each have their call; the unit id, the address and the buffers are each bay's own."""
+    siemens = scl.text((TARGET, SECOND))
+    cycle = scl_bodies(siemens)[3]
+    for number, (bay, unit) in enumerate((("bay_2", 7), ("bay_3", 8)), 1):
+        calls = re.findall(rf"#{bay}_Client\((REQ.*?)\);", cycle, re.DOTALL)
+        parameters = [dict(re.findall(r"(\w+) := ([^,)]+)", call)) for call in calls]
+        assert [(p["MB_MODE"], p["MB_DATA_ADDR"], p["MB_DATA_LEN"]) for p in parameters] == [
+            ("116", "80", "3"),
+            ("103", "0", "100"),
+        ]
+        assert [p["MB_DATA_PTR"] for p in parameters] == [
+            f'"LoadingGateway_IO".{bay}_Write',
+            f'"LoadingGateway_IO".{bay}_Words',
+        ]
+        assert {p["CONNECT"] for p in parameters} == {f'"LoadingGateway_IO".{bay}_Connection'}
+        assert f"#{bay}_Client.MB_Unit_ID := {unit};" in cycle
+        assert f'#{bay}(PollOk := #{bay}_PollOk, Words := "LoadingGateway_IO".{bay}_Words);' in cycle
+        assert f"{bay}_Connection.ID := {number};" in siemens
+        for n, octet in enumerate((10, 1, 2, 3), 1):
+            assert f"{bay}_Connection.RemoteAddress.ADDR[{n}] := {octet};" in siemens
+        assert f"{bay}_Connection.RemotePort := 5020;" in siemens
+    buffers = siemens[
+        siemens.index('DATA_BLOCK "LoadingGateway_IO"') : siemens.index('FUNCTION_BLOCK "LoadingGateways"')
+    ]
+    assert "S7_Optimized_Access := 'FALSE'" in buffers
+    assert "NON_RETAIN" in buffers
+    with pytest.raises(ConfigError, match=r"--host: 'plc\.plant': this format needs an IPv4 address"):
+        scl.text((Target(host="plc.plant"),))
+
+
+# ---- PLCopen XML, TwinCAT, CODESYS
+
+NS = {"p": "http://www.plcopen.org/xml/tc6_0200", "x": "http://www.w3.org/1999/xhtml"}
+
+
+@pytest.mark.parametrize("name", ["plcopen", "codesys"])
+def test_plcopen_holds_the_same_units_as_the_structured_text(name: str) -> None:
+    (text,) = FORMATS[name]((TARGET, SECOND)).values()
+    assert text.isascii()
+    root = ET.fromstring(text)
+    assert [child.tag.split("}")[1] for child in root] == ["fileHeader", "contentHeader", "types", "instances"]
+    assert [t.get("name") for t in root.iterfind(".//p:dataType", NS)] == ["LG_Block", "LG_Write", "ST_LoadingGateway"]
+    members = root.findall(".//p:dataType[@name='ST_LoadingGateway']//p:struct/p:variable", NS)
+    assert [member.get("name") for member in members] == [field.name for field in fields()]
+    units = {unit.get("name"): unit for unit in root.iterfind(".//p:pou", NS)}
+    assert [(n, unit.get("pouType")) for n, unit in units.items()] == [
+        ("LG_UDInt", "function"),
+        ("LG_Real", "function"),
+        ("FB_LoadingGateway", "functionBlock"),
+        ("LoadingGateways", "program"),
+    ]
+    iec = structured_text.text((TARGET, SECOND))
+    for unit in pou.library(TARGET):
+        body = units[unit.name].find("p:body/p:ST/x:xhtml", NS)
+        assert body is not None
+        assert (body.text or "").endswith(unit.body)
+        assert unit.body in iec
+    block = units["FB_LoadingGateway"]
+    for section, variables in (("inputVars", INPUTS), ("outputVars", OUTPUTS)):
+        named = [v.get("name") for v in block.iterfind(f"p:interface/p:{section}/p:variable", NS)]
+        assert named == [var.name for var in variables]
+    start = block.find("p:interface/p:inputVars/p:variable[@name='HeartbeatTimeout']/p:initialValue/p:simpleValue", NS)
+    assert start is not None
+    assert start.get("value") == "T#500ms"
+
+
+def test_codesys_polls_and_writes_every_bay_by_itself() -> None:
+    (text,) = FORMATS["codesys"]((TARGET, SECOND)).values()
+    root = ET.fromstring(text)
+    body = root.find(".//p:pou[@name='LoadingGateways']/p:body/p:ST/x:xhtml", NS)
+    assert body is not None
+    code = body.text or ""
+    for bay, unit in (("bay_2", 7), ("bay_3", 8)):
+        assert (
+            f"{bay}_Read(rClient := {bay}_Client, xExecute := {bay}_Stage = 2, uiUnitId := {unit}, uiStartItem := 0,"
+            in code
+        )
+        assert (
+            f"{bay}_Send(rClient := {bay}_Client, xExecute := {bay}_Stage = 4, uiUnitId := {unit}, uiStartItem := 80,"
+            in code
+        )
+        assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words);" in code
+        address = root.find(f".//p:variable[@name='{bay}_Address']/p:initialValue/p:arrayValue", NS)
+        assert address is not None
+        assert [v.get("value") for v in address.iterfind("p:value/p:simpleValue", NS)] == ["10", "1", "2", "3"]
+
+
+def test_twincat_has_one_file_an_object_with_the_text_that_was_parsed_and_run() -> None:
+    files = FORMATS["tcpou"]((TARGET, SECOND))
+    assert list(files) == [
+        *("LG_Block.TcDUT", "LG_Write.TcDUT", "ST_LoadingGateway.TcDUT"),
+        *("LG_UDInt.TcPOU", "LG_Real.TcPOU", "FB_LoadingGateway.TcPOU", "LoadingGateways.TcPOU"),
+    ]
+    iec = structured_text.text((TARGET,))
+    ids = set()
+    for file, text in files.items():
+        root = ET.fromstring(text)
+        assert (root.tag, root.get("Version")) == ("TcPlcObject", "1.1.0.1")
+        (unit,) = root
+        assert file == f"{unit.get('Name')}.Tc{unit.tag}"
+        ids.add(unit.get("Id"))
+        declared = unit.findtext("Declaration") or ""
+        if file != "LoadingGateways.TcPOU":
+            assert declared in iec
+            assert (unit.findtext("Implementation/ST") or "") in iec
+    assert len(ids) == len(files)
+    assert all(re.fullmatch(r"\{[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\}", str(one)) for one in ids)
+    code = ET.fromstring(files["LoadingGateways.TcPOU"]).findtext("POU/Implementation/ST") or ""
+    for bay, unit_id in (("bay_2", 7), ("bay_3", 8)):
+        where = f"sIPAddr := '10.1.2.3', nTCPPort := 5020, nUnitID := {unit_id}"
+        assert f"{bay}_Read({where}, nQuantity := 100, nMBAddr := 0," in code
+        assert f"{bay}_Send({where}, nQuantity := 3, nMBAddr := 80," in code
+        assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words);" in code
 
 
 # ---- Rockwell
 
 
 def l5x_root(target: Target) -> ET.Element:
-    return ET.fromstring(l5x.text(target))
+    return ET.fromstring(l5x.text((target,)))
 
 
 def test_l5x_has_the_shape_that_studio_5000_imports() -> None:
@@ -183,6 +385,8 @@ def test_l5x_has_the_shape_that_studio_5000_imports() -> None:
     ]
     parameters = {p.get("Name"): p for p in instruction.iterfind("Parameters/Parameter")}
     assert list(parameters)[:2] == ["EnableIn", "EnableOut"]
+    assert {var.name for var in OUTPUTS} | {name for name, _ in REQUESTS if not name.endswith("Bit")} <= set(parameters)
+    assert {"Trigger", "Acknowledge", "Recipe", "HeartbeatTimeoutMs"} <= set(parameters)
     assert parameters["Words"].get("Dimensions") == "100"
     assert {name for name, p in parameters.items() if p.get("Usage") == "InOut"} == {"Words", "Data"}
     routines = [r.get("Name") for r in instruction.iterfind("Routines/Routine")]
@@ -212,7 +416,7 @@ def test_logix_decodes_the_image(target: Target) -> None:
     raw: dict[str, Any] = {}
     pair = [0, 0]
     source = logix.body(target)
-    for line in source[: source.index("// A heartbeat")].splitlines():
+    for line in source[: source.index("(* The first check")].splitlines():
         if found := re.fullmatch(r"Raw\.(\w+) := (.+);", line):
             expression = found[2].replace("AND", "&").replace("<>", "!=")
             raw[found[1]] = eval(expression, {"Words": words})  # our own arithmetic
@@ -233,36 +437,99 @@ def test_logix_decodes_the_image(target: Target) -> None:
     assert (raw["status_may_move"], raw["status_stop"]) == (True, False)
 
 
-def test_logix_checks_what_structured_text_checks() -> None:
+def test_logix_does_what_structured_text_does() -> None:
+    """All that comes after the decoding is the common logic, statement by statement."""
     body = logix.body(Target())
-    assert logic.iec(logic.checks()) in body
-    assert logic.iec(logic.checks()) in structured_text.text(Target())
-    code = re.sub(r"\(\*.*?\*\)|//[^\n]*", "", body, flags=re.DOTALL)
-    assert not re.search(r"\b(TRUE|FALSE)\b|#", code)  # Logix knows neither
+    common = dialect.iec(logic.logic())
+    assert common in structured_text.text((Target(),))
+    mine = body[body.index("(* The first check") :]
+    code = re.sub(r"\(\*.*?\*\)|//[^\n]*", "", mine, flags=re.DOTALL)
+    assert not re.search(r"\b(TRUE|FALSE)\b|#|\.Q\b|\bIN :=", code)  # Logix knows none of these
+    back = re.sub(r"COP\((\w+), Data, 1\);", r"Data := \1;", mine).replace(".DN", ".Q")
+    back = re.sub(r"(\w+)\.PRE := (\w+);\n\1\.TimerEnable := (.+);\nTONR\(\1\);", r"\1(IN := \3, PT := \2);", back)
+    back = back.replace("HeartbeatTimeoutMs", "HeartbeatTimeout").replace("PT := 3000", "PT := T#3000ms")
+    assert re.sub(r"\bTRUE\b", "1", re.sub(r"\bFALSE\b", "0", common)) == back
+
+
+def test_logix_reads_as_dead_while_its_rung_is_false_and_when_the_controller_starts() -> None:
+    """Both routines run in place of the logic; what they leave out would stand as it was."""
+    root = l5x_root(TARGET)
+    routines = {
+        routine.get("Name"): "\n".join((line.text or "").strip() for line in routine.iterfind("STContent/Line"))
+        for routine in root.iterfind(".//Routines/Routine")
+    }
+    assert routines["EnableInFalse"] == routines["Prescan"]
+    assigned = dict(re.findall(r"^(\w+(?:\.\w+)?) := (\d+);$", routines["Prescan"], re.MULTILINE))
+    names = {var.name for var in OUTPUTS} - {"Data", "PlcHeartbeat", "PlcControl", "RecipeSelect"}
+    assert names <= set(assigned)
+    assert {name: assigned[name] for name in ("MayMove", "InPlace", "Alive", "MustStop", "Diagnostic", "Reason")} == {
+        "MayMove": "0", "InPlace": "0", "Alive": "0", "MustStop": "1", "Diagnostic": "1", "Reason": "40",
+    }  # fmt: skip
+    assert {"Sound", "Seen", "Changes", "Beating", "Stage", "TriggerBit"} <= set(assigned)
+    # Data: nothing, and then whatever is not 0 in the image of a gateway that has stopped deciding
+    assert routines["Prescan"].splitlines()[0] == "COP(Nothing, Data, 1);"
+    dead = decode(empty())
+    for field in fields():
+        if field.part == "value" and (field.register.codes or field.name == "stop"):
+            value = dead[field.name]
+            assert int(assigned.get(f"Data.{field.name}", 0)) == (0 if value is None else value), field.name
+    assert f"PlcControl := PlcControl AND {1 << Control.TRUCK_PRESENT};" in routines["Prescan"]
 
 
 # ---- OpenPLC
 
 
-def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
-    files = FORMATS["openplc"](TARGET)
-    assert set(files) == {openplc.PROGRAM, openplc.DEVICES}
+def openplc_entries(files: dict[str, str]) -> dict[str, str]:
     lines = [line for line in files[openplc.DEVICES].splitlines() if not line.startswith("#")]
     entries = {found[1]: found[2] for line in lines if (found := re.fullmatch(r'(\S+) = "(.*)"', line))}
     assert len(entries) == len(lines)
-    assert entries["Num_Devices"] == "1"
-    assert (entries["device0.address"], entries["device0.IP_Port"]) == ("10.1.2.3", "5020")
-    assert (entries["device0.slave_id"], entries["device0.protocol"]) == ("7", "TCP")
-    assert entries["device0.Holding_Registers_Read_Start"] == "0"
-    assert entries["device0.Holding_Registers_Read_Size"] == str(BLOCK_WORDS)
-    sizes = {key: value for key, value in entries.items() if key.endswith("_Size") and "Read" not in key}
-    assert set(sizes.values()) == {"0"}  # else the holding registers would not begin at %IW100
+    return entries
+
+
+def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
+    """Devices come one after the other: the second bay's words begin where those of the first end."""
+    files = FORMATS["openplc"]((TARGET, SECOND))
+    assert set(files) == {openplc.PROGRAM, openplc.DEVICES}
+    entries = openplc_entries(files)
+    assert entries["Num_Devices"] == "2"
     program = files[openplc.PROGRAM]
-    inputs = dict(re.findall(r"^  (w\d+) AT %IW(\d+) : WORD;", program, re.MULTILINE))
-    copies = re.findall(r"^Words\[(\d+)\] := (w\d+);", program, re.MULTILINE)
-    assert [int(place) for place, _ in copies] == list(range(BLOCK_WORDS))
-    assert [int(inputs[name]) - 100 for _, name in copies] == list(range(BLOCK_WORDS))
-    assert program.startswith(structured_text.text(TARGET))
+    for n, (bay, unit) in enumerate((("bay_2", "7"), ("bay_3", "8"))):
+        assert (entries[f"device{n}.address"], entries[f"device{n}.IP_Port"]) == ("10.1.2.3", "5020")
+        assert (entries[f"device{n}.slave_id"], entries[f"device{n}.protocol"]) == (unit, "TCP")
+        assert entries[f"device{n}.Holding_Registers_Read_Start"] == "0"
+        assert entries[f"device{n}.Holding_Registers_Read_Size"] == str(BLOCK_WORDS)
+        inputs = dict(re.findall(rf"^  {bay}_(w\d+) AT %IW(\d+) : WORD;", program, re.MULTILINE))
+        copies = re.findall(rf"^{bay}_Words\[(\d+)\] := {bay}_(w\d+);", program, re.MULTILINE)
+        assert [int(place) for place, _ in copies] == list(range(BLOCK_WORDS))
+        assert [int(inputs[name]) - 100 * (n + 1) for _, name in copies] == list(range(BLOCK_WORDS))
+        outputs = dict(re.findall(rf"^  {bay}_(\w+) AT %QX{n}\.(\d) : BOOL;", program, re.MULTILINE))
+        assert outputs == {"MustStop": "1", "Alive": "2", "MayMove": "3", "InPlace": "4", "Moved": "5", "Held": "6"}
+    assert "%QX0.0" not in program  # it was on while the truck may move: nothing may take its place
+    located = re.findall(r" AT (%\w+(?:\.\d)?) :", program)
+    assert len(set(located)) == len(located)
+    assert program.startswith(structured_text.library((TARGET, SECOND)))
+
+
+@pytest.mark.parametrize("writes", [True, False])
+def test_openplc_writes_where_the_gateway_takes_it(writes: bool) -> None:
+    """A refused write makes OpenPLC close the connection at every poll."""
+    targets = (Target(writes=writes), Target(bay="bay2", unit_id=2, writes=writes))
+    files = FORMATS["openplc"](targets)
+    entries = openplc_entries(files)
+    for n in range(2):
+        asked = (entries[f"device{n}.Holding_Registers_Start"], entries[f"device{n}.Holding_Registers_Size"])
+        assert asked == (("80", "3") if writes else ("0", "0"))
+    written = re.findall(r"^  (\w+) AT %QW(10\d) : UINT;", files[openplc.PROGRAM], re.MULTILINE)
+    names = ["PlcHeartbeat", "PlcControl", "RecipeSelect"]
+    expected = [(f"bay{n + 1}_{name}", str(100 + 3 * n + place)) for n in range(2) for place, name in enumerate(names)]
+    assert written == expected
+
+
+def test_openplc_has_room_for_four_bays() -> None:
+    bays = tuple(Target(bay=f"bay{n}", unit_id=n) for n in range(1, 6))
+    assert FORMATS["openplc"](bays[:4])
+    with pytest.raises(ConfigError, match=r"OpenPLC has room for 4 bays, not for 5"):
+        FORMATS["openplc"](bays)
 
 
 # ---- Node-RED
@@ -289,25 +556,40 @@ def test_node_red_nodes_are_wired_to_each_other_and_to_the_bay() -> None:
     assert not other & set(ids)  # two bays fit into one Node-RED
 
 
-def test_node_red_decodes_and_enables() -> None:
-    first, second = function_node([(0, image(6)), (100, image(7))])
-    assert first == [[{"topic": "enable", "payload": False}, None, first[0][2]], "heartbeat"]
-    (enable, data, diagnosis), status = second
-    assert (enable["payload"], diagnosis["payload"]["code"], status) == (True, 0, "enabled")
+def test_node_red_decodes_and_says_may_move_or_in_place() -> None:
+    first, second, third, fourth = function_node([(0, image(5)), (100, image(6)), (100, image(7)), (100, placed(8))])
+    off = [{"topic": "may_move", "payload": False}, {"topic": "in_place", "payload": False}]
+    assert first == [[*off, None, first[0][3], None], "heartbeat"]
+    assert second == [[None, None, None, None, None], "heartbeat"]
+    (may_move, in_place, data, diagnosis, write), status = third
+    assert (may_move["payload"], in_place, diagnosis["payload"]["code"], status) == (True, None, 0, "may move")
+    assert write is None  # this gateway takes no writes
     for name, value in decode(image(7)).items():
-        if value is None:
-            assert data["payload"][name] is None
-        else:
-            assert data["payload"][name] == pytest.approx(value, abs=1e-3), name
+        assert data["payload"][name] == (None if value is None else pytest.approx(value, abs=1e-3)), name
     assert data["payload"]["status_may_move"] is True
+    (may_move, in_place, _, diagnosis, _), status = fourth
+    assert (may_move["payload"], in_place["payload"], diagnosis, status) == (False, True, None, "in place")
+
+
+def placed(heartbeat: int, **changes: Any) -> list[int]:
+    return list(encode(standing(heartbeat, **changes), 1_763_640_000_123_456_789, "big"))
+
+
+def test_node_red_shows_no_sentinel_as_a_value() -> None:
+    (judge,) = (node for node in json.loads(node_red.text(Target())) if node["type"] == "function")
+    decoded = judge["func"] + "\n"
+    decoded = decoded[: decoded.index("const now = Date.now();")] + "return [decode(msg.payload)];"
+    ((data,), _), *_ = run_function(decoded, [(0, empty())])
+    expected = decode(empty())
+    assert [name for name, value in expected.items() if value is None and data[name] is not None] == []
 
 
 def test_node_red_takes_the_other_word_order_only_when_told() -> None:
-    messages = [(0, image(6, "little")), (100, image(7, "little"))]
-    assert [status for _, status in function_node(messages)] == ["word_order", "word_order"]
+    messages = [(100, image(n, "little")) for n in (5, 6, 7)]
+    assert [status for _, status in function_node(messages)] == ["word_order"] * 3
     told = function_node(messages, LITTLE)
-    assert told[1][1] == "enabled"
-    assert told[1][0][1]["payload"]["timestamp"] == 1_763_640_000_123
+    assert told[2][1] == "may move"
+    assert told[2][0][2]["payload"]["timestamp"] == 1_763_640_000_123
 
 
 @pytest.mark.parametrize(
@@ -318,38 +600,61 @@ def test_node_red_takes_the_other_word_order_only_when_told() -> None:
         ({"known_u32": 1}, Diagnosis.FOREIGN),
         ({"stop": 1}, Diagnosis.CONTRADICTION),
         ({"may_move": 0}, Diagnosis.CONTRADICTION),
+        ({"in_place": 1}, Diagnosis.CONTRADICTION),
         ({"reason": 10}, Diagnosis.CONTRADICTION),
         ({"vision_quality": 1}, Diagnosis.VISION),
         ({"range_quality": 1}, Diagnosis.RANGER),
     ],
 )
 def test_node_red_finds_what_structured_text_finds(changes: dict[str, int], found: Diagnosis) -> None:
-    doubtful = image(8)
+    doubtful = image(9)
     for name, word in changes.items():
         doubtful[BY_NAME[name].address] = word
-    *_, (outputs, status) = function_node([(0, image(6)), (100, image(7)), (100, doubtful)])
+    *_, (outputs, status) = function_node([(100, image(n)) for n in (6, 7, 8)] + [(100, doubtful)])
     assert status == found.name.lower()
-    assert outputs[0] == {"topic": "enable", "payload": False}
-    assert (outputs[1] is None) is (found < Diagnosis.STOP)
+    assert outputs[0] == {"topic": "may_move", "payload": False}
+    assert (outputs[2] is None) is (found < Diagnosis.STOP)
 
 
 def test_node_red_falls_on_silence_on_a_still_heartbeat_and_on_a_clock_set_back() -> None:
-    live = [(0, image(6)), (100, image(7))]
+    live = [(0, placed(5)), (100, placed(6)), (100, placed(7))]
     limit = HEARTBEAT_TIMEOUT_MS
 
     def last(more: list[tuple[int, Any]]) -> str:
         return str(function_node([*live, *more])[-1][1])
 
-    assert last([(limit - 1, "tick")]) == "enabled"
+    assert last([(limit - 1, "tick")]) == "in place"
     assert last([(limit, "tick")]) == "poll_failed"
-    assert last([(limit - 1, image(7))]) == "enabled"
-    assert last([(limit, image(7))]) == "heartbeat"
-    assert last([(100, image(7)), (limit - 100, "tick")]) == "heartbeat"
+    assert last([(limit - 1, placed(7))]) == "in place"
+    assert last([(limit, placed(7))]) == "heartbeat"
+    assert last([(100, placed(7)), (limit - 100, "tick")]) == "heartbeat"
     assert last([(100, "")]) == "poll_failed"
-    assert last([(100, ""), (limit, image(9))]) == "heartbeat"  # another number, but not seen to move
-    assert last([(100, ""), (limit, image(9)), (100, image(10))]) == "enabled"
-    assert last([(-5000, image(7))]) == "heartbeat"
-    assert last([(100, "tick"), (100, image(8))]) == "enabled"
+    assert last([(100, ""), (limit, placed(9))]) == "heartbeat"  # another number, but not seen to move
+    assert last([(100, ""), (limit, placed(9)), (100, placed(10))]) == "heartbeat"
+    assert last([(100, ""), (limit, placed(9)), (100, placed(10)), (100, placed(11))]) == "in place"
+    assert last([(-5000, placed(7))]) == "heartbeat"
+    assert last([(100, "tick"), (100, placed(8))]) == "in place"
+
+
+@pytest.mark.parametrize("before", [[], [[0] * BLOCK_WORDS], [image(3)], [placed(3)], [[0] * BLOCK_WORDS, image(3)]])
+def test_node_red_gives_no_output_for_a_frozen_image(before: list[list[int]]) -> None:
+    for frozen in (image(7), placed(7)):
+        ran = function_node([(100, words) for words in before] + [(100, frozen)] * 12)
+        assert [out["payload"] for outputs, _ in ran for out in outputs[:2] if out] == [False, False]
+
+
+def test_node_red_writes_what_is_asked_while_the_gateway_takes_it() -> None:
+    plc = Handshake(PlcLink.ALIVE)
+    told: dict[str, Any] = {"topic": "command", "payload": {"truck_present": True, "release": True, "recipe": 7}}
+    less: dict[str, Any] = {"topic": "command", "payload": {"release": False, "unheard_of": True}}
+    alive = [(100, placed(n, plc=plc)) for n in (5, 6, 7)]
+    ran = function_node([*alive, (10, told), (100, placed(8, plc=plc)), (10, less), (100, placed(9, plc=plc))])
+    assert ran[2][0][4] == {"topic": "write", "payload": [1, 0, 0]}
+    assert ran[3][0] is None
+    assert ran[4][0][4]["payload"] == [2, 1 << Control.TRUCK_PRESENT | 1 << Control.RELEASE, 7]
+    assert ran[6][0][4]["payload"] == [3, 1 << Control.TRUCK_PRESENT, 7]
+    *_, (outputs, _) = function_node([*alive, (100, placed(8))])
+    assert outputs[4] is None
 
 
 # ---- the command
@@ -366,7 +671,7 @@ def test_each_format_comes_out_of_the_command(name: str, tmp_path: Path, capsys:
     folder = tmp_path / "new"
     argv = ["--bay", "bay-2", "--host", "10.1.2.3", "--port", "5020", "--unit-id", "7"]
     assert run("--format", name, *argv, "--out", f"{folder}/") == 0
-    files = FORMATS[name](TARGET)
+    files = FORMATS[name]((TARGET,))
     written = {path.name: path.read_bytes().decode() for path in folder.iterdir()}
     assert written == files
     assert capsys.readouterr().err.split() == [str(folder / file) for file in files]
@@ -382,6 +687,17 @@ def test_two_files_need_a_folder() -> None:
         run("--format", "openplc")
 
 
+def test_several_bays_are_told_by_name_and_unit_id(tmp_path: Path) -> None:
+    argv = ["--host", "10.1.2.3", "--port", "5020", "--bay", "bay-2:7", "--bay", "bay-3:8", "--out", f"{tmp_path}/"]
+    for name in ("st", "kepware", "openplc"):
+        assert run("--format", name, *argv) == 0
+        for file, text in FORMATS[name]((TARGET, SECOND)).items():
+            assert (tmp_path / file).read_bytes().decode() == text
+    assert (tmp_path / "bay_3-kepware-tags.csv").is_file()
+    assert run("--format", "openplc", *argv, "--writes") == 0
+    assert '"80"' in (tmp_path / openplc.DEVICES).read_text()
+
+
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
@@ -389,6 +705,10 @@ def test_two_files_need_a_folder() -> None:
         (("--host", "x/y"), "--host: 'x/y'"),
         (("--port", "0"), "--port: 0: 1 to 65535"),
         (("--unit-id", "248"), "--unit-id: 248: 1 to 247"),
+        (("--bay", "bay1:x"), "--bay: 'bay1:x': NAME or NAME:UNIT"),
+        (("--bay", "bay1:0"), "--unit-id: 0: 1 to 247"),
+        (("--bay", "bay1:1", "--bay", "bay2:1"), "--bay: two bays have the same unit id: 1, 1"),
+        (("--bay", "bay-1:1", "--bay", "bay_1:2"), "--bay: two bays have the same name: bay_1, bay_1"),
         (("--out", "/dev/null/x"), "--out /dev/null/x: Not a directory"),
     ],
 )
@@ -400,6 +720,7 @@ def test_bad_arguments_are_named(argv: tuple[str, str], said: str) -> None:
 @pytest.mark.parametrize(("bay", "name"), [("bay-2", "bay_2"), ("7", "bay_7"), ("North--gate_", "North_gate")])
 def test_a_bay_has_a_name_that_plc_languages_take(bay: str, name: str) -> None:
     assert Target(bay=bay).identifier == name
+    assert Target(bay=bay).instance == (name if name.startswith("bay") else f"bay_{name}")
 
 
 # ---- the page
@@ -409,7 +730,7 @@ def test_every_reason_and_diagnosis_says_what_to_do() -> None:
     assert set(reference.REMEDY) == set(Reason)
     assert all(reference.REMEDY.values())
     shown = reference.diagnoses()
-    assert [int(n) for n in re.findall(r"^\| (\d+) \|", shown, re.MULTILINE)] == list(Diagnosis)
+    assert sorted(int(n) for n in re.findall(r"^\|[^|]*\| (\d+) \|", shown, re.MULTILINE)) == list(Diagnosis)
     assert list(SUMMARY) == list(FORMATS)
     for name in FORMATS:
         assert f"| `{name}` |" in reference.formats()

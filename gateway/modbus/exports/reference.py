@@ -1,21 +1,24 @@
-"""The tables of docs/plc-integration.md: formats, diagnoses, and what to do on each reason. Pure."""
+"""The tables of docs/plc-integration.md: formats, the block's interface, diagnoses, what to do on each reason. Pure."""
 
 from collections.abc import Callable, Iterable, Mapping
 
+from gateway.modbus import situations
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
 from gateway.modbus.exports.formats import FORMATS
+from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
 from gateway.model import REASON_MEANING, Reason
 
 REMEDY: dict[Reason, str] = {
     Reason.NONE: "nothing",
-    Reason.TARGET_REACHED: "nothing: the truck stands in place",
-    Reason.STOP_LATCHED: "let the truck leave, or reset the stop; registers.md, handshake",
+    Reason.TARGET_REACHED: "nothing: the truck is at its mark; in_place says when it stands there",
+    Reason.STOP_LATCHED: "let the truck leave, or reset the stop; handshake.md",
     Reason.STARTING: "wait; after 10 s look at vision_quality and range_quality",
     Reason.VISION_STALE: "camera's cable and frame rate; the gateway's load",
     Reason.CAMERA_DOWN: "camera's power, cable and address; `gateway check` tells the configured one",
-    Reason.NO_TARGET: "normal without a truck; else clean the marker and the lens, look at the light",
+    Reason.NO_TARGET: "normal without a truck and while in_place is held; else clean the marker and the lens, look at"
+    " the light",
     Reason.VISION_FAULT: "it restarts by itself; if it comes again, keep the gateway's log",
     Reason.TARGET_COASTED: "wait: it ends in a moment, as a measurement or as no_target",
     Reason.RANGE_STALE: "the ranger's USB cable; the gateway's load",
@@ -35,16 +38,24 @@ REMEDY: dict[Reason, str] = {
 
 def formats() -> str:
     """Every format with its files."""
-    target = Target()
-    rows = ((f"`{name}`", ", ".join(FORMATS[name](target)), what) for name, what in SUMMARY.items())
+    targets = (Target(),)
+    rows = ((f"`{name}`", ", ".join(FORMATS[name](targets)), what) for name, what in SUMMARY.items())
     return _table(("--format", "files", "what it is"), rows)
 
 
+def block() -> str:
+    """The function block's inputs and outputs."""
+    rows = [(side, f"`{var.name}`", var.comment) for side, vars in (("in", INPUTS), ("out", OUTPUTS)) for var in vars]
+    return _table(("", "name", "what it is"), rows)
+
+
 def diagnoses() -> str:
-    """Every diagnosis of the generated programs, in the order of their checks."""
-    enabled = (f"{int(Diagnosis.ENABLED)}", "`enabled`", MEANING[int(Diagnosis.ENABLED)][1], "")
-    checks = ((str(int(c.diagnosis)), f"`{c.diagnosis.name.lower()}`", c.meaning, c.action) for c in CHECKS)
-    return _table(("Diagnostic", "name", "what it means", "what to do"), (enabled, *checks))
+    """Every diagnosis of the generated programs, in the order in which its check is made."""
+    fine = ("", str(int(Diagnosis.OK)), "`ok`", MEANING[int(Diagnosis.OK)][1], "")
+    checks = (
+        (c.needs.outputs, str(int(c.diagnosis)), f"`{c.diagnosis.name.lower()}`", c.meaning, c.action) for c in CHECKS
+    )
+    return _table(("takes away", "Diagnostic", "name", "what it means", "what to do"), (fine, *checks))
 
 
 def reasons() -> str:
@@ -53,7 +64,13 @@ def reasons() -> str:
     return _table(("reason", "name", "what it means", "what to do"), rows)
 
 
-BLOCKS: Mapping[str, Callable[[], str]] = {"formats": formats, "diagnoses": diagnoses, "reasons": reasons}
+BLOCKS: Mapping[str, Callable[[], str]] = {
+    "formats": formats,
+    "block": block,
+    "diagnoses": diagnoses,
+    "reasons": reasons,
+    "situations": situations.markdown,
+}
 
 
 def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
