@@ -30,14 +30,14 @@ from gateway.model import (
     Visit,
     VisitPhase,
 )
-from gateway.plc import Acquired, Handshake, Outcome, Phase, PlcLink
+from gateway.plc import Phase
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
+from tests.plc_images import ADDRESS, answered, doubtful, words
 from tests.structured_text import Instance, Program, RefusedError, parse
 
 pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
 
-ADDRESS = {register.name: register.address for register in REGISTERS}
 # Elementary types, keywords and standard functions of IEC 61131-3, SCL and Logix that a field must not be called.
 RESERVED = """
 action and array at begin bool by byte case configuration constant continue date dint do dt dword else elsif end exit
@@ -50,10 +50,6 @@ transition true type udint uint ulint until usint var while with word xor ton to
 @pytest.fixture(scope="module")
 def program() -> Program:
     return Program(structured_text.library((Target(),)))
-
-
-def words(state: StateVector) -> list[int]:
-    return list(encode(state, 1_763_640_000_123_456_789, "big"))
 
 
 class Scan:
@@ -371,24 +367,7 @@ def test_noise_never_gives_an_output_and_never_stops_the_program(scan: Scan) -> 
 
 def test_node_red_gives_the_same_verdicts(scan: Scan) -> None:
     """400 images of a live bay with up to three words changed, 10 ms apart; silence is Node-RED's own affair."""
-    chance = random.Random(61131)
-    watched = ["seq_begin", "map_version", "heartbeat", "status", "stop", "may_move", "reason", "vision_quality"]
-    watched += ["range_quality", "known_u32", "known_f32", "seq_end", "in_place", "moved", "position_status", "d"]
-    addresses = [ADDRESS[name] for name in watched]
-    images = [words(permitted(6)), words(permitted(7)), words(permitted(8))]
-    others: list[dict[str, object]] = [
-        {"vision": VisionReading(0, Quality.COASTED)},
-        {"vision": VisionReading(0, Quality.STALE)},
-        {"range": RangeReading(0, Quality.NO_ECHO)},
-        {"may_move": False},
-        {"may_move": False, "stop": True, "reason": Reason.NO_TARGET, "visit": Visit()},
-    ]
-    for n in range(400):
-        state = (permitted, standing)[n // 40 % 2]
-        image = words(state(9 + n // 3, **chance.choice([{}, {}, {}, *others])))
-        for _ in range(chance.choice((0, 0, 0, 0, 0, 0, 0, 1, 2))):
-            image[chance.choice(addresses)] = chance.choice((0, 1, 2, 4, 10, 0x1234, 0x5678, 0xFFFF))
-        images.append(image)
+    images = doubtful(400)
     ran = run_function(node_red_function.code(Target()), [(10, image) for image in images])
     verdicts, mine, on, mine_on = [], [], [False, False], []
     for (outputs, status), image in zip(ran, images, strict=True):
@@ -440,17 +419,6 @@ def test_the_text_is_plain_ascii_and_names_its_target() -> None:
 
 
 # ---- What is asked of the gateway, and a triggered measurement
-
-
-def answered(heartbeat: int, phase: Phase = Phase.READY, *, control: int = 0, number: int = 0, ack: bool = False,
-             timed_out: bool = False) -> list[int]:  # fmt: skip
-    """The image of a gateway with writes on, as its handshake stands."""
-    result = Acquired(number, 0, Outcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0) if phase is Phase.VALID else None
-    plc = Handshake(
-        PlcLink.ALIVE, control=control, phase=phase, acquisition=number, trigger_ack=ack, timed_out=timed_out,
-        result=result,
-    )  # fmt: skip
-    return words(standing(heartbeat, plc=plc))
 
 
 TRIGGER, ACK = 8, 16

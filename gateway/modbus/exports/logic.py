@@ -56,7 +56,7 @@ END_IF;
 #Reason := #Data.reason;
 """
 
-# The bits go up only when the gateway was seen to have them off, so that each is a new edge for it.
+# The trigger's bit goes up only when the gateway knows this PLC and was seen to have the bit off: then it is an edge.
 _TRIGGER = """\
 (* A triggered measurement, step by step: ask, be taken, read, acknowledge. Each step but the reader's has its time. *)
 #Entered := FALSE;
@@ -68,7 +68,7 @@ END_IF;
 #TriggerWas := #Trigger;
 IF #Alive THEN
   IF #Stage = 1 THEN
-    IF #Data.handshake_status_trigger_ready AND (NOT #Data.plc_control_trigger) THEN
+    IF #Data.handshake_status_plc_alive AND #Data.handshake_status_trigger_ready AND (NOT #Data.plc_control_trigger) THEN
       #TriggerBit := TRUE;
     END_IF;
     IF #TriggerBit AND #Data.handshake_status_trigger_ack THEN
@@ -107,7 +107,7 @@ IF #StageTimer.Q THEN
   #Stage := 0;
   #TriggerFailed := TRUE;
 END_IF;
-#TriggerReady := #Alive AND (#Stage = 0) AND #Data.handshake_status_trigger_ready;
+#TriggerReady := #Alive AND (#Stage = 0) AND #Data.handshake_status_plc_alive AND #Data.handshake_status_trigger_ready;
 #Measuring := (#Stage = 1) OR (#Stage = 2);
 #ResultReady := #Alive AND (#Stage = 3);
 """

@@ -1,0 +1,60 @@
+"""Images of a live bay with doubts in them, for programs that must agree about each: seeded, the same every time."""
+
+import random
+from typing import Any
+
+from gateway.modbus.registers import REGISTERS, encode
+from gateway.model import Quality, RangeReading, Reason, StateVector, VisionReading, Visit
+from gateway.plc import Acquired, Handshake, Outcome, Phase, PlcLink
+from tests.permitted import permitted, standing
+
+ADDRESS = {register.name: register.address for register in REGISTERS}
+_WATCHED = ("seq_begin", "map_version", "heartbeat", "status", "stop", "may_move", "reason", "vision_quality")
+_WATCHED += ("range_quality", "known_u32", "known_f32", "seq_end", "in_place", "moved", "position_status", "d")
+_CHANGES: tuple[dict[str, Any], ...] = (
+    {"vision": VisionReading(0, Quality.COASTED)},
+    {"vision": VisionReading(0, Quality.STALE)},
+    {"range": RangeReading(0, Quality.NO_ECHO)},
+    {"may_move": False},
+    {"may_move": False, "stop": True, "reason": Reason.NO_TARGET, "visit": Visit()},
+)
+
+
+def words(state: StateVector) -> list[int]:
+    return list(encode(state, 1_763_640_000_123_456_789, "big"))
+
+
+def doubtful(count: int, seed: int = 61131) -> list[list[int]]:
+    """Three good images of a truck that may move, then `count` of one that may and one that stands, some changed."""
+    chance = random.Random(seed)
+    images = [words(permitted(heartbeat)) for heartbeat in (6, 7, 8)]
+    for n in range(count):
+        state = (permitted, standing)[n // 40 % 2]
+        image = words(state(9 + n // 3, **chance.choice([{}, {}, {}, *_CHANGES])))
+        for _ in range(chance.choice((0, 0, 0, 0, 0, 0, 0, 1, 2))):
+            image[ADDRESS[chance.choice(_WATCHED)]] = chance.choice((0, 1, 2, 4, 10, 0x1234, 0x5678, 0xFFFF))
+        images.append(image)
+    return images
+
+
+def answered(
+    heartbeat: int,
+    phase: Phase = Phase.READY,
+    *,
+    control: int = 0,
+    number: int = 0,
+    ack: bool = False,
+    timed_out: bool = False,
+) -> list[int]:
+    """The image of a gateway with writes on, as its handshake stands."""
+    result = Acquired(number, 0, Outcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0) if phase is Phase.VALID else None
+    plc = Handshake(
+        PlcLink.ALIVE,
+        control=control,
+        phase=phase,
+        acquisition=number,
+        trigger_ack=ack,
+        timed_out=timed_out,
+        result=result,
+    )
+    return words(standing(heartbeat, plc=plc))
