@@ -4,11 +4,12 @@ import re
 import shlex
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from gateway.modbus.registers import REGISTERS
-from gateway.model import Reason
+from gateway.model import Reason, VisitPhase
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 
@@ -19,6 +20,10 @@ NAMES = {register.address: register.name for register in REGISTERS}
 LIVE = {"seq_begin", "heartbeat"}
 NEAR = {"u", "v", "radius", "distance", "radius_f32", "distance_f32"}
 LINE = re.compile(r"^\[(\d+)\]: \t(.+)$")
+
+
+def in_place(image: dict[str, Any]) -> bool:
+    return image["reason"] == Reason.TARGET_REACHED and image["visit_phase"] == VisitPhase.IN_PLACE
 
 
 def polls() -> list[tuple[str, list[str]]]:
@@ -52,11 +57,11 @@ def test_every_mbpoll_line_of_the_page_reads_what_the_page_says() -> None:
     with Gateway("simulate", "--scenario", scenario, "--modbus-port", "0", "--json") as gateway:
         port = gateway.started()["modbus_port"]
         for command, expected in polls():
-            # A busy machine may lose a sensor for a moment: poll when the truck is known to stand in place.
+            # A busy machine may lose a sensor for a moment: poll when the truck is known to stand in place, and seen.
             complaint: str | None = "not polled"
             for _ in range(5):
                 with Plc(port) as plc:
-                    plc.wait_for(lambda image: image["reason"] == Reason.TARGET_REACHED, timeout_s=30)
+                    plc.wait_for(in_place, timeout_s=30)
                     shown = run(command, port)
                 if (complaint := differs(command, shown, expected)) is None:
                     break

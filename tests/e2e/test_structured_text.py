@@ -1,7 +1,7 @@
 """The exported structured text, run in cycles against a live simulated bay.
 
 A parser that we did not write reads the program, tests/structured_text.py runs its tree: no IEC 61131-3 compiler is to
-be had from the package registries that this project uses. docs/plc-integration.md says how to compile it with one.
+be had from the package registries that this project uses. `./dev iec` compiles it where there is one.
 """
 
 import time
@@ -13,15 +13,14 @@ from pymodbus.exceptions import ModbusException
 
 from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.diagnosis import Diagnosis
+from gateway.modbus.exports.pou import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers import BLOCK_WORDS, REGISTERS
 from gateway.model import Reason
 from tests.e2e.processes import Gateway
 from tests.structured_text import Instance, Program
 
-pytestmark = pytest.mark.xdist_group("structured text")  # building the parser takes seconds
-
-pytestmark = pytest.mark.timeout(300)  # the parser takes its time on a busy machine
+pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
 
 # Far, on the mark, far again, and once more: a slow machine may miss the first visit.
 VISIT = """
@@ -70,19 +69,21 @@ class SoftPlc:
         self._now_ms += after_ms
         self.block.call(self._now_ms, PollOk=ok, Words=list(words), HeartbeatTimeout=TIMEOUT_MS)
         found = Diagnosis(self.block["Diagnostic"])
-        permit, stop = (words[ADDRESS[name]] for name in ("may_move", "stop"))
-        # Whatever comes: no enable without a permit, and no running truck without an enable to believe in.
-        assert self.block["Enable"] is (found is Diagnosis.ENABLED)
-        assert not self.block["Enable"] or (ok and (permit, stop) == (1, 0))
+        said = tuple(words[ADDRESS[name]] for name in ("stop", "may_move", "in_place"))
+        # Whatever comes: no output that the image does not name, and no running truck without an image to believe in.
+        assert (self.block["MayMove"] or self.block["InPlace"]) is (found is Diagnosis.OK)
+        assert not self.block["MayMove"] or (ok and said == (0, 1, 0))
+        assert not self.block["InPlace"] or (ok and said == (1, 0, 1))
         assert self.block["MustStop"] or self.block["Alive"]
         return found
 
-    def until(self, wanted: Diagnosis) -> None:
+    def until(self, wanted: Diagnosis | str) -> None:
+        """Cycles until a diagnosis, or until an output is on."""
         deadline = time.monotonic() + LIMIT_S
         seen: list[str] = []
-        while (found := self.cycle()) is not wanted:
+        while (found := self.cycle()) is not wanted and not (isinstance(wanted, str) and self.block[wanted]):
             seen = [*seen[-20:], found.name]
-            assert time.monotonic() < deadline, f"{wanted.name} not seen; last: {seen}"
+            assert time.monotonic() < deadline, f"{wanted} not seen; last: {seen}"
 
     def close(self) -> None:
         self._client.close()  # type: ignore[no-untyped-call]  # pymodbus's own
@@ -90,14 +91,14 @@ class SoftPlc:
 
 @pytest.fixture(scope="module")
 def program() -> Program:
-    return Program(structured_text.text(Target()))
+    return Program(structured_text.library((Target(),)))
 
 
-def test_the_enable_follows_a_live_bay_and_falls_on_every_doubt(program: Program, tmp_path: Path) -> None:
+def test_the_outputs_follow_a_live_bay_and_fall_on_every_doubt(program: Program, tmp_path: Path) -> None:
     scenario = tmp_path / "visit.toml"
     scenario.write_text(VISIT)
     with Gateway("simulate", "--scenario", str(scenario), "--modbus-port", "0", "--json") as gateway:
-        plc = SoftPlc(program.instance(structured_text.FUNCTION_BLOCK), gateway.started()["modbus_port"])
+        plc = SoftPlc(program.instance(FUNCTION_BLOCK), gateway.started()["modbus_port"])
         try:
             follow(plc)
             doubt(plc)
@@ -109,8 +110,8 @@ def test_the_enable_follows_a_live_bay_and_falls_on_every_doubt(program: Program
 
 
 def follow(plc: SoftPlc) -> None:
-    """Enabled while far, off on the mark, enabled again."""
-    plc.until(Diagnosis.ENABLED)
+    """May move while far, stop on the mark, in place once it stands, may move again when it leaves."""
+    plc.until("MayMove")
     data = plc.block["Data"]
     assert 250 < data["distance"] < 650
     assert data["distance"] == plc.words[ADDRESS["distance"]]
@@ -119,33 +120,34 @@ def follow(plc: SoftPlc) -> None:
     plc.until(Diagnosis.STOP)
     while plc.block["Reason"] != Reason.TARGET_REACHED:  # a glimpse without a distance may come first
         plc.until(Diagnosis.STOP)
+    assert (plc.block["MustStop"], plc.block["InPlace"]) == (True, False)
+    plc.until("InPlace")
     assert plc.block["MustStop"] is True
-    plc.until(Diagnosis.ENABLED)
+    plc.until("MayMove")
 
 
 def doubt(plc: SoftPlc) -> None:
-    """One image after another that no live gateway would send whole; after each, the live ones enable again."""
-    plc.until(Diagnosis.ENABLED)
+    """One image after another that no live gateway would send; after each, the live ones give an output again."""
+    plc.until(Diagnosis.OK)
     old = list(plc.words)
-    plc.until(Diagnosis.ENABLED)
     while plc.words[0] == old[0]:
-        plc.until(Diagnosis.ENABLED)
+        plc.until(Diagnosis.OK)
     torn = old[:50] + plc.words[50:]
     assert plc.call(torn) is Diagnosis.TORN
 
-    plc.until(Diagnosis.ENABLED)
+    plc.until(Diagnosis.OK)
     swapped = list(plc.words)
     for address in PAIRS:
         swapped[address : address + 2] = reversed(swapped[address : address + 2])
     assert plc.call(swapped) is Diagnosis.WORD_ORDER
 
-    plc.until(Diagnosis.ENABLED)
+    plc.until(Diagnosis.OK)
     shifted = [*plc.words[1:], 0]
     assert plc.call(shifted) is Diagnosis.FOREIGN
 
-    plc.until(Diagnosis.ENABLED)
+    plc.until(Diagnosis.OK)
     frozen = list(plc.words)
-    assert plc.call(frozen) is Diagnosis.ENABLED
+    assert plc.call(frozen) is Diagnosis.OK
     assert plc.call(frozen, after_ms=TIMEOUT_MS) is Diagnosis.HEARTBEAT
     assert plc.call(frozen, ok=False) is Diagnosis.POLL_FAILED
-    plc.until(Diagnosis.ENABLED)
+    plc.until(Diagnosis.OK)

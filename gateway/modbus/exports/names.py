@@ -4,7 +4,7 @@ SUMMARY: dict[str, str] = {
     "ignition": "Ignition 8.1 tags: Tag Browser, Import Tags",
     "kepware": "KEPServerEX tags of the driver Modbus TCP/IP Ethernet",
     "st": "IEC 61131-3 structured text: function block, and a program with one instance a bay",
-    "plcopen": "the same as PLCopen XML: CODESYS, WAGO, Schneider, Beremiz",
+    "plcopen": "the same as PLCopen XML: CODESYS, WAGO, Schneider",
     "codesys": "PLCopen XML with a program that polls and writes by CODESYS' library ModbusFB",
     "tcpou": "Beckhoff TwinCAT 3 source files, with a program that polls and writes by TF6250",
     "scl": "Siemens SCL source for TIA Portal: S7-1200, S7-1500, with the calls of MB_CLIENT",

@@ -1,4 +1,4 @@
-"""PLCopen XML (TC6, 2.01) of the same units as the structured text: CODESYS, Beremiz and others import it. Pure."""
+"""PLCopen XML (TC6, in CODESYS' namespace) of the same units as the structured text. Pure."""
 
 import re
 from xml.sax.saxutils import escape, quoteattr

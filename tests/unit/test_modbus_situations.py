@@ -1,0 +1,58 @@
+"""The state table of the PLC's pages says what the visit's contract promises, situation by situation."""
+
+from typing import Any
+
+import pytest
+
+from gateway.modbus import situations
+from gateway.model import Reason, VisitPhase
+
+IMAGES = situations.images()
+# (D, stop, may_move, in_place, moved, reason, phase)
+EXPECTED: dict[str, tuple[int | None, int, int, int, int, Reason, VisitPhase]] = {
+    "empty bay": (None, 1, 0, 0, 0, Reason.NO_ECHO, VisitPhase.EMPTY),
+    "approaching": (0, 0, 1, 0, 0, Reason.NONE, VisitPhase.APPROACHING),
+    "at the mark, still rolling": (1, 1, 0, 0, 0, Reason.TARGET_REACHED, VisitPhase.AT_MARK),
+    "in place, seen by both": (1, 1, 0, 1, 0, Reason.TARGET_REACHED, VisitPhase.IN_PLACE),
+    "loading: the marker is covered, held by the ranger": (None, 1, 0, 1, 0, Reason.NO_TARGET, VisitPhase.HELD),
+    "released by the PLC (`release`)": (1, 0, 1, 0, 0, Reason.NONE, VisitPhase.RELEASED),
+    "leaving": (0, 0, 1, 0, 0, Reason.NONE, VisitPhase.LEAVING),
+}
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_visit_without_a_fault_reads_as_the_contract_says(name: str) -> None:
+    image = IMAGES[name]
+    names = ("d", "stop", "may_move", "in_place", "moved", "reason", "visit_phase")
+    assert tuple(image[one] for one in names) == EXPECTED[name]
+
+
+@pytest.mark.parametrize("name", [name for name in IMAGES if name not in EXPECTED])
+def test_no_fault_leaves_a_truck_in_place(name: str) -> None:
+    assert IMAGES[name]["in_place"] == 0
+    if "seen" not in name and "rolls back" not in name:
+        assert (IMAGES[name]["stop"], IMAGES[name]["may_move"]) == (1, 0)
+
+
+@pytest.mark.parametrize("name", [name for name in IMAGES if "rolls" in name or "drives off" in name])
+def test_a_truck_that_moves_without_release_is_told(name: str) -> None:
+    assert IMAGES[name]["moved"] == (0 if name == "at the mark, still rolling" else 1)
+
+
+@pytest.mark.parametrize("image", IMAGES.values(), ids=IMAGES)
+def test_no_row_says_two_things(image: dict[str, Any]) -> None:
+    assert image["stop"] + image["may_move"] <= 1
+    assert image["may_move"] + image["in_place"] <= 1
+    assert image["in_place"] <= image["stop"]
+    assert (image["reason"] != 0) == bool(image["stop"])
+
+
+def test_the_table_has_a_row_for_each_and_the_figure_every_phase() -> None:
+    rows = situations.markdown().splitlines()[2:]
+    assert [row.split("|")[1].strip() for row in rows] == list(IMAGES)
+    assert "| approaching | 0 | 0 | **1** | 0 | 0 | 0 `none` | `approaching` |" in rows
+    (drawn,) = situations.figures().values()
+    for phase in (VisitPhase.EMPTY, VisitPhase.APPROACHING, VisitPhase.AT_MARK, VisitPhase.IN_PLACE, VisitPhase.HELD):
+        assert f">{phase.value}</text>" in drawn
+    for name in ("stop", "may_move", "in_place", "held", "release"):
+        assert f">{name}</text>" in drawn
