@@ -107,6 +107,38 @@ def test_online_and_a_live_state_are_trusted() -> None:
     assert [alarm(found) for found in alarms] == [(False, False, "NONE")]
 
 
+def placed(**more: Any) -> dict[str, Any]:
+    fields: dict[str, Any] = {"stop": True, "may_move": False, "in_place": True, "held": False, "moved": "NO"}
+    return state(**(fields | more))
+
+
+def test_in_place_is_shown_of_a_live_bay_alone_and_never_beside_may_move() -> None:
+    shown = judged(
+        (0, ONLINE),
+        (10, placed()),
+        (10, placed(held=True)),
+        (10, placed(may_move=True)),
+        (10, placed(stop=False)),
+        (10, free(in_place=True)),
+        (10, placed(in_place=False, moved="DISTANCE")),
+        (10, placed()),
+        (9999, TICK),
+    )
+    views = [view for (views, _) in shown for view in views]
+    assert [(view["in_place"], view["may_move"], view["held"], view["moved"]) for view in views] == [
+        (True, False, False, "NO"),
+        (True, False, True, "NO"),
+        (False, False, False, "NO"),
+        (False, False, False, "NO"),
+        (False, False, False, EXAMPLES["state"]["moved"]),
+        (False, False, False, "DISTANCE"),
+        (True, False, False, "NO"),
+        (False, False, None, None),
+    ]
+    *_, (_, (gone,)) = shown
+    assert (gone["dead"], gone["in_place"], gone["moved"]) == (True, False, None)
+
+
 def test_a_retained_state_is_not_trusted_however_good_it_looks() -> None:
     (_, (views, alarms)) = judged((0, ONLINE), (0, free() | {"retain": True}))
     (view,) = views
