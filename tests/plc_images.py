@@ -9,8 +9,10 @@ from gateway.plc import Acquired, Handshake, Outcome, Phase, PlcLink
 from tests.permitted import permitted, standing
 
 ADDRESS = {register.name: register.address for register in REGISTERS}
-_WATCHED = ("seq_begin", "map_version", "heartbeat", "status", "stop", "may_move", "reason", "vision_quality")
-_WATCHED += ("range_quality", "known_u32", "known_f32", "seq_end", "in_place", "moved", "position_status", "d")
+_WATCHED = (
+    *("seq_begin", "map_version", "heartbeat", "status", "stop", "may_move", "reason", "vision_quality"),
+    *("range_quality", "known_u32", "known_f32", "seq_end", "in_place", "moved", "position_status", "d"),
+)
 _CHANGES: tuple[dict[str, Any], ...] = (
     {"vision": VisionReading(0, Quality.COASTED)},
     {"vision": VisionReading(0, Quality.STALE)},

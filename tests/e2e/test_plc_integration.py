@@ -23,7 +23,7 @@ LINE = re.compile(r"^\[(\d+)\]: \t(.+)$")
 
 
 def in_place(image: dict[str, Any]) -> bool:
-    return image["reason"] == Reason.TARGET_REACHED and image["visit_phase"] == VisitPhase.IN_PLACE
+    return (image["reason"], image["visit_phase"]) == (Reason.TARGET_REACHED, VisitPhase.IN_PLACE)
 
 
 def polls() -> list[tuple[str, list[str]]]:

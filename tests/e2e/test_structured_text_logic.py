@@ -5,6 +5,7 @@ Here and not among the unit tests, which run on every interpreter: the parser ta
 
 import random
 import re
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -174,7 +175,7 @@ BEFORE_THE_FIRST_POLL = {
 @pytest.mark.parametrize("good", [True, False], ids=["poll good", "poll bad"])
 @pytest.mark.parametrize("state", [permitted, standing])
 def test_a_frozen_image_never_gives_an_output(
-    program: Program, before: list[list[int]], good: bool, state: type[StateVector]
+    program: Program, before: list[list[int]], good: bool, state: Callable[[int], StateVector]
 ) -> None:
     """Whatever stood in the words before the first poll, and whatever the input says of it."""
     scan = Scan(program.instance(FUNCTION_BLOCK))
@@ -262,6 +263,26 @@ def test_each_doubt_has_its_diagnosis(
         for name, word in changes.items():
             image[ADDRESS[name]] = word
         assert scan.run(image) is found
+
+
+def test_node_red_finds_the_same_in_each_doubt() -> None:
+    messages, expected = [], []
+    for changes, moving, placed in DOUBTS.values():
+        for state, found in ((permitted, moving), (standing, placed)):
+            image = words(state(8))
+            for name, word in changes.items():
+                image[ADDRESS[name]] = word
+            messages += [(100, ""), *((100, words(state(n))) for n in (5, 6, 7)), (100, image)]
+            expected.append("ok" if found is Diagnosis.OK else found.name.lower())
+    statuses = [status for _, status in run_function(node_red_function.code(Target()), messages)]
+    assert [{"may move": "ok", "in place": "ok"}.get(status, status) for status in statuses[4::5]] == expected
+
+
+def test_node_red_wants_the_heartbeat_anew_after_an_unsound_image() -> None:
+    live = [words(permitted(n)) for n in (5, 6, 7)]
+    torn = [*words(permitted(8))[:99], 1]
+    ran = run_function(node_red_function.code(Target()), [(100, image) for image in [*live, torn, *[live[0]] * 3]])
+    assert [status for _, status in ran[2:]] == ["may move", "torn", "heartbeat", "heartbeat", "heartbeat"]
 
 
 def test_every_diagnosis_has_its_check_and_no_check_counts_a_heartbeat_of_an_unsound_image() -> None:
@@ -457,7 +478,7 @@ class Measurement:
 
 def test_a_trigger_is_asked_taken_read_and_acknowledged(scan: Scan) -> None:
     plc = Measurement(scan)
-    assert scan.block["TriggerReady"] is True
+    assert scan.block["TriggerReady"]
     plc.put(Trigger=True)
     assert plc.see() == (TRIGGER, True, False, False)
     assert plc.see(control=TRIGGER) == (TRIGGER, True, False, False)  # until it is acknowledged
@@ -469,7 +490,7 @@ def test_a_trigger_is_asked_taken_read_and_acknowledged(scan: Scan) -> None:
     plc.put(Acknowledge=True)
     assert plc.see(Phase.VALID, number=1) == (ACK, False, False, False)
     assert plc.see(Phase.CLEARING, number=1, control=ACK) == (0, False, False, False)
-    assert scan.block["TriggerReady"] is False
+    assert not scan.block["TriggerReady"]
     assert plc.see(number=1) == (0, False, False, False)  # Trigger still stands: no new edge
     plc.put(Trigger=False)
     plc.see(number=1)
@@ -515,10 +536,10 @@ def test_a_result_that_is_gone_is_not_ready(scan: Scan) -> None:
     plc.see(Phase.ACQUIRING, number=1, ack=True)
     assert plc.see(Phase.VALID, number=1)[2] is True
     scan.run(answered(99, Phase.VALID, number=1), ok=False)
-    assert scan.block["ResultReady"] is False
+    assert not scan.block["ResultReady"]
     for _ in range(3):
         plc.see(Phase.VALID, number=1)
-    assert scan.block["ResultReady"] is True
+    assert scan.block["ResultReady"]
     assert plc.see() == (0, False, False, True)
 
 

@@ -68,7 +68,8 @@ END_IF;
 #TriggerWas := #Trigger;
 IF #Alive THEN
   IF #Stage = 1 THEN
-    IF #Data.handshake_status_plc_alive AND #Data.handshake_status_trigger_ready AND (NOT #Data.plc_control_trigger) THEN
+    IF #Data.handshake_status_plc_alive AND #Data.handshake_status_trigger_ready
+        AND (NOT #Data.plc_control_trigger) THEN
       #TriggerBit := TRUE;
     END_IF;
     IF #TriggerBit AND #Data.handshake_status_trigger_ack THEN
@@ -107,7 +108,8 @@ IF #StageTimer.Q THEN
   #Stage := 0;
   #TriggerFailed := TRUE;
 END_IF;
-#TriggerReady := #Alive AND (#Stage = 0) AND #Data.handshake_status_plc_alive AND #Data.handshake_status_trigger_ready;
+#TriggerReady := #Alive AND (#Stage = 0) AND #Data.handshake_status_plc_alive
+    AND #Data.handshake_status_trigger_ready;
 #Measuring := (#Stage = 1) OR (#Stage = 2);
 #ResultReady := #Alive AND (#Stage = 3);
 """
