@@ -265,8 +265,33 @@ def test_each_doubt_has_its_diagnosis(
         assert scan.run(image) is found
 
 
+PLACE = standing().visit
+# Whole images, every word of which fits the others but for the two facts that can't both be true.
+CONTRADICTORY = {
+    "in place without stop": standing(8, stop=False, reason=Reason.NONE),
+    "in place, may move": standing(8, stop=False, may_move=True, reason=Reason.NONE),
+    "in place, may move, stop": standing(8, may_move=True),
+    "may move, in place": permitted(8, visit=PLACE),
+    "in place though D is 0": standing(8, d=False),
+    "in place though it moved": standing(8, visit=replace(PLACE, moved=Moved.MARKER)),
+    "may move, stop": permitted(8, stop=True),
+    "may move with a reason": permitted(8, reason=Reason.STARTING),
+}
+
+
+@pytest.mark.parametrize("state", CONTRADICTORY.values(), ids=CONTRADICTORY)
+def test_a_whole_image_that_contradicts_itself_is_not_believed(scan: Scan, state: StateVector) -> None:
+    scan.start()
+    assert scan.run(words(state)) is Diagnosis.CONTRADICTION
+    assert (scan.block["Alive"], scan.block["MustStop"]) == (False, True)
+
+
 def test_node_red_finds_the_same_in_each_doubt() -> None:
-    messages, expected = [], []
+    messages: list[tuple[int, object]] = []
+    expected: list[str] = []
+    for contradictory in CONTRADICTORY.values():
+        messages += [(100, ""), *((100, words(permitted(n))) for n in (5, 6, 7)), (100, words(contradictory))]
+        expected.append("contradiction")
     for changes, moving, placed in DOUBTS.values():
         for state, found in ((permitted, moving), (standing, placed)):
             image = words(state(8))
