@@ -15,8 +15,8 @@ from tests.browser.plant import Plant, plant
 
 MOVING = {"FORWARD", "BACK", "SLOW", "LEFT", "RIGHT"}
 # Data older than half a second is not shown; tests/pages/freshness.test.js has that on a clock of its own. Here a busy
-# machine may add to a timer what it likes. A page that waits for its connection to end would take a minute when the other
-# side only hangs.
+# machine may add to a timer what it likes. A page that waits for its connection to end would take a minute when the
+# other side only hangs.
 LATEST_MS = 500 + 20_000
 # When the newest message came, and when the display last went from showing it to STOP; both by the page's own clock.
 RECORDER = """
