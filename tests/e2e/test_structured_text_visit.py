@@ -1,0 +1,133 @@
+"""The exported function block and the gateway's own decision, in a closed loop in virtual time.
+
+What the block writes goes into gateway/interlock.py, what that makes comes back as the image; a scan every 20 ms, a
+poll every 100 ms. No sockets: those are tried in test_structured_text.py and test_handshake.py.
+"""
+
+from collections.abc import Callable
+
+import pytest
+
+from gateway import interlock
+from gateway.config import parse
+from gateway.fusion import Observation
+from gateway.interlock import Rules
+from gateway.modbus.exports import structured_text
+from gateway.modbus.exports.pou import FUNCTION_BLOCK
+from gateway.modbus.exports.target import Target
+from gateway.modbus.registers import BLOCK_WORDS
+from gateway.modbus.situations import Scene
+from gateway.model import Quality, Tick
+from gateway.plc import Outcome, PlcWrite, Writer
+from tests.plc_images import words
+from tests.structured_text import Program
+
+pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
+
+MS = 1_000_000
+PLC = Writer("10.0.0.9")
+RECIPE = {"id": 7, "name": "half way", "fusion": {"distance_threshold_mm": 150.0}}
+CONFIG = parse({"modbus": {"writes": True, "plc_addresses": [PLC.address]}, "recipes": [RECIPE]})
+RULES = Rules.of(CONFIG.bays[0], CONFIG)
+
+
+class Loop:
+    """A bay, and a PLC that runs the exported block."""
+
+    def __init__(self) -> None:
+        self.block = Program(structured_text.library((Target(),))).instance(FUNCTION_BLOCK)
+        self.state = interlock.initial("bay1", 0, RULES)
+        self.words = [0] * BLOCK_WORDS
+        self.now_ms = 0
+        self.written: list[int] = []  # every control word that the gateway got
+
+    def put(self, **inputs: bool | int) -> None:
+        self.block.values |= inputs
+
+    def play(self, scene: Scene, until: Callable[[], bool] | None = None) -> None:
+        """The whole scene, or until something is so; then it must be so before the scene ends."""
+        for at_ms in range(0, scene.for_ms, 20):
+            seen: list[Observation] = [Tick()]
+            if self.now_ms % 60 == 0:
+                seen.extend(scene.readings(at_ms, self.now_ms * MS))
+            if self.now_ms % 100 == 0:
+                control, recipe = self.block["PlcControl"], self.block["RecipeSelect"]
+                seen.append(PlcWrite(PLC, heartbeat=self.block["PlcHeartbeat"], control=control, recipe=recipe))
+                self.written.append(control)
+            for observation in seen:
+                self.state = interlock.step(self.state, observation, self.now_ms * MS, RULES)
+            if self.now_ms % 100 == 0:
+                self.words = words(self.state)
+            self.block.call(self.now_ms, PollOk=True, Words=self.words)
+            assert not (self.block["MayMove"] and self.block["InPlace"])
+            self.now_ms += 20
+            if until is not None and until():
+                return
+        assert until is None, "not before the scene ended"
+
+    def outputs(self) -> tuple[bool, bool, bool]:
+        return self.block["MayMove"], self.block["InPlace"], self.block["Held"]
+
+
+FAR = Scene(3000, z_mm=900.0)
+DRIVING = Scene(3000, z_mm=900.0, to_mm=280.0)
+STANDING = Scene(3000, z_mm=280.0)
+COVERED = Scene(3000, z_mm=280.0, vision=Quality.NO_TARGET)
+LEAVING = Scene(3000, z_mm=280.0, to_mm=900.0)
+
+
+@pytest.fixture
+def loop() -> Loop:
+    return Loop()
+
+
+def test_one_visit_is_worked_to_its_end(loop: Loop) -> None:
+    loop.play(FAR)
+    assert loop.outputs() == (True, False, False)
+    loop.play(DRIVING)
+    loop.play(Scene(300, z_mm=280.0))  # just come to rest
+    assert loop.outputs() == (False, False, False)
+    loop.play(STANDING)
+    assert loop.outputs() == (False, True, False)
+    loop.play(COVERED)
+    assert loop.outputs() == (False, True, True)
+    loop.put(Release=True)
+    loop.play(STANDING, until=lambda: bool(loop.block["MayMove"]))
+    assert loop.block["MustStop"] is False
+    loop.play(LEAVING)
+    assert loop.outputs() == (True, False, False)
+    assert loop.block["Moved"] is False
+
+
+def test_each_trigger_brings_its_own_result(loop: Loop) -> None:
+    """Twice: while the truck is on its way, read and acknowledged by hand; then in place, acknowledged by itself."""
+    loop.play(FAR)
+    assert loop.block["TriggerReady"]
+    loop.put(Trigger=True)
+    loop.play(FAR, until=lambda: bool(loop.block["ResultReady"]))
+    data = loop.block["Data"]
+    assert (data["result_outcome"], data["result_distance"], data["result_id"]) == (Outcome.NOT_IN_PLACE, 900, 1)
+    loop.play(DRIVING)
+    assert loop.block["ResultReady"]
+    assert loop.block["Data"]["result_distance"] == 900  # held, though the truck has moved
+    loop.put(Acknowledge=True, Trigger=False)
+    loop.play(STANDING, until=lambda: bool(loop.block["TriggerReady"]))
+    loop.put(Trigger=True)
+    results: list[tuple[int, int]] = []
+
+    def read() -> bool:
+        if loop.block["ResultReady"]:
+            results.append((loop.block["Data"]["result_outcome"], loop.block["Data"]["result_id"]))
+        return bool(results) and bool(loop.block["TriggerReady"])
+
+    loop.play(STANDING, until=read)
+    assert set(results) == {(Outcome.IN_PLACE, 2)}
+    assert loop.block["TriggerFailed"] is False
+    edges = [now for before, now in zip(loop.written, loop.written[1:], strict=False) if now & ~before & 24]
+    assert edges == [8, 16, 8, 16]  # asked once, acknowledged once, for each
+
+
+def test_a_recipe_is_chosen(loop: Loop) -> None:
+    loop.put(Recipe=7)
+    loop.play(FAR, until=lambda: loop.block["Data"]["recipe_active"] == 7)
+    assert loop.block["RecipeSelect"] == 7
