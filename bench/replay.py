@@ -3,6 +3,7 @@
 import mmap
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,8 @@ class ReplaySpec:
 
 class Replay:
     lossless = False
+    may_repeat = True
+    finite = False
 
     def __init__(self, spec: ReplaySpec, clock: Clock) -> None:
         self._frames = np.load(spec.frames)
@@ -54,8 +57,8 @@ class Replay:
         """This process's ring tells the log when a frame is whole in it."""
         write = Ring.write
 
-        def stamped(ring: Ring, slot: int, image: Image, seq: int = 0, t_capture_ns: int = 0) -> int:
-            generation = write(ring, slot, image, seq, t_capture_ns)
+        def stamped(ring: Ring, slot: int, image: Image, *about: Any) -> int:
+            generation = write(ring, slot, image, *about)
             self._log.times[self._n, 1] = self._clock.now_ns()
             return generation
 

@@ -76,6 +76,15 @@ class BayConfig(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _one_picture_size(self) -> Self:
+        lens = self.vision.intrinsics
+        for key in ("width_px", "height_px"):
+            asked, held = getattr(self.camera, key), None if lens is None else getattr(lens, key)
+            if None not in (asked, held) and asked != held:
+                raise PlacedError(f"camera.{key} is {asked}: other intrinsics", "vision", "intrinsics", key)
+        return self
+
 
 class GatewayConfig(Section):
     site: Name = Field("site1", description="in topics")

@@ -65,6 +65,7 @@ class Look:
         wrong = ""
         try:
             for picture in inputs.read(path):
+                self._check_size(picture)
                 found = self._find(picture.image, self._next_ns())
                 row = _row(path, picture, found, known_lens=self._params.intrinsics is not None)
                 if self._fps is not None:
@@ -83,6 +84,16 @@ class Look:
             wrong = f"cannot be worked on: {' '.join(str(error).split())}"
         if wrong:
             yield {"file": str(path), "found": False, "u": None, "v": None, "r": None, "error": wrong}
+
+    def _check_size(self, picture: "Picture") -> None:
+        """Raises InputError for a picture that the intrinsics do not hold for."""
+        from gateway.vision import inputs
+
+        lens, (height, width) = self._params.intrinsics, picture.image.shape[:2]
+        if lens is not None and (lens.width_px, lens.height_px) not in ((None, None), (width, height)):
+            raise inputs.InputError(
+                f"{width} x {height} px; vision.intrinsics hold for {lens.width_px} x {lens.height_px} px"
+            )
 
     def _next_ns(self) -> int:
         self._looked += 1

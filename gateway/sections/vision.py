@@ -23,6 +23,10 @@ class Intrinsics(Section):
     fy: float = Field(gt=0, le=100_000, description="focal length along v, px")
     cx: float = Field(ge=-10_000, le=100_000, description="principal point, u, px")
     cy: float = Field(ge=-10_000, le=100_000, description="principal point, v, px")
+    width_px: int | None = Field(
+        None, ge=16, le=16384, description="width of the pictures that these numbers hold for; checked where given"
+    )
+    height_px: int | None = Field(None, ge=16, le=16384, description="their height")
     distortion: tuple[Annotated[float, Field(strict=True)], ...] = Field(
         (), max_length=14, description="k1, k2, p1, p2[, k3, ...] as in OpenCV"
     )
@@ -34,6 +38,13 @@ class Intrinsics(Section):
             raise ValueError("distortion takes 0, 4, 5, 8, 12 or 14 coefficients")
         return value
 
+    @model_validator(mode="after")
+    def _whole_size(self) -> Self:
+        if (self.width_px is None) != (self.height_px is None):
+            missing, given = ("width_px", "height_px") if self.width_px is None else ("height_px", "width_px")
+            raise PlacedError(f"{given} is set, so {missing} must be, too", given)
+        return self
+
 
 class CameraConfig(Section):
     url: str = Field(
@@ -41,19 +52,38 @@ class CameraConfig(Section):
         min_length=1,
         description="camera index, /dev/video*, video file, image folder, rtsp:// or http:// stream",
     )
-    width_px: int | None = Field(None, ge=16, le=16384, description="asked of a camera; default: what it offers")
-    height_px: int | None = Field(None, ge=16, le=16384, description="asked of a camera; default: what it offers")
+    width_px: int | None = Field(
+        None,
+        ge=16,
+        le=16384,
+        description="width of the pictures: asked of a camera, required of any source; default: the first frame's",
+    )
+    height_px: int | None = Field(None, ge=16, le=16384, description="height of the pictures, likewise")
     fps: float | None = Field(None, ge=0.1, le=1000, description="asked of a camera; pace of an image folder")
     pace: Literal["realtime", "fast"] = Field(
         "realtime", description="files: at their own pace, or every frame as fast as vision can"
     )
-    loop: bool = Field(False, description="files: begin again at the end instead of reporting a lost source")
+    loop: bool = Field(
+        False,
+        description="files: begin again at the end; default: the end is a lost source until the gateway starts again",
+    )
     deadline_s: float = Field(1.0, ge=0.05, le=60, description="no frame for so long: the source has stalled")
     frozen_s: float = Field(
         2.0,
         ge=0,
         le=60,
-        description="cameras and streams: pictures equal to the last bit for so long are a frozen source; 0: off",
+        description="cameras and streams: pictures equal to the last bit for so long are a frozen source; "
+        "0: equal pictures are never looked for",
+    )
+    repeats_age: bool = Field(
+        True,
+        description="cameras and streams: a picture equal to the one before keeps that one's time, so that it ages; "
+        "false: for an encoder that repeats a still scene",
+    )
+    frame_time: Literal["auto", "arrival", "presentation"] = Field(
+        "auto",
+        description="what stamps a frame; auto: a camera's buffer time, an RTSP stream's presentation time, "
+        "the arrival of any other; presentation: also for HTTP, where the stream carries true times",
     )
     open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take so long")
     max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")

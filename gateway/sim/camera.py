@@ -42,8 +42,10 @@ class SimCamera:
     """Renders the world at the moment of each exposure."""
 
     lossless = False
+    finite = False
 
     def __init__(self, spec: SimCameraSpec, clock: Clock, painter: "Painter") -> None:
+        self.may_repeat = not spec.scenario.camera.noise  # drawn without noise, a still scene is always the same
         self._spec = spec
         self._clock = clock
         self._world = World(spec.scenario, standing=spec.standing)
@@ -66,8 +68,11 @@ class SimCamera:
         self.check_link()
         t_ns = self._clock.now_ns()
         self._last = self._index(t_ns)
-        truth = self._world.truth((t_ns - self._spec.origin_ns) / NS_PER_S)
-        return Frame(self._painter.frame(truth, self._last), t_ns)
+        shown_s, index = self._world_s(t_ns), self._last
+        stuck_s = self._spec.scenario.since_s(FaultKind.CAMERA_STUCK, shown_s)
+        if stuck_s is not None:
+            shown_s, index = stuck_s, round(stuck_s * NS_PER_S) // self._period_ns
+        return Frame(self._painter.frame(self._world.truth(shown_s), index), t_ns)
 
     def close(self) -> None:
         self._painter = None
@@ -85,5 +90,5 @@ class SimCamera:
         while (left_ns := due_ns - self._clock.now_ns()) > 0:
             self._clock.block(left_ns / NS_PER_S)
 
-    def _world_s(self) -> float:
-        return (self._clock.now_ns() - self._spec.origin_ns) / NS_PER_S
+    def _world_s(self, t_ns: int | None = None) -> float:
+        return ((self._clock.now_ns() if t_ns is None else t_ns) - self._spec.origin_ns) / NS_PER_S

@@ -21,6 +21,7 @@ class FaultKind(StrEnum):
     CAMERA_FREEZE = "camera_freeze"
     CAMERA_LOST = "camera_lost"
     CAMERA_BLACK = "camera_black"
+    CAMERA_STUCK = "camera_stuck"
     MARKER_HIDDEN = "marker_hidden"
     RANGER_SILENT = "ranger_silent"
     RANGER_NO_ECHO = "ranger_no_echo"
@@ -37,6 +38,7 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.CAMERA_FREEZE: "no frames: the driver hangs",
     FaultKind.CAMERA_LOST: "the camera is gone, and opening it fails",
     FaultKind.CAMERA_BLACK: "frames come, but black, as behind a lens cap",
+    FaultKind.CAMERA_STUCK: "frames come, each with a new time, but all show the same picture",
     FaultKind.MARKER_HIDDEN: "a grey tarpaulin hangs over the marker",
     FaultKind.RANGER_SILENT: "the port is open, but no line comes",
     FaultKind.RANGER_NO_ECHO: "every measurement says: no echo",
@@ -193,7 +195,11 @@ class Scenario(Section):
 
     def active(self, kind: FaultKind, t_s: float) -> bool:
         """Does a fault of this kind hold at world time `t_s`?"""
-        return any(f.kind is kind and f.at_s <= t_s < f.at_s + f.for_s for f in self.faults)
+        return self.since_s(kind, t_s) is not None
+
+    def since_s(self, kind: FaultKind, t_s: float) -> float | None:
+        """When the fault of this kind began that holds at world time `t_s`; None: there is none."""
+        return next((f.at_s for f in self.faults if f.kind is kind and f.at_s <= t_s < f.at_s + f.for_s), None)
 
 
 def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:

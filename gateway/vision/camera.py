@@ -1,4 +1,4 @@
-"""The camera process: open the source, stamp and number its frames, write them into the ring, hand them on."""
+"""The camera process: open the source, check and number its frames, write them into the ring, hand them on."""
 
 import gc
 import socket
@@ -6,6 +6,7 @@ from collections import deque
 
 from gateway.children.codec import Codec
 from gateway.children.link import Link
+from gateway.vision.checks import FrameChecks
 from gateway.vision.jobs import CameraJob, Captured, FrameRef, GiveBack, Handed, Look, Opened, Straight
 from gateway.vision.shm import Ring
 
@@ -17,14 +18,19 @@ NOTHING = Codec(None)
 def run(link: Link[Opened | Captured, GiveBack | Straight], job: CameraJob, notes: Link[Handed, None]) -> None:
     """Until the source ends (LinkError) or the main process is gone. Never returns."""
     ring = Ring(job.ring, writable=True)
-    source = job.source.spec().open(job.clock)
+    spec = job.source.spec()
+    source = spec.open(job.clock)
     gc.collect()
     gc.freeze()  # as in `worker`
-    link.send(Opened(source.lossless))
+    link.send(Opened(source.lossless, source.finite))
+    checks = FrameChecks(spec.label, job.rules, ring.newest_px(), may_repeat=source.may_repeat)
     desk = Desk(link, job.slots)
     seq, skipped = job.first_seq - 1, 0
     while True:
         image = source.read()
+        changed_ns = checks.passed(image)
+        if changed_ns is None:
+            continue
         seq += 1
         desk.read()
         if not desk.free and not source.lossless:
@@ -33,7 +39,7 @@ def run(link: Link[Opened | Captured, GiveBack | Straight], job: CameraJob, note
         while not desk.free:
             desk.wait()
         slot = desk.free.popleft()  # the one longest free: a viewer has time to copy the newest frames
-        generation = ring.write(slot, image.image, seq, image.t_capture_ns)
+        generation = ring.write(slot, image.image, seq, image.t_capture_ns, changed_ns)
         frame = FrameRef(slot, generation, seq, image.t_capture_ns)
         if not desk.straight:
             link.send(Captured(frame, skipped))

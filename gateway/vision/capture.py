@@ -6,9 +6,9 @@ from typing import Any
 import cv2
 from numpy.typing import NDArray
 
-from gateway.clock import Clock
+from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
-from gateway.vision.freshness import Look, Stillness
+from gateway.vision.frametime import FrameTime
 from gateway.vision.pixels import bgr8
 from gateway.vision.sources import Frame
 
@@ -18,34 +18,43 @@ FFMPEG_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
 
 
 class CaptureSource:
-    """A live source: frames come when they come, and the newest is the one that counts."""
+    """A live source: frames come when they come, and the newest is the one that counts.
+
+    `late_s`: one whose frames have been later than that for as long is lost. Opened again, it begins without a backlog.
+    """
 
     lossless = False
+    may_repeat = False
+    finite = False
 
-    def __init__(self, capture: cv2.VideoCapture, label: str, clock: Clock, frozen_s: float) -> None:
+    def __init__(
+        self, capture: cv2.VideoCapture, label: str, clock: Clock, frame_time: FrameTime, late_s: float
+    ) -> None:
         self._capture = capture
         self._label = label
         self._clock = clock
-        self._frozen_s = frozen_s
-        self._stillness = Stillness(frozen_s)
+        self._frame_time = frame_time
+        self._late_ns = round(late_s * NS_PER_S)
+        self._late_since_ns: int | None = None
 
     def read(self) -> Frame:
-        while True:
-            frame = self._next()
-            match self._stillness.look(frame.image, frame.t_capture_ns):
-                case Look.LIVE:
-                    return frame
-                case Look.FROZEN:
-                    raise LinkError(f"{self._label}: frozen: the picture has not changed for {self._frozen_s:g} s")
-
-    def _next(self) -> Frame:
         if not self._capture.grab():
             raise LinkError(f"{self._label}: lost: it gave no further frame")
-        t_capture_ns = self._clock.now_ns()  # before the conversion to BGR, which takes its time
+        arrival_ns = self._clock.now_ns()  # before the conversion to BGR, which takes its time
+        t_capture_ns = self._frame_time.taken_ns(arrival_ns, self._capture.get(cv2.CAP_PROP_POS_MSEC))
+        self._check_lateness(arrival_ns - t_capture_ns, arrival_ns)
         ok, image = self._capture.retrieve()
         if not ok or image is None:
             raise LinkError(f"{self._label}: lost: a frame could not be decoded")
         return frame_of(image, t_capture_ns, self._label)
+
+    def _check_lateness(self, late_ns: int, arrival_ns: int) -> None:
+        if late_ns <= self._late_ns:
+            self._late_since_ns = None
+        elif self._late_since_ns is None:
+            self._late_since_ns = arrival_ns
+        elif arrival_ns - self._late_since_ns > self._late_ns:
+            raise LinkError(f"{self._label}: its frames come {late_ns / NS_PER_S:.1f} s late")
 
     def close(self) -> None:
         self._capture.release()
@@ -67,7 +76,8 @@ def open_camera(
     width_px: int | None,
     height_px: int | None,
     fps: float | None,
-    frozen_s: float,
+    frame_time: FrameTime,
+    late_s: float,
 ) -> CaptureSource:
     """A V4L2 camera. Raises LinkError when there is no such camera, or another program has it."""
     capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
@@ -80,12 +90,19 @@ def open_camera(
     )
     for key, wish in wishes:
         if wish is not None:
-            capture.set(key, wish)  # a driver that offers something else gives something else: no error
-    return CaptureSource(capture, label, clock, frozen_s)
+            capture.set(key, wish)  # a driver may give something else without an error: the first frame is looked at
+    return CaptureSource(capture, label, clock, frame_time, late_s)
 
 
 def open_stream(
-    url: str, clock: Clock, *, label: str, open_timeout_s: float, read_timeout_s: float, frozen_s: float
+    url: str,
+    clock: Clock,
+    *,
+    label: str,
+    open_timeout_s: float,
+    read_timeout_s: float,
+    frame_time: FrameTime,
+    late_s: float,
 ) -> CaptureSource:
     """A stream. Raises LinkError when the server cannot be reached, refuses, or sends nothing that FFmpeg understands.
 
@@ -101,4 +118,4 @@ def open_stream(
     capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, parameters)
     if not capture.isOpened():
         raise LinkError(f"{label}: cannot be opened: no answer, refused, or not a video stream")
-    return CaptureSource(capture, label, clock, frozen_s)
+    return CaptureSource(capture, label, clock, frame_time, late_s)

@@ -6,7 +6,7 @@ before it settles: a result that lies waiting is not late.
 
 Rules
 - Live sources: the newest frame wins. A frame waiting for a worker is replaced by a newer one and counted as skipped.
-  No reading is older than one already emitted: a result that a newer one overtook counts as skipped, too.
+  No reading is of an older frame than one already emitted: a result that a newer one overtook counts as skipped, too.
 - Straight hand-over: while a live camera runs and a worker has nothing to do, the camera is told that its next frame
   may go straight to that worker (`Offer`), which spares the way through the main process. The camera notes it before
   it does it, without waking anyone, and every note is reported before the word of a worker or the end of the camera.
@@ -18,7 +18,8 @@ Rules
   to four times that after a failure), is replaced and its frame counted as lost. If no newer frame is being looked at,
   the state is PROCESS_FAULT at once.
 - A camera that ends, dies, gives no first frame within `camera.open_deadline_s` or no further one within
-  `camera.deadline_s` is LINK_DOWN at once, and nothing it captured before is told any more.
+  `camera.deadline_s` is LINK_DOWN at once, and nothing it captured before is told any more. It is opened again, unless
+  it is finite (a film that is not to be begun again) and has given a frame: then it stays lost.
 - A process is replaced only when the old one is really gone: one writer for the memory, one owner for the device, and
   never a heap of unkillable processes.
 """
@@ -52,6 +53,8 @@ class Dispatcher:
     stats: VisionStats = field(default_factory=VisionStats)
     _eye: Seat = field(default_factory=Seat)  # the camera's seat
     _lossless: bool = False
+    _finite: bool = False
+    _over: bool = False  # a finite source was lost after its first frame: it is not opened again
     _offers: bool = False  # this camera may be told of idle workers
     _first_frame_ns: int = 0
     _end: str = ""  # why a camera is ENDING
@@ -82,14 +85,15 @@ class Dispatcher:
             Dispatcher(self.label, self.camera, vision, self.slots, self.rng, self.stats),
             _last_seq=self._last_seq,
             _told_seq=self._last_seq,
+            _over=self._over,
         )
 
     # What happened. A token that is not seated (any more) is a late message of a process given up: ignored.
 
-    def opened(self, token: int, lossless: bool) -> None:
-        """The camera process has opened its source."""
+    def opened(self, token: int, lossless: bool, *, finite: bool = False) -> None:
+        """The camera process has opened its source. `finite`: what it shows is shown once."""
         if self._is_camera(token):
-            self._lossless, self._offers = lossless, not lossless
+            self._lossless, self._offers, self._finite = lossless, not lossless, finite
 
     def captured(self, token: int, frame: FrameRef, skipped: int, now_ns: int) -> None:
         """A frame is whole; `skipped` frames found no free slot since this camera process began."""
@@ -152,8 +156,13 @@ class Dispatcher:
         if (seat := self._worker(token)) is not None and seat.phase is Phase.STARTING:
             seat.phase = Phase.IDLE
 
-    def looked(self, token: int, seq: int, detection: Detection | None, now_ns: int) -> None:
-        """A worker has finished a frame. None: the frame changed under its eyes, or a newer one came before it."""
+    def looked(
+        self, token: int, seq: int, detection: Detection | None, now_ns: int, seen_ns: int | None = None
+    ) -> None:
+        """A worker has finished a frame. None: the frame changed under its eyes, or a newer one came before it.
+
+        `seen_ns`: what was found has stood in the picture since then, unchanged; it is as old as that.
+        """
         seat = self._worker(token)
         frame = None if seat is None else seat.put_down(seq, now_ns)
         if seat is None or frame is None:
@@ -165,7 +174,7 @@ class Dispatcher:
             return
         seat.failures = 0
         reading = VisionReading(
-            t_ns=frame.t_capture_ns,
+            t_ns=frame.t_capture_ns if seen_ns is None else min(frame.t_capture_ns, seen_ns),
             quality=_quality(detection),
             circle=detection.circle,
             frame_id=seq,
@@ -232,7 +241,7 @@ class Dispatcher:
     def _deadline_ns(self, seat: Seat) -> int | None:
         match seat.phase:
             case Phase.ABSENT:
-                return seat.due_ns
+                return None if seat is self._eye and self._over else seat.due_ns
             case Phase.STARTING:
                 allowed_s = self._start_s(seat)
             case Phase.BUSY:
@@ -269,7 +278,7 @@ class Dispatcher:
 
     def _fill_seats(self, now_ns: int) -> None:
         for seat in (self._eye, *self._workers):
-            if seat.phase is not Phase.ABSENT or now_ns < seat.due_ns:
+            if seat.phase is not Phase.ABSENT or now_ns < seat.due_ns or (seat is self._eye and self._over):
                 continue
             again = seat.token != 0
             self._tokens += 1
@@ -295,12 +304,15 @@ class Dispatcher:
 
     def _camera_down(self, why: str, now_ns: int) -> None:
         self._leave(self._eye, why)
+        if self._finite and self._first_frame_ns:
+            self._over = True
+            why += "; it is not begun again (camera.loop)"
         if self._first_frame_ns and now_ns - self._first_frame_ns > self.camera.reconnect.max_s * NS_PER_S:
             self._eye.failures = 0  # it had been well for a while
         self._eye.failures += 1
         self._eye.due_ns = now_ns + round(delay_s(self.camera.reconnect, self._eye.failures, self.rng) * NS_PER_S)
         self._first_frame_ns = 0
-        self._lossless = self._offers = False
+        self._lossless = self._offers = self._finite = False
         for seat in self._workers:
             seat.offered = False
         while self._waiting:

@@ -63,8 +63,11 @@ class FolderSource:
     One that cannot be read is skipped with a warning; none at all is a lost source.
     """
 
+    may_repeat = True
+
     def __init__(self, pictures: list[Path], label: str, clock: Clock, *, fps: float, fast: bool, loop: bool) -> None:
         self.lossless = fast
+        self.finite = not loop
         self._pictures = pictures
         self._label = label
         self._clock = clock
@@ -105,8 +108,11 @@ class FolderSource:
 class VideoSource:
     """A video file through FFmpeg, at the rate it says of itself."""
 
+    may_repeat = True
+
     def __init__(self, path: Path, label: str, clock: Clock, *, fast: bool, loop: bool) -> None:
         self.lossless = fast
+        self.finite = not loop
         self._path = path
         self._label = label
         self._clock = clock

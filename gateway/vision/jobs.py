@@ -15,6 +15,7 @@ from gateway.children.words import Failed
 from gateway.clock import SystemClock
 from gateway.errors import ProtocolError
 from gateway.model import Detection
+from gateway.vision.checks import FrameRules
 from gateway.vision.shm import RingSpec
 from gateway.vision.sources import SourceSpec
 
@@ -50,6 +51,7 @@ class CameraJob(Message, frozen=True):
     ring: RingSpec
     first_seq: int
     slots: tuple[int, ...]
+    rules: FrameRules
 
 
 class FrameRef(Struct, frozen=True, array_like=True):
@@ -89,6 +91,7 @@ class Opened(Message, frozen=True):
     """The camera process has its source."""
 
     lossless: bool
+    finite: bool = False
 
 
 class Captured(Message, frozen=True):
@@ -117,6 +120,7 @@ class Looked(Message, frozen=True):
 
     seq: int
     detection: Detection | None
+    seen_ns: int = 0  # since when what was found has been in the picture unchanged, to the last bit
 
 
 FromChild = Opened | Captured | Handed | Ready | Looked

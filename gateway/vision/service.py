@@ -12,6 +12,7 @@ from gateway.config import CameraConfig, VisionConfig
 from gateway.errors import ConfigError
 from gateway.model import VisionReading
 from gateway.vision import actions, shm
+from gateway.vision.checks import FrameRules
 from gateway.vision.dispatch import Dispatcher
 from gateway.vision.jobs import (
     FROM_CHILDREN,
@@ -139,7 +140,8 @@ class VisionService:
             case actions.Offer(token, idle):
                 pool.introduce(token, idle, Straight(idle))
             case actions.StartCamera(token, first_seq, slots):
-                camera = CameraJob(SourceRecord.of(self._spec), self._clock, ring, first_seq, slots)
+                rules = frame_rules(self._camera, self._vision)
+                camera = CameraJob(SourceRecord.of(self._spec), self._clock, ring, first_seq, slots, rules)
                 pool.start(token, self._role("camera", camera, self._camera.affinity))
             case actions.StartWorker(token):
                 worker = WorkerJob(self._detector, self._clock, reader)
@@ -225,20 +227,32 @@ class _Turns:
 
 def _report(dispatcher: Dispatcher, token: int, message: FromChild | Failed | Gone, now_ns: int) -> None:
     match message:
-        case Looked(seq, detection):
-            dispatcher.looked(token, seq, detection, now_ns)
+        case Looked(seq, detection, seen_ns):
+            dispatcher.looked(token, seq, detection, now_ns, seen_ns)
         case Handed(frame, skipped, worker, then_ns):
             dispatcher.handed(token, frame, skipped, worker, then_ns, now_ns)
         case Captured(frame, skipped):
             dispatcher.captured(token, frame, skipped, now_ns)
         case Ready():
             dispatcher.ready(token)
-        case Opened(lossless):
-            dispatcher.opened(token, lossless)
+        case Opened(lossless, finite):
+            dispatcher.opened(token, lossless, finite=finite)
         case Failed(why, config):
             dispatcher.failed(token, why, now_ns, config=config)
         case Gone(how):
             dispatcher.gone(token, how, now_ns)
+
+
+def frame_rules(camera: CameraConfig, vision: VisionConfig) -> FrameRules:
+    """What the configuration asks of every frame."""
+    lens = vision.intrinsics
+    return FrameRules(
+        camera.width_px,
+        camera.height_px,
+        None if lens is None or lens.width_px is None or lens.height_px is None else (lens.width_px, lens.height_px),
+        camera.frozen_s,
+        camera.repeats_age,
+    )
 
 
 def check_cpus(key: str, affinity: tuple[int, ...] | None) -> None:

@@ -4,12 +4,12 @@ The memory is anonymous (memfd): it has no name, so nothing can be left behind, 
 process that holds it, however that process ended. It is sparse: sized for the largest frame allowed, but only pages
 that were written exist.
 
-Every slot begins with a header of int64 (generation, height, width, number and capture time of the frame) on a page of
-its own; the pixels, (height, width, 3) uint8, follow. The generation is odd while the slot is being written and even
-when it is whole (a seqlock); it never repeats. Slots are handed over by messages and given back by messages, so in
-normal running no slot is written while a detector looks at it; the generation proves it, or tells that a result must
-be thrown away. A viewer (`snapshot`) holds no slot and asks nobody: it copies, and the generation tells whether to keep
-it.
+Every slot begins with a header of int64 (generation, height, width, number and capture time of the frame, and when each
+tile of it last changed) on a page of its own; the pixels, (height, width, 3) uint8, follow. The generation is odd while
+the slot is being written and even when it is whole (a seqlock); it never repeats. Slots are handed over by messages and
+given back by messages, so in normal running no slot is written while a detector looks at it; the generation proves it,
+or tells that a result must be thrown away. A viewer (`snapshot`) holds no slot and asks nobody: it copies, and the
+generation tells whether to keep it.
 """
 
 import fcntl
@@ -22,11 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.errors import LinkError
+from gateway.vision.freshness import TILES, Changes
 from gateway.vision.pixels import Image
 
 PAGE = mmap.PAGESIZE
 GENERATION, HEIGHT, WIDTH, SEQ, T_CAPTURE_NS = range(5)
 HEADER_FIELDS = 5
+CHANGED_NS = slice(HEADER_FIELDS, HEADER_FIELDS + TILES[0] * TILES[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +87,13 @@ class Ring:
         access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
         self._memory = mmap.mmap(spec.fd, spec.size_bytes, access=access)
         self._headers = tuple(
-            np.frombuffer(self._memory, np.int64, HEADER_FIELDS, slot * spec.slot_bytes) for slot in range(spec.slots)
+            np.frombuffer(self._memory, np.int64, CHANGED_NS.stop, slot * spec.slot_bytes) for slot in range(spec.slots)
         )
         self._pictures: dict[int, Image] = {}  # by slot, of the size that it had the last time
 
-    def write(self, slot: int, image: Image, seq: int = 0, t_capture_ns: int = 0) -> int:
+    def write(
+        self, slot: int, image: Image, seq: int = 0, t_capture_ns: int = 0, changed_ns: Changes | None = None
+    ) -> int:
         """Copy one frame into a slot; returns its generation. Raises LinkError for a frame that is too large."""
         height, width = image.shape[:2]
         if height * width > round(self._spec.max_megapixels * 1e6):
@@ -101,6 +105,7 @@ class Ring:
         generation = (int(header[GENERATION]) | 1) + 2  # odd, and new even if the last writer died half way
         header[GENERATION] = generation
         header[HEIGHT:HEADER_FIELDS] = (height, width, seq, t_capture_ns)
+        header[CHANGED_NS] = t_capture_ns if changed_ns is None else changed_ns.ravel()
         np.copyto(self._pixels(slot, height, width), image)
         header[GENERATION] = generation + 1
         return generation + 1
@@ -115,11 +120,21 @@ class Ring:
         """Whether the slot (still) holds this generation whole. True after the work: the work saw one frame only."""
         return int(self._header(slot)[GENERATION]) == generation
 
+    def changed_ns(self, slot: int) -> Changes:
+        """A copy of what was written with the frame. As of `view`: ask afterwards whether the slot still holds it."""
+        return self._header(slot)[CHANGED_NS].reshape(TILES).copy()
+
+    def newest_px(self) -> tuple[int, int] | None:
+        """Width and height of the newest frame; None: nothing was ever written. For the writer."""
+        whole = [h for h in self._headers if h[GENERATION] and not h[GENERATION] % 2]
+        newest = max(whole, key=lambda header: int(header[SEQ]), default=None)
+        return None if newest is None else (int(newest[WIDTH]), int(newest[HEIGHT]))
+
     def snapshot(self, seq: int | None = None) -> Snapshot | None:
         """A copy of frame `seq`, or of the newest; None where it is not (or no longer) in the memory whole."""
         whole = []
         for slot in range(self._spec.slots):
-            header = self._header(slot).tolist()
+            header = self._header(slot)[:HEADER_FIELDS].tolist()
             if header[GENERATION] and not header[GENERATION] % 2 and (seq is None or header[SEQ] == seq):
                 whole.append((header[T_CAPTURE_NS], slot, header))
         for t_capture_ns, slot, header in sorted(whole, reverse=True):

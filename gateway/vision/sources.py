@@ -12,7 +12,7 @@ from gateway.vision.pixels import Image
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture and the moment the driver handed it over."""
+    """One picture and the moment it was taken, as far as its source knows."""
 
     image: Image
     t_capture_ns: int
@@ -23,6 +23,10 @@ class Source(Protocol):
 
     lossless: bool
     """True: every frame is wanted, so wait for a free slot (files as fast as possible). False: newest frame wins."""
+    may_repeat: bool
+    """True: equal pictures are new ones all the same (files, drawings). False: a sensor's noise makes them differ."""
+    finite: bool
+    """True: it ends, and opened again it would show the same once more, which nobody may take for now: it is not."""
 
     def read(self) -> Frame:
         """The next frame; blocks until there is one. Raises LinkError when the source ended or was lost."""

@@ -11,25 +11,27 @@ from urllib.parse import urlsplit
 
 from gateway.clock import Clock
 from gateway.errors import ConfigError
+from gateway.vision.frametime import ArrivalTime, BufferTime, PresentationTime
 from gateway.vision.sources import Source, SourceSpec
 
 if TYPE_CHECKING:  # the camera process need not load the configuration's checker
     from gateway.config import CameraConfig
 
+LATE_S = 1.0  # unless configured
 STREAM_SCHEMES = ("rtsp", "rtsps", "http", "https")
-FROZEN_S = 2.0  # unless configured
 FOLDER_FPS = 10.0  # pace of an image folder unless configured
 
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """A V4L2 camera by index or device path; sizes and rate are asked for, the driver may give others."""
+    """A V4L2 camera by index or device path; sizes and rate are asked for, the driver may give others (`checks`)."""
 
     device: int | str
     width_px: int | None = None
     height_px: int | None = None
     fps: float | None = None
-    frozen_s: float = FROZEN_S
+    by_arrival: bool = False  # frames are stamped when they arrive; else with the driver's buffer time
+    late_s: float = LATE_S
 
     @property
     def label(self) -> str:
@@ -45,7 +47,8 @@ class CameraSpec:
             width_px=self.width_px,
             height_px=self.height_px,
             fps=self.fps,
-            frozen_s=self.frozen_s,
+            frame_time=ArrivalTime() if self.by_arrival else BufferTime(),
+            late_s=self.late_s,
         )
 
 
@@ -56,7 +59,8 @@ class StreamSpec:
     url: str = field(repr=False)
     open_timeout_s: float
     read_timeout_s: float
-    frozen_s: float = FROZEN_S
+    by_arrival: bool = False  # else by presentation time
+    late_s: float = LATE_S
 
     @property
     def label(self) -> str:
@@ -72,7 +76,8 @@ class StreamSpec:
             label=self.label,
             open_timeout_s=self.open_timeout_s,
             read_timeout_s=self.read_timeout_s,
-            frozen_s=self.frozen_s,
+            frame_time=ArrivalTime() if self.by_arrival else PresentationTime(),
+            late_s=self.late_s,
         )
 
 
@@ -109,10 +114,13 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
         )
     if "\0" in url:
         raise ConfigError("camera.url: a NUL is part of no address and no path")
-    if re.fullmatch("[0-9]{1,9}", url):  # a longer number is a path
-        return CameraSpec(int(url), config.width_px, config.height_px, config.fps, config.frozen_s)
-    if url.startswith("/dev/"):
-        return CameraSpec(url, config.width_px, config.height_px, config.fps, config.frozen_s)
+    by_arrival = config.frame_time == "arrival"
+    number = re.fullmatch("[0-9]{1,9}", url)  # a longer one is a path
+    if number or url.startswith("/dev/"):
+        device = int(url) if number else url
+        return CameraSpec(
+            device, config.width_px, config.height_px, config.fps, by_arrival=by_arrival, late_s=config.deadline_s
+        )
     if "://" in url:
         _check_stream(url)
         # FFmpeg gives up opening just before the deadline, because its reason is the better message. It must not give
@@ -121,7 +129,8 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
             url,
             open_timeout_s=0.9 * config.open_deadline_s,
             read_timeout_s=2 * config.deadline_s,
-            frozen_s=config.frozen_s,
+            by_arrival=by_arrival or (config.frame_time == "auto" and not url.lower().startswith("rtsp")),
+            late_s=config.deadline_s,
         )
     try:
         path = Path(url).expanduser()

@@ -6,6 +6,7 @@ import cv2
 
 from gateway.children.codec import Codec
 from gateway.children.link import Link
+from gateway.vision.freshness import seen_ns
 from gateway.vision.jobs import Look, Looked, Ready
 from gateway.vision.pipeline import Sized
 from gateway.vision.radii import MarkerRadii
@@ -31,12 +32,15 @@ def run(link: Link[Ready | Looked, Look | MarkerRadii], job: WorkerJob) -> None:
                 detect.expect(message)
             continue
         frame = message.frame
-        detection = None
+        detection, since_ns = None, 0
         # One from the main process and one from the camera itself may cross: a method with a memory sees time go on.
         if frame.seq > newest:
             newest = frame.seq
             image = ring.view(frame.slot, frame.generation)
-            detection = None if image is None else detect(image, frame.t_capture_ns)
+            if image is not None:
+                detection = detect(image, frame.t_capture_ns)
+                height, width = image.shape[:2]
+                since_ns = seen_ns(ring.changed_ns(frame.slot), width, height, detection.circle)
             if not ring.holds(frame.slot, frame.generation):
                 detection = None
-        link.send(Looked(frame.seq, detection))
+        link.send(Looked(frame.seq, detection, since_ns))

@@ -176,6 +176,21 @@ def test_the_settings_of_a_bay_and_of_the_command_line(tmp_path: Path) -> None:
     assert one("--config", "plant.toml", "--min-circularity", "0")["v"] > 180
 
 
+def test_intrinsics_of_another_picture_size_are_refused(tmp_path: Path) -> None:
+    image = disc()
+    height, width = image.shape[:2]
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    lens = "[vision.intrinsics]\nfx = 500\nfy = 500\ncx = 150\ncy = 0\n"
+    (tmp_path / "right.toml").write_text(f"{lens}width_px = {width}\nheight_px = {height}\n")
+    (tmp_path / "wrong.toml").write_text(f"{lens}width_px = {2 * width}\nheight_px = {height}\n")
+
+    (right,) = rows(detect("--json", "--config", "right.toml", "a.png", cwd=tmp_path))
+    assert right["x_n"] is not None
+    refused = detect("--json", "--config", "wrong.toml", "a.png", cwd=tmp_path)
+    assert refused.returncode == 1
+    assert rows(refused)[0]["error"] == (f"{width} x {height} px; vision.intrinsics hold for {2 * width} x {height} px")
+
+
 def test_stages_writes_every_figure_under_names_of_its_own(folder: Path) -> None:
     (folder / "other").mkdir()
     cv2.imwrite(str(folder / "other" / "A1.bmp"), disc(u=200))

@@ -244,6 +244,21 @@ def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
                 assert untouched(plc.polls[mark:])
 
 
+def test_a_stuck_picture_of_a_truck_far_away_gives_no_leave_to_move(tmp_path: Path) -> None:
+    """Frames go on coming with new times: first they are one picture that ages, then a lost camera."""
+    text = STANDING + 'faults = [{ kind = "camera_stuck", at_s = 12, for_s = 600 }]\n'
+    with (
+        Gateway("simulate", "--scenario", scenario(tmp_path, text), "--modbus-port", "0", "--json", *LIGHT) as gateway,
+        Plc(gateway.started()["modbus_port"]) as plc,
+    ):
+        plc.wait_for(lambda image: image["may_move"] == 1, timeout_s=60)
+        stale = plc.wait_for(lambda image: image["reason"] == Reason.VISION_STALE, timeout_s=60)
+        assert (stale.image["stop"], stale.image["may_move"], stale.image["radius"]) == (1, 0, None)
+        plc.wait_for(lambda image: image["reason"] == Reason.CAMERA_DOWN, timeout_s=60)
+        stuck = plc.wait_for_beats(100)
+        assert {(p.image["stop"], p.image["may_move"], p.image["radius"]) for p in stuck} == {(1, 0, None)}
+
+
 def test_the_registers_go_on_while_the_broker_hangs_and_dies(tmp_path: Path) -> None:
     with (
         Mosquitto(tmp_path) as broker,

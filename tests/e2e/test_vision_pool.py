@@ -240,18 +240,16 @@ def test_every_frame_of_a_fast_film_is_told_in_order_by_two_workers_and_then_its
     async def story() -> None:
         async with Bay(str(path), detector=None, workers=2, look_s=PATIENCE_S, pace="fast") as bay:
             end = await bay.quality(Quality.LINK_DOWN)
-            again = await bay.until(lambda reading: reading.frame_id > 60, after=end)
-            await bay.quality(Quality.GOOD, after=again)
+            await asyncio.sleep(1.0)  # ten times as long as any other source would stay closed
+            assert family("camera") == []
+            assert len(bay.readings) == end + 1
         film = bay.readings[:end]
         assert [reading.frame_id for reading in film] == list(range(1, 61))
         for n, reading in enumerate(film):
             assert reading.circle is not None
             assert reading.circle.u_px == pytest.approx(40 + 4 * n, abs=2)
-        assert bay.readings[end].detail == f"{path}: ended"
+        assert bay.readings[end].detail == f"{path}: ended; it is not begun again (camera.loop)"
         assert (bay.readings[end].stats.frames, bay.readings[end].stats.skipped) == (60, 0)
-        # It begins again, but its numbers go on; back at the start the disc is on trial (a jump), until it is measured.
-        assert bay.readings[again].frame_id == 61
-        assert bay.readings[again].stats.reopens == 1
 
     play(story)
 
@@ -469,7 +467,8 @@ def test_a_source_that_fails_is_noticed_told_and_opened_again_however_it_fails(
     ways = {
         "end": "shades: ended",
         "crash": "ZeroDivisionError: a bug in the driver",
-        "large": "frame of 200 x 200 = 0.0 megapixels, more than camera.max_megapixels = 0.03",
+        "large": "shades: its frames are 200 x 200 px; they were 16 x 16 px: "
+        "set camera.width_px and height_px to the right size",
         "stall": "shades: no frame within 2 s",
     }
 
@@ -495,7 +494,8 @@ def test_a_source_that_fails_is_noticed_told_and_opened_again_however_it_fails(
 
 
 class MjpegServer(socketserver.ThreadingTCPServer):
-    """An HTTP camera on loopback. While `frozen` it says nothing to its connections, while `repeating` one picture."""
+    """An HTTP camera on loopback. While `frozen` it says nothing to its connections, while `repeating` one picture with
+    a clock burnt into it that goes on; while `half` its pictures are half as wide and high."""
 
     allow_reuse_address = True
     daemon_threads = True
@@ -504,6 +504,7 @@ class MjpegServer(socketserver.ThreadingTCPServer):
         super().__init__(("127.0.0.1", 0), MjpegHandler)
         self.frozen = threading.Event()
         self.repeating = threading.Event()
+        self.half = threading.Event()
         self.over = threading.Event()
         self.connections = 0
 
@@ -516,17 +517,24 @@ class MjpegHandler(socketserver.StreamRequestHandler):
         while self.rfile.readline().strip():
             pass
         self.wfile.write(b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=frame\r\n\r\n")
-        parts = [self.part(quality) for quality in (95, 90)]  # a live picture is never twice the same
+        live, dead, half = ([self.part(exposure, n, size) for n in range(2)] for exposure, size in (
+            (None, 1.0), (9, 1.0), (None, 0.5)))  # fmt: skip
         sent = 0
         with suppress(OSError):
             while not self.server.over.wait(0.04):
+                sent += 1
                 if not self.server.frozen.is_set():
-                    sent += not self.server.repeating.is_set()
+                    parts = dead if self.server.repeating.is_set() else half if self.server.half.is_set() else live
                     self.wfile.write(parts[sent % 2])
 
     @staticmethod
-    def part(quality: int) -> bytes:
-        jpeg = cv2.imencode(".jpg", disc(160, 120, 50), [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+    def part(exposure: int | None, clock: int, size: float) -> bytes:
+        """A live picture's noise is never twice the same: by default each has its own exposure."""
+        chance = np.random.default_rng(clock if exposure is None else exposure)
+        picture = np.clip(disc(160, 120, 50) + chance.normal(0, 2, (240, 320, 3)), 0, 255).astype(np.uint8)
+        cv2.putText(picture, f"12:00:0{clock}", (5, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255))
+        scaled = cv2.resize(picture, None, fx=size, fy=size)
+        jpeg = cv2.imencode(".jpg", scaled)[1].tobytes()
         return b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n" % (len(jpeg), jpeg)
 
 
@@ -569,6 +577,9 @@ def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) 
 
             mjpeg.repeating.set()  # frames go on coming, all the same one: once noticed, it is not believed again
             still = await bay.quality(Quality.LINK_DOWN, after=again)
+            told = bay.readings[again:still]
+            assert sum(reading.t_ns == told[-1].t_ns for reading in told) >= 5  # as old as its first sight
+            assert told[-1].frame_id >= told[-5].frame_id + 4
             assert bay.readings[still].detail == f"{camera}: frozen: the picture has not changed for 1.5 s"
             await bay.quality(Quality.LINK_DOWN, after=still + 1)
             assert {reading.quality for reading in bay.readings[still:]} == {Quality.LINK_DOWN}
@@ -584,6 +595,38 @@ def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) 
             assert bay.readings[lost].detail == f"{camera}: lost: it gave no further frame"
             for reading in (bay.readings[refused], bay.readings[refused_again]):
                 assert reading.detail == f"{camera}: cannot be opened: no answer, refused, or not a video stream"
+
+    play(story)
+
+
+def test_a_picture_of_another_size_is_a_lost_camera_until_it_has_its_size_again(mjpeg: MjpegServer) -> None:
+    camera = f"http://127.0.0.1:{mjpeg.server_address[1]}/mjpg"
+
+    async def story() -> None:
+        async with Bay(camera, detector=None, deadline_s=0.5) as bay:
+            good = await bay.quality(Quality.GOOD)
+            mjpeg.frozen.set()  # within one connection FFmpeg scales every picture to the size of the first
+            silent = await bay.quality(Quality.LINK_DOWN, after=good)
+            mjpeg.half.set()
+            mjpeg.frozen.clear()
+            of_size = lambda reading: "its frames are" in reading.detail  # noqa: E731
+            down = await bay.until(of_size, after=silent)
+            again = await bay.until(of_size, after=down + 1)  # opened again it is no better
+            for reading in (bay.readings[down], bay.readings[again]):
+                assert reading.detail.startswith(f"{camera}: its frames are 160 x 120 px; they were 320 x 240 px")
+            assert {reading.quality for reading in bay.readings[silent:]} == {Quality.LINK_DOWN}
+            mjpeg.half.clear()
+            back = await bay.quality(Quality.GOOD, after=again)
+            circle = bay.readings[back].circle
+            assert circle is not None
+            assert circle.radius_px == pytest.approx(50, abs=2)
+
+        async with Bay(camera, detector=None, width_px=640, height_px=480) as bay:
+            down = await bay.quality(Quality.LINK_DOWN)
+            assert bay.readings[down].detail == (
+                f"{camera}: its frames are 320 x 240 px; camera.width_px and height_px ask for 640 x 480 px"
+            )
+            assert down == 0
 
     play(story)
 

@@ -75,6 +75,8 @@ class Shades:
     then: str
     given: int = 0
     lossless: bool = False
+    may_repeat: bool = True
+    finite: bool = False
 
     def read(self) -> Frame:
         self.clock.block(0.02)

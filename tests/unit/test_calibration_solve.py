@@ -140,6 +140,7 @@ def test_the_toml_is_taken_by_the_configuration(solved: Calibration) -> None:
     loaded = config.parse(tomllib.loads(text), text=text).bays[0]
     lens = loaded.vision.intrinsics
     assert lens is not None
+    assert (lens.width_px, lens.height_px) == SIZE
     assert lens.fx == pytest.approx(solved.lens.fx, rel=1e-6)
     assert lens.distortion == pytest.approx(solved.lens.distortion, rel=1e-6)
     check = loaded.fusion.cross_check

@@ -285,6 +285,17 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
             " distortion takes 0, 4, 5, 8, 12 or 14 coefficients",
         ),
         (
+            "[vision.intrinsics]\nfx = 1\nfy = 1\ncx = 1\ncy = 1\nheight_px = 480\n",
+            "g.toml:6: vision.intrinsics.height_px = 480: height_px is set, so width_px must be, too"
+            " (allowed: >= 16, <= 16384)",
+        ),
+        (
+            "[camera]\nwidth_px = 640\nheight_px = 360\n[vision.intrinsics]\nfx = 1\nfy = 1\ncx = 1\ncy = 1\n"
+            "width_px = 640\nheight_px = 480\n",
+            "g.toml:10: vision.intrinsics.height_px = 480: camera.height_px is 360: other intrinsics"
+            " (allowed: >= 16, <= 16384)",
+        ),
+        (
             "[vision]\nred_high_2 = [170, 255, 40]\n",
             "g.toml:1: vision.red_low_2: V = 46 lies above red_high_2's V = 40",
         ),

@@ -69,6 +69,24 @@ def test_a_late_reader_gets_the_frame_of_now_and_then_the_old_rhythm() -> None:
     assert after.t_capture_ns == ORIGIN_NS + 1_040 * MS
 
 
+def test_a_stuck_camera_shows_one_picture_with_new_times_and_then_the_world_again() -> None:
+    clock = HandClock()
+    scenario = parse({**DRIVE, "faults": [{"kind": "camera_stuck", "at_s": 0.2, "for_s": 0.39}]})
+    camera = opened(clock, scenario)
+    frames = [camera.read() for _ in range(20)]
+    assert [frame.t_capture_ns - ORIGIN_NS for frame in frames] == [40 * MS * n for n in range(1, 21)]
+    same = [np.array_equal(frame.image, frames[4].image) for frame in frames]
+    assert same == [False] * 4 + [True] * 10 + [False] * 6
+    np.testing.assert_array_equal(frames[4].image, render(scenario, World(scenario).truth(0.2), 5))
+    np.testing.assert_array_equal(frames[14].image, render(scenario, World(scenario).truth(0.6), 15))
+
+
+@pytest.mark.parametrize(("noise", "may_repeat"), [(2, False), (0, True)])
+def test_only_a_camera_without_noise_may_show_the_same_twice(noise: float, may_repeat: bool) -> None:
+    scenario = parse({**DRIVE, "camera": {**SMALL["camera"], "noise": noise}})
+    assert opened(HandClock(), scenario).may_repeat is may_repeat
+
+
 def test_the_frame_shows_the_world_at_its_stamp() -> None:
     clock = HandClock()
     scenario = parse(DRIVE)

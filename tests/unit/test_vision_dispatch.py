@@ -195,6 +195,19 @@ def test_a_frame_becomes_a_reading_with_its_capture_time_and_age() -> None:
     assert {0, 1, 2} == bench.free
 
 
+def test_what_has_stood_in_the_picture_unchanged_is_as_old_as_its_first_sight() -> None:
+    bench = running()
+    first = bench.frame()
+    bench.ms += 40
+    for seen_ns in (first.t_capture_ns, bench.ns + 99 * MS):  # never newer than its frame
+        frame = bench.frame() if bench.told else first
+        del bench.work[bench.workers[0]]
+        bench.dispatcher.looked(bench.workers[0], frame.seq, SEEN, bench.ns, seen_ns)
+        bench.settle()
+        assert bench.told[-1].t_ns == min(seen_ns, frame.t_capture_ns)
+    assert bench.qualities() == [Quality.GOOD] * 2
+
+
 def test_a_frame_without_a_marker_is_no_target_not_a_fault() -> None:
     bench = running()
     bench.frame()
@@ -645,6 +658,48 @@ def test_nothing_captured_before_the_loss_is_told_after_it() -> None:
     assert bench.qualities() == [Quality.LINK_DOWN]
     assert bench.told[0].detail == "cam: lost"
     assert bench.dispatcher.stats.skipped == 3
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+@pytest.mark.parametrize("how", ["ended", "killed", "silent"])
+def test_a_film_that_was_lost_after_its_first_frame_is_not_begun_again(lossless: bool, how: str) -> None:
+    bench = Bench(lossless=lossless)
+    bench.dispatcher.opened(bench.camera, lossless, finite=True)
+    bench.ready()
+    bench.frame()
+    bench.look(bench.workers[0])
+    film = bench.camera
+    match how:
+        case "ended":
+            bench.dispatcher.failed(film, "film.avi: ended", bench.ns)
+            why = "film.avi: ended"
+        case "killed":
+            bench.dispatcher.gone(film, "was killed by SIGKILL", bench.ns)
+            why = "cam: camera process was killed by SIGKILL"
+        case _:
+            bench.ms += 1000
+            why = "cam: no frame within 1 s"
+    bench.settle()
+    bench.die(film)
+    assert bench.qualities() == [Quality.GOOD, Quality.LINK_DOWN]
+    assert bench.told[-1].detail == f"{why}; it is not begun again (camera.loop)"
+    assert bench.dispatcher.next_deadline_ns() is None
+    for _ in range(100):
+        assert bench.settle(60_000) == []
+    anew = bench.dispatcher.anew(VisionConfig(coast_s=0.1))  # nor with other settings
+    assert [type(action) for action in anew.settle(bench.ns)] == [StartWorker]
+    assert anew.next_deadline_ns() == bench.ns + 10_000 * MS  # of the worker's start
+
+
+def test_a_film_that_cannot_be_opened_yet_is_tried_again() -> None:
+    bench = Bench()
+    bench.dispatcher.opened(bench.camera, False, finite=True)
+    film = bench.camera
+    bench.dispatcher.failed(film, "film.avi: no such file or folder", bench.ns)
+    bench.die(film)
+    bench.settle(6000)
+    assert bench.told[-1].detail == "film.avi: no such file or folder"
+    assert bench.camera != film
 
 
 def test_frame_numbers_and_slots_go_on_after_a_reopening() -> None:

@@ -1,55 +1,199 @@
-"""One picture shown for ever is not a live picture, however fresh its stamp."""
+"""One picture shown for ever is not a live picture, however fresh its stamps; nor is a dead part of one."""
 
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from gateway.vision.freshness import ROWS, Look, Stillness
+from gateway.model import Circle
+from gateway.vision.freshness import FrozenFrameDetector, Look, seen_ns
+from gateway.vision.pixels import Image
 
 S = 1_000_000_000
+MS = 1_000_000
+HEIGHT, WIDTH = 120, 160
+WHOLE = (slice(None), slice(None))
+Area = tuple[slice, slice]
 
 
-def picture(n: int) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
-    return np.full((4 * ROWS, 8, 3), n, np.uint8)
+class Camera:
+    """A still scene with a sensor's noise, 25 frames a second; what is stuck shows the first frame for ever."""
+
+    def __init__(self, noise: float = 1.0, height: int = HEIGHT, width: int = WIDTH, level: float = 120.0) -> None:
+        self._chance = np.random.default_rng(5)
+        self._noise = noise
+        self._scene = np.full((height, width, 3), level)
+        self.t_ns = 0
+        self.first = self._exposed()
+
+    def _exposed(self) -> Image:
+        noise = self._chance.standard_normal(self._scene.shape) * self._noise
+        return np.asarray(np.clip(np.rint(self._scene + noise), 0, 255), np.uint8)
+
+    def frame(self, *, live: tuple[Area, ...] = (WHOLE,)) -> tuple[Image, int]:
+        self.t_ns += S // 25
+        image, new = self.first.copy(), self._exposed()
+        for area in live:
+            image[area] = new[area]
+        return image, self.t_ns
 
 
-def test_a_picture_that_changes_is_live_from_its_second_frame_on() -> None:
-    still = Stillness(2.0)
-    looks = [still.look(picture(n % 2), n * S // 25) for n in range(100)]
-    assert looks == [Look.UNPROVEN] + [Look.LIVE] * 99
+def watched(camera: Camera, frozen_s: float = 2.0, *, frames: int = 3) -> FrozenFrameDetector:
+    """After some live frames, as long as nothing is stuck."""
+    detector = FrozenFrameDetector(frozen_s)
+    for _ in range(frames):
+        detector.look(*camera.frame())
+    return detector
 
 
-def test_one_picture_is_frozen_after_its_time_and_not_before() -> None:
-    still = Stillness(2.0)
-    assert still.look(picture(0), 0) is Look.UNPROVEN
-    assert still.look(picture(1), S) is Look.LIVE
-    assert still.look(picture(1), 3 * S) is Look.LIVE
-    assert still.look(picture(1), 3 * S + 1) is Look.FROZEN
+def age_s(detector: FrozenFrameDetector, camera: Camera, circle: Circle | None = None) -> float:
+    return (camera.t_ns - seen_ns(detector.changed_ns, WIDTH, HEIGHT, circle)) / S
 
 
-def test_a_source_that_never_changed_is_never_live() -> None:
-    still = Stillness(2.0)
-    assert [still.look(picture(0), t * S) for t in (0, 1, 2)] == [Look.UNPROVEN] * 3
-    assert still.look(picture(0), 2 * S + 1) is Look.FROZEN
+MARKERS = [
+    None,
+    Circle(80.0, 60.0, 35.0),
+    Circle(30.0, 75.0, 3.0),
+    Circle(80.0, 60.0, 0.0),
+    Circle(-9.0, 150.0, 4.0),
+]
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0, 4.0])
+@pytest.mark.parametrize("circle", MARKERS)
+def test_a_live_picture_is_as_new_as_its_frame_from_its_second_frame_on(noise: float, circle: Circle | None) -> None:
+    camera, detector = Camera(noise), FrozenFrameDetector(2.0)
+    assert detector.look(*camera.frame()) is Look.UNPROVEN
+    for _ in range(20):
+        assert detector.look(*camera.frame()) is Look.LIVE
+        assert age_s(detector, camera, circle) == 0
+
+
+@pytest.mark.parametrize("circle", MARKERS)
+def test_a_repeated_picture_is_as_old_as_its_first_sight_and_frozen_after_its_time(circle: Circle | None) -> None:
+    camera = Camera()
+    detector = watched(camera)
+    detector.look(*camera.frame(live=()))  # the camera's very first picture again: new for the last time
+    for n in range(1, 51):
+        assert detector.look(*camera.frame(live=())) is Look.LIVE
+        assert age_s(detector, camera, circle) == pytest.approx(n / 25)
+    assert detector.look(*camera.frame(live=())) is Look.FROZEN
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        pytest.param((slice(2, 10), slice(2, 55)), id="a clock in a corner"),
+        pytest.param((slice(0, 15), slice(None)), id="a banner across the top"),
+        pytest.param((slice(100, 120), slice(None)), id="a banner across the bottom"),
+    ],
+)
+@pytest.mark.parametrize("circle", MARKERS[:3])
+def test_a_clock_burnt_into_the_picture_hides_no_freeze(clock: Area, circle: Circle | None) -> None:
+    camera = Camera()
+    detector = watched(camera)
+    detector.look(*camera.frame(live=()))
+    looks = []
+    for n in range(1, 52):
+        looks.append(detector.look(*camera.frame(live=(clock,))))
+        assert age_s(detector, camera, circle) == pytest.approx(n / 25)
+    assert looks == [Look.LIVE] * 50 + [Look.FROZEN]
+
+
+def test_a_marker_in_a_dead_part_of_a_live_picture_is_old() -> None:
+    """A decoder that lost a slice: the upper half stands still, the lower goes on."""
+    camera = Camera()
+    detector = watched(camera)
+    detector.look(*camera.frame(live=()))
+    lower = (slice(60, None), slice(None))
+    for n in range(1, 11):
+        assert detector.look(*camera.frame(live=(lower,))) is Look.LIVE
+        assert age_s(detector, camera, Circle(80.0, 30.0, 20.0)) == pytest.approx(n / 25)
+        assert age_s(detector, camera, Circle(80.0, 95.0, 20.0)) == 0
+        assert age_s(detector, camera) == 0
+
+
+def test_a_source_that_never_changed_is_never_live_and_frozen_in_its_time() -> None:
+    camera, detector = Camera(), FrozenFrameDetector(2.0)
+    looks = [detector.look(*camera.frame(live=())) for _ in range(52)]
+    assert looks == [Look.UNPROVEN] * 51 + [Look.FROZEN]
+
+
+def test_a_clock_alone_does_not_make_a_source_believed_that_is_opened_again() -> None:
+    camera, detector = Camera(), FrozenFrameDetector(2.0)
+    clock = (slice(0, 15), slice(None))
+    looks = [detector.look(*camera.frame(live=(clock,))) for _ in range(52)]
+    assert looks == [Look.UNPROVEN] * 51 + [Look.FROZEN]
 
 
 def test_a_change_begins_the_time_anew() -> None:
-    still = Stillness(2.0)
-    for t_s, n in ((0, 0), (1, 1), (2, 1), (3, 2), (4, 2)):
-        still.look(picture(n), t_s * S)
-    assert still.look(picture(2), 5 * S) is Look.LIVE
-    assert still.look(picture(2), 5 * S + 1) is Look.FROZEN
+    camera = Camera()
+    detector = watched(camera)
+    for _ in range(40):
+        detector.look(*camera.frame(live=()))
+    detector.look(*camera.frame())
+    assert age_s(detector, camera) == 0
+    detector.look(*camera.frame(live=()))  # other than the one before: it counts as new once
+    looks = [detector.look(*camera.frame(live=())) for _ in range(51)]
+    assert looks == [Look.LIVE] * 50 + [Look.FROZEN]
 
 
-def test_one_grey_level_in_one_pixel_of_a_watched_row_is_a_change() -> None:
-    still = Stillness(1.0)
-    still.look(picture(7), 0)
-    other = picture(7)
-    other[2 * ROWS, 5, 1] += 1
-    assert still.look(other, 5 * S) is Look.LIVE
+@pytest.mark.parametrize("level", [0, 255])
+def test_clipped_parts_cannot_tell_and_go_with_the_rest(level: int) -> None:
+    """A yard at night: a lit place in the middle, black round it, which no noise changes."""
+    camera = Camera()
+    lit = (slice(40, 80), slice(50, 110))
+    night = np.full((HEIGHT, WIDTH, 3), level, np.uint8)
+    detector = FrozenFrameDetector(2.0)
+    for _ in range(60):
+        image, t_ns = camera.frame()
+        night[lit] = image[lit]
+        detector.look(night.copy(), t_ns)
+        assert age_s(detector, camera) == 0
+    still = [detector.look(night.copy(), camera.frame()[1]) for _ in range(51)]
+    assert still == [Look.LIVE] * 50 + [Look.FROZEN]
+    assert age_s(detector, camera, Circle(80.0, 60.0, 15.0)) == pytest.approx(51 / 25)
 
 
-@pytest.mark.parametrize("t_s", [0, 1, 1000])
-def test_0_switches_it_off(t_s: int) -> None:
-    still = Stillness(0.0)
-    still.look(picture(0), 0)
-    assert still.look(picture(0), t_s * S) is Look.LIVE
+def test_a_black_picture_without_noise_is_frozen_in_the_end() -> None:
+    camera = Camera()
+    detector = watched(camera)
+    black = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    detector.look(black, camera.frame()[1])
+    looks = [detector.look(black, camera.frame()[1]) for _ in range(51)]
+    assert looks == [Look.LIVE] * 50 + [Look.FROZEN]
+
+
+def test_plain_pictures_that_differ_are_live() -> None:
+    detector = FrozenFrameDetector(2.0)
+    looks = [detector.look(np.full((16, 24, 3), n, np.uint8), n * S) for n in range(100)]
+    assert looks == [Look.UNPROVEN] + [Look.LIVE] * 99
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 5), (12, 16), (13, 17), (480, 640), (1080, 1920)])
+def test_any_size_of_picture_will_do(size: tuple[int, int]) -> None:
+    height, width = size
+    camera = Camera(30.0, height, width)
+    detector = watched(camera)
+    for circle in (None, Circle(width / 2, height / 2, height / 4), Circle(0.0, 0.0, 1.0)):
+        assert seen_ns(detector.changed_ns, width, height, circle) == camera.t_ns
+
+
+@pytest.mark.parametrize("quality", [30, 50, 90])
+def test_a_live_scene_as_jpeg_stays_live(quality: int) -> None:
+    """Noise of one grey level, quantised as strongly as cameras do it: a scene with edges, as any yard has."""
+    chance = np.random.default_rng(3)
+    scene = cv2.resize(
+        chance.integers(20, 230, (12, 16, 3), dtype=np.uint8), (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST
+    )
+    detector = FrozenFrameDetector(2.0)
+    for n in range(40):
+        noisy = np.clip(scene + chance.standard_normal(scene.shape), 0, 255).astype(np.uint8)
+        image = cv2.imdecode(cv2.imencode(".jpg", noisy, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+        detector.look(as_image(image), n * S // 25)
+        assert n * S // 25 - seen_ns(detector.changed_ns, WIDTH, HEIGHT, Circle(80.0, 60.0, 30.0)) == 0
+
+
+def as_image(picture: NDArray[np.generic] | None) -> Image:
+    assert picture is not None
+    return np.asarray(picture, np.uint8)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.errors import LinkError
 from gateway.vision import shm
+from gateway.vision.freshness import TILES
 from gateway.vision.shm import Ring, RingSpec
 
 
@@ -173,3 +174,27 @@ def test_a_viewer_gets_a_copy_of_the_newest_frame_or_of_the_one_it_names(spec: R
     assert gone is None
     writer.write(2, picture(8, 8), 5, 5000)
     np.testing.assert_array_equal(newest.image, frames[4])  # a copy: what comes later does not change it
+
+
+def test_when_each_tile_changed_travels_with_the_frame(spec: RingSpec) -> None:
+    writer, reader = Ring(spec, writable=True), Ring(spec, writable=False)
+    changed_ns = np.arange(TILES[0] * TILES[1], dtype=np.int64).reshape(TILES)
+    generation = writer.write(1, picture(10, 12), 7, 500, changed_ns)
+    np.testing.assert_array_equal(reader.changed_ns(1), changed_ns)
+    view = reader.view(1, generation)
+    assert view is not None
+    np.testing.assert_array_equal(view, picture(10, 12))
+
+    writer.write(1, picture(10, 12), 8, 600)
+    assert set(reader.changed_ns(1).ravel()) == {600}
+
+
+def test_the_next_writer_learns_the_size_of_the_newest_whole_frame(spec: RingSpec) -> None:
+    ring = Ring(spec, writable=True)
+    assert ring.newest_px() is None
+    ring.write(2, picture(10, 20), 5, 900)
+    ring.write(0, picture(30, 40), 6, 100)
+    ring.write(1, picture(50, 60), 4, 950)
+    assert Ring(spec, writable=True).newest_px() == (40, 30)
+    ring._headers[0][shm.GENERATION] += 1  # a writer that died half way
+    assert Ring(spec, writable=True).newest_px() == (20, 10)

@@ -1,7 +1,11 @@
 """Which source a URL or path means, and how its frames come: at what pace, with what stamp, until what end."""
 
 import os
-from collections.abc import Callable
+import socketserver
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from gateway.clock import SystemClock
 from gateway.config import CameraConfig
 from gateway.errors import ConfigError, LinkError
 from gateway.vision.capture import FFMPEG_OPTIONS, CaptureSource
 from gateway.vision.files import Pace
+from gateway.vision.frametime import ArrivalTime, BufferTime, FrameTime, PresentationTime
 from gateway.vision.jobs import SourceRecord
 from gateway.vision.sources import Source
 from gateway.vision.specs import CameraSpec, FileSpec, StreamSpec, source_spec
@@ -60,7 +66,7 @@ def clock() -> StepClock:
         ("1234567890", FileSpec("1234567890")),
         ("rtsp://cam/1", StreamSpec("rtsp://cam/1", 9.0, 2.0)),
         ("RTSP://cam:8554/1", StreamSpec("RTSP://cam:8554/1", 9.0, 2.0)),
-        ("https://[::1]:8080/mjpg", StreamSpec("https://[::1]:8080/mjpg", 9.0, 2.0)),
+        ("https://[::1]:8080/mjpg", StreamSpec("https://[::1]:8080/mjpg", 9.0, 2.0, by_arrival=True)),
     ],
 )
 def test_the_url_decides(url: str, spec: object) -> None:
@@ -73,7 +79,26 @@ def test_the_configuration_reaches_the_source() -> None:
     files = CameraConfig(url="~/x", fps=5, pace="fast", loop=True)
     assert source_spec(files) == FileSpec(str(Path.home() / "x"), 5.0, fast=True, loop=True)
     stream = CameraConfig(url="http://h/", open_deadline_s=3, deadline_s=0.4)
-    assert source_spec(stream) == StreamSpec("http://h/", 0.9 * 3, 2 * 0.4)
+    assert source_spec(stream) == StreamSpec("http://h/", 0.9 * 3, 2 * 0.4, by_arrival=True, late_s=0.4)
+
+
+@pytest.mark.parametrize(
+    ("url", "frame_time", "by_arrival"),
+    [
+        ("0", "auto", False),
+        ("/dev/video2", "presentation", False),
+        ("0", "arrival", True),
+        ("rtsp://cam/1", "auto", False),
+        ("RTSPS://cam/1", "auto", False),
+        ("rtsp://cam/1", "arrival", True),
+        ("http://cam/mjpg", "auto", True),
+        ("http://cam/live.ts", "presentation", False),
+    ],
+)
+def test_where_the_stamps_come_from(url: str, frame_time: Any, by_arrival: bool) -> None:
+    spec = source_spec(CameraConfig(url=url, frame_time=frame_time))
+    assert isinstance(spec, CameraSpec | StreamSpec)
+    assert spec.by_arrival == by_arrival
 
 
 @pytest.mark.parametrize(
@@ -143,6 +168,8 @@ def shades(source: Source, count: int) -> list[int]:
 def test_a_folder_comes_in_natural_order_at_its_pace_and_ends(folder: Path, clock: StepClock) -> None:
     source = source_spec(CameraConfig(url=str(folder))).open(clock)
     assert not source.lossless
+    assert source.may_repeat
+    assert source.finite
 
     frames = [source.read() for _ in range(4)]
 
@@ -302,6 +329,7 @@ def film(tmp_path: Path) -> Path:
 
 def test_a_film_runs_at_its_own_rate_and_ends(film: Path, clock: StepClock) -> None:
     source = source_spec(CameraConfig(url=str(film), fps=3)).open(clock)
+    assert source.finite
     assert not source.lossless
     frames = [source.read() for _ in range(5)]
 
@@ -317,6 +345,8 @@ def test_a_film_runs_at_its_own_rate_and_ends(film: Path, clock: StepClock) -> N
 
 def test_a_film_in_a_loop_keeps_the_beat(film: Path, clock: StepClock) -> None:
     source = source_spec(CameraConfig(url=str(film), loop=True)).open(clock)
+    assert not source.finite
+    assert source.may_repeat
     frames = [source.read() for _ in range(12)]
 
     assert [frame.t_capture_ns for frame in frames] == [n * S // 20 for n in range(12)]
@@ -350,10 +380,15 @@ def test_a_source_that_falls_behind_goes_on_from_now_instead_of_rushing(clock: S
 class Driver:
     """Stands in for cv2.VideoCapture: `retrieve` takes 30 ms of the clock."""
 
-    def __init__(self, clock: StepClock, images: list[NDArray[Any] | None]) -> None:
+    def __init__(self, clock: StepClock, images: list[NDArray[Any] | None], stamps_ms: Iterable[float] = ()) -> None:
         self.clock = clock
         self.images = images
+        self.stamps_ms = iter(stamps_ms)
         self.released = 0
+
+    def get(self, key: int) -> float:
+        assert key == cv2.CAP_PROP_POS_MSEC
+        return next(self.stamps_ms, 0.0)
 
     def grab(self) -> bool:
         return bool(self.images)
@@ -367,15 +402,21 @@ class Driver:
         self.released += 1
 
 
+def live(driver: Driver, clock: StepClock, frame_time: FrameTime) -> CaptureSource:
+    return CaptureSource(driver, "cam", clock, frame_time, 1.0)  # type: ignore[arg-type]  # has the methods that are used
+
+
 def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted(clock: StepClock) -> None:
     clock.now = 5 * S
     driver = Driver(clock, [np.full((2, 2), 0x4200, np.uint16), np.zeros((2, 2, 2), np.uint8), None])
-    source = CaptureSource(driver, "cam", clock, 0.0)  # type: ignore[arg-type]  # has the four methods that are used
+    source = live(driver, clock, ArrivalTime())
 
     frame = source.read()
 
     assert (frame.t_capture_ns, tuple(frame.image[0, 0])) == (5 * S, (0x42, 0x42, 0x42))
     assert not source.lossless
+    assert not source.may_repeat
+    assert not source.finite
     with pytest.raises(LinkError, match="cam: 2 channels: only grey"):
         source.read()
     with pytest.raises(LinkError, match="cam: lost: a frame could not be decoded"):
@@ -384,6 +425,93 @@ def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted
         source.read()
     source.close()
     assert driver.released == 1
+
+
+def test_frames_held_back_by_the_driver_are_as_old_as_their_buffers(clock: StepClock) -> None:
+    clock.now = 50 * S
+    driver = Driver(clock, [shade(n) for n in range(3)], [49_900.0, 49_200.0, 50_030.0])
+    source = live(driver, clock, BufferTime())
+    taken = [source.read().t_capture_ns for _ in range(3)]
+    assert taken == [49_900_000_000, 49_200_000_000, 50_030_000_000]
+
+
+def test_a_stream_that_stays_behind_is_lost_and_says_how_far(clock: StepClock) -> None:
+    """One frame every 30 ms of its own time, delivered at half that pace."""
+    driver = Driver(clock, [shade(1)] * 500, (15.0 * n for n in range(500)))
+    source = live(driver, clock, PresentationTime())
+    assert [source.read().t_capture_ns for _ in range(101)] == [n * 15_000_000 for n in range(101)]
+    with pytest.raises(LinkError, match=r"^cam: its frames come 1\.5 s late$"):
+        shades(source, 500)
+    assert clock.now == 101 * 30_000_000
+
+
+def test_a_short_delay_is_no_loss(clock: StepClock) -> None:
+    stamps = [30.0 * n for n in range(200)]
+    stamps[100:] = [stamp - 990.0 for stamp in stamps[100:]]
+    source = live(Driver(clock, [shade(1)] * 200, stamps), clock, PresentationTime())
+    for _ in range(200):
+        source.read()
+
+
+@pytest.fixture
+def transport_stream(tmp_path: Path) -> bytes:
+    """4 s of MPEG-TS at 25 frames a second, each with its presentation time."""
+    path = tmp_path / "film.ts"
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (320, 240))
+    assert writer.isOpened()
+    chance = np.random.default_rng(1)
+    for _ in range(100):
+        writer.write(chance.integers(0, 256, (240, 320, 3), dtype=np.uint8))
+    writer.release()
+    return path.read_bytes()
+
+
+class StallingServer(socketserver.ThreadingTCPServer):
+    """Sends a film over HTTP at its pace; after its half nothing for `stall_s`, then at once what was held back."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+    film: bytes
+    stall_s = 0.9
+
+
+class StallingHandler(socketserver.StreamRequestHandler):
+    server: StallingServer
+
+    def handle(self) -> None:
+        while self.rfile.readline().strip():
+            pass
+        self.wfile.write(b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n")
+        film, begun = self.server.film, time.monotonic()
+        with suppress(OSError):
+            for n in range(100):
+                due = begun + 0.04 * n
+                if 0 <= n - 50 < 25 * self.server.stall_s:
+                    due = begun + 0.04 * 50 + self.server.stall_s
+                time.sleep(max(0.0, due - time.monotonic()))
+                self.wfile.write(film[n * len(film) // 100 : (n + 1) * len(film) // 100])
+
+
+def test_what_a_network_held_back_is_as_old_as_the_stream_says(transport_stream: bytes) -> None:
+    with StallingServer(("127.0.0.1", 0), StallingHandler) as server:
+        server.film = transport_stream
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+        thread.start()
+        clock = SystemClock()
+        url = f"http://127.0.0.1:{server.server_address[1]}/live.ts"
+        source = source_spec(CameraConfig(url=url, frame_time="presentation", deadline_s=5)).open(clock)
+        ages_s = []
+        with suppress(LinkError):
+            while True:
+                frame = source.read()
+                ages_s.append((clock.now_ns() - frame.t_capture_ns) / S)
+        source.close()
+        server.shutdown()
+        thread.join()
+    assert len(ages_s) > 60
+    oldest = max(range(len(ages_s)), key=ages_s.__getitem__)
+    assert 0.5 < ages_s[oldest] < 3.0
+    assert ages_s[oldest + 10] < ages_s[oldest] - 0.2  # the burst works itself off
 
 
 def test_a_camera_is_asked_for_what_is_configured_and_for_nothing_else(

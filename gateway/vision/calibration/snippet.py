@@ -12,8 +12,10 @@ def toml(board: Board, found: Calibration, marker_radius_mm: float | None = None
     numbers = ", ".join(f"{value:.8g}" for value in lens.distortion)
     lines = [
         f"# {board}: {len(found.views)} views; {width} x {height} px; rms {found.rms_px:.3f} px",
-        "# Holds for this camera, lens, focus, zoom and picture size.",
+        "# Holds for this camera, lens, focus, zoom and picture size; another size is refused.",
         "[vision.intrinsics]",
+        f"width_px = {width}",
+        f"height_px = {height}",
         *(f"{name} = {getattr(lens, name):<12.7g} # +- {sigma[name]:.2g}" for name in ("fx", "fy", "cx", "cy")),
         f"distortion = [{numbers}]",
     ]

@@ -1,0 +1,121 @@
+"""A frame that was held back on its way is as old as it is, not as old as its arrival."""
+
+import math
+import random
+from collections.abc import Iterable
+
+import pytest
+
+from gateway.vision.frametime import ArrivalTime, BufferTime, PresentationTime
+
+MS = 1_000_000
+S = 1000 * MS
+FRAME = 40 * MS
+ZERO = 77 * S  # of the source's clock, in the gateway's time: nobody knows it
+
+
+def delays(delays_ns: Iterable[int], *, drift: float = 0.0, first: int = 0) -> list[tuple[int, float]]:
+    """(arrival, stamp in ms) of one frame every 40 ms, taken when the source says, and so long on its way."""
+    frames, last = [], 0
+    for n, delay_ns in enumerate(delays_ns, first):
+        taken = n * FRAME
+        last = max(last, ZERO + taken + delay_ns)  # frames do not overtake each other
+        frames.append((last, taken * (1 - drift) / MS))
+    return frames
+
+
+def ages_ns(time: PresentationTime, frames: list[tuple[int, float]]) -> list[int]:
+    return [arrival - time.taken_ns(arrival, stamp) for arrival, stamp in frames]
+
+
+def test_by_arrival_a_frame_is_as_new_as_it_arrives() -> None:
+    assert ArrivalTime().taken_ns(5 * S, 1234.5) == 5 * S
+
+
+def test_on_a_steady_way_a_frame_is_new_when_it_arrives() -> None:
+    assert ages_ns(PresentationTime(), delays([30 * MS] * 500)) == [0] * 500
+
+
+def test_a_burst_after_a_stall_has_the_age_that_it_has() -> None:
+    """1 s without a frame, then 25 at once: each as old as it was held back, and afterwards all is as before."""
+    frames = delays([0] * 50 + [S - n * FRAME for n in range(25)] + [0] * 50)
+    assert [arrival for arrival, _ in frames[50:75]] == [frames[50][0]] * 25
+    assert ages_ns(PresentationTime(), frames) == [0] * 50 + [S - n * FRAME for n in range(25)] + [0] * 50
+
+
+def test_a_growing_backlog_is_seen_to_the_millisecond_and_never_forgiven() -> None:
+    """A link that carries nine tenths of the stream: 5.4 s late after 54 s; then it stays so for an hour."""
+    growing = [n * FRAME // 10 for n in range(1350)]
+    frames = delays(growing + [growing[-1]] * 90_000)
+    ages = ages_ns(PresentationTime(), frames)
+    assert ages[:1350] == growing
+    assert ages[1349] == pytest.approx(5.4 * S, rel=0.01)
+    assert min(ages[1350:]) == growing[-1]
+
+
+def test_a_start_in_the_middle_of_a_backlog_is_measured_from_its_fastest_frame() -> None:
+    frames = delays([2 * S - n * FRAME for n in range(50)] + [0] * 50 + [500 * MS] * 50)
+    ages = ages_ns(PresentationTime(), frames)
+    assert ages[50:] == [0] * 50 + [500 * MS] * 50
+
+
+@pytest.mark.parametrize("drift", [-300e-6, -50e-6, 50e-6, 300e-6])
+def test_clocks_that_drift_make_no_frame_old(drift: float) -> None:
+    chance = random.Random(3)
+    frames = delays([int(chance.expovariate(1 / (4 * MS))) for _ in range(90_000)], drift=drift)  # an hour
+    ages = ages_ns(PresentationTime(), frames)
+    assert max(ages) < 100 * MS
+
+
+@pytest.mark.parametrize("late_ns", [200 * MS, 900 * MS])
+def test_a_standing_delay_is_not_taken_for_drift_whatever_the_jitter(late_ns: int) -> None:
+    chance = random.Random(4)
+    jitter = [int(chance.expovariate(1 / (10 * MS))) for _ in range(90_000)]
+    frames = delays([*jitter[:1000], *(late_ns + more for more in jitter[1000:])])
+    ages = ages_ns(PresentationTime(), frames)
+    assert min(ages[1000:]) > late_ns - 30 * MS
+
+
+@pytest.mark.parametrize("jump_ns", [-70 * S, -5 * S, 30 * S, 10_000 * S])
+@pytest.mark.parametrize("late_ns", [0, 300 * MS])
+def test_a_clock_that_is_set_or_a_film_that_begins_again_keeps_the_delay(jump_ns: int, late_ns: int) -> None:
+    frames = delays([0] * 100 + [late_ns] * 100)
+    after = [(arrival, stamp + jump_ns / MS) for arrival, stamp in delays([late_ns] * 100, first=200)]
+    time = PresentationTime()
+    assert ages_ns(time, frames) == [0] * 100 + [late_ns] * 100
+    assert ages_ns(time, after) == [late_ns] * 100
+    more = [(arrival, stamp + jump_ns / MS) for arrival, stamp in delays([late_ns + 200 * MS] * 10, first=300)]
+    assert ages_ns(time, more) == [late_ns + 200 * MS] * 10
+
+
+@pytest.mark.parametrize("stamp", [0.0, 5.0, math.nan, math.inf])
+def test_a_source_without_usable_stamps_is_timed_by_arrival(stamp: float) -> None:
+    time = PresentationTime()
+    assert [time.taken_ns(n * S, stamp) for n in range(100)] == [n * S for n in range(100)]
+
+
+def test_no_frame_is_from_the_future() -> None:
+    chance, time, arrival = random.Random(9), PresentationTime(), 0
+    for _ in range(5000):
+        arrival += chance.randrange(100 * MS)
+        assert time.taken_ns(arrival, chance.uniform(-1e5, 1e5)) <= arrival
+
+
+def test_a_buffer_stamped_with_our_own_clock_is_that_old() -> None:
+    time = BufferTime()
+    for n, held_ns in enumerate([4 * MS, 4 * MS, 700 * MS, 660 * MS, 2 * S]):
+        arrival = 1000 * S + n * FRAME
+        assert time.taken_ns(arrival, (arrival - held_ns) / MS) == pytest.approx(arrival - held_ns, abs=1000)
+
+
+@pytest.mark.parametrize("epoch_ns", [-1_700_000_000 * S, 500 * S])
+def test_a_buffer_stamped_with_another_clock_is_timed_by_its_fastest(epoch_ns: int) -> None:
+    time = BufferTime()
+    frames = delays([0] * 50 + [S - n * FRAME for n in range(25)])
+    ages = [arrival - time.taken_ns(arrival, stamp - epoch_ns / MS) for arrival, stamp in frames]
+    assert ages == pytest.approx([0] * 50 + [S - n * FRAME for n in range(25)], abs=2000)
+
+
+def test_a_driver_without_stamps_is_timed_by_arrival() -> None:
+    time = BufferTime()
+    assert [time.taken_ns(n * S, 0.0) for n in range(1, 9)] == [n * S for n in range(1, 9)]
