@@ -17,7 +17,7 @@ from gateway.sections.hmi import HmiConfig, HmiUser
 from gateway.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.sections.ranger import RangerConfig
-from gateway.sections.vision import CameraConfig, Intrinsics, VisionConfig
+from gateway.sections.vision import CameraConfig, Intrinsics, PictureConfig, VisionConfig
 from gateway.sections.visit import VisitConfig
 from gateway.strict.faults import PlacedError, explain
 from gateway.strict.section import Section
@@ -38,6 +38,7 @@ __all__ = [
     "ModbusConfig",
     "MqttConfig",
     "MqttTls",
+    "PictureConfig",
     "RangerConfig",
     "RecipeConfig",
     "RecipeFusion",

@@ -182,6 +182,44 @@ class Detection:
     wrong_size: Circle | None = None  # no circle, but one that the ranger's distance makes too large or too small
 
 
+class PictureFault(IntEnum):
+    """What is wrong with the picture itself: bits of its status, on the wire: never renumber, only add."""
+
+    DARK = 0
+    BRIGHT = 1
+    FLAT = 2
+    BLURRED = 3
+    DUSTY = 4
+    SHIFTED = 5
+
+
+PICTURE_MEANING: dict[PictureFault, str] = {
+    PictureFault.DARK: "too dark",
+    PictureFault.BRIGHT: "over-exposed: too much of it is burnt out",
+    PictureFault.FLAT: "without contrast: the lens is covered, or looks into fog",
+    PictureFault.BLURRED: "without sharp edges: out of focus, or dirt or water on the lens",
+    PictureFault.DUSTY: "veiled for long: dust in the air or on the lens",
+    PictureFault.SHIFTED: "the fixed background is not where it was: the camera was moved, turned or zoomed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PictureHealth:
+    """What the picture itself is like, whatever is in it. Shares are 0 to 1; None: can't be told of this picture."""
+
+    brightness: float  # mean grey level
+    clipped: float  # share of pixels at white
+    contrast: float  # from the 5th to the 95th percentile of the grey levels
+    sharpness: float | None  # of its strongest edges, 0.6 in focus
+    veil: float | None  # share of airlight: haze, dust, a film on the lens
+    shift_px: float | None  # how far the fixed background has moved since it was learned
+    status: int = 0  # PictureFaults, one bit each
+
+    @property
+    def faults(self) -> tuple[PictureFault, ...]:
+        return tuple(fault for fault in PictureFault if self.status >> fault & 1)
+
+
 @dataclass(frozen=True, slots=True)
 class VisionStats:
     """Counters since the start of the gateway, one set per bay."""
@@ -226,6 +264,7 @@ class VisionReading:
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
     wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
+    picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -437,6 +476,12 @@ class StateVector:
     @property
     def in_place(self) -> bool:
         return self.visit.in_place
+
+    @property
+    def picture(self) -> PictureHealth | None:
+        """The picture's own health; only while the camera's frames are fresh, and somebody computes the state."""
+        fresh = self.vision.quality in FRESH_FRAME and self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)
+        return self.vision.picture if fresh else None
 
 
 class EventKind(StrEnum):

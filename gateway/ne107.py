@@ -27,8 +27,8 @@ NE107_MEANING: dict[Ne107, str] = {
     Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
     Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
     "hidden, sensors contradict",
-    Ne107.MAINTENANCE_REQUIRED: "M: valid, but something had to be restarted within 10 minutes, or 1 line in 100 "
-    "comes damaged",
+    Ne107.MAINTENANCE_REQUIRED: "M: valid, but the picture needs somebody (picture_status), something was restarted "
+    "within 10 min, or 1 line in 100 is damaged",
 }
 # A technician at work explains whatever else is seen; only a dead gateway is worse.
 ORDER = (Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED)
@@ -49,7 +49,7 @@ def active(state: StateVector) -> frozenset[Ne107]:
         or Quality.WAITING in qualities
         or state.reason is Reason.SHUTDOWN,
         Ne107.OUT_OF_SPECIFICATION: beyond or bool(qualities & _OUT) or state.memory.disagree,
-        Ne107.MAINTENANCE_REQUIRED: _worn(state),
+        Ne107.MAINTENANCE_REQUIRED: worn(state) or (state.picture is not None and state.picture.status != 0),
     }
     return frozenset(signal for signal, on in holds.items() if on)
 
@@ -70,7 +70,8 @@ def wear(state: StateVector) -> int:
     return vision.restarts + vision.reopens + vision.lost + rng.reopens
 
 
-def _worn(state: StateVector) -> bool:
+def worn(state: StateVector) -> bool:
+    """Has something had to be restarted lately, or do many lines come damaged?"""
     since_ns = state.memory.wear_ns
     if since_ns is not None and state.t_ns - since_ns < MAINTENANCE_NS:
         return True

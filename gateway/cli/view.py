@@ -15,7 +15,17 @@ from gateway.cli.outlet import Outlet
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.hub import EventQueue, Hub
-from gateway.model import QUALITY_MEANING, REASON_MEANING, Event, EventKind, Quality, Reason, StateVector, Tracking
+from gateway.model import (
+    PICTURE_MEANING,
+    QUALITY_MEANING,
+    REASON_MEANING,
+    Event,
+    EventKind,
+    Quality,
+    Reason,
+    StateVector,
+    Tracking,
+)
 
 REFRESH_S = 0.1
 BAR_CELLS = 28
@@ -127,6 +137,9 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
         for name, reading in (("camera", state.vision), ("ranger", state.range))
         if reading.quality not in (Quality.GOOD, Quality.WAITING)
     ]
+    if state.picture is not None and state.picture.faults:
+        wrong = "; ".join(PICTURE_MEANING[fault] for fault in state.picture.faults)
+        details.append(Text(f"picture: {wrong}", style="yellow"))
     return Panel(
         Group(verdict, why, table, *seen, losses, *stages, *details),
         title=f"{state.bay} · unit {config.unit_id} · heartbeat {state.heartbeat}",

@@ -13,7 +13,7 @@ from enum import IntEnum
 
 from gateway import fusion
 from gateway.errors import ProtocolError
-from gateway.modbus.advice import ADVICE
+from gateway.modbus.advice import ADVICE, PICTURE
 from gateway.modbus.block import BLOCK
 from gateway.modbus.position import POSITION
 from gateway.modbus.table import Of, Reserved, named
@@ -272,14 +272,16 @@ REGISTERS: tuple[Register, ...] = (
     Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
     Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured", _x_n),
     Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured", _y_n),
+    *PICTURE[:2],
     *ADVICE,
+    PICTURE[2],
     Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was come by; no value: no fresh frame",
              _tracking, _TRACKING),
     Register(71, "confidence", MEASURED_UINT16, 0.1, "%", "of the detection, where the method gives one",
              lambda s, _: None if _circle(s) is None else _percent(s.vision.confidence)),
     Register(72, "visible", MEASURED_UINT16, 0.1, "%", "share of the marker's rim that was seen, where the method says",
              lambda s, _: None if _circle(s) is None else _percent(s.vision.visible)),
-    Register(73, "predicted_u", MEASURED_INT16, 0.1, "px", f"centre, to the right: {_NEVER_DECIDE}",
+    Register(73, "predicted_u", MEASURED_INT16, 0.1, "px", f"centre, rightwards: {_NEVER_DECIDE}",
              _predicted_u),
     Register(74, "predicted_v", MEASURED_INT16, 0.1, "px", f"centre, downwards: {_NEVER_DECIDE}", _predicted_v),
     Register(75, "predicted_radius", MEASURED_UINT16, 0.1, "px", f"radius: {_NEVER_DECIDE}", _predicted_radius),
@@ -287,16 +289,13 @@ REGISTERS: tuple[Register, ...] = (
              _semi_minor),
     Register(77, "tilt", MEASURED_UINT16, 0.1, "deg", "of the disc against the line of sight, from the ellipse's axes",
              _tilt_deg),
+    *PICTURE[3:5],
     *BLOCK,
+    PICTURE[5],
     Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
 )  # fmt: skip
 
-RESERVED: tuple[Reserved, ...] = (
-    Reserved(58, 2, "another float32 mirror"),
-    Reserved(69, 1, "more guidance for the driver"),
-    Reserved(78, 2, "more about the detection"),
-    Reserved(97, 2, "to be decided"),
-)
+RESERVED: tuple[Reserved, ...] = (Reserved(98, 1, "to be decided"),)
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 STATUS_ADDRESS = _ADDRESS["status"]

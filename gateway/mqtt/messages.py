@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gateway.model import EventKind, GuidanceCode, Quality, Reason, Tracking
+from gateway.model import EventKind, GuidanceCode, PictureFault, Quality, Reason, Tracking
 from gateway.ne107 import Ne107
 from gateway.plc import PlcLink
 
@@ -189,6 +189,22 @@ class ScalePayload(BaseModel):
     )
 
 
+class PicturePayload(BaseModel):
+    """What the camera's picture itself is like, whatever is in it. Shares are 0 to 1."""
+
+    model_config = FROZEN
+    brightness: float = Field(description="mean grey level, share of white")
+    clipped: float = Field(description="share of the pixels that are burnt out")
+    contrast: float = Field(description="from the 5th to the 95th percentile of the grey levels")
+    sharpness: float | None = Field(description="of the strongest edges, 0.6 in focus; null: too few edges")
+    veil: float | None = Field(description="share of dust or haze; null: too dark to tell")
+    shift_px: float | None = Field(description="how far the fixed background has moved; null: hidden, or not learned")
+    faults: tuple[str, ...] = Field(
+        description="what is wrong for some time now; empty: nothing",
+        json_schema_extra={"items": {"type": "string", "enum": [fault.name for fault in PictureFault]}},
+    )
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic says online and it keeps coming."""
 
@@ -212,6 +228,7 @@ class StatePayload(Measured):
     in_place_ms: float | None = Field(description="since it is in place, without a break; null: it is not")
     held_ms: float | None = Field(description="since the marker was covered, in place; null: it is not held")
     scale: ScalePayload | None = Field(description="null: not learned yet, for the recipe in force")
+    picture: PicturePayload | None = Field(description="health of the picture itself; null without a fresh frame")
     ne107: Ne107Payload
     guidance: GuidancePayload
     plc: PlcPayload

@@ -34,6 +34,7 @@ from gateway.mqtt.messages import (
     Life,
     Measured,
     Ne107Payload,
+    PicturePayload,
     PlcPayload,
     PredictedPayload,
     QualityPayload,
@@ -92,6 +93,7 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         in_place_ms=_since_ms(state, state.visit.in_place_since_ns if state.in_place else None),
         held_ms=_since_ms(state, state.visit.covered_since_ns if state.visit.held else None),
         scale=_scale(state, offset_ns),
+        picture=_picture(state),
         ne107=_ne107(state),
         guidance=_guidance(state.guidance),
         plc=_plc(state),
@@ -193,6 +195,21 @@ def _predicted(reading: VisionReading) -> PredictedPayload | None:
     if u is None or v is None or radius is None:
         return None
     return PredictedPayload(u=u, v=v, radius_px=radius)
+
+
+def _picture(state: StateVector) -> PicturePayload | None:
+    health = state.picture
+    if health is None:
+        return None
+    return PicturePayload(
+        brightness=round(health.brightness, 4),
+        clipped=round(health.clipped, 4),
+        contrast=round(health.contrast, 4),
+        sharpness=_number(health.sharpness, 4),
+        veil=_number(health.veil, 4),
+        shift_px=_number(health.shift_px, 2),
+        faults=tuple(fault.name for fault in health.faults),
+    )
 
 
 def _sensor(reading: VisionReading | RangeReading, t_ns: int) -> SensorPayload:

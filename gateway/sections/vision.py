@@ -46,6 +46,26 @@ class Intrinsics(Section):
         return self
 
 
+class PictureConfig(Section):
+    """When the picture itself needs somebody: it goes into NE 107 and alarms, and never into the decision."""
+
+    brightness_min: float = Field(0.04, ge=0, lt=1, description="mean grey level, share of white; 0: off")
+    clipped_max: float = Field(0.6, ge=0, lt=1, description="share of the pixels that are burnt out; 0: off")
+    contrast_min: float = Field(
+        0.05, ge=0, lt=1, description="from the 5th to the 95th percentile of the grey levels; 0: off"
+    )
+    sharpness_min: float = Field(
+        0.24, ge=0, lt=1, description="of the strongest edges: 0.6 in focus, 0.3 blurred by 2 px, 0.2 by 4 px; 0: off"
+    )
+    veil_max: float = Field(0.65, ge=0, lt=1, description="share of dust or haze over the picture; 0: off")
+    shift_max_px: float = Field(8.0, ge=0, le=1000, description="how far the fixed background may move; 0: off")
+    blind_s: float = Field(
+        5.0, ge=1, le=3600, description="dark, over-exposed or flat for so long: a fault, and cleared likewise"
+    )
+    lasting_s: float = Field(60.0, ge=1, le=3600, description="the same for blurred and shifted")
+    dusty_s: float = Field(900.0, ge=1, le=86_400, description="the same for dusty; a cloud while loading is none")
+
+
 class CameraConfig(Section):
     url: str = Field(
         "0",
@@ -89,6 +109,7 @@ class CameraConfig(Section):
     max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")
     affinity: Cpus | None = Field(None, description="CPUs the camera process may use")
     reconnect: Reconnect = Field(default_factory=Reconnect)
+    picture: PictureConfig = Field(default_factory=PictureConfig)
 
 
 class VisionConfig(Section):

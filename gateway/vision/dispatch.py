@@ -29,14 +29,16 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
-from gateway.model import FRESH_FRAME, Detection, Quality, VisionReading, VisionStats
+from gateway.model import FRESH_FRAME, Detection, PictureHealth, Quality, VisionReading, VisionStats
 from gateway.supervisor import delay_s
 from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Offer, Return, StartCamera, StartWorker
 from gateway.vision.jobs import FrameRef
+from gateway.vision.picture.judge import PictureJudge
 from gateway.vision.seats import Phase, Seat
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
+PICTURE_NS = 3 * NS_PER_S  # what was measured of the picture itself is told for so long
 MOST_PATIENCE = 4  # times as long may the start of a vision process take that failed before
 WORKER_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
 
@@ -66,12 +68,16 @@ class Dispatcher:
     _last_seq: int = 0  # newest frame seen
     _told_seq: int = 0  # newest frame told of
     _tokens: int = 0
+    _judge: PictureJudge = field(init=False)
+    _picture: PictureHealth | None = None
+    _picture_ns: int = 0
     _results_ns: deque[int] = field(default_factory=lambda: deque(maxlen=4096))  # within the last second
     _out: list[Action] = field(default_factory=list)
     _news: list[VisionReading] = field(default_factory=list)  # to be emitted
 
     def __post_init__(self) -> None:
         self._workers = [Seat() for _ in range(self.vision.workers)]
+        self._judge = PictureJudge(self.camera.picture)
         self._free = set(range(self.slots))
 
     def anew(self, vision: VisionConfig) -> "Dispatcher":
@@ -157,11 +163,18 @@ class Dispatcher:
             seat.phase = Phase.IDLE
 
     def looked(
-        self, token: int, seq: int, detection: Detection | None, now_ns: int, seen_ns: int | None = None
+        self,
+        token: int,
+        seq: int,
+        detection: Detection | None,
+        now_ns: int,
+        seen_ns: int | None = None,
+        picture: PictureHealth | None = None,
     ) -> None:
         """A worker has finished a frame. None: the frame changed under its eyes, or a newer one came before it.
 
-        `seen_ns`: what was found has stood in the picture since then, unchanged; it is as old as that.
+        `seen_ns`: what was found has stood in the picture since then, unchanged; it is as old as that. `picture`: what
+        was measured of the picture itself, where it was due.
         """
         seat = self._worker(token)
         frame = None if seat is None else seat.put_down(seq, now_ns)
@@ -173,6 +186,8 @@ class Dispatcher:
             self._count(lost=not late, skipped=late)
             return
         seat.failures = 0
+        if picture is not None and frame.t_capture_ns >= self._picture_ns:
+            self._picture, self._picture_ns = self._judge.judged(picture, frame.t_capture_ns), frame.t_capture_ns
         reading = VisionReading(
             t_ns=frame.t_capture_ns if seen_ns is None else min(frame.t_capture_ns, seen_ns),
             quality=_quality(detection),
@@ -187,6 +202,7 @@ class Dispatcher:
             tracking=detection.tracking,
             predicted=detection.predicted,
             wrong_size=detection.wrong_size,
+            picture=self._picture if frame.t_capture_ns - self._picture_ns <= PICTURE_NS else None,
         )
         self._tell(reading, now_ns)
 
@@ -445,6 +461,7 @@ def _with(reading: VisionReading, stats: VisionStats) -> VisionReading:
         reading.tracking,
         reading.predicted,
         reading.wrong_size,
+        reading.picture,
     )
 
 

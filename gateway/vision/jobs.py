@@ -14,7 +14,7 @@ from gateway.children.codec import Codec, Message, record_of, record_packed
 from gateway.children.words import Failed
 from gateway.clock import SystemClock
 from gateway.errors import ProtocolError
-from gateway.model import Detection
+from gateway.model import Detection, PictureHealth
 from gateway.vision.checks import FrameRules
 from gateway.vision.shm import RingSpec
 from gateway.vision.sources import SourceSpec
@@ -121,6 +121,7 @@ class Looked(Message, frozen=True):
     seq: int
     detection: Detection | None
     seen_ns: int = 0  # since when what was found has been in the picture unchanged, to the last bit
+    picture: PictureHealth | None = None  # measured in this frame; not judged yet
 
 
 FromChild = Opened | Captured | Handed | Ready | Looked

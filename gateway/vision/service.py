@@ -227,8 +227,8 @@ class _Turns:
 
 def _report(dispatcher: Dispatcher, token: int, message: FromChild | Failed | Gone, now_ns: int) -> None:
     match message:
-        case Looked(seq, detection, seen_ns):
-            dispatcher.looked(token, seq, detection, now_ns, seen_ns)
+        case Looked(seq, detection, seen_ns, picture):
+            dispatcher.looked(token, seq, detection, now_ns, seen_ns, picture)
         case Handed(frame, skipped, worker, then_ns):
             dispatcher.handed(token, frame, skipped, worker, then_ns, now_ns)
         case Captured(frame, skipped):

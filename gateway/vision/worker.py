@@ -8,6 +8,7 @@ from gateway.children.codec import Codec
 from gateway.children.link import Link
 from gateway.vision.freshness import seen_ns
 from gateway.vision.jobs import Look, Looked, Ready
+from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.pipeline import Sized
 from gateway.vision.radii import MarkerRadii
 from gateway.vision.shm import Ring
@@ -21,6 +22,7 @@ def run(link: Link[Ready | Looked, Look | MarkerRadii], job: WorkerJob) -> None:
     cv2.setNumThreads(1)  # workers are the parallelism; threads inside them only fight
     ring = Ring(job.ring, writable=False)
     detect = job.detector.build(job.clock.now_ns)
+    meter = PictureMeter()
     gc.collect()
     gc.freeze()  # 40,000 objects of the libraries, kept for good, are not looked through again every now and then
     link.send(Ready())
@@ -32,7 +34,7 @@ def run(link: Link[Ready | Looked, Look | MarkerRadii], job: WorkerJob) -> None:
                 detect.expect(message)
             continue
         frame = message.frame
-        detection, since_ns = None, 0
+        detection, since_ns, picture = None, 0, None
         # One from the main process and one from the camera itself may cross: a method with a memory sees time go on.
         if frame.seq > newest:
             newest = frame.seq
@@ -41,6 +43,8 @@ def run(link: Link[Ready | Looked, Look | MarkerRadii], job: WorkerJob) -> None:
                 detection = detect(image, frame.t_capture_ns)
                 height, width = image.shape[:2]
                 since_ns = seen_ns(ring.changed_ns(frame.slot), width, height, detection.circle)
+                marker = detection.circle is not None or detection.predicted is not None
+                picture = meter.measure(image, frame.t_capture_ns, marker=marker)
             if not ring.holds(frame.slot, frame.generation):
                 detection = None
-        link.send(Looked(frame.seq, detection, since_ns))
+        link.send(Looked(frame.seq, detection, since_ns, picture))

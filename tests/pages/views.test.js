@@ -4,7 +4,7 @@ import { safePath } from '../static/lib/api.js';
 import { waitMs } from '../static/lib/live.js';
 import { WIDTHS, widthFor } from '../static/lib/pictures.js';
 import {
-  decisionWords, frameSize, frameView, inOrder, mayAcknowledge, movedWords, placeWords, plcHealth, rangeHealth, scaleWords, standing, urgency,
+  decisionWords, frameSize, frameView, inOrder, mayAcknowledge, movedWords, pictureHealth, placeWords, plcHealth, rangeHealth, scaleWords, standing, urgency,
   visionHealth,
 } from '../static/lib/views.js';
 
@@ -98,4 +98,11 @@ test('few widths of pictures, so that viewers share them', () => {
   assert.equal(widthFor(700, 1), 640); // a tenth of enlargement is not seen
   assert.equal(widthFor(500, 2), 960);
   assert.equal(widthFor(9000, 3), WIDTHS[WIDTHS.length - 1]);
+});
+
+test('the picture itself: in order, what is wrong with it, or not known', () => {
+  assert.deepEqual(pictureHealth({ picture: null }), { state: 'off', text: 'not known' });
+  assert.deepEqual(pictureHealth({}), { state: 'off', text: 'not known' });
+  assert.deepEqual(pictureHealth({ picture: { faults: [] } }), { state: 'ok', text: 'in order' });
+  assert.deepEqual(pictureHealth({ picture: { faults: ['BLURRED', 'SHIFTED'] } }), { state: 'warn', text: 'blurred, shifted' });
 });

@@ -18,6 +18,8 @@ from gateway.model import (
     FunctionCheck,
     FusionMemory,
     Moved,
+    PictureFault,
+    PictureHealth,
     Place,
     Quality,
     RangeReading,
@@ -132,6 +134,13 @@ def no_echo(radius_px: float, quality: Quality = Quality.NO_ECHO) -> StateVector
     )
 
 
+def picture(*faults: PictureFault, quality: Quality = Quality.NO_TARGET) -> StateVector:
+    health = PictureHealth(0.012, 0.0, 0.25, 0.19, 0.71, 12.4, status=sum(1 << fault for fault in faults))
+    return permitted(
+        vision=VisionReading(4_960_000_000, quality, picture=health), range=RangeReading(1, Quality.NO_ECHO)
+    )
+
+
 def ranger(quality: Quality) -> StateVector:
     return permitted(range=RangeReading(4_980_000_000, quality))
 
@@ -153,6 +162,9 @@ CAUSES = {
     "ranger_unstable": ranger(Quality.UNSTABLE),
     "ranger_too_near": ranger(Quality.TOO_NEAR),
     "sensors_disagree": permitted(memory=FusionMemory(disagree=True)),
+    "picture_blind": picture(PictureFault.DARK),
+    "picture_poor": picture(PictureFault.DUSTY),
+    "camera_moved": picture(PictureFault.SHIFTED),
     "maintenance": permitted(memory=FusionMemory(wear=1, wear_ns=4_000_000_000)),
     "function_check_forgotten": permitted(function_check=FunctionCheck.MAY_MOVE_KEPT),
     "truck_moved": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE, moved_covered=True)),
@@ -161,6 +173,8 @@ CAUSES = {
 }
 NO_ALARM = {
     "on its way": permitted(),
+    "picture in order": picture(),
+    "dark, but the frames are old": picture(PictureFault.DARK, quality=Quality.WAITING),
     "empty bay": permitted(
         vision=VisionReading(1, Quality.NO_TARGET), range=RangeReading(1, Quality.NO_ECHO), reason=Reason.NO_TARGET
     ),
@@ -211,6 +225,20 @@ class TestTheTable:
     def test_a_gateway_without_broker_and_known_plcs_has_no_alarm(self) -> None:
         alarms = board()
         assert alarms.look_at_gateway(Signs(), T0) == alarms.look_at_gateway(Signs(), T0 + 3600 * S) == []
+
+    def test_every_picture_fault_has_one_alarm_that_says_how_bad_it_is(self) -> None:
+        details = {
+            PictureFault.DARK: ("bay1.picture_blind", "dark (brightness 1.2%)"),
+            PictureFault.BRIGHT: ("bay1.picture_blind", "bright (0% burnt out)"),
+            PictureFault.FLAT: ("bay1.picture_blind", "flat (contrast 25.0%)"),
+            PictureFault.BLURRED: ("bay1.picture_poor", "blurred (sharpness 19%)"),
+            PictureFault.DUSTY: ("bay1.picture_poor", "dusty (veil 71%)"),
+            PictureFault.SHIFTED: ("bay1.camera_moved", "shifted (shift 12 px)"),
+        }
+        assert set(details) == set(PictureFault)
+        for fault, (kind, detail) in details.items():
+            changes = look(board(), picture(fault), *LONG)
+            assert [(change.id, change.detail) for change in changes] == [(kind, detail)]
 
     def test_the_marker_s_distance_is_the_cross_check_s_where_there_is_one(self) -> None:
         near = replace(no_echo(20.0), z_vision_mm=2000.0)

@@ -19,7 +19,7 @@ from gateway.hmi.metrics.parts import PARTS
 from gateway.hmi.metrics.text import FAMILIES, markdown, text
 from gateway.hmi.orders import LinksNow
 from gateway.hmi.processes import Usage
-from gateway.model import Circle, Quality, RangeReading, VisionReading, VisionStats
+from gateway.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
 from gateway.scale import MarkerScale, ScaleSample
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_links import full
@@ -64,7 +64,10 @@ def parsed(body: bytes) -> Told:
 def loading(made: Plant) -> None:
     now_ns = made.desk.clock.now_ns()
     stats = VisionStats(frames=8, skipped=2, rate_hz=29.5, latency_ms=11.0)
-    made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, stats=stats))
+    health = PictureHealth(0.5, 0.01, 0.4, 0.6, 0.2, None, status=1 << PictureFault.DUSTY)
+    made.controls["bay1"].on_vision(
+        VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, stats=stats, picture=health)
+    )
     made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
@@ -86,6 +89,7 @@ NOT_KNOWN = {
     "bay_scale_spread_ratio",
     "bay_scale_visits",
     "bay_scale_jump_ratio",
+    "bay_picture_shift_pixels",  # a marker is in sight
 }
 
 
@@ -122,6 +126,9 @@ def test_everything_is_told_and_parsed() -> None:
             assert now.value("process_resident_memory_bytes", process="gw-worker-bay1") == 1 << 22
             assert now.value("process_instances", process="gw-worker-bay1") == 2
             assert now.value("alarms", state="normal") == 2 * len(BAY_ALARMS) + len(GATEWAY_ALARMS)
+            assert now.value("bay_picture_veil_ratio", bay="bay1") == 0.2
+            assert now.value("bay_picture_fault", bay="bay1", fault="dusty") == 1
+            assert now.value("bay_picture_fault", bay="bay1", fault="dark") == 0
 
     run(scene())
 

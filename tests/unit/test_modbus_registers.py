@@ -27,6 +27,7 @@ from gateway.model import (
     EventKind,
     FunctionCheck,
     FusionMemory,
+    PictureHealth,
     Quality,
     RangeReading,
     RangeStats,
@@ -56,6 +57,7 @@ STATE = StateVector(
         confidence=0.9876,
         visible=0.75,
         tracking=Tracking.MEASURED,
+        picture=PictureHealth(0.5213, 0.01, 0.4567, 0.618, 0.2049, 3.26, status=0b101000),
         x_n=0.25,
         y_n=-0.5,
         stats=VisionStats(
@@ -131,6 +133,9 @@ EXPECTED: dict[int, int] = {
     55: 0x0000,
     56: 0xBF00,
     57: 0x0000,
+    58: 521,
+    59: 457,
+    69: 618,
     70: 1,
     71: 988,  # 98.76 %
     72: 750,
@@ -139,7 +144,12 @@ EXPECTED: dict[int, int] = {
     75: 0xFFFF,
     76: 1699,
     77: 204,  # acos(169.94 / 181.26) = 20.354 degrees
+    78: 0b101000,  # blurred, shifted
+    79: 205,
+    97: 33,
     63: 0xFFFF,
+    61: 0b1000,  # maintenance, for the picture's sake
+    60: 4,
     **dict.fromkeys(range(64, 69), 0x8000),  # no guidance
     38: 0xFFFF,  # not held
     90: 0x8000,  # no triggered result
@@ -162,6 +172,37 @@ def bits(state: StateVector) -> set[StatusBit]:
 
 def test_every_word_of_the_image() -> None:
     assert encode(STATE, UNIX_NS, "big") == tuple(EXPECTED.get(address, 0) for address in range(100))
+
+
+PICTURE = ("picture_brightness", "picture_contrast", "picture_sharpness", "picture_veil", "picture_shift")
+
+
+@pytest.mark.parametrize(
+    ("quality", "reason", "known"),
+    [
+        (Quality.GOOD, Reason.NONE, True),
+        (Quality.NO_TARGET, Reason.NO_TARGET, True),
+        (Quality.COASTED, Reason.TARGET_COASTED, True),
+        (Quality.STALE, Reason.VISION_STALE, False),
+        (Quality.LINK_DOWN, Reason.CAMERA_DOWN, False),
+        (Quality.PROCESS_FAULT, Reason.VISION_FAULT, False),
+        (Quality.NO_TARGET, Reason.GATEWAY_FAULT, False),
+        (Quality.NO_TARGET, Reason.SHUTDOWN, False),
+    ],
+)
+def test_the_health_of_the_picture_is_that_of_a_fresh_frame_or_none(
+    quality: Quality, reason: Reason, known: bool
+) -> None:
+    now = values(replace(STATE, vision=replace(STATE.vision, quality=quality), reason=reason))
+    assert [now[name] is not None for name in PICTURE] == [known] * 5
+    assert now["picture_status"] == (0b101000 if known else 0)
+
+
+def test_what_cannot_be_told_of_a_picture_has_no_value() -> None:
+    health = PictureHealth(0.01, 0.0, 0.02, None, None, None, status=1)
+    now = values(replace(STATE, vision=replace(STATE.vision, picture=health)))
+    assert [now[name] for name in PICTURE] == pytest.approx([1.0, 2.0, None, None, None])
+    assert now["picture_status"] == 1
 
 
 def test_little_word_order_swaps_words_and_nothing_else() -> None:

@@ -21,6 +21,7 @@ from gateway.model import (
     EventKind,
     FusionMemory,
     GuidanceCode,
+    PictureHealth,
     Quality,
     RangeReading,
     RangeStats,
@@ -83,6 +84,22 @@ def sent(payload: BaseModel) -> dict[str, Any]:
     return checked(kind[type(payload)], encode(payload))
 
 
+def test_the_health_of_the_picture_stands_with_fresh_frames_only() -> None:
+    health = PictureHealth(0.52134, 0.01, 0.45671, 0.6182, None, 3.257, status=0b101000)
+    state = replace(GOOD, vision=replace(GOOD.vision, picture=health))
+    assert sent(state_payload(state, GATEWAY, OFFSET_NS, 2500))["picture"] == {
+        "brightness": 0.5213,
+        "clipped": 0.01,
+        "contrast": 0.4567,
+        "sharpness": 0.6182,
+        "veil": None,
+        "shift_px": 3.26,
+        "faults": ["BLURRED", "SHIFTED"],
+    }
+    stale = replace(state, vision=replace(state.vision, quality=Quality.STALE, circle=None))
+    assert sent(state_payload(stale, GATEWAY, OFFSET_NS, 2500))["picture"] is None
+
+
 def test_a_good_state() -> None:
     assert sent(state_payload(GOOD, GATEWAY, OFFSET_NS, 2500)) == {
         "schema_version": 1,
@@ -123,6 +140,7 @@ def test_a_good_state() -> None:
         "in_place_ms": None,
         "held_ms": None,
         "scale": None,
+        "picture": None,
         "ne107": {"name": "GOOD", "code": 0, "active": []},
         "guidance": {
             "name": "WAIT",

@@ -11,6 +11,8 @@ from gateway.model import (
     Circle,
     FunctionCheck,
     FusionMemory,
+    PictureFault,
+    PictureHealth,
     Quality,
     RangeReading,
     RangeStats,
@@ -77,6 +79,17 @@ def test_a_technician_at_work_explains_everything_but_a_dead_gateway(mode: Funct
     assert status(working) is C
     assert active(working) == {F, C, S}
     assert status(fusion.forced_stop(working, Reason.GATEWAY_FAULT, T0)) is F
+
+
+@pytest.mark.parametrize("fault", PictureFault)
+def test_maintenance_for_a_picture_that_needs_somebody_while_vision_still_works(fault: PictureFault) -> None:
+    fine = PictureHealth(0.5, 0.0, 0.4, 0.6, 0.2, 0.0)
+    assert active(replace(GOOD, vision=replace(GOOD.vision, picture=fine))) == frozenset()
+    poor = replace(GOOD, vision=replace(GOOD.vision, picture=replace(fine, status=1 << fault)))
+    assert (status(poor), active(poor)) == (M, frozenset({M}))
+    assert poor.may_move
+    stale = replace(poor, vision=replace(poor.vision, quality=Quality.STALE))
+    assert (status(stale), active(stale)) == (F, frozenset({F}))
 
 
 def test_maintenance_after_a_repair_by_itself() -> None:

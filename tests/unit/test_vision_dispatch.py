@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from hypothesis import settings
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
-from gateway.model import Circle, Detection, Quality, VisionReading
+from gateway.model import Circle, Detection, PictureFault, PictureHealth, Quality, VisionReading
 from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Offer, Return, StartCamera, StartWorker
 from gateway.vision.dispatch import Dispatcher
 from gateway.vision.jobs import FrameRef
@@ -206,6 +207,33 @@ def test_what_has_stood_in_the_picture_unchanged_is_as_old_as_its_first_sight() 
         bench.settle()
         assert bench.told[-1].t_ns == min(seen_ns, frame.t_capture_ns)
     assert bench.qualities() == [Quality.GOOD] * 2
+
+
+def test_the_health_of_the_picture_is_judged_here_and_told_with_every_result_while_it_is_new() -> None:
+    bench = running()
+    dark = PictureHealth(0.01, 0.0, 0.0, None, None, None)
+
+    def look(picture: PictureHealth | None, after_ms: int) -> VisionReading:
+        bench.ms += after_ms
+        worker = bench.workers[0]
+        frame = bench.frame() if not bench.work else bench.work[worker]
+        bench.work.pop(worker)
+        bench.dispatcher.looked(worker, frame.seq, EMPTY, bench.ns, frame.t_capture_ns, picture)
+        bench.settle()
+        return bench.told[-1]
+
+    assert look(None, 0).picture is None
+    for _ in range(11):
+        seen = look(dark, 500)
+        assert seen.picture is not None
+    assert seen.picture == replace(dark, status=1 << PictureFault.DARK)  # for 5 s
+    assert look(None, 900).picture == seen.picture
+    assert look(None, 2100).picture == seen.picture
+    assert look(None, 100).picture is None
+    assert look(dark, 100).picture is not None
+    bench.dispatcher.failed(bench.camera, "lost", bench.ns)
+    bench.settle()
+    assert (bench.told[-1].quality, bench.told[-1].picture) == (Quality.LINK_DOWN, None)
 
 
 def test_a_frame_without_a_marker_is_no_target_not_a_fault() -> None:

@@ -11,10 +11,11 @@ from gateway.children.words import Failed
 from gateway.clock import SystemClock
 from gateway.config import Intrinsics, VisionConfig
 from gateway.errors import ProtocolError
-from gateway.model import Circle, Detection, Ellipse, Rejection, Tracking
+from gateway.model import Circle, Detection, Ellipse, PictureHealth, Rejection, Tracking
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import Scenario
 from gateway.vision import camera, jobs, worker
+from gateway.vision.checks import FrameRules
 from gateway.vision.jobs import (
     CameraJob,
     Captured,
@@ -58,17 +59,19 @@ DETECTIONS = st.builds(
     predicted=st.none() | CIRCLES,
     wrong_size=st.none() | CIRCLES,
 )
+PICTURES = st.builds(PictureHealth, NUMBER, NUMBER, NUMBER, MAYBE, MAYBE, MAYBE, st.integers(0, 63))
 FROM_CHILDREN = st.one_of(
     st.builds(Captured, FRAMES, INT),
     st.builds(Handed, FRAMES, INT, INT, INT),
-    st.builds(Looked, INT, st.none() | DETECTIONS),
-    st.builds(Opened, st.booleans()),
+    st.builds(Looked, INT, st.none() | DETECTIONS, INT, st.none() | PICTURES),
+    st.builds(Opened, st.booleans(), st.booleans()),
     st.builds(Failed, st.text(), st.booleans()),
     st.just(Ready()),
 )
 TO_CAMERA = st.one_of(st.builds(GiveBack, INT), st.builds(Straight, INT))
 RING = RingSpec(7, 3, 25.0)
 CLOCK = SystemClock(2.5, 3, 4)
+RULES = FrameRules(640, None, (640, 480), 1.5, repeats_age=False)
 
 
 @given(FROM_CHILDREN)
@@ -91,7 +94,7 @@ def test_every_word_to_a_child_comes_out_as_it_went_in(to_camera: object, to_wor
     ],
 )
 def test_a_camera_s_job_comes_out_as_it_went_in_and_names_its_source(spec: SourceSpec) -> None:
-    job = CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2))
+    job = CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2), RULES)
 
     again = camera.CODEC.unpacked(Codec.packed(job))
 
@@ -102,7 +105,7 @@ def test_a_camera_s_job_comes_out_as_it_went_in_and_names_its_source(spec: Sourc
 def test_a_scenario_of_a_thousand_legs_is_a_job_too() -> None:
     legs = tuple({"name": f"leg {n}", "distance_cm": 10 + n % 400, "lateral_mm": n / 7} for n in range(1000))
     spec = SimCameraSpec(Scenario.model_validate({"legs": legs, "camera": {"fps": 12.5}}), 10**15, "a camera")
-    packed = Codec.packed(CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2)))
+    packed = Codec.packed(CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2), RULES))
 
     assert len(packed) <= MAX_MESSAGE_BYTES
     again = camera.CODEC.unpacked(packed)

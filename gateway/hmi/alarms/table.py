@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Generic, TypeVar
 
-from gateway.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, Quality, Reason, StateVector
-from gateway.ne107 import Ne107, active
+from gateway.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, PictureFault, Quality, Reason, StateVector
+from gateway.ne107 import worn
 from gateway.plc import PlcLink
 
 ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
@@ -188,6 +188,31 @@ def _scale_detail(seen: BaySeen) -> str:
     if scale is None or jump is None:
         return ""
     return f"R x Z {scale.newest.px_mm:.0f} px mm, {100 * jump:+.0f} %; learned from {scale.visits} visits"
+
+
+_BLIND = (PictureFault.DARK, PictureFault.BRIGHT, PictureFault.FLAT)
+_POOR = (PictureFault.BLURRED, PictureFault.DUSTY)
+_MOVED = (PictureFault.SHIFTED,)
+
+
+def _picture(*faults: PictureFault) -> Callable[[BaySeen], bool]:
+    return lambda seen: (health := seen.state.picture) is not None and any(fault in health.faults for fault in faults)
+
+
+def _picture_detail(seen: BaySeen) -> str:
+    """What of the picture is wrong, with the numbers."""
+    health = seen.state.picture
+    if health is None or not health.faults:
+        return ""
+    numbers = {
+        PictureFault.DARK: f"brightness {health.brightness:.1%}",
+        PictureFault.BRIGHT: f"{health.clipped:.0%} burnt out",
+        PictureFault.FLAT: f"contrast {health.contrast:.1%}",
+        PictureFault.BLURRED: "" if health.sharpness is None else f"sharpness {health.sharpness:.0%}",
+        PictureFault.DUSTY: "" if health.veil is None else f"veil {health.veil:.0%}",
+        PictureFault.SHIFTED: "" if health.shift_px is None else f"shift {health.shift_px:.0f} px",
+    }
+    return ", ".join(f"{fault.name.lower()} ({numbers[fault]})".replace(" ()", "") for fault in health.faults)
 
 
 _STOPS = "stop is on and may_move off: no truck can come into place"
@@ -376,6 +401,50 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         suppressed=SENSORS_SILENT,
     ),
     Kind(
+        "picture_blind",
+        "Camera sees nothing",
+        Priority.MEDIUM,
+        "pictures come, but they are dark, over-exposed or without any contrast",
+        "no marker can be found, so stop is on as soon as a truck is there",
+        ("the light is off or failed", "something covers the lens", "the sun or a lamp shines into the lens", "fog"),
+        "look at the live picture; switch the light on, clean the lens, take away what covers it; set the exposure",
+        30,
+        _picture(*_BLIND),
+        _picture_detail,
+        off_delay_s=10.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "picture_poor",
+        "Picture getting worse",
+        Priority.LOW,
+        "the picture is blurred, or has been veiled by dust for long",
+        "markers are found late or not at all, and their radius is less sure",
+        ("dust, dirt, water or a cobweb on the lens", "the focus has moved", "a dust filter that fails"),
+        "clean the lens and its window; focus; look at the dust extraction",
+        8 * 60,
+        _picture(*_POOR),
+        _picture_detail,
+        on_delay_s=10.0,
+        off_delay_s=60.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "camera_moved",
+        "Camera moved",
+        Priority.MEDIUM,
+        "the fixed background is not where it was when the gateway learned it",
+        "aim point, offset and the distance seen by the camera are wrong by as much",
+        ("something hit the camera or its mount", "a loose screw", "somebody turned or zoomed it"),
+        "put the camera back or align it anew (docs/commissioning-vision.md), then restart the gateway: it learns the "
+        "background again",
+        60,
+        _picture(*_MOVED),
+        _picture_detail,
+        off_delay_s=60.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
         "maintenance",
         "Maintenance required",
         Priority.LOW,
@@ -384,7 +453,7 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         ("a loose cable", "electric noise on the serial line", "a camera or disk that begins to fail"),
         "look at the counters, and mend what restarts, reopens or is damaged",
         8 * 60,
-        lambda seen: Ne107.MAINTENANCE_REQUIRED in active(seen.state),
+        lambda seen: worn(seen.state),
         on_delay_s=10.0,
         off_delay_s=60.0,
         suppressed=SENSORS_SILENT,

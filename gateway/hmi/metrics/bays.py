@@ -13,6 +13,8 @@ from gateway.model import (
     FunctionCheck,
     GuidanceCode,
     Moved,
+    PictureFault,
+    PictureHealth,
     Quality,
     Reason,
     StateVector,
@@ -86,6 +88,17 @@ def _circle(bay: BayKnown, axis: str) -> Value:
     return None if circle is None else getattr(circle, axis)
 
 
+def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[BayKnown], Value]:
+    return lambda bay: None if (health := bay.state.picture) is None else read(health)
+
+
+def _picture_faults(known: Known) -> Iterator[Labelled]:
+    for bay in _bays(known):
+        if (health := bay.state.picture) is not None:
+            for fault in PictureFault:
+                yield (bay.config.name, fault.name.lower()), int(fault in health.faults)
+
+
 BAYS: tuple[Family, ...] = (
     _gauge("stop", "1: stop is on", lambda b: b.state.stop),
     _gauge("may_move", "1: the truck may move", lambda b: b.state.may_move),
@@ -123,6 +136,15 @@ BAYS: tuple[Family, ...] = (
     _gauge("to_go_meters", "until D = 1; negative: past it", lambda b: _meters(b.state.guidance.to_go_mm)),
     _gauge("closing_speed_meters_per_second", "positive: the truck comes nearer",
            lambda b: _meters(b.state.guidance.closing_mm_s)),
+    _gauge("picture_brightness_ratio", "mean grey level of the picture, of white; no sample: no fresh picture",
+           _picture(lambda p: p.brightness)),
+    _gauge("picture_clipped_ratio", "share of the pixels that are burnt out", _picture(lambda p: p.clipped)),
+    _gauge("picture_contrast_ratio", "share of the grey levels in use", _picture(lambda p: p.contrast)),
+    _gauge("picture_sharpness_ratio", "of the strongest edges, 0.6 in focus", _picture(lambda p: p.sharpness)),
+    _gauge("picture_veil_ratio", "share of dust or haze over the picture", _picture(lambda p: p.veil)),
+    _gauge("picture_shift_pixels", "how far the fixed background has moved", _picture(lambda p: p.shift_px)),
+    Family("bay_picture_fault", "gauge", "1: this is wrong with the picture itself", _picture_faults,
+           ("bay", "fault")),
     _gauge("state_age_seconds", "of what is told here of the bay", lambda b: _seconds(b, b.state.t_ns)),
     _gauge("vision_age_seconds", "of the newest frame or fault",
            lambda b: _seconds(b, b.state.vision.t_ns, known=b.state.vision.quality is not Quality.WAITING)),

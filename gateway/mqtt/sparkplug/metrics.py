@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gateway.model import FRESH_FRAME, REASON_MEANING, Circle, Quality, StateVector
+from gateway.model import FRESH_FRAME, REASON_MEANING, Circle, PictureHealth, Quality, StateVector
 from gateway.mqtt.sparkplug.wire import DataType, Metric, QualityCode, Value
 
 NODE_REBIRTH = "Node Control/Rebirth"
@@ -55,6 +55,17 @@ def _tracking(state: StateVector) -> tuple[Value, QualityCode]:
     return None, quality_code(quality)
 
 
+def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
+    """Of the picture itself: null without a fresh frame, and where it can't be told."""
+
+    def value(state: StateVector) -> tuple[Value, QualityCode]:
+        found = None if state.picture is None else read(state.picture)
+        code = QualityCode.GOOD if state.picture is not None else quality_code(state.vision.quality)
+        return found, QualityCode.BAD if found is None and code is QualityCode.GOOD else code
+
+    return value
+
+
 def _d(state: StateVector) -> tuple[Value, QualityCode]:
     return state.d, QualityCode.BAD if state.d is None else QualityCode.GOOD
 
@@ -85,6 +96,13 @@ DEVICE: tuple[Row, ...] = (
         _of_vision(lambda s, c: s.z_vision_mm), "mm", 0),
     Row("Camera/Quality", _S, "may the marker's values be used", _always(lambda s: s.vision.quality.name)),
     Row("Camera/Rate", _D, "results a second", _always(lambda s: s.vision.stats.rate_hz), "Hz", 0),
+    Row("Picture/Brightness", _D, "mean grey level, share of white", _picture(lambda p: p.brightness), digits=2),
+    Row("Picture/Contrast", _D, "share of the grey levels in use", _picture(lambda p: p.contrast), digits=2),
+    Row("Picture/Sharpness", _D, "of the strongest edges, 0.6 in focus", _picture(lambda p: p.sharpness), digits=2),
+    Row("Picture/Veil", _D, "share of dust or haze", _picture(lambda p: p.veil), digits=2),
+    Row("Picture/Shift", _D, "how far the fixed background has moved", _picture(lambda p: p.shift_px), "px", 0),
+    Row("Picture/Status", _U, "what is wrong with it, one bit each (register picture_status)",
+        _picture(lambda p: p.status)),
     Row("Ranger/Quality", _S, "may the distance be used", _always(lambda s: s.range.quality.name)),
     Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
 )  # fmt: skip

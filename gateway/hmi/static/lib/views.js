@@ -67,6 +67,14 @@ export function cameraFault(state) {
   return detail ? `${words(quality.name)}: ${detail}` : words(quality.name);
 }
 
+/** Of the picture itself, whatever is in it. @returns {{state: 'ok'|'off'|'warn', text: string}} */
+export function pictureHealth(state) {
+  const { picture } = state;
+  if (!picture) return { state: 'off', text: 'not known' };
+  const faults = picture.faults.map(words);
+  return faults.length ? { state: 'warn', text: faults.join(', ') } : { state: 'ok', text: 'in order' };
+}
+
 /** @returns {'ok'|'off'|'warn'|'bad'} */
 export function rangeHealth(state) {
   const { name } = state.range.quality;

@@ -1,8 +1,8 @@
 // Camera, ranger, PLC, broker: do they do their work? Ages, rates, delays; counters on demand.
 
 import { html } from '../vendor/preact-htm.js';
-import { NONE, age, count, hz, words } from '../lib/format.js';
-import { plcHealth, rangeHealth, visionHealth } from '../lib/views.js';
+import { NONE, age, count, hz, percent, px, words } from '../lib/format.js';
+import { pictureHealth, plcHealth, rangeHealth, visionHealth } from '../lib/views.js';
 import { useKept } from './hooks.js';
 import { Health as Sign } from './signs.js';
 
@@ -73,6 +73,9 @@ export function Health({ state, links }) {
       <${Part} name="Camera" detail=${state?.vision.detail}
         sign=${state ? html`<${Sign} state=${visionHealth(state)} text=${words(state.vision.quality.name)} />` : unknown}
         facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['delay', age(state?.rates.vision_latency_ms)]]} />
+      <${Part} name="Picture"
+        sign=${state ? html`<${Sign} ...${pictureHealth(state)} />` : unknown}
+        facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['shift', px(state?.picture?.shift_px, 0)]]} />
       <${Part} name="Ranger" detail=${state?.range.detail}
         sign=${state ? html`<${Sign} state=${rangeHealth(state)} text=${words(state.range.quality.name)} />` : unknown}
         facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)]]} />
