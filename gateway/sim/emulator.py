@@ -18,7 +18,7 @@ from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from gateway.errors import ConfigError, LinkError
 from gateway.ranger.session import FARTHEST_MM, NEAREST_MM
 from gateway.sim.hcsr04 import SensorErrors
-from gateway.sim.ranger import OF_SCENARIO, no_faults
+from gateway.sim.ranger import faults_of, no_faults
 from gateway.sim.ranger_board import Faults, RangerFault
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import World
@@ -41,6 +41,7 @@ def commands_of(faults: Faults, errors: SensorErrors) -> dict[str, str]:
     """What the bench must be told for these faults to hold, by what it changes. The worst of the sensor's wins."""
     sensor = "sensor ok"
     for fault, command in (
+        (RangerFault.ECHO, f"sensor at {faults.get(RangerFault.ECHO, 0.0):g}"),
         (RangerFault.TOO_FAR, f"sensor at {FARTHEST_MM + 200:g}"),
         (RangerFault.TOO_NEAR, f"sensor at {NEAREST_MM / 2:g}"),
         (RangerFault.NO_ECHO, "sensor no_echo"),
@@ -117,8 +118,7 @@ class EmulatedRanger:
             return world.distance_mm((t_ns - origin_ns) / NS_PER_S)
 
         def faults(t_ns: int) -> Faults:
-            t_s = (t_ns - origin_ns) / NS_PER_S
-            return dict(board for kind, board in OF_SCENARIO.items() if scenario.active(kind, t_s))
+            return faults_of(scenario, (t_ns - origin_ns) / NS_PER_S)
 
         sensor = scenario.ranger
         return cls(

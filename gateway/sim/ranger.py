@@ -1,6 +1,7 @@
 """The simulated ranger on a pty: real bytes at the wire's pace, behind a path that survives unplugging."""
 
 import errno
+import math
 import os
 import select
 import shutil
@@ -21,7 +22,7 @@ MAX_SLEEP_NS = 20_000_000
 """The board looks up at least so often: for questions, for faults, for the cable."""
 
 
-# What a scenario's fault is to the board, with its amount.
+# What a scenario's fault is to the board, with its amount; of an echo, the scenario has it.
 OF_SCENARIO: Mapping[FaultKind, tuple[RangerFault, float]] = {
     FaultKind.RANGER_SILENT: (RangerFault.SILENT, 0.0),
     FaultKind.RANGER_NO_ECHO: (RangerFault.NO_ECHO, 0.0),
@@ -30,9 +31,23 @@ OF_SCENARIO: Mapping[FaultKind, tuple[RangerFault, float]] = {
     FaultKind.RANGER_TOO_FAR: (RangerFault.TOO_FAR, 0.0),
     FaultKind.RANGER_NOISE: (RangerFault.LINE_NOISE, 0.03),
     FaultKind.RANGER_WILD: (RangerFault.WILD, 2500.0),
+    FaultKind.RANGER_ECHO: (RangerFault.ECHO, 0.0),
     FaultKind.RANGER_UNPLUGGED: (RangerFault.UNPLUGGED, 0.0),
     FaultKind.RANGER_WRONG_VERSION: (RangerFault.WRONG_VERSION, 99.0),
 }
+
+
+def faults_of(scenario: Scenario, t_s: float) -> Faults:
+    """What is wrong with the board at world time `t_s`. Of several echoes the nearest is heard."""
+    found: dict[RangerFault, float] = {}
+    for fault in scenario.faults:
+        if fault.kind not in OF_SCENARIO or not fault.active(t_s):
+            continue
+        kind, amount = OF_SCENARIO[fault.kind]
+        if kind is RangerFault.ECHO:
+            amount = min(10.0 * fault.distance_cm, found.get(kind, math.inf))
+        found[kind] = amount
+    return found
 
 
 def no_faults(t_ns: int) -> Faults:
@@ -89,8 +104,7 @@ class SimulatedRanger:
             return world.distance_mm((t_ns - origin_ns) / NS_PER_S)
 
         def faults(t_ns: int) -> Faults:
-            t_s = (t_ns - origin_ns) / NS_PER_S
-            return dict(board for kind, board in OF_SCENARIO.items() if scenario.active(kind, t_s))
+            return faults_of(scenario, (t_ns - origin_ns) / NS_PER_S)
 
         sensor = scenario.ranger
         return cls(

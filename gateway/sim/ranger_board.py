@@ -3,6 +3,7 @@
 Ask it with `advance(now_ns)` for the bytes that have left since the last call; time may run at any speed.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -43,6 +44,7 @@ class RangerFault(StrEnum):
     TOO_NEAR = "too_near"
     TOO_FAR = "too_far"
     SCATTER = "scatter"  # readings scatter; amount: standard deviation, mm
+    ECHO = "echo"  # of something nearer than the target, where that is nearer; amount: its distance, mm
     WILD = "wild"  # true and wild readings alternate, as clones do; amount: the wild distance, mm
     LINE_NOISE = "line_noise"  # bytes flipped, lost and made up on the wire; amount: share of bytes hit
     UNPLUGGED = "unplugged"  # acted on by the pty around the board
@@ -141,6 +143,8 @@ class Board:
             here_mm = self._distance_mm(trigger_ns + flight_ns(here_mm, self._air_c) // 2)
         faults = self.faults
         errors = self._errors
+        if RangerFault.ECHO in faults:
+            here_mm = min(faults[RangerFault.ECHO], math.inf if here_mm is None else here_mm)
         if RangerFault.SCATTER in faults:
             errors = replace(errors, jitter_mm=faults[RangerFault.SCATTER])
         echo = measure(here_mm, self._air_c, errors, self._sensor)

@@ -1,7 +1,7 @@
 """What the camera sees: `render(scenario, truth, frame_index)` is a pure function; only painted textures are kept.
 
 The disc is drawn analytically, so its sub-pixel centre and radius are those of the truth. Order of the layers: yard,
-truck, marker, motion blur, dust, light, sensor noise.
+truck, marker, motion blur, the bay's own spout and lamp, dust, light, sensor noise.
 """
 
 import math
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from gateway.sim.canvas import u8
 from gateway.sim.scenario import Dust, FaultKind, Light, Scenario
+from gateway.sim.spout import Spout
 from gateway.sim.textures import COVER, NEAR_MM, TANK_AXES, Level, surfaces
 from gateway.sim.world import Truth
 from gateway.vision.pixels import Image
 
 NOISE_MARGIN_PX = 64  # the noise pool is so much larger than the frame; a window of it moves about
+CLOUD_PER_M = 6.0  # extinction that a cloud of dust adds: four fifths of the light are lost on 28 cm
 AIRLIGHT = (206, 206, 204)  # cement dust in the light of the bay, BGR
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 of a window of the frame, px, the last two beyond it
 
@@ -45,6 +47,7 @@ class Painter:
         self._scenario = scenario
         self._size = (scenario.camera.width_px, scenario.camera.height_px)
         self._surfaces = surfaces(scenario)
+        self._spout = Spout(scenario)
         self._light = _light_map(scenario.light, self._size)
         self._dust = _dust_map(scenario.dust, self._size, scenario.seed)
         self._air = np.empty((self._size[1], self._size[0], 3), dtype=np.uint8)
@@ -59,6 +62,7 @@ class Painter:
         image = self._truck(truth)
         self._marker(image, truth)
         image = _blurred(image, truth, scenario.camera.exposure_ms / 1000)
+        self._spout.draw(image, truth)
         image = self._dusty(image, truth)
         gain = brightness(scenario.light, truth.t_s) / NEUTRAL
         cv2.multiply(image, self._light, dst=image, scale=gain)
@@ -97,7 +101,8 @@ class Painter:
 
     def _dusty(self, image: Image, truth: Truth) -> Image:
         dust = self._scenario.dust
-        veil = 1 - math.exp(-dust.density * truth.camera_mm / 1000)
+        cloud = CLOUD_PER_M if self._scenario.active(FaultKind.DUST_CLOUD, truth.t_s) else 0.0
+        veil = 1 - math.exp(-(dust.density + cloud) * truth.camera_mm / 1000)
         if veil < 1 / 512:
             return image
         width, height = self._size

@@ -23,6 +23,9 @@ class FaultKind(StrEnum):
     CAMERA_BLACK = "camera_black"
     CAMERA_STUCK = "camera_stuck"
     MARKER_HIDDEN = "marker_hidden"
+    SPOUT_DOWN = "spout_down"
+    DUST_CLOUD = "dust_cloud"
+    RED_LAMP = "red_lamp"
     RANGER_SILENT = "ranger_silent"
     RANGER_NO_ECHO = "ranger_no_echo"
     RANGER_STUCK = "ranger_stuck"
@@ -30,6 +33,7 @@ class FaultKind(StrEnum):
     RANGER_TOO_FAR = "ranger_too_far"
     RANGER_NOISE = "ranger_noise"
     RANGER_WILD = "ranger_wild"
+    RANGER_ECHO = "ranger_echo"
     RANGER_UNPLUGGED = "ranger_unplugged"
     RANGER_WRONG_VERSION = "ranger_wrong_version"
 
@@ -40,6 +44,9 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.CAMERA_BLACK: "frames come, but black, as behind a lens cap",
     FaultKind.CAMERA_STUCK: "frames come, each with a new time, but all show the same picture",
     FaultKind.MARKER_HIDDEN: "a grey tarpaulin hangs over the marker",
+    FaultKind.SPOUT_DOWN: "the loading spout comes down before the marker, covers it and goes up again at the end",
+    FaultKind.DUST_CLOUD: "loading raises so much dust that hardly anything can be seen",
+    FaultKind.RED_LAMP: "a round red lamp on the spout is lit, 20 px in radius; the spout need not be down",
     FaultKind.RANGER_SILENT: "the port is open, but no line comes",
     FaultKind.RANGER_NO_ECHO: "every measurement says: no echo",
     FaultKind.RANGER_STUCK: "every measurement says: ECHO is held high",
@@ -47,6 +54,7 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.RANGER_TOO_FAR: "every measurement says: farther than 4 m",
     FaultKind.RANGER_NOISE: "bytes are flipped, lost and made up on the wire",
     FaultKind.RANGER_WILD: "every other reading is wild, as with known clones",
+    FaultKind.RANGER_ECHO: "an echo from something nearer than the truck: the spout, dust, a person; `distance_cm` of it",
     FaultKind.RANGER_UNPLUGGED: "the serial device is gone",
     FaultKind.RANGER_WRONG_VERSION: "the ranger reboots with another protocol version",
 }
@@ -58,6 +66,11 @@ class Fault(Section):
     kind: FaultKind = Field(description="what goes wrong: one of the kinds listed below")
     at_s: float = Field(ge=0, le=86_400, description="when it starts, s of world time")
     for_s: float = Field(gt=0, le=86_400, description="how long it lasts, s")
+    distance_cm: float = Field(20.0, ge=2, le=400, description="where a ranger_echo comes from; others have no distance")
+
+    def active(self, t_s: float) -> bool:
+        """Does it hold at world time `t_s`?"""
+        return self.at_s <= t_s < self.at_s + self.for_s
 
 
 class Pose(Section):
@@ -69,6 +82,9 @@ class Pose(Section):
 class Leg(Section):
     """Drive in a straight line from where the truck stands to this pose, then stand."""
 
+    another_truck: bool = Field(
+        False, description="this one has gone: another truck stands at this pose at once, which takes no time"
+    )
     name: str = Field("", max_length=40, description="for reports; trials are named here")
     distance_cm: float = Field(ge=4, le=500, description="distance at the end of the leg, cm")
     lateral_mm: float = Field(0.0, ge=-1000, le=1000, description="lateral offset at the end of the leg")
@@ -199,7 +215,7 @@ class Scenario(Section):
 
     def since_s(self, kind: FaultKind, t_s: float) -> float | None:
         """When the fault of this kind began that holds at world time `t_s`; None: there is none."""
-        return next((f.at_s for f in self.faults if f.kind is kind and f.at_s <= t_s < f.at_s + f.for_s), None)
+        return next((f.at_s for f in self.faults if f.kind is kind and f.active(t_s)), None)
 
 
 def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:

@@ -14,9 +14,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
-from gateway.sim.scenario import FaultKind, Leg, Scenario, Vibration
+from gateway.sim.scenario import Camera, FaultKind, Leg, Scenario, Vibration
 from gateway.sim.standing import Standing
 
+SPOUT_S = 2.0  # the spout needs so long to come down, and to go up
+SPOUT_MM = 200.0  # from the ranger to the spout, which hangs on the camera's axis: nearer than any truck in place
+SPOUT_HALF_MM = 75.0
 SINES = 4  # per axis of the vibration
 DELTA_S = 1e-4  # for the image speed; vibration is slow against it
 
@@ -52,6 +55,10 @@ class Truth:
     phase: Phase
     leg: int  # index of the current leg; -1 before world time 0 and where the scenario has none
     leg_name: str
+    speed_mm_s: float = 0.0  # of the truck along its leg, vibration left out; never negative
+    truck: int = 0  # which truck it is, counted from 0
+    spout: float = 0.0  # how far the loading spout is down: 0 above the picture, 1 all the way
+    lamp: bool = False  # the red lamp on the spout is lit
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +76,7 @@ class _Segment:
     @classmethod
     def plan(cls, leg: Leg, origin: Vector, start_s: float) -> "_Segment":
         target = Vector(leg.lateral_mm, leg.vertical_mm, 10.0 * leg.distance_cm)
+        origin = target if leg.another_truck else origin
         way = math.dist(origin, target)
         acceleration = 10.0 * leg.acceleration_cm_s2
         # Two ramps need peak^2 / acceleration of way; a shorter leg never reaches its cruising speed.
@@ -140,13 +148,14 @@ class World:
 
     def truth(self, t_s: float) -> Truth:
         """Everything at world time `t_s`; before 0 the truck stands at the start."""
-        here, phase, leg = self._here(t_s)
+        here, speed, leg = self._here(t_s)
         camera = self.scenario.camera
         u, v, radius = self._project(here)
         # Central difference, one-sided nowhere: the world is defined for every t.
         u_before, v_before, _ = self._project(self._here(t_s - DELTA_S)[0])
         u_after, v_after, _ = self._project(self._here(t_s + DELTA_S)[0])
-        covered = self.scenario.active(FaultKind.MARKER_HIDDEN, t_s)
+        down = spout(self.scenario, t_s)
+        covered = self.scenario.active(FaultKind.MARKER_HIDDEN, t_s) or self._behind_spout(down, u, v, radius)
         inside = radius <= u <= camera.width_px - 1 - radius and radius <= v <= camera.height_px - 1 - radius
         return Truth(
             t_s=t_s,
@@ -159,9 +168,13 @@ class World:
             v_px_s=(v_after - v_before) / (2 * DELTA_S),
             marker_visible=inside and not covered,
             stop=radius >= self._radius_threshold_px and here.z <= self._distance_threshold_mm,
-            phase=phase,
+            phase=self._phase(speed, leg),
             leg=leg,
             leg_name=self.scenario.legs[leg].name if leg >= 0 else "",
+            speed_mm_s=speed,
+            truck=self._truck(t_s, leg),
+            spout=down,
+            lamp=self.scenario.active(FaultKind.RED_LAMP, t_s),
         )
 
     def distance_mm(self, t_s: float) -> float:
@@ -174,15 +187,34 @@ class World:
         scale = camera.focal_px / (here.z + camera.offset_mm)
         return cx + scale * here.x, cy + scale * here.y, scale * self.scenario.marker.radius_mm
 
-    def _here(self, t_s: float) -> tuple[Vector, Phase, int]:
-        if not self._segments or t_s < 0:
-            return self._shaken(self._start, 0.0, t_s), Phase.HOLD, -1
-        leg, planned_s = self._leg_and_planned_s(t_s)
+    def _behind_spout(self, down: float, u: float, v: float, radius: float) -> bool:
+        """Does the spout cover anything of the marker?"""
+        if down <= 0:
+            return False
+        left, right, edge = spout_box(self.scenario.camera, down)
+        return edge > v - radius and left < u + radius and right > u - radius
+
+    def _phase(self, speed: float, leg: int) -> Phase:
+        if speed <= 0:
+            return Phase.HOLD
         segment = self._segments[leg]
-        place, speed = segment.at(planned_s)
-        phase = Phase.RETREAT if segment.target.z > segment.origin.z else Phase.APPROACH
-        phase = phase if speed > 0 else Phase.HOLD
-        return self._shaken(place, speed / (10.0 * self.scenario.legs[leg].speed_cm_s), t_s), phase, leg
+        return Phase.RETREAT if segment.target.z > segment.origin.z else Phase.APPROACH
+
+    def _truck(self, t_s: float, leg: int) -> int:
+        """Each repetition of the legs is another truck, too."""
+        if leg < 0:
+            return 0
+        others = [number for number, each in enumerate(self.scenario.legs) if each.another_truck]
+        rounds = int(t_s // self.plan_s) if self.scenario.repeat and self.plan_s > 0 else 0
+        return rounds * (len(others) + 1) + sum(number <= leg for number in others)
+
+    def _here(self, t_s: float) -> tuple[Vector, float, int]:
+        """Where the truck is, its speed in mm/s, and the leg."""
+        if not self._segments or t_s < 0:
+            return self._shaken(self._start, 0.0, t_s), 0.0, -1
+        leg, planned_s = self._leg_and_planned_s(t_s)
+        place, speed = self._segments[leg].at(planned_s)
+        return self._shaken(place, speed / (10.0 * self.scenario.legs[leg].speed_cm_s), t_s), speed, leg
 
     def _leg_and_planned_s(self, t_s: float) -> tuple[int, float]:
         waited_s = 0.0
@@ -207,6 +239,23 @@ class World:
         rest = self.scenario.vibration.rest_share
         loud = rest + (1 - rest) * drive
         return Vector(*(p + loud * _sum(sines, t_s) for p, sines in zip(place, self._sines, strict=True)))
+
+
+def spout(scenario: Scenario, t_s: float) -> float:
+    """How far the loading spout is down at world time `t_s`, 0 to 1."""
+    ways = (
+        min((t_s - fault.at_s) / SPOUT_S, (fault.at_s + fault.for_s - t_s) / SPOUT_S, 1.0)
+        for fault in scenario.faults
+        if fault.kind is FaultKind.SPOUT_DOWN and fault.active(t_s)
+    )
+    return max(ways, default=0.0)
+
+
+def spout_box(camera: Camera, down: float) -> tuple[float, float, float]:
+    """Left, right and lower edge of the spout in the picture, px; it hangs in the bay and does not move with trucks."""
+    half = camera.focal_px * SPOUT_HALF_MM / (SPOUT_MM + camera.offset_mm)
+    cx, _ = camera.centre_px
+    return cx - half, cx + half, down * camera.height_px
 
 
 _Sine = tuple[float, float, float]  # amplitude mm, angular frequency 1/s, phase rad
