@@ -94,7 +94,8 @@ def step(
     memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
     check = config.cross_check
     if check is None and config.decision == "held" and config.scale_tolerance:
-        memory = _scale(memory, vision, rng, now_ns, config)
+        new = vision is not state.vision or rng is not state.range
+        memory = _scale(memory, vision, rng, now_ns, config, new=new)
         z_vision_mm = None
     else:
         memory, z_vision_mm = _cross_check(memory, vision, rng, now_ns, check)
@@ -262,32 +263,45 @@ def _cross_check(
         return memory, z_vision_mm
     tolerance_mm = check.tolerance_mm + check.tolerance_share * rng.distance_mm
     if abs(seen_mm - rng.distance_mm) <= tolerance_mm:
-        agreed = memory.disagree_since_ns is None and not memory.disagree
-        return memory if agreed else replace(memory, disagree_since_ns=None, disagree=False), z_vision_mm
+        return _agreed(memory), z_vision_mm
     since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
     lasting = now_ns - since_ns >= check.lasting_s * NS_PER_S
     return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting), z_vision_mm
 
 
 def _scale(
-    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, new: bool
 ) -> FusionMemory:
     """R times Z against what was learned, and against the newest pairs: no truck changes one of them alone.
 
-    A verdict, or the wait for one, is kept while it cannot be renewed. A bay that has been clear forgets its constant:
-    gateway/interlock.py.
+    What was learned from visit to visit is believed before the newest pairs, which may be of something else that is
+    red. A verdict is kept while it cannot be renewed, the wait for one is not: it is about what lasts. A bay that has
+    been clear forgets its pairs: gateway/interlock.py.
     """
     if vision.wrong_size is not None and rng.distance_mm is not None:
         return _contradicted(memory, now_ns, config)  # the search has refused it by what was learned
     if vision.circle is None or rng.distance_mm is None:
-        return memory
+        return memory if memory.disagree else _agreed(memory)
     scale = vision.circle.radius_px * rng.distance_mm
     known = memory.scale_px_mm
+    alike = len(known) < SCALE_LEAST or _alike(scale, median(known), config.scale_tolerance)
     expected_px = expected_radius_px(memory.scale, rng.distance_mm, config.scale_tolerance)
-    misfit = expected_px is not None and not expected_px[0] <= vision.circle.radius_px <= expected_px[1]
-    if misfit or (len(known) >= SCALE_LEAST and not _alike(scale, median(known), config.scale_tolerance)):
+    if expected_px is not None and expected_px[0] <= vision.circle.radius_px <= expected_px[1]:
+        known, alike = (known if alike else ()), True
+    elif expected_px is not None:
+        alike = False
+    if not alike:
         return _contradicted(memory, now_ns, config)
-    return replace(memory, scale_px_mm=(*known, scale)[-SCALE_MOST:], disagree_since_ns=None, disagree=False)
+    if new:
+        memory = replace(memory, scale_px_mm=(*known, scale)[-SCALE_MOST:])
+    return _agreed(memory)
+
+
+def _agreed(memory: FusionMemory) -> FusionMemory:
+    """Nothing contradicts."""
+    if memory.disagree_since_ns is None and not memory.disagree:
+        return memory
+    return replace(memory, disagree_since_ns=None, disagree=False)
 
 
 def _contradicted(memory: FusionMemory, now_ns: int, config: FusionConfig) -> FusionMemory:

@@ -121,7 +121,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         fused,
         speed,
         limits,
-        released=plc.on(Control.RELEASE) and plc.link is not PlcLink.LOST,
+        released=plc.on(Control.RELEASE) and plc.link is PlcLink.ALIVE,
         release=handshake.rose(before, plc, Control.RELEASE),
     )
     memory, plc = _latch(state.memory, before, plc, fused, stay, limits)
@@ -131,11 +131,11 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
 
     fail_safe = recipe.fusion.fail_safe
     released = visit.lets_go(stay, fused, limits)
-    stop = (fused.stop and not released) or memory.latched or (plc.missed and fail_safe)
+    stop = (fused.stop and not released) or memory.latched or stay.in_place or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
     may_move = (fused.may_move or released) and not stop and allowed and not working
-    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe)
+    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe, in_place=stay.in_place)
     # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
     same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
     if same and memory is fused.memory and plc is fused.plc and stay is fused.visit:
@@ -244,9 +244,11 @@ def _allowed(plc: Handshake, config: HandshakeConfig) -> bool:
     )
 
 
-def _reason(fused: StateVector, plc: Handshake, *, stop: bool, fail_safe: bool) -> Reason:
+def _reason(fused: StateVector, plc: Handshake, *, stop: bool, fail_safe: bool, in_place: bool) -> Reason:
     if not stop:
         return Reason.NONE
     if plc.missed and fail_safe and fused.reason in _BELOW_PLC_LOST:
         return Reason.PLC_LOST
-    return Reason.STOP_LATCHED if fused.reason is Reason.NONE else fused.reason
+    if fused.reason is Reason.NONE:
+        return Reason.TARGET_REACHED if in_place else Reason.STOP_LATCHED
+    return fused.reason

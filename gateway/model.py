@@ -372,13 +372,17 @@ class Visit:
     in_place: bool = False
     moved: Moved = Moved.NO
     moved_covered: bool = False  # it moved while the marker was covered: under the spout
-    released: bool = False  # by the PLC, for this visit
+    released: bool = False  # by the PLC, for this visit; it lets the truck go until off_mark
     place: Place | None = None
     still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
     in_place_since_ns: int | None = None
     covered_since_ns: int | None = None  # the camera is alive, and the marker not seen at its place since
     doubt_since_ns: int | None = None  # in place, and nothing confirms it since
     clear_since_ns: int | None = None  # no truck within leave_distance_mm since
+    sure_since_ns: int | None = None  # both sensors alive, the distance known and no contradiction since
+    settling: Place | None = None  # where the truck stood when still_since_ns began
+    off_mark: bool = False  # since it was in place, D was 0 and Z well beyond Z_th
+    farthest_mm: float | None = None  # Z at most since the release; a truck that comes nearer is not leaving
     ended: str = ""  # why in_place ended last, in words
 
     @property

@@ -6,6 +6,7 @@ long as Z stays in its band, the camera is alive and nothing contradicts. A dead
 glitch (a live ranger without a distance, a contradiction) ends it after `hold_grace_s`. It must then be earned again.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
@@ -28,12 +29,17 @@ class Limits:
     guidance: GuidanceConfig
 
     @property
+    def off_mark_mm(self) -> float:
+        """A truck farther away than this, with D = 0, has left the mark: what noise does to D ends there."""
+        return self.fusion.distance_threshold_mm + self.fusion.distance_hysteresis_mm + self.visit.band_mm
+
+    @property
     def leave_mm(self) -> float:
         """A truck farther away than this has left."""
-        fusion, asked_mm = self.fusion, self.visit.leave_distance_mm
+        asked_mm = self.visit.leave_distance_mm
         if asked_mm is None:
-            return fusion.distance_threshold_mm + LEAVE_BEYOND_MM
-        return max(asked_mm, fusion.distance_threshold_mm + fusion.distance_hysteresis_mm + self.visit.band_mm)
+            return self.fusion.distance_threshold_mm + LEAVE_BEYOND_MM
+        return max(asked_mm, self.off_mark_mm)
 
 
 def step(
@@ -41,18 +47,23 @@ def step(
 ) -> Visit:
     """The visit after `state`, which has the sensors and D as they are now.
 
-    `speed_mm_s`: closing speed, None where unknown. `released`: the PLC's release bit, `release`: it has just risen.
+    `speed_mm_s`: closing speed, None where unknown. `released`: the release bit of a living PLC, `release`: it has just
+    risen.
     """
     clear_since_ns = _since(visit.clear_since_ns, state, on=clear(state, limits))
-    if clear_since_ns != visit.clear_since_ns:
-        visit = replace(visit, clear_since_ns=clear_since_ns)
+    sure_since_ns = _since(visit.sure_since_ns, state, on=usable(state))
+    if (clear_since_ns, sure_since_ns) != (visit.clear_since_ns, visit.sure_since_ns):
+        visit = replace(visit, clear_since_ns=clear_since_ns, sure_since_ns=sure_since_ns)
     if is_over(visit, state, limits):
-        visit = Visit(phase=visit.phase, clear_since_ns=clear_since_ns)
-    if visit.released and not released:
-        visit = replace(visit, released=False, place=None)
-    if release and visit.place is not None and usable(state):
+        visit = _over(visit)
+    if visit.place is not None and not visit.off_mark and _is_off_mark(state, limits):
+        visit = replace(visit, off_mark=True)
+    if visit.released:
+        visit = _leaving(visit, state, limits, released=released)
+    elif released and release and visit.place is not None and not visit.off_mark and usable(state):
         visit = _out_of_place(replace(visit, released=True, moved=Moved.NO), "released")
-    elif not visit.released:
+        visit = replace(visit, farthest_mm=state.range.distance_mm)
+    if not visit.released:
         if visit.place is not None:
             visit = _watched(visit, visit.place, state, limits)
         visit = _settled(visit, state, speed_mm_s, limits)
@@ -67,10 +78,11 @@ def usable(state: StateVector) -> bool:
 
 
 def lets_go(visit: Visit, state: StateVector, limits: Limits) -> bool:
-    """May a released truck drive, whatever D is? Not when it comes nearer instead of leaving."""
-    if not visit.released or visit.place is None or state.range.distance_mm is None or not usable(state):
+    """May a released truck drive, whatever D is? Only until it has left the mark, and while both sensors are fine."""
+    if not visit.released or visit.off_mark or not usable(state):
         return False
-    return state.range.distance_mm >= visit.place.distance_mm - limits.visit.band_mm
+    hold_s = limits.fusion.clear_hold_s if limits.fusion.decision == "held" else 0.0
+    return _lasts(visit.sure_since_ns, state, hold_s)
 
 
 def is_over(visit: Visit, state: StateVector, limits: Limits) -> bool:
@@ -87,39 +99,66 @@ def clear(state: StateVector, limits: Limits) -> bool:
     return small and distance_mm is not None and distance_mm > limits.leave_mm
 
 
+def _leaving(visit: Visit, state: StateVector, limits: Limits, *, released: bool) -> Visit:
+    """What becomes of a release: it ends with whatever casts doubt on it, so that no other truck inherits it."""
+    farthest_mm, distance_mm = visit.farthest_mm, state.range.distance_mm
+    nearer = farthest_mm is not None and distance_mm is not None and distance_mm < farthest_mm - limits.visit.band_mm
+    if visit.off_mark:
+        # It comes back, or another truck comes in: for that one nothing has been released.
+        return _over(visit) if nearer or state.d is True else _farther(visit, distance_mm)
+    visit = replace(visit, doubt_since_ns=_since(visit.doubt_since_ns, state, on=not usable(state)))
+    dead = state.vision.quality in BLIND or state.range.quality in BLIND
+    doubtful = _lasts(visit.doubt_since_ns, state, limits.visit.hold_grace_s)
+    if nearer or dead or doubtful or not released:
+        return replace(visit, released=False, farthest_mm=None, doubt_since_ns=None)
+    return _farther(visit, distance_mm)
+
+
+def _farther(visit: Visit, distance_mm: float | None) -> Visit:
+    if distance_mm is None or (visit.farthest_mm is not None and distance_mm <= visit.farthest_mm):
+        return visit
+    return replace(visit, farthest_mm=distance_mm)
+
+
+def _is_off_mark(state: StateVector, limits: Limits) -> bool:
+    """From here on equation 14 alone lets the truck go: fusion has said so for clear_hold_s."""
+    distance_mm = state.range.distance_mm
+    return state.d is False and state.may_move and distance_mm is not None and distance_mm > limits.off_mark_mm
+
+
 def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits: Limits) -> Visit:
-    """In place, once both sensors have said so for settle_s."""
+    """In place, once both sensors have said so for settle_s, and that it is the same place."""
     circle, distance_mm = state.vision.circle, state.range.distance_mm
     if visit.in_place:
         return visit
     if circle is None or distance_mm is None or not _stands(state, circle, distance_mm, speed_mm_s, limits):
-        return visit if visit.still_since_ns is None else replace(visit, still_since_ns=None)
-    if visit.still_since_ns is None:
-        return replace(visit, still_since_ns=state.t_ns)
+        return visit if visit.settling is None else replace(visit, still_since_ns=None, settling=None)
+    if visit.settling is None or _compared(visit.settling, state, limits.visit) != (Moved.NO, False):
+        return replace(visit, still_since_ns=state.t_ns, settling=Place(distance_mm, circle))
     if not _lasts(visit.still_since_ns, state, limits.visit.settle_s):
         return visit
-    return replace(
-        visit,
+    return Visit(
+        phase=visit.phase,
         in_place=True,
-        moved=Moved.NO,
         place=Place(distance_mm, circle),
-        still_since_ns=None,
         in_place_since_ns=state.t_ns,
-        covered_since_ns=None,
-        doubt_since_ns=None,
-        ended="",
+        clear_since_ns=visit.clear_since_ns,
+        sure_since_ns=visit.sure_since_ns,
     )
 
 
 def _stands(state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: Limits) -> bool:
     """D = 1, standing, aligned where an aim is set, not too far in, nothing contradicts, nobody works on the bay."""
-    guidance = limits.guidance
+    fusion, guidance = limits.fusion, limits.guidance
+    # D may be held at a circle that is not the marker, so that both values must be those of a truck at the mark.
+    large = circle.radius_px >= fusion.radius_threshold_px - max(fusion.radius_hysteresis_px, fusion.away_px)
+    near = distance_mm <= fusion.distance_threshold_mm + max(fusion.distance_hysteresis_mm, fusion.away_mm)
     still = speed_mm_s is not None and abs(speed_mm_s) < guidance.still_mm_s
     aligned = guidance.aim_u_px is None or abs(circle.u_px - guidance.aim_u_px) <= guidance.tolerance_px
-    not_past = to_go_mm(circle.radius_px, distance_mm, limits.fusion) >= -guidance.overshoot_mm
+    not_past = to_go_mm(circle.radius_px, distance_mm, fusion) >= -guidance.overshoot_mm
     sure = not state.memory.disagree and state.memory.disagree_since_ns is None
     working = state.function_check is not FunctionCheck.OFF
-    return state.d is True and still and aligned and not_past and sure and not working
+    return state.d is True and large and near and still and aligned and not_past and sure and not working
 
 
 def _watched(visit: Visit, place: Place, state: StateVector, limits: Limits) -> Visit:
@@ -166,23 +205,28 @@ def _compared(place: Place, state: StateVector, config: VisitConfig) -> tuple[Mo
     if circle is None:
         return (Moved.DISTANCE if left_band else Moved.NO), False
     share, was_px = config.band_share, place.circle.radius_px
-    shift_px = max(abs(circle.u_px - place.circle.u_px), abs(circle.v_px - place.circle.v_px))
+    fitting_px = was_px if distance_mm is None else was_px * place.distance_mm / distance_mm  # R of a truck there
+    shift_px = math.hypot(circle.u_px - place.circle.u_px, circle.v_px - place.circle.v_px)
     shifted = shift_px > share * was_px
-    if left_band and distance_mm is not None:
-        # R of a truck that far away; nearer to R as it was, the marker stands where it stood: the echo is another.
-        fitting_px = was_px * place.distance_mm / distance_mm
+    if left_band:
+        # Nearer to R as it was than to R as it should be: the marker stands where it stood, the echo is another.
         stayed = not shifted and abs(circle.radius_px - was_px) < abs(fitting_px - was_px) / 2
         return (Moved.NO, True) if stayed else (Moved.DISTANCE, False)
-    if not was_px / (1 + share) <= circle.radius_px <= was_px * (1 + share):
-        return Moved.NO, distance_mm is not None  # R alone has changed: something else red and round
-    return (Moved.MARKER if shifted else Moved.NO), False
+    same_size = was_px / (1 + share) <= circle.radius_px <= was_px * (1 + share)
+    if same_size and not shifted:
+        return Moved.NO, False
+    # What is left of a marker partly covered is a circle on a chord of it: r^2 + shift^2 = R^2.
+    chord = circle.radius_px**2 + shift_px**2 <= fitting_px**2 * (1 + share**2 / 2)
+    if same_size and not chord:
+        return Moved.MARKER, False
+    return Moved.NO, distance_mm is not None  # covered from one side, or something else red and round
 
 
 def _phase(visit: Visit, state: StateVector, limits: Limits) -> VisitPhase:
     if visit.in_place:
         phase = VisitPhase.HELD if visit.held else VisitPhase.IN_PLACE
     elif visit.released:
-        phase = VisitPhase.LEAVING if state.d is False else VisitPhase.RELEASED
+        phase = VisitPhase.LEAVING if visit.off_mark or state.d is False else VisitPhase.RELEASED
     elif state.memory.disagree:
         phase = VisitPhase.UNKNOWN
     elif state.d is True:
@@ -207,4 +251,13 @@ def _lasts(since_ns: int | None, state: StateVector, for_s: float) -> bool:
 
 
 def _out_of_place(visit: Visit, why: str) -> Visit:
-    return replace(visit, in_place=False, in_place_since_ns=None, still_since_ns=None, doubt_since_ns=None, ended=why)
+    return replace(visit, in_place=False, in_place_since_ns=None, doubt_since_ns=None, ended=why)
+
+
+def _over(visit: Visit) -> Visit:
+    return Visit(
+        phase=visit.phase,
+        clear_since_ns=visit.clear_since_ns,
+        sure_since_ns=visit.sure_since_ns,
+        ended="the bay is clear" if visit.in_place else visit.ended,
+    )

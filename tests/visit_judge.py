@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 from gateway.config import GatewayConfig
-from gateway.model import Quality, StateVector
+from gateway.model import Quality, Reason, StateVector
 from gateway.sim.world import Truth
 
 SENSOR_MM = 17.0
@@ -33,6 +33,7 @@ class Row:
     moved: str
     guidance: str
     good: bool  # both sensors are
+    starting: bool  # the gateway has just begun, and remembers nothing
     z_mm: float
     u_px: float
     v_px: float
@@ -53,6 +54,7 @@ class Row:
             state.visit.moved.name.lower(),
             state.guidance.code.name.lower(),
             state.vision.quality is Quality.GOOD and state.range.quality is Quality.GOOD,
+            state.reason is Reason.STARTING,
             truth.distance_mm,
             truth.u_px,
             truth.v_px,
@@ -76,6 +78,7 @@ class Row:
             row["moved"],
             row["guidance"],
             row["vision"] == "good" and row["range"] == "good",
+            row["reason"] == "starting",
             truth["z_mm"],
             truth["u"],
             truth["v"],
@@ -161,7 +164,7 @@ def _of_moved(rows: list[Row], config: GatewayConfig, late_s: float) -> Iterator
             place, away_s = row, None
         if place is None:
             continue
-        if row.released or row.truck != place.truck or row.moved != "no":
+        if row.starting or row.released or row.truck != place.truck or row.moved != "no":
             place = away_s = None
             continue
         away = abs(row.z_mm - place.z_mm) > band_mm + 2 * SENSOR_MM and row.good
