@@ -12,16 +12,15 @@ ends only when both sensors show that the truck moved away from where equation 1
 be good for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation alone
 decides, at every step.
 
-One marker and one lens give R (Z + offset) = f r, a constant. Where it is not configured (`cross_check`) it is taken
-from the approach itself, and a circle that does not fit the ranger's distance is a contradiction (docs/visit.md).
+A circle that does not fit the ranger's distance is a contradiction, and a cause: gateway/agreement.py.
 """
 
-import math
 from dataclasses import replace
-from statistics import median
 from typing import NamedTuple
 
-from gateway.config import CrossCheck, FusionConfig
+from gateway import agreement
+from gateway.agreement import FAR_SHARE, sane
+from gateway.config import FusionConfig
 from gateway.model import (
     DEAD,
     FRESH_FRAME,
@@ -40,16 +39,12 @@ from gateway.model import (
     VisionReading,
 )
 from gateway.plc import PlcConnection, PlcWrite
-from gateway.scale import distance_of, expected_radius_px
+from gateway.scale import distance_of
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
 NS_PER_S = 1_000_000_000
 RECOVERING = "good again, but not for long enough yet"
 BEYOND_RANGE_MM = 3600.0  # the ranger hears up to 4 m; a tenth less, for what was learned may be off
-FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
-SCALE_LEAST = 5  # pairs that make a constant
-SCALE_MOST = 15  # of them are kept
-LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
 
 VISION_REASON: dict[Quality, Reason] = {
     Quality.WAITING: Reason.STARTING,
@@ -92,13 +87,8 @@ def step(
     vision = _aged_vision(vision, now_ns, config)
     rng = _aged_range(rng, now_ns, config)
     memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
-    check = config.cross_check
-    if check is None and config.decision == "held" and config.scale_tolerance:
-        new = vision is not state.vision or rng is not state.range
-        memory = _scale(memory, vision, rng, now_ns, config, new=new)
-        z_vision_mm = None
-    else:
-        memory, z_vision_mm = _cross_check(memory, vision, rng, now_ns, check)
+    new = vision is not state.vision or rng is not state.range
+    memory, z_vision_mm = agreement.checked(memory, vision, rng, now_ns, config, new=new)
     memory = _decide(memory, vision, rng, now_ns, config, stopped=state.stop)
     seen = vision.quality is Quality.GOOD
     if seen != memory.target_seen and vision.quality in (Quality.GOOD, Quality.NO_TARGET):
@@ -113,7 +103,9 @@ def step(
     if stop:
         reason = fault if fault is not Reason.NONE and config.fail_safe else Reason.TARGET_REACHED
     calm = not stop and fault is Reason.NONE
-    memory = _calm_since(memory, now_ns if calm else None)
+    # Two sensors that contradict each other don't end a stop, not even before that is a fault.
+    sure = memory.disagree_since_ns is None or not state.stop or config.decision == "plain"
+    memory = _calm_since(memory, now_ns if calm and sure else None)
     if calm and not _calm_for_long(memory, now_ns, config):
         calm = False
         if state.stop and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
@@ -200,9 +192,9 @@ def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
     circle = reading.circle
     if reading.quality is not Quality.GOOD:
         return _without_circle(reading, reading.quality)
-    if circle is None or not all(map(_sane, (circle.u_px, circle.v_px, circle.radius_px))) or circle.radius_px < 0:
+    if circle is None or not all(map(sane, (circle.u_px, circle.v_px, circle.radius_px))) or circle.radius_px < 0:
         return replace(_without_circle(reading, Quality.PROCESS_FAULT), detail="detection without a usable circle")
-    if all(n is None or _sane(n) for n in (reading.x_n, reading.y_n)):
+    if all(n is None or sane(n) for n in (reading.x_n, reading.y_n)):
         return reading
     return replace(reading, x_n=None, y_n=None)
 
@@ -213,13 +205,9 @@ def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
     z = reading.distance_mm
     if reading.quality is not Quality.GOOD:
         return replace(reading, distance_mm=None) if z is not None else reading
-    if z is not None and _sane(z) and z > 0:
+    if z is not None and sane(z) and z > 0:
         return reading
     return replace(reading, quality=Quality.UNSTABLE, distance_mm=None, detail="reading without a usable distance")
-
-
-def _sane(number: float) -> bool:
-    return -LARGEST <= number <= LARGEST  # false for NaN, too
 
 
 def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
@@ -247,72 +235,6 @@ def _aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> Ran
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
         return replace(reading, quality=Quality.STALE, distance_mm=None, detail=f"no reading for {deadline_s:g} s")
     return reading
-
-
-def _cross_check(
-    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, check: CrossCheck | None
-) -> tuple[FusionMemory, float | None]:
-    """Z_vision = f r / R against Z. A verdict, or the wait for one, is kept while it cannot be renewed."""
-    if check is None or vision.circle is None:
-        return memory, None
-    radius_px = vision.circle.radius_px
-    far_mm = check.focal_px * check.marker_radius_mm / radius_px if radius_px > 0 else math.inf
-    seen_mm = far_mm - check.camera_offset_mm
-    z_vision_mm = seen_mm if _sane(seen_mm) else None
-    if rng.distance_mm is None:
-        return memory, z_vision_mm
-    tolerance_mm = check.tolerance_mm + check.tolerance_share * rng.distance_mm
-    if abs(seen_mm - rng.distance_mm) <= tolerance_mm:
-        return _agreed(memory), z_vision_mm
-    since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
-    lasting = now_ns - since_ns >= check.lasting_s * NS_PER_S
-    return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting), z_vision_mm
-
-
-def _scale(
-    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, new: bool
-) -> FusionMemory:
-    """R times Z against what was learned, and against the newest pairs: no truck changes one of them alone.
-
-    What was learned from visit to visit is believed before the newest pairs, which may be of something else that is
-    red. A verdict is kept while it cannot be renewed, the wait for one is not: it is about what lasts. A bay that has
-    been clear forgets its pairs: gateway/interlock.py.
-    """
-    if vision.wrong_size is not None and rng.distance_mm is not None:
-        return _contradicted(memory, now_ns, config)  # the search has refused it by what was learned
-    if vision.circle is None or rng.distance_mm is None:
-        return memory if memory.disagree else _agreed(memory)
-    scale = vision.circle.radius_px * rng.distance_mm
-    known = memory.scale_px_mm
-    alike = len(known) < SCALE_LEAST or _alike(scale, median(known), config.scale_tolerance)
-    expected_px = expected_radius_px(memory.scale, rng.distance_mm, config.scale_tolerance)
-    if expected_px is not None and expected_px[0] <= vision.circle.radius_px <= expected_px[1]:
-        known, alike = (known if alike else ()), True
-    elif expected_px is not None:
-        alike = False
-    if not alike:
-        return _contradicted(memory, now_ns, config)
-    if new:
-        memory = replace(memory, scale_px_mm=(*known, scale)[-SCALE_MOST:])
-    return _agreed(memory)
-
-
-def _agreed(memory: FusionMemory) -> FusionMemory:
-    """Nothing contradicts."""
-    if memory.disagree_since_ns is None and not memory.disagree:
-        return memory
-    return replace(memory, disagree_since_ns=None, disagree=False)
-
-
-def _contradicted(memory: FusionMemory, now_ns: int, config: FusionConfig) -> FusionMemory:
-    since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
-    lasting = now_ns - since_ns >= config.scale_lasting_s * NS_PER_S
-    return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting)
-
-
-def _alike(one: float, other: float, tolerance: float) -> bool:
-    """Do two constants differ by no more than this, as a share of the smaller one?"""
-    return max(one, other) <= (1 + tolerance) * min(one, other)
 
 
 def _recovering(

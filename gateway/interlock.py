@@ -9,7 +9,7 @@ follows from the result.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from gateway import fusion, guidance, handshake, ne107, scale, visit
+from gateway import agreement, fusion, guidance, handshake, ne107, scale, visit
 from gateway.config import (
     BayConfig,
     FusionConfig,
@@ -218,9 +218,7 @@ def _learned(
         memory = replace(memory, scale_samples=scale.with_visit(memory.scale_samples, sample))
     if memory.scale_samples is not old.memory.scale_samples or recipe != old.plc.recipe:
         memory = replace(memory, scale=scale.learned(memory.scale_samples, recipe))
-    if memory.scale_px_mm and limits.fusion.cross_check is None and visit.is_over(stay, fused, limits):
-        memory = replace(memory, scale_px_mm=(), disagree_since_ns=None, disagree=False)
-    return memory
+    return agreement.forgotten(memory, limits.fusion) if visit.is_over(stay, fused, limits) else memory
 
 
 def _track(fused: StateVector, observation: fusion.Observation) -> guidance.Track:

@@ -309,7 +309,9 @@ class FusionMemory:
     vision_alive_since_ns: int | None = None
     range_failed: Quality | None = None
     range_alive_since_ns: int | None = None
-    scale_px_mm: tuple[float, ...] = ()  # R x Z of the newest pairs that fit each other, oldest first
+    pairs: tuple[tuple[float, float], ...] = ()  # (R px, Z mm), the newest that fit each other, oldest first
+    followed: tuple[float, float] | None = None  # R and Z when R was last seen to follow Z
+    marker_proven: bool = False  # since the start, R has followed Z or fitted what was learned, or the bay was clear
     scale_samples: tuple[ScaleSample, ...] = ()  # one a visit, oldest first; outlives restarts
     scale: MarkerScale | None = None  # learned from them, for the recipe in force
     absent_since_ns: int | None = None  # no truck to be seen since

@@ -9,8 +9,8 @@ glitch (a live ranger without a distance, a contradiction) ends it after `hold_g
 import math
 from dataclasses import dataclass, replace
 
+from gateway.agreement import FAR_SHARE
 from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
-from gateway.fusion import FAR_SHARE
 from gateway.guidance import to_go_mm
 from gateway.model import DEAD, Circle, FunctionCheck, Moved, Place, Quality, StateVector, Visit, VisitPhase
 

@@ -13,6 +13,7 @@ from typing import Any
 from gateway import interlock
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, parse
+from gateway.events import diff
 from gateway.interlock import Remembered, Rules
 from gateway.model import Circle, Event, FunctionCheck, Quality, RangeReading, StateVector, Tick, VisionReading
 from gateway.plc import Control, PlcWrite, Writer
@@ -25,7 +26,6 @@ from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sim.scenario import parse as parse_scenario
 from gateway.sim.spout import LAMP_MM, LAMP_RADIUS_MM
 from gateway.sim.world import SPOUT_MM, Truth, World, spout_box
-from gateway.events import diff
 
 STEP_S = 0.01
 LEAD_S = 4.0  # before world time 0, so that the sensors have come up
@@ -160,7 +160,11 @@ class Bench:
             readings += self._session.opened(now_ns)
         if self._session.question_due(now_ns):
             self._board.hear(QUESTION, now_ns)
-        for reading in [*readings, *self._session.feed(self._board.advance(now_ns), now_ns), *self._session.tick(now_ns)]:
+        for reading in [
+            *readings,
+            *self._session.feed(self._board.advance(now_ns), now_ns),
+            *self._session.tick(now_ns),
+        ]:
             self.step(reading)
 
     # -- the camera ------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ LENGTH_S = 32.0
 
 
 def story(seed: int) -> Scenario:
-    """A truck drives in, stands, perhaps rolls or drives away in the middle of loading, leaves; perhaps another comes."""
+    """A truck drives in, stands, perhaps rolls or drives away while it is loaded, leaves; perhaps another comes."""
     chance = random.Random(f"story {seed}")
     legs: list[dict[str, Any]] = [_leg(chance, chance.uniform(20, 29.5), chance.uniform(10, 40), chance.uniform(4, 9))]
     if chance.random() < 0.3:

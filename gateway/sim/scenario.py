@@ -54,7 +54,7 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.RANGER_TOO_FAR: "every measurement says: farther than 4 m",
     FaultKind.RANGER_NOISE: "bytes are flipped, lost and made up on the wire",
     FaultKind.RANGER_WILD: "every other reading is wild, as with known clones",
-    FaultKind.RANGER_ECHO: "an echo from something nearer than the truck: the spout, dust, a person; `distance_cm` of it",
+    FaultKind.RANGER_ECHO: "an echo from what is nearer than the truck: the spout, dust, a person; `distance_cm`",
     FaultKind.RANGER_UNPLUGGED: "the serial device is gone",
     FaultKind.RANGER_WRONG_VERSION: "the ranger reboots with another protocol version",
 }
@@ -66,7 +66,9 @@ class Fault(Section):
     kind: FaultKind = Field(description="what goes wrong: one of the kinds listed below")
     at_s: float = Field(ge=0, le=86_400, description="when it starts, s of world time")
     for_s: float = Field(gt=0, le=86_400, description="how long it lasts, s")
-    distance_cm: float = Field(20.0, ge=2, le=400, description="where a ranger_echo comes from; others have no distance")
+    distance_cm: float = Field(
+        20.0, ge=2, le=400, description="where a ranger_echo comes from; others have no distance"
+    )
 
     def active(self, t_s: float) -> bool:
         """Does it hold at world time `t_s`?"""

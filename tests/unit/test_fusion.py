@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from gateway.agreement import LARGEST
 from gateway.config import CrossCheck, FusionConfig
 from gateway.fusion import (
-    LARGEST,
     RANGE_REASON,
     VISION_REASON,
     Observation,

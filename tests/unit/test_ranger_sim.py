@@ -13,7 +13,9 @@ from gateway.model import Quality, RangeReading
 from gateway.ranger.protocol import Decoder, Event, Flags, Hello, Measurement
 from gateway.ranger.session import Session, distance_mm
 from gateway.sim.hcsr04 import SensorErrors, measure, no_echo, ticks_of
+from gateway.sim.ranger import faults_of
 from gateway.sim.ranger_board import POWER_ON, Board, Faults, RangerFault
+from gateway.sim.scenario import parse
 
 MS = 1_000_000
 S = 1000 * MS
@@ -121,6 +123,33 @@ def test_no_error_is_larger_than_its_bound(mm: float, seed: int) -> None:
 
 
 # -- the board --------------------------------------------------------------------------------------------------------
+
+
+def test_an_echo_is_heard_of_what_is_nearer() -> None:
+    def heard(truth_mm: float | None, echo_mm: float) -> float:
+        made = board(standing(truth_mm), errors=PERFECT)
+        made.faults = {RangerFault.ECHO: echo_mm}
+        return distance_mm(measured(run(made, S))[-1].ticks, 20.0)
+
+    assert heard(280.0, 200.0) == pytest.approx(200.0, abs=0.1)
+    assert heard(280.0, 450.0) == pytest.approx(280.0, abs=0.1)
+    assert heard(None, 450.0) == pytest.approx(450.0, abs=0.1)
+
+
+def test_of_several_echoes_of_a_scenario_the_nearest_is_heard() -> None:
+    scenario = parse(
+        {
+            "faults": [
+                {"kind": "ranger_echo", "distance_cm": 30, "at_s": 1, "for_s": 4},
+                {"kind": "ranger_echo", "distance_cm": 12, "at_s": 2, "for_s": 1},
+                {"kind": "ranger_echo", "distance_cm": 50, "at_s": 2, "for_s": 1},
+                {"kind": "camera_black", "at_s": 2, "for_s": 1},
+            ]
+        }
+    )
+    found = [faults_of(scenario, t) for t in (0.5, 1.5, 2.5, 3.5)]
+
+    assert found == [{}, {RangerFault.ECHO: 300.0}, {RangerFault.ECHO: 120.0}, {RangerFault.ECHO: 300.0}]
 
 
 def test_it_says_hello_first_then_a_measurement_every_60_ms() -> None:

@@ -1,6 +1,7 @@
 """The rendered frames: exact where truth is drawn, plausible where looks are, and kind to the paper's method."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from gateway.sim.gallery import pictures
 from gateway.sim.render import Painter, _streak, brightness, disc_cover, render
 from gateway.sim.scenario import Light, Scenario, parse
 from gateway.sim.world import Truth, World
+from gateway.vision.methods import detector
 from gateway.vision.pipeline import detect
 
 Image = NDArray[np.uint8]
@@ -78,6 +80,55 @@ def test_nothing_in_the_scene_is_red_but_the_marker_and_the_clutter() -> None:
     painter = Painter(parse({"clutter": {"things": 0}, "faults": [{"kind": "marker_hidden", "at_s": 0, "for_s": 9}]}))
     for distance_cm in (25, 40, 90, 200, 350):
         assert detect(painter.frame(seen_from(distance_cm), 0), VisionConfig()).circle is None
+
+
+LOADING = (
+    {"kind": "spout_down", "at_s": 0, "for_s": 20},
+    {"kind": "dust_cloud", "at_s": 5, "for_s": 3},
+    {"kind": "red_lamp", "at_s": 10, "for_s": 5},
+)
+
+
+def test_the_spout_covers_the_marker_and_nothing_else_of_it_is_red() -> None:
+    scenario = parse({"start": {"distance_cm": 28}, "clutter": {"things": 0}, "faults": LOADING})
+    world, painter = World(scenario), Painter(scenario)
+    seen = {t: detect(painter.frame(world.truth(t), 0), VisionConfig()).circle for t in (0.0, 2.5, 6.0)}
+
+    assert seen[0.0] is not None
+    assert seen[0.0].radius_px == pytest.approx(193, abs=3)
+    assert seen[2.5] is None
+    assert seen[6.0] is None, "dust is grey"
+
+
+def test_the_spout_hangs_in_the_bay_and_does_not_move_with_the_truck() -> None:
+    scenario = parse(
+        {"camera": {"noise": 0}, "light": {"drift": 0, "flicker": 0}, "dust": {"density": 0}} | {"faults": LOADING[:1]}
+    )
+    near, far = (replace(World(scenario).truth(5.0), radius_px=r, u_px=u) for r, u in ((193.0, 319.5), (60.0, 250.0)))
+    frames = [Painter(scenario).frame(truth, 0) for truth in (near, far)]
+    tube = (slice(None), slice(100, 540))  # 75 mm to each side at 20 cm: 225 px
+
+    assert np.array_equal(frames[0][tube], frames[1][tube])
+    assert not np.array_equal(frames[0], frames[1])
+
+
+def test_a_cloud_of_dust_takes_four_fifths_of_the_contrast_at_28_cm() -> None:
+    scenario = parse({"camera": {"noise": 0}, "start": {"distance_cm": 28}, "faults": LOADING[1:2]})
+    world, painter = World(scenario), Painter(scenario)
+    clear, cloudy = (float(painter.frame(world.truth(t), 0).std()) for t in (4.9, 6.0))
+
+    assert cloudy / clear == pytest.approx(0.2, abs=0.06)
+
+
+@pytest.mark.parametrize("method", ["paper", "robust"])
+def test_the_red_lamp_is_taken_for_the_marker_that_it_is_not(method: str) -> None:
+    """What the gateway must bear: round, red, 20 px, and nothing else of that colour to be seen."""
+    scenario = parse({"start": {"distance_cm": 28}, "clutter": {"things": 0}, "faults": LOADING})
+    find = detector(VisionConfig(method=method, tracking=False))
+    circle = find(Painter(scenario).frame(World(scenario).truth(12.0), 0)).circle
+
+    assert circle is not None
+    assert (circle.radius_px, circle.u_px, circle.v_px) == pytest.approx((19.8, 409.5, 179.5), abs=1.5)
 
 
 def test_rust_spoils_the_papers_radius() -> None:

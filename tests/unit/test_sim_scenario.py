@@ -28,7 +28,9 @@ def complaint(tmp_path: Path, text: str) -> str:
 def test_the_shipped_scenarios_are_these() -> None:
     names = {path.stem for path in SHIPPED}
 
-    assert names == {"approach", "day", "dusk", "dust", "faults", "rusty"}
+    shown = {"approach", "day", "dusk", "dust", "faults", "rusty"}
+    visits = {"", "-creep", "-drive-away", "-echo", "-lamp", "-person", "-two-trucks"}
+    assert names == shown | {f"visit{name}" for name in visits}
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
@@ -65,12 +67,23 @@ def test_approach_stops_at_28_cm_backs_off_and_comes_again() -> None:
     assert world.truth(world.plan_s + 11.0).distance_mm == pytest.approx(280, abs=0.5)
 
 
-def test_faults_toml_shows_every_kind_once_and_leaves_time_to_recover() -> None:
+LOADING = {FaultKind.SPOUT_DOWN, FaultKind.DUST_CLOUD, FaultKind.RED_LAMP, FaultKind.RANGER_ECHO}
+"""What goes wrong, or must be borne, while a truck is loaded: the scenarios of a visit show it."""
+
+
+def test_faults_toml_shows_every_fault_of_a_sensor_once_and_leaves_time_to_recover() -> None:
     faults = load(ROOT / "config" / "scenarios" / "faults.toml").faults
 
-    assert sorted(f.kind for f in faults) == sorted(FaultKind)
+    assert sorted(f.kind for f in faults) == sorted(set(FaultKind) - LOADING)
     gaps = [b.at_s - (a.at_s + a.for_s) for a, b in pairwise(faults)]
     assert min(gaps) >= 6.0
+
+
+def test_the_visits_show_everything_that_goes_wrong_while_a_truck_is_loaded() -> None:
+    visits = [load(path) for path in SHIPPED if path.stem.startswith("visit")]
+
+    assert {fault.kind for visit in visits for fault in visit.faults} == LOADING
+    assert [visit.seed for visit in visits if any(leg.another_truck for leg in visit.legs)] == [77]
 
 
 def test_unknown_key_names_line_and_what_is_known(tmp_path: Path) -> None:

@@ -196,3 +196,51 @@ def test_any_drive_is_smooth_keeps_its_limits_and_arrives(legs: list[dict[str, f
     assert abs(after - 2 * here + before) / h**2 <= hardest * 1.01 + 1e-2
     assert world.distance_mm(world.plan_s) == pytest.approx(legs[-1]["distance_cm"] * 10)
     assert world.truth(t).distance_mm == here
+
+
+def test_the_spout_takes_two_seconds_to_come_down_and_to_go_up() -> None:
+    world = still(28, faults=[{"kind": "spout_down", "at_s": 10, "for_s": 20}])
+
+    assert [world.truth(t).spout for t in (9.99, 10, 11, 12, 28, 29, 30)] == [0, 0, 0.5, 1, 1, 0.5, 0]
+
+
+def test_a_marker_that_the_spout_covers_a_little_is_not_whole() -> None:
+    """At 28 cm the disc begins 46.6 px below the upper edge of the picture."""
+    world = still(28, faults=[{"kind": "spout_down", "at_s": 10, "for_s": 20}])
+    visible = {t: world.truth(t).marker_visible for t in (10.19, 10.20, 20, 29.80, 29.81)}
+
+    assert visible == {10.19: True, 10.20: False, 20: False, 29.80: False, 29.81: True}
+
+
+def test_a_short_fall_of_the_spout_goes_up_again_from_where_it_was() -> None:
+    world = still(28, faults=[{"kind": "spout_down", "at_s": 10, "for_s": 2}])
+
+    assert max(world.truth(10 + k / 100).spout for k in range(200)) == pytest.approx(0.5)
+
+
+def test_another_truck_stands_there_at_once() -> None:
+    legs = [
+        {"distance_cm": 28, "speed_cm_s": 20, "hold_s": 2},
+        {"distance_cm": 60, "another_truck": True, "lateral_mm": 7, "hold_s": 1},
+        {"distance_cm": 30, "speed_cm_s": 10},
+    ]
+    world = still(40, legs=legs)
+    swap_s = world.plan_s - (1 + 3 + 0.25)  # 30 cm at 10 cm/s, a quarter of a second of ramps, and the hold before
+    before, after = world.truth(swap_s - 0.001), world.truth(swap_s + 0.001)
+
+    assert (before.truck, round(before.distance_mm), before.speed_mm_s) == (0, 280, 0)
+    assert (after.truck, round(after.distance_mm), after.speed_mm_s) == (1, 600, 0)
+    assert world.truth(world.plan_s).truck == 1
+
+
+def test_each_repetition_brings_another_truck() -> None:
+    legs = [{"distance_cm": 28, "speed_cm_s": 20}, {"distance_cm": 60, "speed_cm_s": 20}]
+    world = still(60, legs=legs, repeat=True)
+
+    assert [world.truth(k * world.plan_s + 0.1).truck for k in range(3)] == [0, 1, 2]
+
+
+def test_speed_is_that_along_the_leg() -> None:
+    world = still(60, legs=[{"distance_cm": 28, "speed_cm_s": 20}])
+
+    assert (world.truth(-1).speed_mm_s, world.truth(1).speed_mm_s, world.truth(9).speed_mm_s) == (0, 200, 0)
