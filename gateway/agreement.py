@@ -7,8 +7,8 @@ compared with the ranger's. Where it is not, three rules need no constant of the
 - R Z does not jump: no truck changes one of the two alone;
 - R follows Z: when Z has changed by a factor of FOLLOW_Z, R has changed, too, the other way.
 
-Until one of them has been borne out since the start, or the bay was clear, a circle far too small for D = 1 is not
-believed at a distance short enough for it: it may be a lamp, with the marker covered.
+Until the first or the last of them has been borne out in a visit, a circle far too small for D = 1 is not believed at a
+distance short enough for it: it may be a lamp, with the marker covered.
 """
 
 import math
@@ -24,6 +24,7 @@ LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register co
 FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
 PAIRS_LEAST = 5  # they make a constant
 PAIRS_MOST = 15  # of them are kept
+DOUBT_MM = 600.0  # a truck comes from farther away, so that R has followed Z by then, also where Z_th is larger
 FOLLOW_Z = 1.5
 FOLLOW_R = 1.05  # far less than FOLLOW_Z, for the camera may stand metres behind the ranger
 
@@ -48,10 +49,9 @@ def checked(
 
 def forgotten(memory: FusionMemory, config: FusionConfig) -> FusionMemory:
     """No truck is there: what was seen of the last one is not that of the next."""
-    memory = memory if memory.marker_proven else replace(memory, marker_proven=True)
-    if config.cross_check is not None or not (memory.pairs or memory.followed):
+    if config.cross_check is not None or not (memory.pairs or memory.marker_proven):
         return memory
-    return _agreed(replace(memory, pairs=(), followed=None))
+    return _agreed(replace(memory, pairs=(), followed=None, marker_proven=False))
 
 
 def _cross_check(
@@ -80,6 +80,9 @@ def _constant(
         return _contradicted(memory, now_ns, config.scale_lasting_s)  # the search has refused it by what was learned
     if vision.circle is None or rng.distance_mm is None:
         return memory if memory.disagree else _agreed(memory)
+    if not new:
+        pending = memory.disagree_since_ns is not None
+        return _contradicted(memory, now_ns, config.scale_lasting_s) if pending else memory
     pair = (vision.circle.radius_px, rng.distance_mm)
     tolerance = config.scale_tolerance
     expected_px = expected_radius_px(memory.scale, rng.distance_mm, tolerance)
@@ -92,8 +95,7 @@ def _constant(
     else:
         fits = _alike(memory.pairs, pair, tolerance) and not _doubtful(memory, pair, config)
     if fits:
-        memory = replace(memory, pairs=(*memory.pairs, pair)[-PAIRS_MOST:]) if new else memory
-        memory, fits = _followed(memory)
+        memory, fits = _followed(replace(memory, pairs=(*memory.pairs, pair)[-PAIRS_MOST:]))
     return _agreed(memory) if fits else _contradicted(memory, now_ns, config.scale_lasting_s)
 
 
@@ -106,8 +108,8 @@ def _alike(pairs: tuple[Pair, ...], pair: Pair, tolerance: float) -> bool:
 
 
 def _doubtful(memory: FusionMemory, pair: Pair, config: FusionConfig) -> bool:
-    """Near enough for D = 1, far too small for it, and nothing has shown that it is the marker?"""
-    near = pair[1] <= config.distance_threshold_mm + config.distance_hysteresis_mm
+    """Near enough for D = 1, far too small for it, and nothing has shown yet that it is the marker?"""
+    near = pair[1] <= min(config.distance_threshold_mm + config.distance_hysteresis_mm, DOUBT_MM)
     return near and pair[0] < FAR_SHARE * config.radius_threshold_px and not memory.marker_proven
 
 

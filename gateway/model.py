@@ -311,7 +311,7 @@ class FusionMemory:
     range_alive_since_ns: int | None = None
     pairs: tuple[tuple[float, float], ...] = ()  # (R px, Z mm), the newest that fit each other, oldest first
     followed: tuple[float, float] | None = None  # R and Z when R was last seen to follow Z
-    marker_proven: bool = False  # since the start, R has followed Z or fitted what was learned, or the bay was clear
+    marker_proven: bool = False  # of this visit: R has followed Z, or fitted what was learned
     scale_samples: tuple[ScaleSample, ...] = ()  # one a visit, oldest first; outlives restarts
     scale: MarkerScale | None = None  # learned from them, for the recipe in force
     absent_since_ns: int | None = None  # no truck to be seen since

@@ -131,7 +131,9 @@ def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits:
     circle, distance_mm = state.vision.circle, state.range.distance_mm
     if visit.in_place:
         return visit
-    if circle is None or distance_mm is None or not _stands(state, circle, distance_mm, speed_mm_s, limits):
+    # A marker seen where it was, at another distance: one of the two is wrong, and standing still does not mend it.
+    doubtful = visit.place is not None and _compared(visit.place, state, limits.visit)[1]
+    if circle is None or distance_mm is None or doubtful or not _stands(state, circle, distance_mm, speed_mm_s, limits):
         return visit if visit.settling is None else replace(visit, still_since_ns=None, settling=None)
     if visit.settling is None or _compared(visit.settling, state, limits.visit) != (Moved.NO, False):
         return replace(visit, still_since_ns=state.t_ns, settling=Place(distance_mm, circle))

@@ -28,6 +28,7 @@ from gateway.sim.spout import LAMP_MM, LAMP_RADIUS_MM
 from gateway.sim.world import SPOUT_MM, Truth, World, spout_box
 
 STEP_S = 0.01
+MOMENTS_HZ = 50
 LEAD_S = 4.0  # before world time 0, so that the sensors have come up
 COAST_FRAMES = 8
 LAMP_FRAMES = 3
@@ -123,7 +124,7 @@ class Bench:
                 self.step(Tick())
             if self.plc is not None and self._ticks % 5 == 0 and (write := self.plc(self.t_s, self.state)) is not None:
                 self.step(write)
-            if self.t_s >= 0 or self.moments:
+            if self._ticks % 2 == 0 and self.t_s >= 0:
                 self.moments.append(Moment(self.t_s, self.state, self.world.truth(self.t_s)))
         return self.state
 

@@ -144,7 +144,8 @@ def _of_in_place(rows: list[Row], config: GatewayConfig, late_s: float) -> Itera
                 yield f"{row.t_s:.2f}: in place at {row.z_mm:.0f} mm"
             if row.radius_px < bay.fusion.radius_threshold_px - bay.fusion.away_px - SENSOR_PX:
                 yield f"{row.t_s:.2f}: in place at R {row.radius_px:.0f} px"
-            then = next((r for r in reversed(rows) if r.t_s <= row.t_s - late_s), row)
+            # Speed is that of the last second: a truck that has just begun to move stood still just now.
+            then = next((r for r in reversed(rows) if r.t_s <= row.t_s - 2 * late_s), row)
             if min(then.speed_mm_s, row.speed_mm_s) > bay.guidance.still_mm_s + 10:
                 yield f"{row.t_s:.2f}: in place at {row.speed_mm_s:.0f} mm/s"
         gone = row.truck != place.truck or abs(row.z_mm - place.z_mm) > bay.visit.band_mm + 2 * SENSOR_MM

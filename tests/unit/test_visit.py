@@ -1,0 +1,886 @@
+"""Every row of docs/visit.md and of what goes wrong in it, on the real step in virtual time."""
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway import interlock
+from gateway.config import GatewayConfig
+from gateway.model import (
+    DEAD,
+    Circle,
+    EventKind,
+    FunctionCheck,
+    GuidanceCode,
+    Moved,
+    Place,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    Tick,
+    VisionReading,
+    VisitPhase,
+)
+from gateway.plc import Control, PlcWrite
+from gateway.sim.scenario import Scenario
+from tests.visit_bench import MOMENTS_HZ, PLC, Bench, gateway, truck
+from tests.visit_judge import Row, complaints
+
+CROSS_CHECK = {"focal_px": 600.0, "marker_radius_mm": 90.0}
+LEAVE: Mapping[str, Any] = {"distance_cm": 150, "speed_cm_s": 30, "hold_s": 30}
+DEAD_ONES = sorted(DEAD)
+
+
+def stands(*legs: Mapping[str, Any], at_cm: float = 28.0, for_s: float = 60.0, **more: Any) -> Scenario:
+    """A truck that stands at the mark for so long, and what comes then."""
+    stay = {"distance_cm": at_cm, "hold_s": for_s}
+    return truck(stay, *legs, **({"start": {"distance_cm": at_cm}} | more))
+
+
+def spout(at_s: float = 1.0, for_s: float = 40.0) -> dict[str, Any]:
+    return {"kind": "spout_down", "at_s": at_s, "for_s": for_s}
+
+
+class Levels:
+    """A PLC that lives and writes its bits as they are set."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bits = 0
+        self.alive = True
+        self._beat = 0
+        bench.plc = self
+
+    def __call__(self, t_s: float, state: StateVector) -> PlcWrite | None:
+        if not self.alive:
+            return None
+        self._beat = (self._beat + 1) & 0xFFFF
+        return PlcWrite(PLC, heartbeat=self._beat, control=self.bits)
+
+    def release(self, on: bool = True) -> None:
+        self.bits = 1 << Control.RELEASE if on else 0
+
+
+def in_place(scenario: Scenario | None = None, config: GatewayConfig | None = None) -> Bench:
+    """Seen in place at world time 0."""
+    bench = Bench(scenario or stands(), config)
+    bench.run(0)
+    assert bench.state.in_place
+    return bench
+
+
+def held(scenario: Scenario | None = None, config: GatewayConfig | None = None) -> Bench:
+    bench = in_place(scenario or stands(faults=(spout(),)), config)
+    bench.run_until(lambda state: state.visit.phase is VisitPhase.HELD, 5)
+    return bench
+
+
+def phases(bench: Bench) -> list[VisitPhase]:
+    """In the order in which they came."""
+    seen = [moment.state.visit.phase for moment in bench.moments]
+    return [phase for n, phase in enumerate(seen) if n == 0 or phase is not seen[n - 1]]
+
+
+def complained(bench: Bench) -> list[str]:
+    return complaints([Row.of(moment.state, moment.truth) for moment in bench.moments], bench.config)
+
+
+def told(bench: Bench, *kinds: EventKind) -> list[tuple[EventKind, str]]:
+    return [(event.kind, event.detail) for event in bench.events if event.kind in kinds]
+
+
+# In place: by both sensors only.
+
+
+def test_a_whole_visit_goes_through_its_phases_in_order() -> None:
+    legs = ({"distance_cm": 28, "speed_cm_s": 20, "hold_s": 12}, LEAVE)
+    bench = Bench(truck(*legs, faults=(spout(9, 6),)))
+    plc = Levels(bench)
+    bench.run(16)
+    plc.release()
+    bench.run(30)
+
+    assert phases(bench) == [
+        VisitPhase.APPROACHING,
+        VisitPhase.AT_MARK,
+        VisitPhase.IN_PLACE,
+        VisitPhase.HELD,
+        VisitPhase.IN_PLACE,
+        VisitPhase.RELEASED,
+        VisitPhase.LEAVING,
+        VisitPhase.APPROACHING,  # it stands at 1.5 m, in sight of both sensors: a new visit
+    ]
+    story = {EventKind.TARGET_FOUND, EventKind.TARGET_LOST, EventKind.PLC_RETURNED}
+    assert [event.kind for event in bench.events if event.kind not in story] == [
+        EventKind.STOP_CLEARED,
+        EventKind.STOP_RAISED,
+        EventKind.IN_PLACE,
+        EventKind.IN_PLACE_ENDED,
+        EventKind.RELEASED,
+        EventKind.STOP_CLEARED,
+        EventKind.VISIT_ENDED,
+    ]
+
+
+def test_it_is_in_place_settle_s_after_it_stands() -> None:
+    for settle_s in (0.5, 3.0):
+        bench = Bench(stands(), gateway(visit={"settle_s": settle_s}))
+        at_mark = bench.run_until(lambda state: state.visit.settling is not None)
+        stood_ns = at_mark.t_ns
+        assert bench.run_until(lambda state: state.in_place).t_ns - stood_ns == pytest.approx(settle_s * 1e9, abs=2e7)
+
+
+@pytest.mark.parametrize("quality", [Quality.NO_TARGET, Quality.COASTED, *DEAD_ONES], ids=lambda q: q.name)
+def test_without_a_measured_marker_it_is_never_in_place(quality: Quality) -> None:
+    bench = Bench(stands())
+    bench.vision_fault = quality
+    bench.run(4)
+    assert not any(moment.state.in_place for moment in bench.moments)
+
+
+@pytest.mark.parametrize(
+    "quality",
+    [Quality.NO_ECHO, Quality.TOO_NEAR, Quality.TOO_FAR, Quality.UNSTABLE, *DEAD_ONES],
+    ids=lambda q: q.name,
+)
+def test_without_a_distance_it_is_never_in_place(quality: Quality) -> None:
+    bench = Bench(stands())
+    bench.range_fault = quality
+    bench.run(4)
+    assert not any(moment.state.in_place for moment in bench.moments)
+
+
+def test_a_truck_that_rolls_through_the_mark_is_not_in_place() -> None:
+    """3 cm a second is faster than still_mm_s."""
+    bench = Bench(truck({"distance_cm": 20, "speed_cm_s": 3}, start={"distance_cm": 33}))
+    bench.run(3.4)
+    assert bench.state.d is True
+    assert not any(moment.state.in_place for moment in bench.moments)
+
+
+def test_a_truck_that_slides_to_the_side_at_the_same_distance_is_not_in_place() -> None:
+    """5 cm a second are 102 px: more than 0.35 of R within settle_s."""
+    slides = truck(
+        {"distance_cm": 29.5, "lateral_mm": 130, "speed_cm_s": 5}, start={"distance_cm": 29.5, "lateral_mm": -60}
+    )
+    bench = Bench(slides)
+    bench.vision_fault = Quality.NO_TARGET
+    bench.run(0.5)
+    bench.vision_fault = None
+    bench.run(2.6)
+    assert bench.state.d is True
+    assert bench.state.visit.settling is not None
+    assert not any(moment.state.in_place for moment in bench.moments)
+
+
+def test_a_truck_that_stands_askew_is_told_so_and_is_not_in_place() -> None:
+    """30 mm at 28 cm are 64 px."""
+    config = gateway(guidance={"aim_u_px": 319.5, "tolerance_px": 20.0, "marker_radius_mm": 90.0})
+    askew = stands(start={"distance_cm": 28, "lateral_mm": 30}, for_s=0.0)
+    askew = askew.model_copy(update={"legs": ()})
+    bench = Bench(askew, config)
+    bench.run(4)
+
+    assert bench.state.d is True
+    assert not bench.state.in_place
+    assert bench.state.guidance.code is GuidanceCode.STOP
+    assert bench.state.guidance.offset_mm == pytest.approx(30, abs=1)
+    assert in_place(askew).state.in_place, "where no aim is set, nothing is askew"
+
+
+def test_a_truck_too_far_in_is_told_to_go_back_and_is_not_in_place() -> None:
+    bench = Bench(stands(at_cm=23.5), gateway(guidance={"overshoot_mm": 50.0}))
+    bench.run(4)
+    assert (bench.state.in_place, bench.state.guidance.code) == (False, GuidanceCode.BACK)
+
+
+def test_a_truck_that_stops_short_is_told_forward_and_nothing_is_wrong() -> None:
+    bench = Bench(truck({"distance_cm": 34, "speed_cm_s": 20}))
+    bench.run(20)
+    assert (bench.state.stop, bench.state.may_move, bench.state.reason) == (False, True, Reason.NONE)
+    assert bench.state.guidance.code is GuidanceCode.SLOW
+    assert bench.state.visit.phase is VisitPhase.APPROACHING
+
+
+def test_d_that_is_held_at_a_red_lamp_makes_no_place_of_it() -> None:
+    """Even where R x Z is not checked at all."""
+    lamp = {"kind": "red_lamp", "at_s": 2, "for_s": 30}
+    bench = held(stands(faults=(spout(), lamp)), gateway(fusion={"scale_tolerance": 0}))
+    bench.run_until(lambda state: not state.in_place, 5)
+    bench.run(bench.t_s + 5)
+    assert (bench.state.d, bench.state.stop, bench.state.in_place) == (True, True, False)
+
+
+# Held by the ranger alone.
+
+
+def test_the_spout_covers_the_marker_and_in_place_is_held_and_stop_stays_on() -> None:
+    bench = in_place(stands(faults=(spout(1, 600), {"kind": "dust_cloud", "at_s": 3, "for_s": 590})))
+    bench.run(120)
+
+    assert all(moment.state.in_place and moment.state.stop for moment in bench.moments)
+    assert not any(moment.state.may_move for moment in bench.moments)
+    assert {moment.state.guidance.code for moment in bench.moments} == {GuidanceCode.OK}
+    covered_ns = bench.state.visit.covered_since_ns
+    assert covered_ns is not None
+    assert (bench.now_ns - covered_ns) / 1e9 == pytest.approx(118, abs=1)
+    assert bench.state.visit.phase is VisitPhase.HELD
+
+
+def test_ten_minutes_and_more_of_loading_are_held_up_to_the_limit() -> None:
+    bench = held(config=gateway(visit={"hold_limit_s": 900.0}), scenario=stands(faults=(spout(1, 2000),), for_s=3000))
+    state = bench.state
+    # Time passes without the simulator: only what the step needs to stay alive.
+    begun_ns = state.visit.covered_since_ns or 0
+    ended_s = None
+    for n in range(1, 10_000):
+        now_ns = begun_ns + n * 100_000_000
+        for observation in (
+            VisionReading(now_ns, Quality.NO_TARGET),
+            RangeReading(now_ns, Quality.GOOD, 280.0),
+            Tick(),
+        ):
+            state = interlock.step(state, observation, now_ns, bench.rules)
+        if not state.in_place:
+            ended_s = (now_ns - begun_ns) / 1e9
+            break
+    assert ended_s == pytest.approx(900, abs=0.11)
+    assert state.visit.ended == "held for too long"
+    assert state.stop
+
+
+def test_with_no_hold_at_all_a_covered_marker_ends_it_at_once() -> None:
+    bench = in_place(stands(faults=(spout(),)), gateway(visit={"hold_limit_s": 0.0}))
+    bench.run_until(lambda state: state.vision.circle is None, 5)
+    assert not bench.state.in_place
+
+
+def test_seen_again_where_it_was_it_is_in_place_as_before() -> None:
+    bench = held(stands(faults=(spout(1, 8),)))
+    bench.run(10)
+    assert (bench.state.visit.phase, bench.state.visit.held) == (VisitPhase.IN_PLACE, False)
+    assert told(bench, EventKind.IN_PLACE_ENDED) == []
+
+
+def test_in_place_keeps_stop_on_even_where_a_blind_gateway_does_not_say_stop() -> None:
+    bench = held(config=gateway(fusion={"fail_safe": False}))
+    assert (bench.state.d, bench.state.in_place, bench.state.stop) == (None, True, True)
+    assert bench.state.reason is Reason.TARGET_REACHED
+
+
+@pytest.mark.parametrize("quality", [Quality.NO_ECHO, Quality.TOO_NEAR, Quality.TOO_FAR, Quality.UNSTABLE])
+def test_a_live_ranger_without_a_distance_ends_it_after_the_grace(quality: Quality) -> None:
+    bench = held()
+    bench.range_fault = quality
+    bench.run(bench.t_s + 0.45)
+    assert bench.state.in_place
+    bench.run(bench.t_s + 0.2)
+    assert (bench.state.in_place, bench.state.visit.ended) == (False, "no distance")
+    bench.range_fault = None
+    bench.run(bench.t_s + 3)
+    assert not bench.state.in_place, "with the marker covered it can't be earned again"
+    assert bench.state.stop
+
+
+def test_one_lost_echo_ends_nothing() -> None:
+    bench = held(stands(faults=(spout(), {"kind": "ranger_no_echo", "at_s": 4, "for_s": 0.13})))
+    bench.run(8)
+    assert all(moment.state.in_place for moment in bench.moments)
+
+
+# Sensors die in each phase.
+
+
+def approaching() -> Bench:
+    bench = Bench(truck({"distance_cm": 60, "speed_cm_s": 20, "hold_s": 60}))
+    bench.run(6)
+    assert bench.state.visit.phase is VisitPhase.APPROACHING
+    assert bench.state.may_move
+    return bench
+
+
+def at_mark() -> Bench:
+    bench = Bench(stands(), gateway(visit={"settle_s": 60.0}))
+    bench.run(0)
+    assert bench.state.visit.phase is VisitPhase.AT_MARK
+    return bench
+
+
+def released() -> Bench:
+    bench = held(stands(faults=(spout(1, 60),)))
+    plc = Levels(bench)
+    bench.run(bench.t_s + 0.3)
+    plc.release()
+    bench.run_until(lambda state: not state.stop, 1)
+    assert bench.state.visit.phase is VisitPhase.RELEASED
+    assert bench.state.may_move
+    return bench
+
+
+def leaving() -> Bench:
+    bench = in_place(stands({"distance_cm": 60, "speed_cm_s": 30, "hold_s": 30}, for_s=2.0))
+    plc = Levels(bench)
+    bench.run(1)
+    plc.release()
+    bench.run_until(lambda state: state.visit.off_mark, 5)
+    assert bench.state.visit.phase is VisitPhase.LEAVING
+    assert bench.state.may_move
+    return bench
+
+
+PHASES: Mapping[str, Callable[[], Bench]] = {
+    "approaching": approaching,
+    "at_mark": at_mark,
+    "in_place": in_place,
+    "held": held,
+    "released": released,
+    "leaving": leaving,
+}
+in_each_phase = pytest.mark.parametrize("phase", PHASES)
+
+
+@in_each_phase
+@pytest.mark.parametrize("sensor", ["vision", "range"])
+def test_a_sensor_that_dies_ends_everything_good_at_once(phase: str, sensor: str) -> None:
+    for quality in DEAD_ONES:
+        bench = PHASES[phase]()
+        reading: Any = VisionReading if sensor == "vision" else RangeReading
+        bench.step(reading(bench.now_ns, quality))
+        state = bench.state
+        assert (state.stop, state.may_move, state.in_place) == (True, False, False), quality
+        assert state.guidance.code is GuidanceCode.FAULT
+        if phase in ("in_place", "held"):
+            assert state.visit.ended == {"vision": "camera dead", "range": "ranger dead"}[sensor]
+        if phase == "released":
+            assert not state.visit.released
+
+
+@in_each_phase
+@pytest.mark.parametrize("sensor", ["vision", "range"])
+def test_after_a_sensor_was_dead_in_place_must_be_earned_by_both(phase: str, sensor: str) -> None:
+    bench = PHASES[phase]()
+    setattr(bench, f"{sensor}_fault", Quality.STALE)
+    bench.run(bench.t_s + 0.5)
+    setattr(bench, f"{sensor}_fault", None)
+    back_s = bench.t_s
+    bench.run(bench.t_s + 4)
+    placed = [moment.t_s for moment in bench.moments if moment.t_s > back_s and moment.state.in_place]
+    if phase == "in_place":
+        assert placed[0] - back_s > 1.0 + 1.0 - 0.1, "recovery_s and settle_s"
+    else:
+        assert placed == []
+
+
+@in_each_phase
+def test_power_returns_and_nothing_is_remembered_as_good(phase: str) -> None:
+    bench = PHASES[phase]()
+    bench.plc = None
+    bench.power_on()
+    assert (bench.state.stop, bench.state.may_move, bench.state.in_place) == (True, False, False)
+    assert bench.state.visit.place is None
+    begun_s = bench.t_s
+    bench.run(bench.t_s + 4)
+    after = [moment for moment in bench.moments if moment.t_s > begun_s]
+    assert all(moment.state.stop or moment.state.d is False for moment in after)
+    placed = [moment.t_s for moment in after if moment.state.in_place]
+    assert (placed[0] - begun_s > 1.0) if phase == "in_place" else (placed == [])
+
+
+@pytest.mark.parametrize("check", [{}, {"cross_check": CROSS_CHECK}], ids=["learned", "cross-check"])
+def test_power_returns_while_a_red_lamp_is_lit_before_the_covered_marker(check: dict[str, Any]) -> None:
+    """Nothing is remembered of R, and D = 0 by it: the camera must not be believed against the ranger."""
+    lamp = {"kind": "red_lamp", "at_s": 3, "for_s": 60}
+    bench = held(stands(faults=(spout(1, 60), lamp)), gateway(fusion=check))
+    bench.run(4)
+    bench.power_on()
+    begun_s = bench.t_s
+    bench.run(bench.t_s + 6)
+    after = [moment.state for moment in bench.moments if moment.t_s > begun_s]
+    assert any(state.vision.circle is not None and state.range.distance_mm is not None for state in after)
+    assert all(state.stop and not state.may_move and not state.in_place for state in after)
+    assert bench.state.reason is Reason.SENSORS_DISAGREE
+
+
+# It has moved.
+
+
+def test_a_truck_that_rolls_under_the_spout_is_reported() -> None:
+    bench = held(stands({"distance_cm": 34, "speed_cm_s": 2, "hold_s": 20}, for_s=6.0, faults=(spout(1, 60),)))
+    bench.run(8)
+    bench.run_until(lambda state: state.visit.moved is not Moved.NO, 5)
+    truth = bench.moments[-1].truth
+
+    assert 310 < truth.distance_mm < 340, "the band is 40 mm"
+    assert (bench.state.visit.moved, bench.state.in_place, bench.state.stop) == (Moved.DISTANCE, False, True)
+    ((_, detail),) = told(bench, EventKind.MOVED)
+    assert detail.startswith("the distance left its band: Z 28")
+    assert detail.endswith("mm, marker not seen")
+    assert told(bench, EventKind.IN_PLACE_ENDED) == [(EventKind.IN_PLACE_ENDED, "moved")]
+    bench.run(bench.t_s + 10)
+    assert bench.state.visit.moved is Moved.DISTANCE, "until the bay is clear, or a truck is in place"
+
+
+@pytest.mark.parametrize("to_cm", [22.0, 36.0])
+def test_either_way_out_of_the_band_is_a_move(to_cm: float) -> None:
+    bench = in_place(stands({"distance_cm": to_cm, "speed_cm_s": 5, "hold_s": 20}, for_s=1.0))
+    bench.run(4)
+    assert bench.state.visit.moved is Moved.DISTANCE
+    assert not any(m.state.in_place for m in bench.moments if abs(m.truth.distance_mm - 280) > 40 + 17 + 15)
+
+
+def test_a_marker_seen_to_the_side_at_the_same_size_is_a_move() -> None:
+    """35 mm are more than 0.35 of R; the distance stays."""
+    bench = in_place(stands({"distance_cm": 28, "lateral_mm": 45, "speed_cm_s": 5, "hold_s": 20}, for_s=1.0))
+    state = bench.run_until(lambda state: not state.in_place, 4)
+    assert (state.visit.moved, state.visit.ended, state.stop) == (Moved.MARKER, "moved", True)
+
+
+def test_a_marker_that_is_covered_from_one_side_has_not_moved() -> None:
+    """The paper's circle round what is left of the disc: its centre moves, and r^2 + shift^2 = R^2."""
+    bench = in_place()
+    circle = bench.state.vision.circle
+    assert circle is not None
+    for share in (0.2, 0.4, 0.6, 0.8):
+        left = Circle(circle.u_px, circle.v_px + share * circle.radius_px, circle.radius_px * (1 - share**2) ** 0.5)
+        bench.step(VisionReading(bench.now_ns, Quality.GOOD, left))
+        assert (bench.state.visit.moved, bench.state.in_place) == (Moved.NO, True), share
+    bench.vision_fault = Quality.NO_TARGET
+    bench.run(bench.t_s + 2)
+    assert bench.state.visit.held
+
+
+def test_a_truck_that_drives_off_is_reported_though_the_ranger_was_dead_meanwhile() -> None:
+    bench = in_place(stands({"distance_cm": 60, "speed_cm_s": 30, "hold_s": 30}, for_s=1.0))
+    bench.range_fault = Quality.LINK_DOWN
+    bench.run(4)
+    assert bench.state.visit.moved is Moved.NO
+    bench.range_fault = None
+    bench.run(7)
+    assert bench.state.visit.moved is Moved.DISTANCE
+
+
+def test_the_next_truck_in_place_ends_what_is_said_of_the_one_before() -> None:
+    legs = (
+        {"distance_cm": 70, "speed_cm_s": 40},
+        {"distance_cm": 60, "another_truck": True},
+        {"distance_cm": 26, "speed_cm_s": 20, "hold_s": 9},
+    )
+    bench = in_place(stands(*legs, for_s=1.0))
+    bench.run_until(lambda state: state.visit.moved is Moved.DISTANCE, 5)
+    state = bench.run_until(lambda state: state.in_place, 10)
+    assert state.visit.moved is Moved.NO
+    assert state.visit.place is not None
+    assert state.visit.place.distance_mm == pytest.approx(260, abs=17)
+
+
+def test_a_truck_that_rolled_and_stands_again_must_earn_it_where_it_stands() -> None:
+    bench = in_place(stands({"distance_cm": 23, "speed_cm_s": 10, "hold_s": 20}, for_s=1.0))
+    bench.run(7)
+    said = told(bench, EventKind.IN_PLACE, EventKind.MOVED, EventKind.IN_PLACE_ENDED)
+    kinds = [kind for kind, _ in said]
+    assert kinds == [EventKind.IN_PLACE, EventKind.MOVED, EventKind.IN_PLACE_ENDED, EventKind.IN_PLACE]
+    assert bench.state.visit.moved is Moved.NO
+
+
+# The sensors contradict each other.
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{}, {"cross_check": CROSS_CHECK}, {"cross_check": {**CROSS_CHECK, "lasting_s": 60.0}}, {"scale_tolerance": 0}],
+    ids=["learned", "cross-check", "late cross-check", "none"],
+)
+def test_a_red_lamp_for_the_covered_marker_never_ends_a_stop(keys: dict[str, Any]) -> None:
+    lamp = {"kind": "red_lamp", "at_s": 5, "for_s": 10}
+    bench = in_place(stands(faults=(spout(1, 20), lamp)), gateway(fusion=keys))
+    bench.run(20)
+    lit = [m.state for m in bench.moments if m.state.vision.circle and m.state.vision.circle.radius_px < 25]
+    assert len(lit) > 9 * MOMENTS_HZ
+    assert all(moment.state.stop and not moment.state.may_move for moment in bench.moments)
+    assert all(not state.in_place for state in lit[MOMENTS_HZ:]), "after the grace"
+
+
+def test_a_lamp_has_its_own_reason() -> None:
+    lamp = {"kind": "red_lamp", "at_s": 5, "for_s": 10}
+    bench = in_place(stands(faults=(spout(1, 20), lamp)))
+    bench.run(10)
+    assert (bench.state.reason, bench.state.visit.ended) == (Reason.SENSORS_DISAGREE, "contradiction")
+    bench.run(26)
+    assert (bench.state.in_place, bench.state.reason) == (True, Reason.TARGET_REACHED), "the marker is seen again"
+
+
+@pytest.mark.parametrize("echo_cm", [3, 10, 20, 22])
+def test_an_echo_beside_a_seen_marker_is_a_contradiction_and_no_move(echo_cm: float) -> None:
+    echo = {"kind": "ranger_echo", "distance_cm": echo_cm, "at_s": 2, "for_s": 5}
+    bench = in_place(stands(faults=(echo,)))
+    bench.run(6)
+    assert not bench.state.in_place
+    assert bench.state.visit.moved is Moved.NO
+    assert bench.state.stop
+    bench.run(10)
+    assert bench.state.in_place
+
+
+def test_an_echo_shorter_than_the_grace_ends_nothing() -> None:
+    bench = in_place(stands(faults=({"kind": "ranger_echo", "at_s": 2, "for_s": 0.3},)))
+    bench.run(5)
+    assert all(moment.state.in_place for moment in bench.moments)
+
+
+def test_an_echo_with_the_marker_covered_can_only_be_taken_for_a_move() -> None:
+    bench = held(stands(faults=(spout(1, 30), {"kind": "ranger_echo", "at_s": 5, "for_s": 5})))
+    bench.run(7)
+    assert (bench.state.in_place, bench.state.visit.moved, bench.state.stop) == (False, Moved.DISTANCE, True)
+    bench.run(20)
+    assert not bench.state.in_place, "with the marker covered it can't be earned again"
+
+
+def test_a_person_before_the_ranger_stops_the_truck_with_that_reason() -> None:
+    waits = truck({"distance_cm": 90, "speed_cm_s": 20, "hold_s": 60}, faults=(
+        {"kind": "ranger_echo", "distance_cm": 45, "at_s": 5, "for_s": 0.05},
+        {"kind": "ranger_echo", "distance_cm": 45, "at_s": 8, "for_s": 3},
+    ))  # fmt: skip
+    bench = Bench(waits)
+    bench.run(8)
+    assert all(moment.state.may_move for moment in bench.moments), "one short echo is a glitch"
+    bench.run(10)
+    assert (bench.state.stop, bench.state.reason) == (True, Reason.SENSORS_DISAGREE)
+    bench.run(13)
+    assert (bench.state.stop, bench.state.may_move) == (False, True)
+    stops = [event.t_ns for event in bench.events if event.kind in (EventKind.STOP_RAISED, EventKind.STOP_CLEARED)]
+    assert len(stops) == 3, "cleared at the start, raised and cleared once"
+
+
+def test_a_lamp_taken_for_the_marker_all_the_way_in_is_found_out_by_r_that_does_not_follow() -> None:
+    """The marker is covered from the start: R stays at 20 px while Z falls from 1.2 m. D = 1 would never come."""
+    faults = ({"kind": "marker_hidden", "at_s": 0, "for_s": 60}, {"kind": "red_lamp", "at_s": 0, "for_s": 60})
+    bench = Bench(truck({"distance_cm": 24, "speed_cm_s": 20, "hold_s": 20}, faults=faults))
+    bench.run(0.6)
+    bench.power_on()  # nothing is known of the marker
+    bench.run_until(lambda state: state.may_move, 3)
+    stopped = bench.run_until(lambda state: state.stop, 6)
+    assert stopped.reason is Reason.SENSORS_DISAGREE
+    assert bench.moments[-1].truth.distance_mm > 500
+    bench.run(15)
+    assert bench.state.stop
+
+
+# Release.
+
+
+def test_a_released_truck_may_leave_although_d_is_1_and_although_it_is_unknown() -> None:
+    for bench, d in ((in_place(), True), (held(), None)):
+        plc = Levels(bench)
+        bench.run(bench.t_s + 0.5)
+        plc.release()
+        bench.run(bench.t_s + 1)
+        state = bench.state
+        assert (state.d, state.stop, state.may_move, state.in_place) == (d, False, True, False)
+        assert (state.visit.phase, state.guidance.code) == (VisitPhase.RELEASED, GuidanceCode.LEAVE)
+        assert state.visit.ended == "released"
+        assert told(bench, EventKind.MOVED) == []
+
+
+def test_a_released_truck_leaves_without_a_move_and_without_a_stop_on_its_way() -> None:
+    bench = in_place(stands(LEAVE, for_s=4.0))
+    plc = Levels(bench)
+    bench.run(3)
+    plc.release()
+    bench.run(3.2)
+    begun = len(bench.moments)
+    bench.run(15)
+    on_its_way = bench.moments[begun:]
+    assert all(m.state.may_move and not m.state.stop for m in on_its_way)
+    assert {m.state.guidance.code for m in on_its_way if m.truth.distance_mm < 900} == {GuidanceCode.LEAVE}
+    assert told(bench, EventKind.MOVED) == []
+    assert bench.state.visit.place is None
+
+
+def test_without_writes_each_departure_is_a_move() -> None:
+    bench = in_place(stands(LEAVE, for_s=2.0), gateway(writes=False))
+    bench.run(12)
+    assert [kind for kind, _ in told(bench, EventKind.MOVED, EventKind.VISIT_ENDED)] == [
+        EventKind.MOVED,
+        EventKind.VISIT_ENDED,
+    ]
+    assert bench.state.visit.moved is Moved.NO
+
+
+def test_only_a_truck_that_was_in_place_is_let_go() -> None:
+    bench = at_mark()
+    plc = Levels(bench)
+    bench.run(0.5)
+    plc.release()
+    bench.run(3)
+    assert (bench.state.stop, bench.state.visit.released) == (True, False)
+
+
+def test_a_truck_that_rolled_and_can_not_be_in_place_again_is_let_go() -> None:
+    bench = held(stands({"distance_cm": 21, "speed_cm_s": 5, "hold_s": 60}, for_s=6.0, faults=(spout(1, 60),)))
+    plc = Levels(bench)
+    bench.run(12)
+    assert bench.state.visit.moved is Moved.DISTANCE
+    plc.release()
+    bench.run(13)
+    assert (bench.state.stop, bench.state.visit.moved) == (False, Moved.NO)
+
+
+def test_a_release_bit_that_is_on_all_the_time_lets_nobody_go() -> None:
+    """Only its edge counts: not a bit that was on at the first write, and not one that was on before in place."""
+    bench = Bench(stands())
+    Levels(bench).release()
+    bench.run(6)
+    assert bench.state.in_place
+    assert not any(moment.state.visit.released for moment in bench.moments)
+
+
+@pytest.mark.parametrize("end", ["bit back to 0", "heartbeat lost"])
+def test_a_release_that_is_taken_back_brings_the_stop_back(end: str) -> None:
+    bench = released()
+    plc = bench.plc
+    assert isinstance(plc, Levels)
+    if end == "heartbeat lost":
+        plc.alive = False
+    else:
+        plc.release(False)
+    stopped = bench.run_until(lambda state: state.stop, 2)
+    assert not stopped.visit.released
+    assert stopped.visit.place is not None
+    plc.alive = True
+    bench.run(bench.t_s + 0.5)
+    assert bench.state.stop, "the same bit is no new edge"
+    plc.release(False)
+    bench.run(bench.t_s + 0.5)
+    plc.release()
+    bench.run(bench.t_s + 0.5)
+    assert not bench.state.stop
+
+
+def test_a_release_needs_a_plc_that_is_known_to_live() -> None:
+    """The bit may be set by a master without a heartbeat: whether it lives then, nobody can know."""
+    bench = in_place()
+    for bits in (0, 1 << Control.RELEASE):
+        state = bench.step(PlcWrite(PLC, control=bits))
+        assert state.stop
+        bench.run(bench.t_s + 0.1)
+    assert not any(moment.state.visit.released for moment in bench.moments)
+
+
+def test_a_release_asked_while_a_sensor_is_dead_is_not_remembered() -> None:
+    bench = in_place()
+    plc = Levels(bench)
+    bench.run(0.5)
+    bench.range_fault = Quality.STALE
+    bench.run(1)
+    plc.release()
+    bench.run(1.5)
+    bench.range_fault = None
+    bench.run(6)
+    assert not any(moment.state.visit.released for moment in bench.moments)
+    assert bench.state.in_place
+
+
+@pytest.mark.parametrize("covered", [False, True])
+def test_a_released_truck_that_comes_nearer_is_stopped(covered: bool) -> None:
+    faults = (spout(1, 60),) if covered else ()
+    bench = in_place(stands({"distance_cm": 20, "speed_cm_s": 5, "hold_s": 60}, for_s=6.0, faults=faults))
+    plc = Levels(bench)
+    bench.run(5)
+    plc.release()
+    bench.run_until(lambda state: not state.stop, 1)
+    stopped = bench.run_until(lambda state: state.stop, 6)
+    assert bench.moments[-1].truth.distance_mm == pytest.approx(280 - 40, abs=25)
+    assert not stopped.visit.released
+    bench.run(bench.t_s + 3)
+    assert bench.state.stop
+
+
+def test_a_released_truck_that_turns_round_on_its_way_is_stopped_at_the_mark() -> None:
+    legs = ({"distance_cm": 60, "speed_cm_s": 30}, {"distance_cm": 26, "speed_cm_s": 20, "hold_s": 9})
+    bench = in_place(stands(*legs, for_s=2.0))
+    plc = Levels(bench)
+    bench.run(1)
+    plc.release()
+    bench.run(9)
+    assert complained(bench) == []
+    assert bench.state.in_place
+    assert not bench.state.visit.released
+
+
+def test_the_second_truck_inherits_no_release() -> None:
+    legs = (
+        {"distance_cm": 60, "speed_cm_s": 30},
+        {"distance_cm": 50, "another_truck": True},
+        {"distance_cm": 26, "speed_cm_s": 20, "hold_s": 20},
+    )
+    bench = in_place(stands(*legs, for_s=2.0))
+    plc = Levels(bench)
+    bench.run(1)
+    plc.release()
+    bench.run(9)
+    assert complained(bench) == []
+    assert bench.state.in_place
+
+
+def test_trucks_that_change_while_a_sensor_is_dead_inherit_no_release() -> None:
+    legs = ({"distance_cm": 29, "another_truck": True, "hold_s": 60},)
+    bench = in_place(stands(*legs, for_s=4.0))
+    plc = Levels(bench)
+    bench.run(1)
+    plc.release()
+    bench.run(3)
+    assert not bench.state.stop
+    bench.vision_fault = Quality.LINK_DOWN
+    bench.run(5)
+    bench.vision_fault = None
+    bench.run(6.5)
+    assert all(m.state.stop for m in bench.moments if m.truth.truck == 1)
+
+
+def test_the_bit_may_go_back_once_the_truck_has_left_the_mark() -> None:
+    bench = leaving()
+    plc = bench.plc
+    assert isinstance(plc, Levels)
+    plc.release(False)
+    bench.run(bench.t_s + 2)
+    assert bench.state.may_move
+    assert bench.state.visit.phase is VisitPhase.LEAVING
+    assert told(bench, EventKind.MOVED) == []
+
+
+def test_an_echo_while_it_is_released_ends_the_release() -> None:
+    bench = in_place(stands(faults=({"kind": "ranger_echo", "at_s": 3, "for_s": 2},)))
+    plc = Levels(bench)
+    bench.run(1)
+    plc.release()
+    bench.run(4.5)
+    assert (bench.state.stop, bench.state.visit.released) == (True, False)
+
+
+def test_a_latched_stop_does_not_hold_a_released_truck() -> None:
+    bench = in_place(stands(LEAVE, for_s=4.0), gateway(fusion={"latch_stop": True}))
+    plc = Levels(bench)
+    bench.run(3)
+    plc.release()
+    bench.run(3.3)
+    assert (bench.state.stop, bench.state.memory.latched) == (False, False)
+    bench.run(12)
+    assert bench.state.may_move
+
+
+def test_enable_is_asked_of_a_released_truck_as_of_any() -> None:
+    config = gateway()
+    handshake = config.modbus.handshake.model_copy(update={"enable_required": True})
+    config = config.model_copy(update={"modbus": config.modbus.model_copy(update={"handshake": handshake})})
+    bench = in_place(config=config)
+    plc = Levels(bench)
+    bench.run(1)
+    plc.release()
+    bench.run(2)
+    assert (bench.state.stop, bench.state.may_move) == (False, False)
+    assert bench.state.guidance.code is GuidanceCode.WAIT
+    plc.bits |= 1 << Control.ENABLE
+    bench.run(3)
+    assert bench.state.may_move
+
+
+# A technician at work.
+
+
+@in_each_phase
+@pytest.mark.parametrize("check", [FunctionCheck.MAY_MOVE_OFF, FunctionCheck.MAY_MOVE_KEPT], ids=lambda c: c.name)
+def test_a_function_check_ends_in_place_at_once_and_keeps_it_off(phase: str, check: FunctionCheck) -> None:
+    bench = PHASES[phase]()
+    bench.check_function(check)
+    assert not bench.state.in_place
+    if check is FunctionCheck.MAY_MOVE_OFF:
+        assert not bench.state.may_move
+    if phase in ("in_place", "held"):
+        assert bench.state.visit.ended == "function check"
+    begun = len(bench.moments)
+    bench.run(bench.t_s + 3)
+    assert not any(moment.state.in_place for moment in bench.moments[begun:])
+    bench.check_function(FunctionCheck.OFF)
+    bench.run(bench.t_s + 2)
+    assert bench.state.in_place == (phase == "in_place")
+
+
+# Chatter.
+
+
+def test_a_truck_exactly_at_the_threshold_flips_nothing() -> None:
+    """[start] distance_cm = 30.0, seed 8: 415 changes of may_move in 30 s by equation 14 alone."""
+    at_threshold = truck(start={"distance_cm": 30.0}, seed=8)
+    flips = {}
+    for decision in ("plain", "held"):
+        bench = Bench(at_threshold, gateway(fusion={"decision": decision}), seed=8)
+        bench.run(30)
+        said = [(m.state.may_move, m.state.stop) for m in bench.moments]
+        flips[decision] = sum(before != after for before, after in pairwise(said))
+    assert flips["plain"] > 400
+    assert flips["held"] <= 2
+
+
+def test_a_camera_at_two_pictures_a_second_flips_nothing_after_its_first_loss() -> None:
+    """A picture is good for 0.3 s, and the next one comes after 0.5 s."""
+    slow = truck({"distance_cm": 60, "speed_cm_s": 20, "hold_s": 60}, camera={"fps": 2})
+    flips = {}
+    for recovery_s in (0.0, 1.0):
+        bench = Bench(slow, gateway(fusion={"recovery_s": recovery_s, "clear_hold_s": 0.0}))
+        bench.run(20)
+        flips[recovery_s] = sum(a.state.stop != b.state.stop for a, b in pairwise(bench.moments))
+    assert flips[0.0] > 40
+    assert flips[1.0] == 0
+    assert bench.state.reason is Reason.VISION_STALE
+
+
+OBSERVED = st.one_of(
+    st.tuples(
+        st.just("vision"),
+        st.sampled_from([Quality.GOOD, Quality.GOOD, Quality.GOOD, Quality.NO_TARGET, Quality.STALE]),
+        st.floats(5, 400),
+    ),
+    st.tuples(
+        st.just("range"),
+        st.sampled_from([Quality.GOOD, Quality.GOOD, Quality.GOOD, Quality.NO_ECHO, Quality.LINK_DOWN]),
+        st.floats(30, 1500),
+    ),
+    st.tuples(st.just("tick"), st.just(Quality.GOOD), st.just(0.0)),
+)
+
+
+@given(st.lists(st.tuples(OBSERVED, st.integers(1, 400)), max_size=120))
+@settings(max_examples=150)
+def test_stop_never_comes_later_than_by_equation_14_alone(moves: list[tuple[tuple[str, Quality, float], int]]) -> None:
+    """At every step: where the plain decision says stop, the held one does."""
+    rules = {
+        decision: interlock.Rules.of(gateway(writes=False, fusion={"decision": decision}).bays[0])
+        for decision in ("plain", "held")
+    }
+    now_ns = 10**11
+    states = {decision: interlock.initial("bay1", now_ns, under) for decision, under in rules.items()}
+    for (kind, quality, value), wait_ms in moves:
+        now_ns += wait_ms * 1_000_000
+        observation: Any = Tick()
+        good = quality is Quality.GOOD
+        if kind == "vision":
+            observation = VisionReading(now_ns, quality, Circle(320, 240, value) if good else None)
+        elif kind == "range":
+            observation = RangeReading(now_ns, quality, value if good else None)
+        for decision, under in rules.items():
+            states[decision] = interlock.step(states[decision], observation, now_ns, under)
+        assert states["held"].stop or not states["plain"].stop
+        assert states["plain"].may_move or not states["held"].may_move
+
+
+def test_the_place_is_where_it_was_when_in_place_came_about() -> None:
+    bench = in_place()
+    place = bench.state.visit.place
+    assert isinstance(place, Place)
+    assert place.distance_mm == pytest.approx(280, abs=8)
+    bench.run(5)
+    assert bench.state.visit.place == place
