@@ -61,8 +61,8 @@ def step(
     if visit.released:
         visit = _leaving(visit, state, limits, released=released)
     elif released and release and visit.place is not None and not visit.off_mark and usable(state):
-        visit = _out_of_place(replace(visit, released=True, moved=Moved.NO), "released")
-        visit = replace(visit, farthest_mm=state.range.distance_mm)
+        visit = replace(_out_of_place(visit, "released"), moved=Moved.NO, moved_covered=False)
+        visit = replace(visit, released=True, farthest_mm=state.range.distance_mm)
     if not visit.released:
         if visit.place is not None:
             visit = _watched(visit, visit.place, state, limits)

@@ -110,8 +110,10 @@ class Printer:
             "in_place": state.in_place,
             "held": state.visit.held,
             "moved": state.visit.moved.name.lower(),
+            "released": state.visit.released,
             "phase": state.visit.phase.name.lower(),
             "reason": state.reason.name.lower(),
+            "guidance": state.guidance.code.name.lower(),
             "truth": {
                 "z_mm": round(truth.distance_mm, 2),
                 "u": round(truth.u_px, 3),
@@ -120,6 +122,8 @@ class Printer:
                 "visible": truth.marker_visible,
                 "stop": truth.stop,
                 "phase": truth.phase.value,
+                "speed_mm_s": round(truth.speed_mm_s, 2),
+                "truck": truth.truck,
             },
         }
 

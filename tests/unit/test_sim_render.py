@@ -112,12 +112,14 @@ def test_the_spout_hangs_in_the_bay_and_does_not_move_with_the_truck() -> None:
     assert not np.array_equal(frames[0], frames[1])
 
 
-def test_a_cloud_of_dust_takes_four_fifths_of_the_contrast_at_28_cm() -> None:
+def test_a_cloud_of_dust_takes_four_fifths_of_the_red_at_28_cm() -> None:
     scenario = parse({"camera": {"noise": 0}, "start": {"distance_cm": 28}, "faults": LOADING[1:2]})
     world, painter = World(scenario), Painter(scenario)
-    clear, cloudy = (float(painter.frame(world.truth(t), 0).std()) for t in (4.9, 6.0))
+    middle = (slice(140, 340), slice(220, 420))
+    clear, cloudy = (painter.frame(world.truth(t), 0)[middle].astype(int) for t in (4.9, 6.0))
+    red = [float((part[..., 2] - part[..., 1]).mean()) for part in (clear, cloudy)]
 
-    assert cloudy / clear == pytest.approx(0.2, abs=0.06)
+    assert red[1] / red[0] == pytest.approx(np.exp(-6 * 0.28), abs=0.06)
 
 
 @pytest.mark.parametrize("method", ["paper", "robust"])
@@ -128,7 +130,7 @@ def test_the_red_lamp_is_taken_for_the_marker_that_it_is_not(method: str) -> Non
     circle = find(Painter(scenario).frame(World(scenario).truth(12.0), 0)).circle
 
     assert circle is not None
-    assert (circle.radius_px, circle.u_px, circle.v_px) == pytest.approx((19.8, 409.5, 179.5), abs=1.5)
+    assert (circle.radius_px, circle.u_px, circle.v_px) == pytest.approx((19.8, 409.5, 179.5), abs=2.5)
 
 
 def test_rust_spoils_the_papers_radius() -> None:
