@@ -26,7 +26,7 @@ PAIRS_LEAST = 5  # they make a constant
 PAIRS_MOST = 15  # of them are kept
 DOUBT_MM = 600.0  # a truck comes from farther away, so that R has followed Z by then, also where Z_th is larger
 FOLLOW_Z = 1.5
-FOLLOW_R = 1.05  # far less than FOLLOW_Z, for the camera may stand metres behind the ranger
+FOLLOW_R = 1.03  # far less than FOLLOW_Z, for the camera may stand two metres behind the ranger
 
 Pair = tuple[float, float]  # R in px, Z in mm
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from gateway import interlock
 from gateway.config import GatewayConfig
+from gateway.interlock import Remembered
 from gateway.model import (
     DEAD,
     Circle,
@@ -27,6 +28,7 @@ from gateway.model import (
     VisitPhase,
 )
 from gateway.plc import Control, PlcWrite
+from gateway.scale import ScaleSample
 from gateway.sim.scenario import Scenario
 from tests.visit_bench import MOMENTS_HZ, PLC, Bench, gateway, truck
 from tests.visit_judge import Row, complaints
@@ -34,6 +36,13 @@ from tests.visit_judge import Row, complaints
 CROSS_CHECK = {"focal_px": 600.0, "marker_radius_mm": 90.0}
 LEAVE: Mapping[str, Any] = {"distance_cm": 150, "speed_cm_s": 30, "hold_s": 30}
 DEAD_ONES = sorted(DEAD)
+NEARER = {
+    GuidanceCode.FORWARD,
+    GuidanceCode.SLOW,
+    GuidanceCode.LEFT,
+    GuidanceCode.RIGHT,
+    GuidanceCode.DRIVE_UP,
+}
 
 
 def stands(*legs: Mapping[str, Any], at_cm: float = 28.0, for_s: float = 60.0, **more: Any) -> Scenario:
@@ -213,6 +222,49 @@ def test_d_that_is_held_at_a_red_lamp_makes_no_place_of_it() -> None:
     bench.run_until(lambda state: not state.in_place, 5)
     bench.run(bench.t_s + 5)
     assert (bench.state.d, bench.state.stop, bench.state.in_place) == (True, True, False)
+
+
+# Arriving from beyond the ranger's range.
+
+FAR = {"start": {"distance_cm": 480}}
+LEARNED = Remembered(scale_samples=tuple(ScaleSample(0, 193.0, 280.0) for _ in range(3)))
+
+
+def arriving(*, learned: bool = True, deaf: bool = False, **keys: Any) -> Bench:
+    faults = ({"kind": "ranger_no_echo", "at_s": 0, "for_s": 60},) if deaf else ()
+    bench = Bench(truck({"distance_cm": 28, "speed_cm_s": 60, "hold_s": 9}, faults=faults, **FAR), gateway(fusion=keys))
+    bench.power_on(LEARNED if learned else None)
+    return bench
+
+
+def test_a_truck_beyond_the_ranger_drives_up_by_the_learned_r_z() -> None:
+    bench = arriving(arrive_by_camera=True)
+    bench.run(0)
+    assert bench.state.range.quality in (Quality.TOO_FAR, Quality.NO_ECHO)
+    assert (bench.state.visit.phase, bench.state.stop, bench.state.may_move) == (VisitPhase.ARRIVING, False, True)
+    assert (bench.state.guidance.code, bench.state.d, bench.state.in_place) == (GuidanceCode.DRIVE_UP, False, False)
+    bench.run(14)
+    assert bench.state.in_place
+    assert complained(bench) == []
+
+
+@pytest.mark.parametrize("why", ["off by default", "nothing learned"])
+def test_otherwise_it_waits_until_the_ranger_hears_it(why: str) -> None:
+    bench = arriving() if why == "off by default" else arriving(arrive_by_camera=True, learned=False)
+    bench.run(0.5)
+    assert (bench.state.visit.phase, bench.state.stop) == (VisitPhase.ARRIVING, True)
+    assert bench.state.guidance.code is GuidanceCode.WAIT
+
+
+def test_a_deaf_ranger_stops_a_truck_that_drives_up_where_it_should_have_been_heard() -> None:
+    """3.6 m: a tenth less than the ranger's range."""
+    bench = arriving(arrive_by_camera=True, deaf=True)
+    bench.run_until(lambda state: state.may_move, 5)
+    stopped = bench.run_until(lambda state: state.stop, 10)
+    assert stopped.reason is Reason.NO_ECHO
+    assert bench.world.truth(bench.t_s).distance_mm == pytest.approx(3600, abs=100)
+    bench.run(14)
+    assert bench.state.stop
 
 
 # Held by the ranger alone.
@@ -875,6 +927,8 @@ def test_stop_never_comes_later_than_by_equation_14_alone(moves: list[tuple[tupl
             states[decision] = interlock.step(states[decision], observation, now_ns, under)
         assert states["held"].stop or not states["plain"].stop
         assert states["plain"].may_move or not states["held"].may_move
+        for state in states.values():
+            assert not (state.stop and state.guidance.code in NEARER), "nobody is told to come nearer while stop is on"
 
 
 def test_the_place_is_where_it_was_when_in_place_came_about() -> None:
