@@ -19,7 +19,7 @@ from gateway.config import (
     RecipeConfig,
     VisitConfig,
 )
-from gateway.model import FunctionCheck, FusionMemory, Quality, RangeReading, Reason, StateVector, Tick, Visit
+from gateway.model import FunctionCheck, FusionMemory, Moved, Quality, RangeReading, Reason, StateVector, Tick, Visit
 from gateway.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict
 from gateway.scale import ScaleSample
 
@@ -125,17 +125,19 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         release=handshake.rose(before, plc, Control.RELEASE),
     )
     memory, plc = _latch(state.memory, before, plc, fused, stay, limits)
+    stay, plc = _forgiven(stay, before, plc, fused)
     memory = _learned(_worn(memory, fused), state, stay, plc.recipe, limits, fused)
     if track is not memory.track:
         memory = replace(memory, track=track)
 
     fail_safe = recipe.fusion.fail_safe
     released = visit.lets_go(stay, fused, limits)
-    stop = (fused.stop and not released) or memory.latched or stay.in_place or (plc.missed and fail_safe)
+    rolled = stay.moved is not Moved.NO and rules.handshake is not None  # without writes nobody could release it
+    stop = (fused.stop and not released) or memory.latched or stay.in_place or rolled or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
     may_move = (fused.may_move or released) and not stop and allowed and not working
-    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe, in_place=stay.in_place)
+    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe, visit=stay)
     # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
     same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
     if same and memory is fused.memory and plc is fused.plc and stay is fused.visit:
@@ -202,6 +204,14 @@ def _latch(
     return memory, plc
 
 
+def _forgiven(stay: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
+    """A reset ends the stop after a move, too, once both sensors say D = 0: the truck may be brought back."""
+    reset = handshake.rose(before, plc, Control.RESET)
+    if stay.moved is Moved.NO or not reset or fused.d is not False or fused.memory.disagree:
+        return stay, plc
+    return replace(stay, moved=Moved.NO, moved_covered=False, place=None), replace(plc, reset_verdict=ResetVerdict.DONE)
+
+
 def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -> int | None:
     """Since when both sensors agree that no truck is there. A broken sensor proves nothing."""
     if fused.vision.quality is not Quality.NO_TARGET or not visit.clear(fused, limits):
@@ -242,11 +252,13 @@ def _allowed(plc: Handshake, config: HandshakeConfig) -> bool:
     )
 
 
-def _reason(fused: StateVector, plc: Handshake, *, stop: bool, fail_safe: bool, in_place: bool) -> Reason:
+def _reason(fused: StateVector, plc: Handshake, *, stop: bool, fail_safe: bool, visit: Visit) -> Reason:
     if not stop:
         return Reason.NONE
     if plc.missed and fail_safe and fused.reason in _BELOW_PLC_LOST:
         return Reason.PLC_LOST
     if fused.reason is Reason.NONE:
-        return Reason.TARGET_REACHED if in_place else Reason.STOP_LATCHED
+        if visit.moved is not Moved.NO:
+            return Reason.MOVED
+        return Reason.TARGET_REACHED if visit.in_place else Reason.STOP_LATCHED
     return fused.reason

@@ -61,6 +61,7 @@ class Reason(IntEnum):
     NONE = 0
     TARGET_REACHED = 1
     STOP_LATCHED = 2
+    MOVED = 3
     STARTING = 10
     VISION_STALE = 11
     CAMERA_DOWN = 12
@@ -85,6 +86,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.NONE: "stop is off",
     Reason.TARGET_REACHED: "D = 1: the marker is large enough and the distance short enough",
     Reason.STOP_LATCHED: "D was 1; stop stays until the PLC resets it or the truck leaves",
+    Reason.MOVED: "a truck that was in place has moved without release; stop stays until it has left, or a reset",
     Reason.STARTING: "a sensor has sent nothing yet",
     Reason.VISION_STALE: "the newest frame is older than its deadline",
     Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",

@@ -22,7 +22,7 @@ CONTROL_MEANING: dict[Control, str] = {
     Control.ENABLE: "1: the PLC wants the bay in use; where enable_required is set, may_move needs it",
     Control.TRUCK_PRESENT: "1: a truck is in the bay; back to 0: it has left, a latched stop may end; may_move needs "
     "it where truck_required",
-    Control.RESET: "0 to 1: end the latched stop, if its cause is gone",
+    Control.RESET: "0 to 1: end the latched stop, or that of a truck that moved, if its cause is gone",
     Control.TRIGGER: "0 to 1: measure anew and hold the result",
     Control.RESULTS_ACK: "0 to 1: the held result has been read; go back to 0 before the next trigger",
     Control.RELEASE: "0 to 1 while the truck is or was in place: loading is over, the truck may leave; stop goes off "

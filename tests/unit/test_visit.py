@@ -27,7 +27,7 @@ from gateway.model import (
     VisionReading,
     VisitPhase,
 )
-from gateway.plc import Control, PlcWrite
+from gateway.plc import Control, PlcWrite, ResetVerdict
 from gateway.scale import ScaleSample
 from gateway.sim.scenario import Scenario
 from tests.visit_bench import MOMENTS_HZ, PLC, Bench, gateway, truck
@@ -474,6 +474,33 @@ def test_a_truck_that_rolls_under_the_spout_is_reported() -> None:
     assert told(bench, EventKind.IN_PLACE_ENDED) == [(EventKind.IN_PLACE_ENDED, "moved")]
     bench.run(bench.t_s + 10)
     assert bench.state.visit.moved is Moved.DISTANCE, "until the bay is clear, or a truck is in place"
+
+
+def rolled_out(*, writes: bool) -> Bench:
+    """In place, then 40 cm away without release."""
+    scenario = stands({"distance_cm": 40, "speed_cm_s": 10, "hold_s": 60}, for_s=1.0)
+    bench = in_place(scenario, gateway(writes=writes))
+    bench.run_until(lambda state: state.d is False, 6)
+    return bench
+
+
+def test_a_truck_that_moved_without_release_is_stopped_until_it_has_left_or_a_reset() -> None:
+    bench = rolled_out(writes=True)
+    bench.run(bench.t_s + 3)
+    state = bench.state
+    assert (state.d, state.stop, state.may_move, state.reason) == (False, True, False, Reason.MOVED)
+    bench.write(Control.RESET)
+    bench.run(bench.t_s + 1)
+    state = bench.state
+    assert (state.stop, state.may_move, state.visit.moved, state.visit.place) == (False, True, Moved.NO, None)
+    assert state.plc.reset_verdict is ResetVerdict.DONE
+
+
+def test_where_nobody_can_release_a_departure_is_a_move_that_stops_nobody() -> None:
+    bench = rolled_out(writes=False)
+    bench.run(bench.t_s + 1)
+    state = bench.state
+    assert (state.visit.moved, state.stop, state.may_move) == (Moved.DISTANCE, False, True)
 
 
 @pytest.mark.parametrize("to_cm", [22.0, 36.0])
