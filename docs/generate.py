@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 
 from gateway import configdoc
+from gateway.config import VisitConfig
 from gateway.hmi import openapi
 from gateway.hmi.alarms import states as alarm_states
 from gateway.hmi.alarms import table as alarm_table
@@ -23,6 +24,7 @@ from gateway.modbus import reference as modbus_reference
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.target import Target
+from gateway.model import VISIT_PHASE_MEANING, VisitPhase
 from gateway.mqtt import reference
 from gateway.mqtt.sparkplug import metrics as sparkplug_metrics
 from gateway.ranger import cheader, protocol
@@ -51,6 +53,11 @@ def sparkplug_assertions() -> str:
     )
 
 
+def visit_phases() -> str:
+    rows = [f"| {phase.value} | `{phase.name.lower()}` | {VISIT_PHASE_MEANING[phase]} |" for phase in VisitPhase]
+    return "\n".join(["| number | name | means |", "|---|---|---|", *rows])
+
+
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "alarms.md": {
         "alarms": alarm_table.summary_markdown,
@@ -74,6 +81,11 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "registers.md": {"registers": export.markdown, "situations": situations.markdown},
     "sparkplug.md": {"device metrics": sparkplug_metrics.markdown, "assertions": sparkplug_assertions},
     "simulator.md": {"keys and faults": scenariodoc.markdown},
+    "visit.md": {
+        "situations": situations.markdown,
+        "phases": visit_phases,
+        "keys": lambda: "\n".join(configdoc.key_table(VisitConfig)),
+    },
     "vision.md": {"stages and parameters": parameters.markdown},
     "vision-robust.md": robust_reference.BLOCKS,
 }

@@ -178,7 +178,8 @@ def _watched(visit: Visit, place: Place, state: StateVector, limits: Limits) -> 
         return visit
     if why := _ended(visit, state, moved):
         return _out_of_place(visit, why)
-    doubtful = contradicts or state.memory.disagree or state.range.distance_mm is None
+    disagree = contradicts or state.memory.disagree or state.vision.wrong_size is not None
+    doubtful = disagree or state.range.distance_mm is None
     visit = replace(visit, doubt_since_ns=_since(visit.doubt_since_ns, state, on=doubtful))
     if doubtful and _lasts(visit.doubt_since_ns, state, limits.visit.hold_grace_s):
         return _out_of_place(visit, "contradiction" if state.range.distance_mm is not None else "no distance")
@@ -238,7 +239,9 @@ def _phase(visit: Visit, state: StateVector, limits: Limits) -> VisitPhase:
     elif state.d is False:
         phase = VisitPhase.APPROACHING if visit.place is None else VisitPhase.LEAVING
     else:
-        phase = VisitPhase.EMPTY if clear(state, limits) else VisitPhase.UNKNOWN
+        # Where a truck was in place just now, a covered marker and a lost echo are no empty bay yet.
+        empty = visit.place is None and clear(state, limits)
+        phase = VisitPhase.EMPTY if empty else VisitPhase.UNKNOWN
     return phase
 
 

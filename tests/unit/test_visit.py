@@ -592,6 +592,17 @@ def test_a_lamp_has_its_own_reason() -> None:
     assert (bench.state.in_place, bench.state.reason) == (True, Reason.TARGET_REACHED), "the marker is seen again"
 
 
+def test_a_disc_that_the_search_refuses_by_its_size_is_doubted_at_once() -> None:
+    bench = held()
+    begun_s = bench.t_s
+    while bench.state.in_place and bench.t_s < begun_s + 2:
+        refused = VisionReading(bench.now_ns, Quality.NO_TARGET, wrong_size=Circle(410, 180, 20))
+        bench.step(refused)
+        bench.run(bench.t_s + 0.01)
+    assert bench.t_s - begun_s == pytest.approx(0.5, abs=0.05), "hold_grace_s"
+    assert bench.state.visit.ended == "contradiction"
+
+
 @pytest.mark.parametrize("echo_cm", [3, 10, 20, 22])
 def test_an_echo_beside_a_seen_marker_is_a_contradiction_and_no_move(echo_cm: float) -> None:
     echo = {"kind": "ranger_echo", "distance_cm": echo_cm, "at_s": 2, "for_s": 5}
