@@ -225,3 +225,22 @@ class Bench:
         cx, cy = camera.centre_px
         scale = camera.focal_px / (SPOUT_MM + camera.offset_mm)
         return Circle(cx + scale * LAMP_MM[0], cy + scale * LAMP_MM[1], scale * LAMP_RADIUS_MM)
+
+
+class Levels:
+    """A PLC that lives and writes its bits as they are set."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bits = 0
+        self.alive = True
+        self._beat = 0
+        bench.plc = self
+
+    def __call__(self, t_s: float, state: StateVector) -> PlcWrite | None:
+        if not self.alive:
+            return None
+        self._beat = (self._beat + 1) & 0xFFFF
+        return PlcWrite(PLC, heartbeat=self._beat, control=self.bits)
+
+    def release(self, on: bool = True) -> None:
+        self.bits = 1 << Control.RELEASE if on else 0

@@ -22,7 +22,6 @@ from gateway.model import (
     Quality,
     RangeReading,
     Reason,
-    StateVector,
     Tick,
     VisionReading,
     VisitPhase,
@@ -30,7 +29,7 @@ from gateway.model import (
 from gateway.plc import Control, PlcWrite, ResetVerdict
 from gateway.scale import ScaleSample
 from gateway.sim.scenario import Scenario
-from tests.visit_bench import MOMENTS_HZ, PLC, Bench, gateway, truck
+from tests.visit_bench import MOMENTS_HZ, PLC, Bench, Levels, gateway, truck
 from tests.visit_judge import Row, complaints
 
 CROSS_CHECK = {"focal_px": 600.0, "marker_radius_mm": 90.0}
@@ -53,25 +52,6 @@ def stands(*legs: Mapping[str, Any], at_cm: float = 28.0, for_s: float = 60.0, *
 
 def spout(at_s: float = 1.0, for_s: float = 40.0) -> dict[str, Any]:
     return {"kind": "spout_down", "at_s": at_s, "for_s": for_s}
-
-
-class Levels:
-    """A PLC that lives and writes its bits as they are set."""
-
-    def __init__(self, bench: Bench) -> None:
-        self.bits = 0
-        self.alive = True
-        self._beat = 0
-        bench.plc = self
-
-    def __call__(self, t_s: float, state: StateVector) -> PlcWrite | None:
-        if not self.alive:
-            return None
-        self._beat = (self._beat + 1) & 0xFFFF
-        return PlcWrite(PLC, heartbeat=self._beat, control=self.bits)
-
-    def release(self, on: bool = True) -> None:
-        self.bits = 1 << Control.RELEASE if on else 0
 
 
 def in_place(scenario: Scenario | None = None, config: GatewayConfig | None = None) -> Bench:
@@ -328,14 +308,13 @@ def test_in_place_keeps_stop_on_even_where_a_blind_gateway_does_not_say_stop() -
 def test_a_live_ranger_without_a_distance_ends_it_after_the_grace(quality: Quality) -> None:
     bench = held()
     bench.range_fault = quality
-    bench.run(bench.t_s + 0.45)
-    assert bench.state.in_place
-    bench.run(bench.t_s + 0.2)
-    assert (bench.state.in_place, bench.state.visit.ended) == (False, "no distance")
+    assert bench.run(bench.t_s + 0.45).in_place
+    ended = bench.run(bench.t_s + 0.2)
+    assert (ended.in_place, ended.visit.ended) == (False, "no distance")
     bench.range_fault = None
-    bench.run(bench.t_s + 3)
-    assert not bench.state.in_place, "with the marker covered it can't be earned again"
-    assert bench.state.stop
+    later = bench.run(bench.t_s + 3)
+    assert not later.in_place, "with the marker covered it can't be earned again"
+    assert later.stop
 
 
 def test_one_lost_echo_ends_nothing() -> None:
@@ -535,11 +514,9 @@ def test_a_marker_that_is_covered_from_one_side_has_not_moved() -> None:
 def test_a_truck_that_drives_off_is_reported_though_the_ranger_was_dead_meanwhile() -> None:
     bench = in_place(stands({"distance_cm": 60, "speed_cm_s": 30, "hold_s": 30}, for_s=1.0))
     bench.range_fault = Quality.LINK_DOWN
-    bench.run(4)
-    assert bench.state.visit.moved is Moved.NO
+    assert bench.run(4).visit.moved is Moved.NO
     bench.range_fault = None
-    bench.run(7)
-    assert bench.state.visit.moved is Moved.DISTANCE
+    assert bench.run(7).visit.moved is Moved.DISTANCE
 
 
 def test_the_next_truck_in_place_ends_what_is_said_of_the_one_before() -> None:
