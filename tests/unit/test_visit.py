@@ -468,8 +468,9 @@ def test_a_truck_that_moved_without_release_is_stopped_until_it_has_left_or_a_re
     bench.run(bench.t_s + 3)
     state = bench.state
     assert (state.d, state.stop, state.may_move, state.reason) == (False, True, False, Reason.MOVED)
+    bench.write()
     bench.write(Control.RESET)
-    bench.run(bench.t_s + 1)
+    bench.run(bench.t_s + 0.5)
     state = bench.state
     assert (state.stop, state.may_move, state.visit.moved, state.visit.place) == (False, True, Moved.NO, None)
     assert state.plc.reset_verdict is ResetVerdict.DONE
