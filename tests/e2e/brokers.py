@@ -71,7 +71,7 @@ class Mosquitto:
     ) -> None:
         self.kill()
 
-    def start(self, timeout_s: float = 10.0) -> None:
+    def start(self, timeout_s: float = 30.0) -> None:
         """On the same port as before; returns when it can be connected to."""
         assert self._process is None
         config = self._folder / "mosquitto.conf"
@@ -189,7 +189,7 @@ class Subscriber:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         with self._changed:
-            assert self._changed.wait_for(lambda: self._subscribed, 10), self.other
+            assert self._changed.wait_for(lambda: self._subscribed, 30), self.other
         return self
 
     def __exit__(
@@ -206,11 +206,11 @@ class Subscriber:
         with self._changed:
             return [message for message in self.messages if message.topic.endswith(suffix)]
 
-    def wait_for(self, wanted: Callable[[Received], bool], timeout_s: float = 10.0) -> Received:
+    def wait_for(self, wanted: Callable[[Received], bool], timeout_s: float = 30.0) -> Received:
         """The first message so far, or to come, that `wanted` accepts."""
         return self.wait_until(lambda: next(filter(wanted, self.messages), None), timeout_s)
 
-    def wait_until(self, found: Callable[[], T | None], timeout_s: float = 10.0) -> T:
+    def wait_until(self, found: Callable[[], T | None], timeout_s: float = 30.0) -> T:
         """What `found` returns, as soon as that is neither None nor false; asked anew with every message."""
         with self._changed:
             self._changed.wait_for(lambda: bool(found()), timeout_s)

@@ -98,9 +98,13 @@ class Plc:
 
 def mbpoll(port: int, address: int, count: int, *, unit: int = 1, function: str = "4") -> list[int]:
     """`count` registers from `address` as `mbpoll` prints them. `function`: its -t; 4 holding, 3 input registers."""
-    command = ["mbpoll", "-0", "-B", "-m", "tcp", "-t", function, "-a", str(unit), "-r", str(address), "-c", str(count)]
+    where = ["-t", function, "-a", str(unit), "-r", str(address), "-c", str(count)]
     done = subprocess.run(
-        [*command, "-1", "-p", str(port), "127.0.0.1"], check=False, capture_output=True, text=True, timeout=10
+        ["mbpoll", "-0", "-B", "-m", "tcp", "-o", "10", *where, "-1", "-p", str(port), "127.0.0.1"],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return [int(value) for value in re.findall(r"^\[\d+\]:\s+(\d+)", done.stdout, re.MULTILINE)]

@@ -14,7 +14,7 @@ class Supervised:
 
     supervisor: Supervisor
     watched: str
-    patience_s = 10.0
+    patience_s = 30.0
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:

@@ -30,7 +30,7 @@ from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
 from tests.mqtt_messages import checked
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(120)
 ROOT = Path(__file__).parents[2]
 QUICK = Reconnect(min_s=0.05, max_s=0.2)
 
@@ -74,7 +74,7 @@ def says(**wanted: Any) -> Callable[[Received], bool]:
     return lambda message: wanted.items() <= message.json.items()
 
 
-async def heard(subscriber: Subscriber, timeout_s: float = 10.0, **wanted: Any) -> Received:
+async def heard(subscriber: Subscriber, timeout_s: float = 30.0, **wanted: Any) -> Received:
     return await asyncio.to_thread(subscriber.wait_for, says(**wanted), timeout_s)
 
 
