@@ -15,6 +15,7 @@ from gateway.model import Event, EventKind, StateVector, Tick
 from gateway.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.supervised import Supervised
+from tests.permitted import FOREVER_NS
 
 QUICK = Reconnect(min_s=0.05, max_s=0.2)
 
@@ -25,8 +26,10 @@ class Plant(Supervised):
     def __init__(self, url: str, *bays: str, instance: str = "gw", **settings: Any) -> None:
         self.clock = SystemClock()
         self.hub = Hub(bays or ("bay1",))
+        self.waits: list[int] = []  # how often the control path had to wait for anything in each Hub.publish
+        self.ticks = 0
         for bay in self.hub.bays:
-            self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
+            self._publish(fusion.initial(bay, self.clock.now_ns()))
         config = MqttConfig(url=url, root="loading", **settings)
         self.publisher = MqttPublisher(config, "site1", instance, self.hub, self.clock, "1.0")
         self.supervisor = Supervisor(
@@ -37,8 +40,6 @@ class Plant(Supervised):
             self.clock,
         )
         self.happened: list[str] = []
-        self.waits: list[int] = []  # how often the control path had to wait for anything in each Hub.publish
-        self.ticks = 0
 
     @property
     def link_errors(self) -> int:
@@ -70,6 +71,7 @@ class Plant(Supervised):
         return sum(1 for waits in self.waits if waits) <= 0.01 * len(self.waits)
 
     def _publish(self, state: StateVector, events: Sequence[Event] = ()) -> None:
+        state = replace(state, valid_until_ns=FOREVER_NS)
         before = _waits()
         self.hub.publish(state, events)
         self.waits.append(_waits() - before)

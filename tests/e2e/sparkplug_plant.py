@@ -21,6 +21,7 @@ from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.mqtt_packets import Packet
 from tests.e2e.supervised import Supervised
+from tests.permitted import FOREVER_NS
 
 PROTO = Path(__file__).parents[1] / "data" / "sparkplug_b.proto"
 
@@ -94,7 +95,7 @@ class SparkPlant(Supervised):
         )
         self._dead: set[str] = set()
         for bay in self.hub.bays:
-            self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
+            self.hub.publish(replace(fusion.initial(bay, self.clock.now_ns()), valid_until_ns=FOREVER_NS))
             self.see(bay, 100.0)
 
     def _bd_seq(self) -> int:
@@ -124,11 +125,11 @@ class SparkPlant(Supervised):
     def die(self, bay: str) -> None:
         """Its control task stands still: nothing computes the bay any more."""
         self._dead.add(bay)
-        self.hub.publish(replace(self.hub.state(bay), t_ns=self.clock.now_ns() - 10_000_000_000))
+        self.hub.publish(replace(self.hub.state(bay), valid_until_ns=0))
 
     def live(self, bay: str) -> None:
         self._dead.discard(bay)
-        self.change(bay)
+        self.change(bay, valid_until_ns=FOREVER_NS)
 
     async def _alive(self) -> None:
         while True:

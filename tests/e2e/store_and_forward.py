@@ -29,7 +29,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from gateway import shared_state
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
-from gateway.config import BayConfig, GatewayConfig, MqttConfig, Reconnect
+from gateway.config import BayConfig, FusionConfig, GatewayConfig, MqttConfig, Reconnect
 from gateway.hub import Hub
 from gateway.model import Circle, Quality, RangeReading, VisionReading
 from gateway.mqtt.durable import DurableOutbox, limits
@@ -62,7 +62,8 @@ class Telling(DurableOutbox):
 async def child(url: str, name: str, file: str, per_s: float) -> None:
     clock, hub = SystemClock(), Hub(BAYS)
     config = MqttConfig(url=url, keepalive_s=4, outbox_events=100_000, reconnect=Reconnect(min_s=0.02, max_s=0.1))
-    whole = GatewayConfig(bays=tuple(BayConfig(name=bay, unit_id=n + 1) for n, bay in enumerate(BAYS)))
+    plain = FusionConfig(decision="plain")  # a stop at every step
+    whole = GatewayConfig(bays=tuple(BayConfig(name=bay, unit_id=n + 1, fusion=plain) for n, bay in enumerate(BAYS)))
     with Telling(name, Path(file), limits(config)) as outbox:
         publisher = MqttPublisher(config, "site1", "gw", hub, clock, outbox=outbox)
         controls = [BayControl(bay, hub, clock, (), whole) for bay in whole.bays]
