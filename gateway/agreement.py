@@ -7,7 +7,7 @@ compared with the ranger's. Where it is not, three rules need no constant of the
 - R Z does not jump: no truck changes one of the two alone;
 - R follows Z: when Z has changed by a factor of FOLLOW_Z, R has changed, too, the other way.
 
-Until the first or the last of them has been borne out in a visit, a circle far too small for D = 1 is not believed at a
+Until the first or the last of them has been confirmed in a visit, a circle far too small for D = 1 is not believed at a
 distance short enough for it: it may be a lamp, with the marker covered.
 """
 

@@ -6,11 +6,12 @@ Equation 13 is the state, equation 14 the decision:
 
 computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
 unless `fail_safe` has been switched off. `may_move` asks for more than `not stop`: both sensors good, no contradiction.
+One exception, off by default: with `arrive_by_camera` D is 0 for a truck that is too far away for the ranger.
 
 Stop comes on at once. By default (`decision = "held"`) it goes off more slowly than equation 14 alone would have it: D
 ends only when both sensors show that the truck moved away from where equation 14 last held; a sensor that was dead must
-be good for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation alone
-decides, at every step.
+be alive for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation alone
+ends D = 1, at every step.
 
 A circle that does not fit the ranger's distance is a contradiction, and a cause: gateway/agreement.py.
 """

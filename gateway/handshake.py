@@ -6,7 +6,7 @@ takes effect. Who owns it next begins with a block in which nothing is set.
 A triggered measurement goes round in one table, TRANSITIONS, in the manner of industrial vision sensors: a rising
 `trigger` takes the next acquisition id; the first frame and distance younger than it are the result, which is held with
 `results_valid` until `results_ack` rises; when that is back at 0 the next trigger is taken. Whatever the PLC writes, it
-can only ask: what ends a stop is decided in gateway/interlock.py, on what the sensors say.
+can only ask: whether a reset or a release ends a stop is decided in gateway/interlock.py and gateway/visit.py.
 """
 
 from collections.abc import Callable, Collection, Iterator

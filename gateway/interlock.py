@@ -1,9 +1,9 @@
 """The whole step of a bay: fusion's decision, then what may only make it stricter, then the truck's visit. Pure.
 
 Fusion (the paper) says what the sensors mean. On top of it stand the latch of a stop, the PLC's heartbeat and enables,
-and a technician at work; each can raise `stop` or withhold `may_move`, none can end a stop that fusion asks for. One
-exception: a truck that was in place, and that the PLC has released, may leave although D is 1 (docs/visit.md). Guidance
-follows from the result.
+a technician at work, and a truck that is in place or moved without release; each can raise `stop` or withhold
+`may_move`, none can end a stop that fusion asks for. One exception: a truck that was in place, and that the PLC has
+released, may leave although D is 1 or unknown (docs/visit.md). Guidance follows from the result.
 """
 
 from collections.abc import Mapping

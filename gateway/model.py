@@ -85,8 +85,8 @@ class Reason(IntEnum):
 REASON_MEANING: dict[Reason, str] = {
     Reason.NONE: "stop is off",
     Reason.TARGET_REACHED: "D = 1: the marker is large enough and the distance short enough",
-    Reason.STOP_LATCHED: "D was 1; stop stays until the PLC resets it or the truck leaves",
-    Reason.MOVED: "a truck that was in place has moved without release; stop stays until it has left, or a reset",
+    Reason.STOP_LATCHED: "D was 1, or the gateway has started; until a reset, a release, or the truck has left",
+    Reason.MOVED: "a truck that was in place has moved without release; until it has left, a release or a reset",
     Reason.STARTING: "a sensor has sent nothing yet",
     Reason.VISION_STALE: "the newest frame is older than its deadline",
     Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",
@@ -101,7 +101,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.RANGER_STUCK: "the ranger's ECHO pin does not move",
     Reason.RANGE_UNSTABLE: "distance readings jump",
     Reason.RANGER_VERSION: "the ranger's firmware speaks another protocol version",
-    Reason.SENSORS_DISAGREE: "the distance seen by the camera contradicts the ranger",
+    Reason.SENSORS_DISAGREE: "camera and ranger contradict each other: R and Z do not fit",
     Reason.GATEWAY_FAULT: "the gateway's own control task does not run",
     Reason.SHUTDOWN: "the gateway is shutting down",
     Reason.PLC_LOST: "the PLC's heartbeat does not come, or stands still; it is required",
@@ -427,7 +427,7 @@ GUIDANCE_MEANING: dict[GuidanceCode, str] = {
     GuidanceCode.OK: "in place: stay where you are",
     GuidanceCode.TOO_FAR: "still moving, and already too far in: stop now; the amount is how far",
     GuidanceCode.FAULT: "stop: something is broken; a display shows it as STOP",
-    GuidanceCode.LEAVE: "loading is over: leave the bay",
+    GuidanceCode.LEAVE: "leave the bay: released, or on the way out",
     GuidanceCode.DRIVE_UP: "drive on; too far away for the ranger to say how far",
 }
 

@@ -25,8 +25,8 @@ CONTROL_MEANING: dict[Control, str] = {
     Control.RESET: "0 to 1: end the latched stop, or that of a truck that moved, if its cause is gone",
     Control.TRIGGER: "0 to 1: measure anew and hold the result",
     Control.RESULTS_ACK: "0 to 1: the held result has been read; go back to 0 before the next trigger",
-    Control.RELEASE: "0 to 1 while the truck is or was in place, and the heartbeat comes: loading is over, the truck "
-    "may leave; stop goes off until it has left the mark, or the bit goes back to 0",
+    Control.RELEASE: "0 to 1 while the truck is or was in place, and the heartbeat comes: the truck may leave, "
+    "stop goes off; hold it until the truck has left the mark, or stop comes back",
 }
 
 
@@ -80,7 +80,7 @@ class Outcome(IntEnum):
 
 OUTCOME_MEANING: dict[Outcome, str] = {
     Outcome.NONE: "no result is held",
-    Outcome.IN_PLACE: "D = 1",
+    Outcome.IN_PLACE: "D = 1; register in_place asks for more",
     Outcome.NOT_IN_PLACE: "D = 0",
     Outcome.NO_TARGET: "D is unknowable: no marker in the picture",
     Outcome.SENSOR_FAULT: "D is unknowable: a sensor had no value, or both contradict each other",
@@ -101,8 +101,8 @@ RECIPE_MEANING: dict[RecipeVerdict, str] = {
     RecipeVerdict.NONE: "no recipe was asked for since the start of the gateway",
     RecipeVerdict.ACTIVE: "the recipe asked for is in force",
     RecipeVerdict.UNKNOWN: "no recipe has this id; recipe_active stands",
-    RecipeVerdict.STOP_STANDS: "not while the truck stands in place or stop is latched: new thresholds must not end a "
-    "stop; recipe_active stands",
+    RecipeVerdict.STOP_STANDS: "not while D is 1, or was when last known, or stop is latched: new thresholds must not "
+    "end a stop; recipe_active stands",
     RecipeVerdict.BUSY: "not while a triggered measurement runs; recipe_active stands",
 }
 
@@ -118,9 +118,9 @@ class ResetVerdict(IntEnum):
 
 RESET_MEANING: dict[ResetVerdict, str] = {
     ResetVerdict.NONE: "no reset was asked for since the start of the gateway",
-    ResetVerdict.DONE: "the latched stop was ended",
+    ResetVerdict.DONE: "the latched stop, or that of a truck that moved, was ended",
     ResetVerdict.CAUSE_STANDS: "refused: D is 1, or can't be known",
-    ResetVerdict.NOTHING_LATCHED: "there was nothing to reset",
+    ResetVerdict.NOTHING_LATCHED: "no stop was latched",
 }
 
 

@@ -37,7 +37,7 @@ HANDSHAKE_MEANING: dict[HandshakeBit, str] = {
     HandshakeBit.WRITES_ON: "the handshake block can be written",
     HandshakeBit.PLC_ALIVE: "plc_heartbeat has changed within its deadline",
     HandshakeBit.PLC_LOST: "plc_heartbeat has stood still for longer than its deadline",
-    HandshakeBit.STOP_LATCHED: "stop is latched: it stays on until reset, or the truck leaves",
+    HandshakeBit.STOP_LATCHED: "stop is latched: until a reset, a release, or the truck has left",
     HandshakeBit.TRIGGER_READY: "a rising trigger would be taken",
     HandshakeBit.TRIGGER_ACK: "the trigger was taken; goes off with the trigger bit",
     HandshakeBit.ACQUIRING: "a triggered measurement runs",

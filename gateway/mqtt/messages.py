@@ -85,7 +85,9 @@ class Measured(BaseModel):
     timestamp_ms: Count = Field(description="when the state was computed, Unix time, ms")
     timestamp: str = Field(description="the same, ISO 8601, UTC", json_schema_extra={"format": "date-time"})
     stop: bool = Field(description="the truck must stop; also on whenever the gateway can't know")
-    may_move: bool = Field(description="the truck may move: all healthy and fresh, stop off; no condition for loading")
+    may_move: bool = Field(
+        description="the truck may move: stop is off, nothing withholds it; no condition for loading"
+    )
     permit: bool = Field(description="old name of may_move, for one version")
     in_place: bool = Field(description="the truck stands in place: the only condition for loading")
     held: bool = Field(description="in_place is held by the ranger alone: the marker is covered")

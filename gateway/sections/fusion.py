@@ -40,8 +40,8 @@ class FusionConfig(Section):
         description="held: D = 1 ends only when both sensors show that the truck moved away, and stop goes off only "
         "after clear_hold_s; plain: equation 14 at every step, as in the paper",
     )
-    radius_hysteresis_px: float = Field(0.0, ge=0, le=1000, description="stop ends below R_th minus this")
-    distance_hysteresis_mm: float = Field(0.0, ge=0, le=1000, description="stop ends above Z_th plus this")
+    radius_hysteresis_px: float = Field(0.0, ge=0, le=1000, description="an R that ends D = 1 is below R_th minus this")
+    distance_hysteresis_mm: float = Field(0.0, ge=0, le=1000, description="a Z that ends D = 1 is above Z_th plus this")
     away_px: float = Field(
         4.0, ge=0, le=1000, description="held: R must be smaller by this than where equation 14 last gave D = 1"
     )
@@ -67,12 +67,15 @@ class FusionConfig(Section):
     raise_debounce_s: float = Field(0.0, ge=0, le=5, description="D must be 1 for so long before stop: it delays stop")
     clear_debounce_s: float = Field(0.0, ge=0, le=60, description="D must be 0 for so long before a stop by D ends")
     latch_stop: bool = Field(
-        False, description="a stop by D stays until the PLC resets it or the truck leaves; on at every start"
+        False, description="a stop by D stays until a reset, a release, or the truck has left; on at every start"
     )
     latch_leave_s: float = Field(
-        5.0, ge=0, le=600, description="no truck to be seen for so long: it has left, the latch ends; 0: never"
+        5.0,
+        ge=0,
+        le=600,
+        description="no marker, and nothing within visit.leave_distance_mm, for so long: the latch ends; 0: never",
     )
-    cross_check: CrossCheck | None = Field(None, description="absent: no cross-check")
+    cross_check: CrossCheck | None = Field(None, description="absent: R x Z is compared with itself (scale_tolerance)")
 
     @model_validator(mode="after")
     def _ages_in_time(self) -> Self:
@@ -105,8 +108,12 @@ class RecipeFusion(Section):
 
     radius_threshold_px: float | None = Field(None, gt=0, le=20_000, description="R_th")
     distance_threshold_mm: float | None = Field(None, gt=0, le=4000, description="Z_th")
-    radius_hysteresis_px: float | None = Field(None, ge=0, le=1000, description="stop ends below R_th minus this")
-    distance_hysteresis_mm: float | None = Field(None, ge=0, le=1000, description="stop ends above Z_th plus this")
+    radius_hysteresis_px: float | None = Field(
+        None, ge=0, le=1000, description="an R that ends D = 1 is below R_th minus this"
+    )
+    distance_hysteresis_mm: float | None = Field(
+        None, ge=0, le=1000, description="a Z that ends D = 1 is above Z_th plus this"
+    )
 
 
 class RecipeGuidance(Section):

@@ -92,7 +92,8 @@ class CameraConfig(Section):
         2.0,
         ge=0,
         le=60,
-        description="cameras and streams: pictures equal to the last bit for so long are a frozen source; "
+        description="cameras and streams: a picture that repeats itself for so long is a lost source; "
+        "until then it only ages; "
         "0: equal pictures are never looked for",
     )
     repeats_age: bool = Field(

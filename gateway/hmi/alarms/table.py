@@ -215,7 +215,7 @@ def _picture_detail(seen: BaySeen) -> str:
     return ", ".join(f"{fault.name.lower()} ({numbers[fault]})".replace(" ()", "") for fault in health.faults)
 
 
-_STOPS = "stop is on and may_move off: no truck can come into place"
+_STOPS = "stop is on, may_move and in_place are off: no truck may move, and none may be loaded"
 
 BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
     Kind(
@@ -236,7 +236,7 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         "PLC heartbeat lost",
         Priority.HIGH,
         "the PLC's heartbeat is required and does not come, or stands still",
-        _STOPS,
+        "stop is on and may_move off: no truck may move; in_place stays, and a release ends",
         ("the PLC is in stop or was restarted", "network or cable", "the heartbeat is missing in the PLC's program"),
         "look at the PLC and at its network; see docs/handshake.md",
         5,
@@ -384,7 +384,7 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         "sensors_disagree",
         "Camera and ranger disagree",
         Priority.HIGH,
-        "the distance that the camera sees contradicts the ranger's; one of the two is wrong",
+        "R and Z do not fit each other: one of the two is wrong",
         _STOPS,
         (
             "the ranger measures something else than the truck",
@@ -397,7 +397,7 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         10,
         lambda seen: seen.state.memory.disagree,
         _disagree_detail,
-        on_delay_s=0.0,  # it lasts for cross_check.lasting_s before it is called one
+        on_delay_s=0.0,  # it lasts for scale_lasting_s or cross_check.lasting_s before it is called one
         suppressed=SENSORS_SILENT,
     ),
     Kind(
@@ -405,7 +405,7 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         "Camera sees nothing",
         Priority.MEDIUM,
         "pictures come, but they are dark, over-exposed or without any contrast",
-        "no marker can be found, so stop is on as soon as a truck is there",
+        "no marker can be found: stop is on, and no truck can come to be in place",
         ("the light is off or failed", "something covers the lens", "the sun or a lamp shines into the lens", "fog"),
         "look at the live picture; switch the light on, clean the lens, take away what covers it; set the exposure",
         30,

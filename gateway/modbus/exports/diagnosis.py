@@ -161,7 +161,7 @@ VALUES: tuple[Check, ...] = (
         Diagnosis.NO_MAY_MOVE,
         "#Raw.may_move <> 1",
         "the truck may not move, and it is not in place",
-        "the status word says what is missing",
+        "a function check (ne107_active), or a bit of plc_control that is required; with fail_safe off a fault",
         Needs.MAY_MOVE,
     ),
     Check(

@@ -36,10 +36,14 @@ INPUTS: tuple[Var, ...] = (
     Var("HeartbeatTimeout", "TIME", "the heartbeat must move within it", f"T#{HEARTBEAT_TIMEOUT_MS}ms"),
     Var("EnableRequest", "BOOL", "the bay is wanted in use"),
     Var("TruckPresent", "BOOL", "a truck is in the bay; back to FALSE: it has left"),
-    Var("Reset", "BOOL", "rising: end the latched stop, if its cause is gone"),
+    Var("Reset", "BOOL", "rising: end the latched stop, or that of a truck that moved, if its cause is gone"),
     Var("Trigger", "BOOL", "rising: measure anew; the block does the handshake"),
     Var("Acknowledge", "BOOL", "TRUE while ResultReady: the result was taken over"),
-    Var("Release", "BOOL", "rising while the truck is in place: loading is over, the truck may leave"),
+    Var(
+        "Release",
+        "BOOL",
+        "rising while the truck is or was in place: it may leave; hold TRUE until it has left its mark",
+    ),
     Var("Recipe", "UINT", "id of the recipe wanted; 0: the configuration as it is"),
 )
 

@@ -30,7 +30,7 @@ REMEDY: dict[Reason, str] = {
     Reason.RANGER_STUCK: "wire of ECHO, 5 V at the sensor; then replace the sensor",
     Reason.RANGE_UNSTABLE: "something moves in the cone; fasten the sensor; look for a second ultrasonic source",
     Reason.RANGER_VERSION: "flash the firmware that came with this gateway; firmware.md",
-    Reason.SENSORS_DISAGREE: "something stands before one of them, or the geometry in [fusion.cross_check] is wrong",
+    Reason.SENSORS_DISAGREE: "something stands before one of them, or marker, lens or camera is another; visit.md",
     Reason.GATEWAY_FAULT: "restart the gateway; keep its log",
     Reason.SHUTDOWN: "somebody stops the gateway; it must be started again",
     Reason.PLC_LOST: "write plc_heartbeat in every cycle, or set heartbeat_required = false",

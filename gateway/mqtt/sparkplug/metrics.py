@@ -74,7 +74,7 @@ _B, _D, _S, _U = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.UI
 
 DEVICE: tuple[Row, ...] = (
     Row("Stop", _B, "the truck must stop; also on whenever the gateway can't know", _always(lambda s: s.stop)),
-    Row("May Move", _B, "the truck may move: all healthy and fresh, stop off", _always(lambda s: s.may_move)),
+    Row("May Move", _B, "the truck may move: stop is off and nothing withholds it", _always(lambda s: s.may_move)),
     Row("In Place", _B, "the truck stands in place: the only condition for loading", _always(lambda s: s.in_place)),
     Row("Held", _B, "in place by the ranger alone: the marker is covered", _always(lambda s: s.visit.held)),
     Row("Moved", _S, "since it was in place, the truck left it: NO, DISTANCE, MARKER",

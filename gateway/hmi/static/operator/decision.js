@@ -13,7 +13,7 @@ function why(state) {
   if (state.in_place && state.held) return `in place, held by the ranger alone: ${state.reason.text}`;
   if (state.in_place) return `in place: ${state.reason.text}`;
   if (state.stop) return state.reason.text;
-  return state.may_move ? 'everything is healthy and fresh, and stop is off' : 'stop is off, but not everything is healthy and fresh';
+  return state.may_move ? 'stop is off, and nothing withholds may_move' : 'stop is off, but something withholds may_move';
 }
 
 /** Tells a screen reader what changed, at most every 2 s. */
