@@ -2,8 +2,11 @@
 
 `in_place` is entered by both sensors only: D known and 1, the truck standing, aligned and not too far in, for
 `settle_s`, no function check. Every loading covers the marker, so from then on the ranger alone may hold it, for as
-long as Z stays in its band, the camera is alive and nothing contradicts. A dead sensor ends it at once. What may be a
-glitch (a live ranger without a distance, a contradiction) ends it after `hold_grace_s`. It must then be earned again.
+long as Z stays in its band, the camera is alive and nothing contradicts, and for `hold_limit_s` at most. A dead sensor
+ends it at once. What may be a glitch (a live ranger without a distance, a contradiction) ends it after `hold_grace_s`.
+It must then be earned again.
+
+A release lets such a truck leave although D is 1 or unknown: the one exception to `stop` (decision 19).
 """
 
 import math
