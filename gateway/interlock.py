@@ -206,9 +206,10 @@ def _latch(
 
 def _forgiven(stay: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
     """A reset ends the stop after a move, too, once both sensors say D = 0: the truck may be brought back."""
-    reset = handshake.rose(before, plc, Control.RESET)
-    if stay.moved is Moved.NO or not reset or fused.d is not False or fused.memory.disagree:
+    if stay.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
         return stay, plc
+    if fused.d is not False or fused.memory.disagree:
+        return stay, replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
     return replace(stay, moved=Moved.NO, moved_covered=False, place=None), replace(plc, reset_verdict=ResetVerdict.DONE)
 
 

@@ -25,7 +25,7 @@ duration_s = 20
 start = { distance_cm = 60 }
 legs = [
   { distance_cm = 60, hold_s = 5 },
-  { distance_cm = 27, speed_cm_s = 15, hold_s = 4 },
+  { distance_cm = 27, speed_cm_s = 15, hold_s = 8 },
   { distance_cm = 60, speed_cm_s = 30, hold_s = 60 },
 ]
 """

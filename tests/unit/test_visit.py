@@ -465,6 +465,12 @@ def rolled_out(*, writes: bool) -> Bench:
 
 def test_a_truck_that_moved_without_release_is_stopped_until_it_has_left_or_a_reset() -> None:
     bench = rolled_out(writes=True)
+    bench.write()
+    bench.vision_fault = Quality.LINK_DOWN
+    bench.run(bench.t_s + 0.2)
+    bench.write(Control.RESET)
+    assert bench.state.plc.reset_verdict is ResetVerdict.CAUSE_STANDS, "D can't be known now"
+    bench.vision_fault = None
     bench.run(bench.t_s + 3)
     state = bench.state
     assert (state.d, state.stop, state.may_move, state.reason) == (False, True, False, Reason.MOVED)

@@ -11,7 +11,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import NoReturn, Protocol
 
 from gateway import __version__
-from gateway.clock import Clock
+from gateway.clock import NS_PER_S, Clock
 from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
@@ -26,6 +26,7 @@ from gateway.mqtt.sparkplug.numbers import BdSeq
 log = logging.getLogger(__name__)
 
 NS_PER_MS = 1_000_000
+LOOK_S = 0.1  # so often it is looked whether a host must hear of something
 
 
 class Link(Protocol):
@@ -155,13 +156,23 @@ class SparkplugPublisher:
                 raise HostOfflineError
 
     async def _follow(self, link: Link) -> NoReturn:
-        """Changes: of stop at once, the rest once a period."""
+        """Changes: of stop at once, of what else a host must hear of within LOOK_S, the rest once a period."""
         while True:
             self._urgent.clear()
+            told = self._marks()
             await self._send(link, lambda: self.node.states(self._states(), self._now_ms()))
-            with contextlib.suppress(TimeoutError):
-                async with self._clock.timeout(self._settings.period_s):
-                    await self._urgent.wait()
+            until_ns = self._clock.now_ns() + self._settings.period_s * NS_PER_S
+            while not self._urgent.is_set() and (left_ns := until_ns - self._clock.now_ns()) > 0:
+                with contextlib.suppress(TimeoutError):
+                    async with self._clock.timeout(min(left_ns / NS_PER_S, LOOK_S)):
+                        await self._urgent.wait()
+                if self._marks() != told:
+                    break
+
+    def _marks(self) -> list[tuple[object, ...] | None]:
+        """What a host must hear of soon, of each bay; None: nobody decides there."""
+        states = self._states().values()
+        return [None if s is None else (s.stop, s.may_move, s.in_place, s.visit.moved, s.reason) for s in states]
 
     async def _send(self, link: Link, made: Callable[[], list[Publish]]) -> None:
         """Make and send in one turn: what is numbered first goes out first."""
