@@ -1,6 +1,7 @@
 """Every row of docs/visit.md and of what goes wrong in it, on the real step in virtual time."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import interlock
+from gateway import interlock, visit
 from gateway.config import GatewayConfig
 from gateway.interlock import Remembered
 from gateway.model import (
@@ -202,6 +203,30 @@ def test_d_that_is_held_at_a_red_lamp_makes_no_place_of_it() -> None:
     bench.run_until(lambda state: not state.in_place, 5)
     bench.run(bench.t_s + 5)
     assert (bench.state.d, bench.state.stop, bench.state.in_place) == (True, True, False)
+
+
+def test_d_that_was_held_before_it_was_ever_in_place_makes_no_place_of_a_lamp() -> None:
+    faults = (spout(0, 60), {"kind": "red_lamp", "at_s": 2, "for_s": 50})
+    bench = Bench(stands(faults=faults), gateway(fusion={"scale_tolerance": 0}, visit={"settle_s": 6.0}))
+    bench.run(12)
+    assert (bench.state.d, bench.state.range.quality) == (True, Quality.GOOD)
+    assert bench.state.guidance.closing_mm_s == pytest.approx(0, abs=5)
+    assert not any(moment.state.in_place for moment in bench.moments)
+
+
+def test_d_that_is_held_at_an_echo_from_behind_makes_no_place_of_it() -> None:
+    """R says that it stands at the mark, Z says 5 cm short of it: D = 1 is held, but both sensors must say so."""
+    rules = interlock.Rules.of(gateway(writes=False).bays[0])
+    state = interlock.initial("bay1", 0, rules)
+    for n in range(1, 300):
+        now_ns = n * 20_000_000
+        for observation in (
+            VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 186)),
+            RangeReading(now_ns, Quality.GOOD, 290.0 if n < 10 else 340.0),
+            Tick(),
+        ):
+            state = interlock.step(state, observation, now_ns, rules)
+    assert (state.d, state.memory.disagree_since_ns, state.in_place) == (True, None, False)
 
 
 # Arriving from beyond the ranger's range.
@@ -756,6 +781,79 @@ def test_a_release_asked_while_a_sensor_is_dead_is_not_remembered() -> None:
     bench.run(6)
     assert not any(moment.state.visit.released for moment in bench.moments)
     assert bench.state.in_place
+
+
+def test_a_release_asked_while_there_is_no_distance_is_not_kept_for_later() -> None:
+    bench = in_place()
+    plc = Levels(bench)
+    bench.run(0.5)
+    bench.range_fault = Quality.NO_ECHO
+    bench.run(0.7)
+    plc.release()
+    bench.run(0.9)
+    bench.range_fault = None
+    bench.run(4)
+    assert bench.state.in_place, "shorter than the grace"
+    assert not any(moment.state.visit.released for moment in bench.moments)
+
+
+def test_a_released_truck_that_is_not_heard_for_longer_than_the_grace_is_released_no_more() -> None:
+    bench = released()
+    bench.range_fault = Quality.NO_ECHO
+    assert bench.run(bench.t_s + 0.4).visit.released
+    assert not bench.run(bench.t_s + 0.3).visit.released
+    bench.range_fault = None
+    assert bench.run(bench.t_s + 2).stop
+
+
+def test_a_released_truck_that_is_heard_again_is_let_go_when_that_lasts() -> None:
+    """What has just come back may be gone in a moment: stop must not flicker."""
+    bench = released()
+    bench.range_fault = Quality.NO_ECHO
+    assert bench.run(bench.t_s + 0.2).stop
+    bench.range_fault = None
+    heard_s = bench.run_until(lambda state: state.range.distance_mm is not None, 1).t_ns / 1e9
+    goes_s = bench.run_until(lambda state: not state.stop, 1).t_ns / 1e9
+    assert goes_s - heard_s == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_truck_that_has_driven_away_can_not_be_released() -> None:
+    bench = in_place(stands({"distance_cm": 60, "speed_cm_s": 40, "hold_s": 60}, for_s=1.0))
+    plc = Levels(bench)
+    bench.run_until(lambda state: state.visit.off_mark, 5)
+    bench.run(bench.t_s + 1)
+    plc.release()
+    bench.run(bench.t_s + 1)
+    assert bench.state.visit.place is not None
+    assert not bench.state.visit.released
+    assert bench.state.visit.moved is Moved.DISTANCE
+
+
+def test_the_driver_of_the_second_truck_is_not_told_to_leave() -> None:
+    legs = (
+        {"distance_cm": 80, "speed_cm_s": 40},
+        {"distance_cm": 70, "another_truck": True},
+        {"distance_cm": 40, "speed_cm_s": 20, "hold_s": 20},
+    )
+    bench = in_place(stands(*legs, for_s=2.0))
+    plc = Levels(bench)
+    bench.run(1)
+    plc.release()
+    bench.run(8)
+    assert bench.moments[-1].truth.truck == 1
+    assert (bench.state.visit.released, bench.state.visit.phase) == (False, VisitPhase.APPROACHING)
+    assert bench.state.guidance.code is GuidanceCode.SLOW
+
+
+def test_d_ends_a_release_wherever_the_new_recipe_puts_the_mark() -> None:
+    """Thresholds may change while a truck leaves: the one it is then in place for has not been released."""
+    bench = leaving()
+    stay = bench.state.visit
+    assert stay.farthest_mm is not None
+    limits = visit.Limits(bench.config.bays[0].visit, bench.config.bays[0].fusion, bench.config.bays[0].guidance)
+    here = replace(bench.state, d=True, may_move=False)
+    after = visit.step(stay, here, 0.0, limits, released=True, release=False)
+    assert (after.released, after.place) == (False, None)
 
 
 @pytest.mark.parametrize("covered", [False, True])
