@@ -56,6 +56,7 @@ class Moment:
     t_s: float
     state: StateVector
     truth: Truth
+    heard_mm: float  # what the sound meets: the truck, or something nearer
 
 
 class Bench:
@@ -125,7 +126,9 @@ class Bench:
             if self.plc is not None and self._ticks % 5 == 0 and (write := self.plc(self.t_s, self.state)) is not None:
                 self.step(write)
             if self._ticks % 2 == 0 and self.t_s >= 0:
-                self.moments.append(Moment(self.t_s, self.state, self.world.truth(self.t_s)))
+                truth = self.world.truth(self.t_s)
+                echo_mm = faults_of(self.scenario, self.t_s).get(RangerFault.ECHO, truth.distance_mm)
+                self.moments.append(Moment(self.t_s, self.state, truth, min(truth.distance_mm, echo_mm)))
         return self.state
 
     def run_until(self, wanted: Callable[[StateVector], bool], within_s: float = 60.0) -> StateVector:

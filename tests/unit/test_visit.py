@@ -76,7 +76,7 @@ def phases(bench: Bench) -> list[VisitPhase]:
 
 
 def complained(bench: Bench) -> list[str]:
-    return complaints([Row.of(moment.state, moment.truth) for moment in bench.moments], bench.config)
+    return complaints([Row.of(moment.state, moment.truth, moment.heard_mm) for moment in bench.moments], bench.config)
 
 
 def told(bench: Bench, *kinds: EventKind) -> list[tuple[EventKind, str]]:
@@ -636,6 +636,18 @@ def test_an_echo_with_the_marker_covered_can_only_be_taken_for_a_move() -> None:
     assert (bench.state.in_place, bench.state.visit.moved, bench.state.stop) == (False, Moved.DISTANCE, True)
     bench.run(20)
     assert not bench.state.in_place, "with the marker covered it can't be earned again"
+
+
+def test_an_echo_of_the_spout_within_the_band_hides_a_truck_that_goes() -> None:
+    """What it can't know (docs/visit.md): the marker covered, and an echo from where the truck stood. stop stays."""
+    echo = {"kind": "ranger_echo", "distance_cm": 27, "at_s": 4, "for_s": 20}
+    away = {"distance_cm": 60, "speed_cm_s": 30, "hold_s": 60}
+    bench = held(stands(away, for_s=6.0, faults=(spout(1, 30), echo)))
+    bench.run(12)
+    assert (bench.state.in_place, bench.state.stop, bench.state.may_move) == (True, True, False)
+    assert complained(bench) == []
+    bench.run(26)
+    assert (bench.state.in_place, bench.state.visit.moved) == (False, Moved.DISTANCE)
 
 
 def test_a_person_before_the_ranger_stops_the_truck_with_that_reason() -> None:

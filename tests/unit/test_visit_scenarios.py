@@ -33,7 +33,7 @@ def played(name: str, config: str = "nothing known of the lens") -> Bench:
 
 
 def rows(bench: Bench) -> list[Row]:
-    return [Row.of(moment.state, moment.truth) for moment in bench.moments]
+    return [Row.of(moment.state, moment.truth, moment.heard_mm) for moment in bench.moments]
 
 
 def during(bench: Bench, kind: FaultKind, late_s: float = 0.0) -> list[Moment]:
