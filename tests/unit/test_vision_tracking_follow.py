@@ -306,7 +306,7 @@ def test_a_circle_that_cannot_be_is_no_measurement(bad: float) -> None:
     assert found.tracking is Tracking.COASTED
 
 
-# -- through fusion: a coasted marker never raises or holds permit -----------------------------------------------------
+# -- through fusion: a coasted marker never raises or holds may_move -----------------------------------------------------
 
 CONFIG = FusionConfig(raise_debounce_s=0.1, clear_debounce_s=0.2, radius_hysteresis_px=5)
 CIRCLES = st.builds(Circle, st.floats(0, 640), st.floats(0, 480), st.one_of(st.floats(1, 400), st.just(179.9)))
@@ -325,8 +325,8 @@ def reading(found: Detection, t_ns: int) -> VisionReading:
     )
 
 
-def test_permit_falls_with_the_first_hidden_frame_and_returns_with_the_marker() -> None:
-    drive, settings = Drive(), FusionConfig()
+def test_may_move_falls_with_the_first_hidden_frame_and_returns_with_the_marker() -> None:
+    drive, settings = Drive(), FusionConfig(decision="plain")
     state: StateVector = fusion.initial("bay", 0)
     told = []
     for n in range(60):
@@ -340,8 +340,8 @@ def test_permit_falls_with_the_first_hidden_frame_and_returns_with_the_marker() 
     assert told[50:] == [(True, False, False, Reason.NONE)] * 10
 
 
-def test_a_lamp_beside_a_covered_marker_gets_no_permit_before_it_is_confirmed() -> None:
-    drive, settings = Drive(), FusionConfig()
+def test_a_lamp_beside_a_covered_marker_may_not_move_before_it_is_confirmed() -> None:
+    drive, settings = Drive(), FusionConfig(decision="plain")
     state: StateVector = fusion.initial("bay", 0)
     told = []
     for n in range(34):
@@ -356,7 +356,7 @@ def test_a_lamp_beside_a_covered_marker_gets_no_permit_before_it_is_confirmed() 
 
 
 @given(st.lists(STEPS, max_size=40), st.floats(0, 3))
-def test_a_coasted_marker_never_raises_or_holds_permit(
+def test_a_coasted_marker_never_raises_or_holds_may_move(
     story: list[tuple[str, Circle, int, float]], coast_s: float
 ) -> None:
     search, now_ns = Script(), 0
