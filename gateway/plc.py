@@ -25,8 +25,8 @@ CONTROL_MEANING: dict[Control, str] = {
     Control.RESET: "0 to 1: end the latched stop, or that of a truck that moved, if its cause is gone",
     Control.TRIGGER: "0 to 1: measure anew and hold the result",
     Control.RESULTS_ACK: "0 to 1: the held result has been read; go back to 0 before the next trigger",
-    Control.RELEASE: "0 to 1 while the truck is or was in place, with a heartbeat: it may leave, stop goes off; hold it "
-    "until it has left the mark",
+    Control.RELEASE: "0 to 1 while the truck is or was in place, with a heartbeat: it may leave, stop goes off; hold "
+    "it until it has left the mark",
 }
 
 

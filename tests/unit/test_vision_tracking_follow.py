@@ -306,7 +306,7 @@ def test_a_circle_that_cannot_be_is_no_measurement(bad: float) -> None:
     assert found.tracking is Tracking.COASTED
 
 
-# -- through fusion: a coasted marker never raises or holds may_move -----------------------------------------------------
+# -- through fusion: a coasted marker never raises or holds may_move ---------------------------------------------------
 
 CONFIG = FusionConfig(raise_debounce_s=0.1, clear_debounce_s=0.2, radius_hysteresis_px=5)
 CIRCLES = st.builds(Circle, st.floats(0, 640), st.floats(0, 480), st.one_of(st.floats(1, 400), st.just(179.9)))
