@@ -63,7 +63,8 @@ def frozen(page: Page) -> None:
 
 
 def settled(page: Page) -> None:
-    """The newest settings have been tried, and timed."""
+    """The newest settings have been tried on the chosen picture, and timed: nothing shown is of an earlier one."""
+    expect(page.locator(".tiles")).not_to_have_class(re.compile(r"\bbehind\b"))
     expect(page.locator(".effect .hint")).to_contain_text("Medians")
     expect(page.locator(".effect")).to_have_attribute("aria-busy", "false")
 
