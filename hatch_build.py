@@ -7,7 +7,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-ROOM = Path("gateway/vision/exact")
+ROOM = Path("gateway/vision/detect/paper/exact")
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[misc, type-arg, unused-ignore]  # hatchling is not in the dev group

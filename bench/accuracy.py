@@ -20,10 +20,10 @@ from bench.floor import floor
 from bench.pose import pose_error, table_pose
 from bench.scene import BEYOND, RECIPES, Truth, draw
 from gateway.config import VisionConfig
-from gateway.model import Ellipse
-from gateway.vision import pipeline
-from gateway.vision.robust.colours import clearest_rim
-from gateway.vision.robust.rim import Rim, refine
+from gateway.core.model import Ellipse
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.robust.colours import clearest_rim
+from gateway.vision.detect.robust.rim import Rim, refine
 
 SEED_OFF = 0.05  # of R: the refinement starts from a circle up to so far off, in place and in size
 FLOOR_EVERY = 6

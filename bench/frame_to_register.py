@@ -36,18 +36,18 @@ from rich.progress import track
 from bench.replay import LONGEST, Log, ReplaySpec
 from bench.speed_scenes import SIZES, approach, back_and_forth
 from bench.vision_speed import machine
-from gateway import loop
+from gateway import event_loop
 from gateway.bay import BayControl
 from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from gateway.config import BayConfig, CameraConfig, VisionConfig
+from gateway.core.model import Detection, Quality, VisionReading
 from gateway.hub import Hub
-from gateway.modbus.current import CurrentImage
-from gateway.modbus.registers import decode
-from gateway.model import Detection, Quality, VisionReading
-from gateway.vision import pipeline
+from gateway.modbus.registers.current_image import CurrentImage
+from gateway.modbus.registers.register_map import decode
+from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
-from gateway.vision.service import VisionService
-from gateway.vision.workerjob import DetectorSpec
+from gateway.vision.process.service import VisionService
+from gateway.vision.process.worker_job import DetectorSpec
 
 WARM_UP = 15  # frames
 # Until the parent is gone.
@@ -270,7 +270,7 @@ def main() -> None:
             results: dict[str, Result] = {}
             turns = [way for _ in range(args.repeats) for way in chosen]
             for way in track(turns, "measuring", disable=not sys.stderr.isatty()):
-                new = loop.run(_awaited(chosen[way]))
+                new = event_loop.run(_awaited(chosen[way]))
                 old = results.get(way)
                 results[way] = new if old is None else _joined(old, new)
     finally:

@@ -28,7 +28,7 @@ import psutil
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from gateway.modbus.registers import REGISTERS
+from gateway.modbus.registers.register_map import REGISTERS
 
 ASK = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 0, 100)
 HEARTBEAT = next(row.address for row in REGISTERS if row.name == "heartbeat")

@@ -13,7 +13,7 @@ import logging
 import sys
 import time
 
-from gateway import loop
+from gateway import event_loop
 from tests.modbus_fuzzing import fuzz
 
 
@@ -29,7 +29,7 @@ def main() -> None:
     args = parser.parse_args()
     logging.disable()
     begun = time.monotonic()
-    seen = loop.run(fuzz(args.frames, args.seed, progress))
+    seen = event_loop.run(fuzz(args.frames, args.seed, progress))
     took = time.monotonic() - begun
     print(f"seed {args.seed}: {seen['frames']} frames in {took:.0f} s, every answer as the specification says")
     for what, count in sorted(seen.items()):

@@ -24,12 +24,12 @@ import paho.mqtt.client as mqtt
 import psutil
 from paho.mqtt.enums import CallbackAPIVersion
 
-from gateway import events, fusion
 from gateway.clock import SystemClock
 from gateway.config import MqttConfig, Reconnect
+from gateway.core import events, fusion
+from gateway.core.model import Reason
 from gateway.hub import Hub
-from gateway.model import Reason
-from gateway.mqtt.publisher import MqttPublisher
+from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from bench.scene import Recipe, draw
 from gateway.config import Intrinsics
-from gateway.model import Ellipse
-from gateway.vision.robust.perspective import disc_pose
-from gateway.vision.robust.rim import refine
+from gateway.core.model import Ellipse
+from gateway.vision.detect.robust.perspective import disc_pose
+from gateway.vision.detect.robust.rim import refine
 
 RECIPE = Recipe("pose", noise=3.0, tilt_deg=30.0)
 DISTORTION = (-0.25, 0.08, 0.001, -0.0005)

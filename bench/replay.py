@@ -9,10 +9,10 @@ import numpy as np
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
-from gateway.vision import pipeline
+from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
-from gateway.vision.shm import Ring
-from gateway.vision.sources import Frame
+from gateway.vision.source.contract import Frame
+from gateway.vision.transport.ring import Ring
 
 LONGEST = 100_000  # frames in the log
 

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 
 from bench.scene import RECIPES, draw
-from gateway.model import Ellipse
-from gateway.vision.robust.conic import from_ellipse
-from gateway.vision.robust.rays import profile, sample
-from gateway.vision.robust.rim import refine
+from gateway.core.model import Ellipse
+from gateway.vision.detect.robust.conic import from_ellipse
+from gateway.vision.detect.robust.normal_profiles import profile, sample
+from gateway.vision.detect.robust.rim import refine
 
 
 def variants(radius: float) -> dict[str, Callable[[], object]]:

@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 from rich.progress import track
 
-from gateway.vision import pipeline
-from gateway.vision.exact import kernel
-from gateway.vision.exact.kernel import Kernel
-from gateway.vision.exact.search import ExactSearch
-from gateway.vision.exact.tracker import ExactTracker
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.exact import kernel
+from gateway.vision.detect.paper.exact.kernel import Kernel
+from gateway.vision.detect.paper.exact.search import ExactSearch
+from gateway.vision.detect.paper.exact.tracker import ExactTracker
 from tests.vision_frames import PAPER, Things, frames
 from tests.vision_promise import check_promise
 

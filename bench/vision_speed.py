@@ -27,12 +27,13 @@ import numpy as np
 from rich.progress import Progress
 
 from bench.speed_scenes import SCENES, SIZES, back_and_forth
-from gateway.children.pool import ENVIRONMENT
 from gateway.config import VisionConfig
-from gateway.vision import methods, pipeline
-from gateway.vision.exact import kernel
-from gateway.vision.exact.search import ExactSearch
-from gateway.vision.exact.tracker import ExactTracker
+from gateway.processes.pool import ENVIRONMENT
+from gateway.vision.detect import registry
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.exact import kernel
+from gateway.vision.detect.paper.exact.search import ExactSearch
+from gateway.vision.detect.paper.exact.tracker import ExactTracker
 from gateway.vision.pixels import Image
 
 FRAME_NS = 33_333_333
@@ -100,7 +101,7 @@ def _detector(detect: pipeline.Detector) -> Method:
 
 
 def _configured(method: str, tracking: bool) -> Method:
-    return methods.detector(VisionConfig.model_validate({"method": method, "tracking": tracking}))
+    return registry.detector(VisionConfig.model_validate({"method": method, "tracking": tracking}))
 
 
 def measure(

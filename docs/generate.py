@@ -12,26 +12,28 @@ from pathlib import Path
 
 import cv2
 
-from gateway import configdoc
+from gateway.alarms import states as alarm_states
+from gateway.alarms import table as alarm_table
 from gateway.config import VisitConfig
-from gateway.hmi import openapi
-from gateway.hmi.alarms import states as alarm_states
-from gateway.hmi.alarms import table as alarm_table
-from gateway.hmi.guard import access
-from gateway.hmi.metrics import text as metrics
-from gateway.modbus import export, reaction, situations, timing
-from gateway.modbus import reference as modbus_reference
+from gateway.config import reference as configdoc
+from gateway.core.model import VISIT_PHASE_MEANING, VisitPhase
 from gateway.modbus.exports import reference as plc_reference
+from gateway.modbus.exports import tables
 from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.target import Target
-from gateway.model import VISIT_PHASE_MEANING, VisitPhase
-from gateway.mqtt import reference
-from gateway.mqtt.sparkplug import metrics as sparkplug_metrics
-from gateway.ranger import cheader, protocol
-from gateway.sim import gallery, robust_gallery, scenariodoc
-from gateway.vision import example, parameters
-from gateway.vision.evaluation import gate, labels, scoring
-from gateway.vision.robust import reference as robust_reference
+from gateway.modbus.reference import reaction_time, situations, timing_diagrams
+from gateway.modbus.reference import server as modbus_reference
+from gateway.ranger.hcsr04 import c_header, protocol
+from gateway.sim import gallery, robust_gallery, scenario_reference
+from gateway.sinks.mqtt import reference
+from gateway.sinks.sparkplug import metrics as sparkplug_metrics
+from gateway.vision.detect.paper import reference as parameters
+from gateway.vision.detect.robust import reference as robust_reference
+from gateway.vision.offline.evaluation import gate, labels, scoring
+from gateway.vision.view import example
+from gateway.web.auth import access
+from gateway.web.server import openapi
+from gateway.web.server.metrics import text as metrics
 
 DOCS = Path(__file__).resolve().parent
 BLOCK = re.compile(r"(?<=<!-- generated: )([a-z][a-z ]*)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
@@ -77,10 +79,10 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "mqtt.md": reference.BLOCKS,
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
-    "reaction-time.md": reaction.blocks(protocol.PERIOD_MS),
-    "registers.md": {"registers": export.markdown, "situations": situations.markdown},
+    "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
+    "registers.md": {"registers": tables.markdown, "situations": situations.markdown},
     "sparkplug.md": {"device metrics": sparkplug_metrics.markdown, "assertions": sparkplug_assertions},
-    "simulator.md": {"keys and faults": scenariodoc.markdown},
+    "simulator.md": {"keys and faults": scenario_reference.markdown},
     "visit.md": {
         "situations": situations.markdown,
         "phases": visit_phases,
@@ -111,9 +113,9 @@ def texts() -> Iterator[tuple[Path, str]]:
     for name in PLC_EXAMPLES:
         for file, text in FORMATS[name]((Target(writes=True),)).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
-    for name, text in (timing.figures() | situations.figures()).items():
+    for name, text in (timing_diagrams.figures() | situations.figures()).items():
         yield DOCS / "images" / f"{name}.svg", text
-    yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", cheader.header()
+    yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", c_header.header()
 
 
 def pictures() -> None:

@@ -14,42 +14,43 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 
+from gateway.alarms.monitor import Watch
 from gateway.bay import BayControl
+from gateway.bay_file import BayFiles
 from gateway.clock import Clock, SystemClock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
+from gateway.config.strict.placed_error import at
+from gateway.core.model import RangeReading
+from gateway.core.plc import PlcConnection
 from gateway.errors import ConfigError, GatewayError, LinkError
-from gateway.hmi.chronicle import Chronicle
-from gateway.hmi.door import door, url
-from gateway.hmi.feed import BayParts, Feed
-from gateway.hmi.guard import tls as pages_tls
-from gateway.hmi.orders import About
-from gateway.hmi.parts import Parts
-from gateway.hmi.service import HmiService
-from gateway.hmi.watch import Watch
 from gateway.hub import Hub
-from gateway.modbus import identity, tls
-from gateway.modbus.answers import Unit
-from gateway.modbus.service import serving
-from gateway.modbus.showing import image_of
-from gateway.modbus.writes import writer, writer_of
-from gateway.model import RangeReading
-from gateway.mqtt import address, credentials
-from gateway.mqtt.durable import outbox_of
-from gateway.mqtt.publisher import MqttPublisher
-from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
-from gateway.mqtt.topics import Topics
-from gateway.plc import PlcConnection
+from gateway.modbus.protocol import identity
+from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.registers.image_source import image_of
+from gateway.modbus.registers.writes import writer, writer_of
+from gateway.modbus.server import tls
+from gateway.modbus.server.service import serving
 from gateway.ranger.port import check_url
 from gateway.ranger.service import RangerService
-from gateway.remembered import BayFiles
 from gateway.shared_state import SharedStateWriter
-from gateway.strict.faults import at
+from gateway.sinks.mqtt import address, credentials
+from gateway.sinks.mqtt.publisher import MqttPublisher
+from gateway.sinks.mqtt.topics import Topics
+from gateway.sinks.outbox.durable import outbox_of
+from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.supervisor import Supervisor, Task
-from gateway.vision import shm
-from gateway.vision.service import VisionService
-from gateway.vision.service import slots as frame_slots
-from gateway.vision.sources import SourceSpec
-from gateway.vision.specs import source_spec
+from gateway.vision.process.service import VisionService
+from gateway.vision.process.service import slots as frame_slots
+from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.specs import source_spec
+from gateway.vision.transport import ring as shm
+from gateway.web.auth import tls as pages_tls
+from gateway.web.host.event_history import Chronicle
+from gateway.web.host.listener import door, url
+from gateway.web.host.parts import Parts
+from gateway.web.host.request_handler import BayParts, Feed
+from gateway.web.host.service import HmiService
+from gateway.web.ipc.messages import About
 
 log = logging.getLogger(__name__)
 

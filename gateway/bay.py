@@ -4,14 +4,15 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 
-from gateway import audit, events, fusion, interlock
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
+from gateway.core import events, fusion, interlock
+from gateway.core.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.core.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
+from gateway.core.scale import possible_radii_px
+from gateway.core.shown import valid
 from gateway.hub import Hub
-from gateway.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
-from gateway.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
-from gateway.scale import possible_radii_px
-from gateway.shown import valid
+from gateway.net import rate_limit
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ class BayControl:
         self._mirrors = mirrors
         self._over = False
         self._rules = interlock.Rules.of(config, gateway)
-        self._audit = {kind: audit.Bucket() for kind in WRITE_EVENTS}
+        self._audit = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
         state = interlock.initial(self.name, clock.now_ns(), self._rules, remembered)
         check = "" if state.function_check is FunctionCheck.OFF else "with a function check on"
         self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state, detail=check)])
@@ -139,7 +140,7 @@ class BayControl:
             if event.kind not in WRITE_EVENTS:
                 kept.append(event)
                 continue
-            self._audit[event.kind], untold = audit.take(self._audit[event.kind], event.t_ns)
+            self._audit[event.kind], untold = rate_limit.take(self._audit[event.kind], event.t_ns)
             if untold is not None:
                 more = f" (and {untold} before it that were not told)" if untold else ""
                 kept.append(replace(event, detail=event.detail + more))

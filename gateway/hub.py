@@ -7,8 +7,8 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
-from gateway.model import Event, StateVector
-from gateway.shown import shown
+from gateway.core.model import Event, StateVector
+from gateway.core.shown import shown
 
 
 class EventQueue:

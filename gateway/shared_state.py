@@ -5,7 +5,7 @@ when the gateway dies, however it dies, so a reader can tell a live vector from 
 corpses away. Reading and writing never wait for each other: the writer fills one of two slots and then points to it,
 a reader takes the pointed slot and believes it only if it is still pointed to and its checksum holds
 (docs/decisions/0003). A gateway that lives but stands still (stopped, hung, its control task dead) holds its lock, too:
-each state says until when it is valid, and a reader withdraws an old one (gateway/shown.py).
+each state says until when it is valid, and a reader withdraws an old one (gateway/core/shown.py).
 """
 
 import contextlib
@@ -25,9 +25,9 @@ from types import TracebackType
 from typing import Self
 
 from gateway.clock import Clock, SystemClock
+from gateway.core.model import Moved, Quality, Reason, StateVector
+from gateway.core.shown import valid
 from gateway.errors import ConfigError, LinkError
-from gateway.model import Moved, Quality, Reason, StateVector
-from gateway.shown import valid
 
 MAGIC = b"LOADBAY2"
 _HEAD = struct.Struct("<8sIIQ")  # magic, slot size, writer's pid, count of writes

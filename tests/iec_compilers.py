@@ -19,13 +19,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from gateway.core.plc import Phase
 from gateway.modbus.exports import openplc, structured_text
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import OUTPUTS
 from gateway.modbus.exports.pou import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import REGISTERS
-from gateway.plc import Phase
+from gateway.modbus.registers.register_map import REGISTERS
 from tests.plc_images import answered, doubtful
 from tests.structured_text import Instance, Program
 

@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from gateway.config import ModbusConfig
-from gateway.modbus import identity
-from gateway.modbus.answers import Peer, Unit
-from gateway.modbus.exceptions import ModbusException
-from gateway.modbus.server import ModbusServer
+from gateway.modbus.protocol import identity
+from gateway.modbus.protocol.answers import Peer, Unit
+from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.server.server import ModbusServer
 from tests import modbus_oracle as oracle
 
 WRITABLE = frozenset(range(80, 96))

@@ -3,7 +3,17 @@
 from dataclasses import replace
 from typing import Any
 
-from gateway.model import Circle, Place, Quality, RangeReading, Reason, StateVector, VisionReading, Visit, VisitPhase
+from gateway.core.model import (
+    Circle,
+    Place,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+    Visit,
+    VisitPhase,
+)
 
 FOREVER_NS = 2**62
 

@@ -3,9 +3,9 @@
 import random
 from typing import Any
 
-from gateway.modbus.registers import REGISTERS, encode
-from gateway.model import Quality, RangeReading, Reason, StateVector, VisionReading, Visit
-from gateway.plc import Acquired, Handshake, Outcome, Phase, PlcLink
+from gateway.core.model import Quality, RangeReading, Reason, StateVector, VisionReading, Visit
+from gateway.core.plc import Acquired, Handshake, Outcome, Phase, PlcLink
+from gateway.modbus.registers.register_map import REGISTERS, encode
 from tests.permitted import permitted, standing
 
 ADDRESS = {register.name: register.address for register in REGISTERS}

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from gateway.model import Detection
-from gateway.vision import pipeline, stages
-from gateway.vision.exact.tracker import ROUND, ExactTracker
+from gateway.core.model import Detection
+from gateway.vision.detect.paper import pipeline, stages
+from gateway.vision.detect.paper.exact.tracker import ROUND, ExactTracker
 from tests.vision_frames import PAPER, Things
 
 FRAME_NS = 33_000_000

@@ -10,15 +10,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gateway import interlock
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, parse
-from gateway.events import diff
-from gateway.interlock import Remembered, Rules
-from gateway.model import Circle, Event, FunctionCheck, Quality, RangeReading, StateVector, Tick, VisionReading
-from gateway.plc import Control, PlcWrite, Writer
-from gateway.ranger.protocol import QUESTION
-from gateway.ranger.session import Session
+from gateway.core import interlock
+from gateway.core.events import diff
+from gateway.core.interlock import Remembered, Rules
+from gateway.core.model import Circle, Event, FunctionCheck, Quality, RangeReading, StateVector, Tick, VisionReading
+from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.ranger.hcsr04.protocol import QUESTION
+from gateway.ranger.hcsr04.session import Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of
 from gateway.sim.ranger_board import POWER_ON, Board, RangerFault

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 from gateway.config import GatewayConfig
-from gateway.model import Quality, Reason, StateVector
+from gateway.core.model import Quality, Reason, StateVector
 from gateway.sim.world import Truth
 
 SENSOR_MM = 17.0

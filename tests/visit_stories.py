@@ -4,8 +4,8 @@ import random
 from typing import Any
 
 from gateway.config import GatewayConfig
-from gateway.model import DEAD, FunctionCheck, Quality, StateVector
-from gateway.plc import Control, PlcWrite
+from gateway.core.model import DEAD, FunctionCheck, Quality, StateVector
+from gateway.core.plc import Control, PlcWrite
 from gateway.sim.scenario import Scenario, parse
 from tests.visit_bench import PLC, Bench, gateway
 

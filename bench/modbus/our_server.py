@@ -16,10 +16,10 @@ from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, ModbusConfig
 from gateway.hub import Hub
-from gateway.modbus.answers import ReadImage, Unit
-from gateway.modbus.registers import BLOCK_WORDS
-from gateway.modbus.server import ModbusServer
-from gateway.modbus.showing import image_of
+from gateway.modbus.protocol.answers import ReadImage, Unit
+from gateway.modbus.registers.image_source import image_of
+from gateway.modbus.registers.register_map import BLOCK_WORDS
+from gateway.modbus.server.server import ModbusServer
 
 
 def churning() -> ReadImage:

@@ -33,12 +33,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gateway.cli import visionargs
+from gateway.cli import vision_args
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
-    from gateway.vision.calibration.boards import Board
-    from gateway.vision.calibration.solve import Calibration, View
+    from gateway.vision.offline.calibration.boards import Board
+    from gateway.vision.offline.calibration.solve import Calibration, View
     from gateway.vision.pixels import Image
 
 NAME = "calibrate"
@@ -64,9 +64,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for arguments and pictures that must be changed."""
-    visionargs.quiet_opencv()
-    from gateway.vision.calibration import boards, picture, report, snippet, solve
-    from gateway.vision.reports.page import write
+    vision_args.quiet_opencv()
+    from gateway.vision.offline.calibration import boards, picture, report, snippet, solve
+    from gateway.vision.offline.reports.page import write
 
     board = boards.parse(args.board)
     radius_mm = args.marker_radius_mm
@@ -102,14 +102,14 @@ def main(args: argparse.Namespace) -> int:
 
 def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[int, int], list[str]]:
     """The board's points in every picture of the most frequent size, that size, and where there was no board."""
-    from gateway.vision import inputs
-    from gateway.vision.calibration.boards import find
-    from gateway.vision.calibration.solve import View
+    from gateway.vision.offline import inputs
+    from gateway.vision.offline.calibration.boards import find
+    from gateway.vision.offline.calibration.solve import View
 
     paths = inputs.expand(names)
     seen: list[tuple[View | None, str, tuple[int, int]]] = []
     kept: list[Image] = []  # the first few without a board, for a hint
-    with visionargs.progress("look for the board", len(paths)) as advance:
+    with vision_args.progress("look for the board", len(paths)) as advance:
         for path in paths:
             try:
                 for shot in inputs.read(path):
@@ -138,7 +138,7 @@ def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[in
 
 
 def _no_board(board: "Board", looked_at: int, kept: Sequence["Image"]) -> str:
-    from gateway.vision.calibration.boards import other_size
+    from gateway.vision.offline.calibration.boards import other_size
 
     said = (
         f"gateway calibrate: no {board} in any of {looked_at} pictures; the whole board must be seen, with a light rim"
@@ -174,7 +174,7 @@ def _show(found: "Calibration", without: Sequence[str]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from gateway.vision.calibration.picture import coverage_text
+    from gateway.vision.offline.calibration.picture import coverage_text
 
     console = Console() if sys.stdout.isatty() else Console(width=100)
     views = Table(title="Views", title_justify="left")

@@ -38,15 +38,16 @@ def _let_in(hmi: "HmiConfig") -> str:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import app, config, configdoc
+    from gateway import app, config
     from gateway.clock import SystemClock
+    from gateway.config import reference
+    from gateway.config.strict.placed_error import without_password
+    from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
-    from gateway.hmi.guard import tls as pages_tls
-    from gateway.strict.faults import without_password
-    from gateway.strict.tomlfile import read_toml
+    from gateway.web.auth import tls as pages_tls
 
     if args.keys:
-        print(configdoc.markdown(), end="")
+        print(reference.markdown(), end="")
         return 0
     if args.config is None:
         raise ConfigError("gateway check: name a configuration file, or ask for --keys")
@@ -54,7 +55,7 @@ def main(args: argparse.Namespace) -> int:
     document, text = read_toml(args.config)
     app.check(settings, source=str(args.config), text=text)  # a URL that could never work is a fault of the file, too
     if args.full:
-        for key, value in configdoc.flat(settings):
+        for key, value in reference.flat(settings):
             print(f"{key} = {value}")
         return 0
     if not document:

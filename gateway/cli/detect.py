@@ -30,8 +30,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gateway.cli.detectlook import Look, Row
-from gateway.cli.visionargs import bay_vision, quiet_opencv
+from gateway.cli.detect_pictures import Look, Row
+from gateway.cli.vision_args import bay_vision, quiet_opencv
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _pace(text: str) -> float:
 def main(args: argparse.Namespace) -> int:
     """Prints a line for each picture as soon as it is known. Raises ConfigError for wrong arguments."""
     quiet_opencv()
-    from gateway.vision import inputs
+    from gateway.vision.offline import inputs
 
     params = _params(args)
     paths = inputs.expand(_names(args.inputs))
@@ -99,7 +99,7 @@ def _params(args: argparse.Namespace) -> "VisionConfig":
     from pydantic import ValidationError
 
     from gateway.config import VisionConfig
-    from gateway.strict.faults import explain
+    from gateway.config.strict.placed_error import explain
 
     params = bay_vision(args.config, args.bay)
     gates = {"min_area_px2": args.min_area, "min_circularity": args.min_circularity, "min_fill": args.min_fill}

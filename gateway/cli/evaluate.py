@@ -44,15 +44,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gateway.cli import visionargs
+from gateway.cli import vision_args
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
     from gateway.config import VisionConfig
-    from gateway.vision.evaluation.labels import Label, Labels
-    from gateway.vision.evaluation.report import About
-    from gateway.vision.evaluation.result import Result, SeriesOf
-    from gateway.vision.evaluation.trial import MakeDetector
+    from gateway.vision.offline.evaluation.labels import Label, Labels
+    from gateway.vision.offline.evaluation.report import About
+    from gateway.vision.offline.evaluation.result import Result, SeriesOf
+    from gateway.vision.offline.evaluation.trial import MakeDetector
 
 NAME = "evaluate"
 HELP = "measure detection on labelled pictures"
@@ -87,9 +87,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for labels, pictures and arguments that must be edited."""
-    visionargs.quiet_opencv()
+    vision_args.quiet_opencv()
     from gateway.clock import SystemClock
-    from gateway.vision.evaluation import gate, labels, result, trial
+    from gateway.vision.offline.evaluation import gate, labels, result, trial
 
     if not 0.01 <= args.fps <= 1000:
         raise ConfigError(f"--fps {args.fps:g}: must be 0.01 to 1000")
@@ -97,17 +97,17 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError(f"--worst {args.worst}: must be 0 to 500")
     requirements = gate.parse(args.require)
     series = _series(args.series)
-    methods = _methods(visionargs.bay_vision(args.config, args.bay), args.method)
+    registry = _methods(vision_args.bay_vision(args.config, args.bay), args.method)
     found = labels.load(args.folder)
     chosen = _half(found, args.split)
     if args.tracking and all(label.frame is None for label in chosen):
         raise ConfigError(f"{found.source}: --tracking needs labels with a frame number")
     if found.unused_keys:
         print(f"{found.source}: keys not used here: {', '.join(found.unused_keys)}", file=sys.stderr)
-    with visionargs.progress("evaluate", len(chosen)) as advance:
+    with vision_args.progress("evaluate", len(chosen)) as advance:
         follow = series if args.tracking else None
         how = {"follow": follow, "fps": args.fps, "mean_radius": args.radius == "mean", "advance": advance}
-        outcomes = trial.run(found, chosen, methods, SystemClock(), **how)
+        outcomes = trial.run(found, chosen, registry, SystemClock(), **how)
     results = [
         result.result(name, rows, series, split=args.split == "both", followed=args.tracking)
         for name, rows in outcomes.items()
@@ -121,7 +121,7 @@ def main(args: argparse.Namespace) -> int:
         document = {"folder": str(args.folder), "split": args.split, "unmet": unmet}
         print(json.dumps(document | {"methods": [result.as_json(r, series) for r in results]}, allow_nan=False))
     else:
-        from gateway.cli.evaluatetable import show
+        from gateway.cli.evaluate_table import show
 
         show(results)
     for line in unmet:
@@ -130,7 +130,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _series(pattern: str | None) -> "SeriesOf":
-    from gateway.vision.evaluation.result import series_by
+    from gateway.vision.offline.evaluation.result import series_by
 
     try:
         return series_by(pattern)
@@ -141,16 +141,16 @@ def _series(pattern: str | None) -> "SeriesOf":
 def _methods(params: "VisionConfig", asked: str | None) -> dict[str, "MakeDetector"]:
     """A maker of detectors for each method asked for."""
     from gateway.clock import SystemClock
-    from gateway.vision import methods
+    from gateway.vision.detect import registry
 
-    known = visionargs.known_methods()
+    known = vision_args.known_methods()
     if asked is not None and asked != "all" and asked not in known:
         raise ConfigError(f"--method {asked}: there is: {', '.join(known)}, all")
     now_ns = SystemClock().now_ns
 
     def maker(name: str) -> "MakeDetector":
         def make(follow: bool) -> Any:
-            return methods.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
+            return registry.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
 
         return make
 
@@ -174,13 +174,13 @@ def _report(
     series: "SeriesOf",
     unmet: tuple[str, ...] | None,
 ) -> None:
-    from gateway.vision.evaluation import report, trial
-    from gateway.vision.evaluation.reasons import REASONS
-    from gateway.vision.reports.page import write
+    from gateway.vision.offline.evaluation import report, trial
+    from gateway.vision.offline.evaluation.reasons import REASONS
+    from gateway.vision.offline.reports.page import write
 
     about = _about(args, results, unmet)
     drawn = sum(len(report.worst_of(r.outcomes, args.worst)) for r in results)
-    with visionargs.progress("draw", drawn) as advance:
+    with vision_args.progress("draw", drawn) as advance:
         text = report.html(
             results,
             about,
@@ -199,7 +199,7 @@ def _about(args: argparse.Namespace, results: "list[Result]", unmet: tuple[str, 
 
     from gateway import __version__
     from gateway.clock import SystemClock
-    from gateway.vision.evaluation.report import About
+    from gateway.vision.offline.evaluation.report import About
 
     whole = results[0].whole
     when = datetime.fromtimestamp(SystemClock().wall_ns() / 1e9, UTC)

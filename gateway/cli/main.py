@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from gateway import __version__
-from gateway.cli.outlet import flushed
+from gateway.cli.output import flushed
 from gateway.errors import ConfigError, GatewayError
 
 VERBS = (

@@ -77,10 +77,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Prints to stdout, or writes files and says which."""
-    from gateway.modbus import export
+    from gateway.modbus.exports import tables
     from gateway.modbus.exports.formats import FORMATS
 
-    files = {"registers.txt": export.plain_text()} if args.format is None else FORMATS[args.format](_targets(args))
+    files = {"registers.txt": tables.plain_text()} if args.format is None else FORMATS[args.format](_targets(args))
     if args.out is not None:
         _write(files, args.out)
     elif len(files) == 1:

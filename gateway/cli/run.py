@@ -37,20 +37,20 @@ def overrides(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import app, config, loop
-    from gateway.cli import running, view
-    from gateway.cli.outlet import Outlet
+    from gateway import app, config, event_loop
+    from gateway.cli import run_loop, view
+    from gateway.cli.output import Outlet
     from gateway.clock import SystemClock
+    from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
     from gateway.hub import Hub
-    from gateway.strict.tomlfile import read_toml
     from gateway.supervisor import Task
 
     if args.duration is not None and not args.duration > 0:
         raise ConfigError(f"--duration {args.duration:g}: must be above 0")
     settings = config.load(args.config, overrides(args))
     app.check(settings, source=str(args.config), text=read_toml(args.config)[1])
-    running.setup_logging("warning" if args.view else settings.log_level)
+    run_loop.setup_logging("warning" if args.view else settings.log_level)
     clock = SystemClock()
     where = ""
     out = Outlet(sys.stdout)  # a reader that goes away, or does not read, is no reason to stop the bays
@@ -71,8 +71,8 @@ def main(args: argparse.Namespace) -> int:
             return []
         return [Task("view", view.TerminalView(settings, hub, clock, view.console(out, live=True), lambda: where).run)]
 
-    loop.run(
-        running.serve(
+    event_loop.run(
+        run_loop.serve(
             settings,
             app.Ports.of(settings),
             clock,

@@ -12,34 +12,34 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
-from gateway import app, config, loop
-from gateway.cli import running, simjson, simtrials, view
-from gateway.cli.outlet import Outlet
-from gateway.cli.simbay import Bay
+from gateway import app, config, event_loop
+from gateway.cli import run_loop, sim_json, sim_trials, view
+from gateway.cli.output import Outlet
+from gateway.cli.sim_bay import Bay
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import GatewayConfig
+from gateway.config.sections.hmi import HmiConfig
+from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.section import Section, most_of
 from gateway.errors import ConfigError, LinkError
-from gateway.hmi.door import door
 from gateway.hub import Hub
-from gateway.sections.hmi import HmiConfig
 from gateway.shared_state import attachable
 from gateway.sim import scenario as scenarios
 from gateway.sim import trials
 from gateway.sim.camera import SimCameraSpec
+from gateway.sim.departure import Standing
 from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.scenario import Scenario
-from gateway.sim.standing import Standing
-from gateway.strict.faults import without_password
-from gateway.strict.section import Section, most_of
 from gateway.supervisor import Task
+from gateway.web.host.listener import door
 
 LEAD_S = 2.0  # world time starts so much later, when the processes have come up and the surfaces are painted
 
 
 def print_scenarios() -> None:
     """Name and first comment line of every scenario that comes with the gateway."""
-    for path in sorted(running.shipped("scenarios").glob("*.toml")):
+    for path in sorted(run_loop.shipped("scenarios").glob("*.toml")):
         first = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         print(f"{path.stem:16} {first}")
 
@@ -47,7 +47,7 @@ def print_scenarios() -> None:
 def scenario_file(name: str) -> Path:
     """A scenario by name or by path. Raises ConfigError that lists what there is."""
     path = Path(name)
-    shipped = running.shipped("scenarios", f"{name.removesuffix('.toml')}.toml")
+    shipped = run_loop.shipped("scenarios", f"{name.removesuffix('.toml')}.toml")
     if path.is_file() or len(path.parts) > 1:
         return path
     if not shipped.is_file():
@@ -76,8 +76,8 @@ def _simulate(args: argparse.Namespace, *, first: bool) -> int:
             standing = _standing(show, folder / bay.name, args.speed) if folder else None
             bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, standing))
         live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
-        running.setup_logging("error" if live else settings.log_level)
-        return loop.run(_Simulation(args, scenario, settings, clock, bays, live).run())
+        run_loop.setup_logging("error" if live else settings.log_level)
+        return event_loop.run(_Simulation(args, scenario, settings, clock, bays, live).run())
 
 
 def _standing(scenario: Scenario, path: Path, speed: float) -> Standing:
@@ -138,7 +138,7 @@ def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
         over["vision"] = {"method": args.method}
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
-    settings = config.load(args.config or running.shipped("simulate.toml"), over)
+    settings = config.load(args.config or run_loop.shipped("simulate.toml"), over)
     if args.trials:  # the paper's table is of the paper's own rule
         settings = settings.model_copy(update={"bays": tuple(_plain(bay) for bay in settings.bays)})
     if (
@@ -215,11 +215,11 @@ class _Simulation:
         self._bays = bays
         self._live = live
         self._header = "starting"
-        self._trials = [simtrials.Recorder(bay) for bay in bays] if args.trials else []
+        self._trials = [sim_trials.Recorder(bay) for bay in bays] if args.trials else []
         self._lead_s = (bays[0].origin_ns - clock.now_ns()) / NS_PER_S  # the show is what `--duration` counts
         self._stop = asyncio.Event()
         self._out = Outlet(sys.stdout, on_lost=self._reader_lost)
-        self._json = simjson.Printer(bays, clock, self._out) if args.json else None
+        self._json = sim_json.Printer(bays, clock, self._out) if args.json else None
 
     async def run(self) -> int:
         self._loop = asyncio.get_running_loop()
@@ -241,7 +241,7 @@ class _Simulation:
                 far_ends = [Task(f"{name}.simulated-ranger", ranger.run) for name, ranger in rangers.items()]
                 return [*far_ends, *self._watchers(hub)]
 
-            await running.serve(
+            await run_loop.serve(
                 self._settings,
                 ports,
                 self._clock,
@@ -253,7 +253,7 @@ class _Simulation:
             )
         if self._trials:
             self._out.close(None)  # the report has the same stdout, and comes after
-            return simtrials.report(self._trials, as_json=self._args.json)
+            return sim_trials.report(self._trials, as_json=self._args.json)
         if self._json:
             self._json.summary()
         self._out.close()
@@ -276,8 +276,10 @@ class _Simulation:
     def _watchers(self, hub: Hub) -> list[Task]:
         tasks: list[Task] = []
         if self._trials:
-            progress = None if self._args.json else simtrials.progress_bar()
-            tasks.append(Task("trials", lambda: simtrials.record(self._trials, hub, self._clock, self._stop, progress)))
+            progress = None if self._args.json else sim_trials.progress_bar()
+            tasks.append(
+                Task("trials", lambda: sim_trials.record(self._trials, hub, self._clock, self._stop, progress))
+            )
         if self._json:
             tasks += self._json.tasks(hub)
         elif not self._trials:

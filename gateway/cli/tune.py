@@ -26,14 +26,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gateway.cli import visionargs
+from gateway.cli import vision_args
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
     from gateway.config import VisionConfig
-    from gateway.vision.evaluation.labels import Label
+    from gateway.vision.offline.evaluation.labels import Label
+    from gateway.vision.offline.tuning.study import Study
     from gateway.vision.pixels import Image
-    from gateway.vision.tuning.study import Study
 
 NAME = "tune"
 HELP = "propose thresholds and exposure from examples"
@@ -56,14 +56,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for arguments, labels and pictures that must be changed."""
-    visionargs.quiet_opencv()
-    from gateway.vision.reports.page import write
-    from gateway.vision.tuning import report, snippet
-    from gateway.vision.tuning.study import study
+    vision_args.quiet_opencv()
+    from gateway.vision.offline.reports.page import write
+    from gateway.vision.offline.tuning import report, snippet
+    from gateway.vision.offline.tuning.study import study
 
-    params = visionargs.bay_vision(args.config, args.bay)
+    params = vision_args.bay_vision(args.config, args.bay)
     examples = _Examples(args, params)
-    with visionargs.progress("tune", 3 * len(examples.labels)) as advance:
+    with vision_args.progress("tune", 3 * len(examples.labels)) as advance:
         found = study(examples.labels, examples.look, params, advance)
     marked = sum(example.marked for example in found.examples)
     text = snippet.toml(found.proposed, found.margins, found.gates, marked)
@@ -108,7 +108,7 @@ class _Examples:
         return self._decode(self._paths[label.file])
 
     def _from_file(self, path: Path) -> None:
-        from gateway.vision.evaluation import labels, trial
+        from gateway.vision.offline.evaluation import labels, trial
 
         found = labels.load_file(path)
         for label in found.labels:
@@ -117,10 +117,10 @@ class _Examples:
             self._paths[label.file] = found.path(label)
 
     def _from_answers(self, paths: Sequence[Path], params: "VisionConfig") -> None:
-        from gateway.vision import methods
+        from gateway.vision.detect import registry
 
-        find = methods.detector(params.model_copy(update={"method": "robust", "tracking": False}))
-        with visionargs.progress("look for markers", len(paths)) as advance:
+        find = registry.detector(params.model_copy(update={"method": "robust", "tracking": False}))
+        with vision_args.progress("look for markers", len(paths)) as advance:
             for path in paths:
                 found = find(self._decode(path))
                 rim = found.ellipse
@@ -140,7 +140,7 @@ class _Examples:
         )
 
     def _add(self, data: dict[str, object], path: Path) -> None:
-        from gateway.vision.evaluation.labels import Label, outside
+        from gateway.vision.offline.evaluation.labels import Label, outside
 
         label = Label.model_validate(data)
         image = self._decode(path)
@@ -151,7 +151,7 @@ class _Examples:
 
     @staticmethod
     def _decode(path: Path) -> "Image":
-        from gateway.vision import inputs
+        from gateway.vision.offline import inputs
 
         try:
             return next(inputs.read(path)).image
@@ -160,7 +160,7 @@ class _Examples:
 
 
 def _expand(names: Sequence[str]) -> list[Path]:
-    from gateway.vision import inputs
+    from gateway.vision.offline import inputs
 
     return inputs.expand(names) if names else []
 
@@ -191,8 +191,8 @@ def _show(study: "Study", notes: Sequence[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from gateway.vision.evaluation.report import number, share
-    from gateway.vision.tuning import exposure, histograms, thresholds
+    from gateway.vision.offline.evaluation.report import number, share
+    from gateway.vision.offline.tuning import exposure, histograms, thresholds
 
     console = Console(highlight=False) if sys.stdout.isatty() else Console(width=110, highlight=False)
     for note in notes:

@@ -11,11 +11,10 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gateway.cli.outlet import Outlet
+from gateway.cli.output import Outlet
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.hub import EventQueue, Hub
-from gateway.model import (
+from gateway.core.model import (
     PICTURE_MEANING,
     QUALITY_MEANING,
     REASON_MEANING,
@@ -26,6 +25,7 @@ from gateway.model import (
     StateVector,
     Tracking,
 )
+from gateway.hub import EventQueue, Hub
 
 REFRESH_S = 0.1
 BAR_CELLS = 28

@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 from gateway.clock import Clock
 from gateway.config import RangerConfig
+from gateway.core.model import RangeReading
 from gateway.errors import LinkError
-from gateway.model import RangeReading
+from gateway.ranger.hcsr04.protocol import QUESTION
+from gateway.ranger.hcsr04.session import Session
 from gateway.ranger.port import READ_BYTES, Port, check_url
-from gateway.ranger.protocol import QUESTION
-from gateway.ranger.session import Session
 
 FLOOD_PAUSE_S = 0.01
 """After a full read buffer: no ranger sends so much, and the other bays need the processor too."""

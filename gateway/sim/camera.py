@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
+from gateway.sim.departure import Standing
 from gateway.sim.scenario import FaultKind, Scenario
-from gateway.sim.standing import Standing
 from gateway.sim.world import World
-from gateway.vision.sources import Frame
+from gateway.vision.source.contract import Frame
 
 if TYPE_CHECKING:
     from gateway.sim.render import Painter

@@ -16,7 +16,7 @@ from typing import Self
 
 from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from gateway.errors import ConfigError, LinkError
-from gateway.ranger.session import FARTHEST_MM, NEAREST_MM
+from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of, no_faults
 from gateway.sim.ranger_board import Faults, RangerFault

@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 
 from gateway.config import VisionConfig
-from gateway.model import Circle
+from gateway.core.model import Circle
 from gateway.sim.canvas import u8
 from gateway.sim.render import render
 from gateway.sim.scenario import Scenario, parse
 from gateway.sim.world import Truth, World
-from gateway.vision.pipeline import detect
+from gateway.vision.detect.paper.pipeline import detect
 from gateway.vision.pixels import Image
 
 THUMB = (240, 180)

@@ -7,8 +7,8 @@ then. With the default errors no reading is further than 12 mm from the truth; t
 from dataclasses import dataclass
 from random import Random
 
-from gateway.ranger.protocol import BURST_NS, NO_FLAGS, Flags
-from gateway.ranger.session import FARTHEST_MM, NEAREST_MM, speed_of_sound_m_s
+from gateway.ranger.hcsr04.protocol import BURST_NS, NO_FLAGS, Flags
+from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM, speed_of_sound_m_s
 
 NO_ECHO_NS = 38_000_000
 """Width of the ECHO pulse when nothing came back (datasheet)."""

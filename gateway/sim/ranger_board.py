@@ -10,7 +10,7 @@ from dataclasses import replace
 from enum import StrEnum
 from random import Random
 
-from gateway.ranger.protocol import (
+from gateway.ranger.hcsr04.protocol import (
     HELLO_PERIOD_S,
     MAX_SEQ,
     PERIOD_MS,
@@ -22,7 +22,7 @@ from gateway.ranger.protocol import (
     encode_hello,
     encode_measurement,
 )
-from gateway.ranger.session import FARTHEST_MM, NEAREST_MM
+from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM
 from gateway.sim.hcsr04 import Echo, SensorErrors, flight_ns, heard, measure, no_echo
 
 PERIOD_NS = PERIOD_MS * 1_000_000

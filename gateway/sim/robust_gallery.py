@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from gateway.config import VisionConfig
-from gateway.model import Circle, Detection
+from gateway.core.model import Circle, Detection
 from gateway.sim import decoys
 from gateway.sim.decoys import Sheet
+from gateway.vision.detect.robust.detect import detect
 from gateway.vision.pixels import Image
-from gateway.vision.robust.detect import detect
 
 WIDTH, HEIGHT, ACROSS = 240, 180, 3
 FOUND, REFUSED = (90, 230, 60), (0, 215, 255)  # green; yellow

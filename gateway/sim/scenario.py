@@ -11,10 +11,10 @@ from typing import Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from gateway.config import Name
+from gateway.config.strict.placed_error import explain
+from gateway.config.strict.section import Section
+from gateway.config.strict.toml_file import merge, read_toml
 from gateway.errors import ConfigError
-from gateway.strict.faults import explain
-from gateway.strict.section import Section
-from gateway.strict.tomlfile import merge, read_toml
 
 
 class FaultKind(StrEnum):

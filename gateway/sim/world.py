@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
+from gateway.sim.departure import Standing
 from gateway.sim.scenario import Camera, FaultKind, Leg, Scenario, Vibration
-from gateway.sim.standing import Standing
 
 SPOUT_S = 2.0  # the spout needs so long to come down, and to go up
 SPOUT_MM = 200.0  # from the ranger to the spout, which hangs on the camera's axis: nearer than any truck in place

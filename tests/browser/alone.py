@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 from playwright.sync_api import Page, Route
 
-from gateway.hmi.guard.headers import CONTENT_SECURITY_POLICY
+from gateway.web.auth.headers import CONTENT_SECURITY_POLICY
 
 STATIC = Path(__file__).parents[2] / "gateway" / "hmi" / "static"
 HOST = "127.0.0.1:9"  # nobody listens there: every request is answered below

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page, expect
 
-from gateway.modbus.registers import REGISTERS
-from gateway.model import Reason
+from gateway.core.model import Reason
+from gateway.modbus.registers.register_map import REGISTERS
 from tests.browser import judgements
 from tests.browser.chromium import PATIENCE_MS
 from tests.browser.conftest import Visit

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page, expect
 
-from gateway.hmi.guard.passwords import hashed
+from gateway.web.auth.passwords import hashed
 from tests.browser import judgements
 from tests.browser.chromium import Watch
 from tests.browser.conftest import Visit

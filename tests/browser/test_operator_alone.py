@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
-from gateway.hmi import models
-from gateway.hmi.alarms.states import AlarmState
-from gateway.hmi.alarms.table import KINDS
-from gateway.model import REASON_MEANING, Reason
-from gateway.mqtt import reference
-from gateway.mqtt.messages import StatePayload
+from gateway.alarms.states import AlarmState
+from gateway.alarms.table import KINDS
+from gateway.core.model import REASON_MEANING, Reason
+from gateway.sinks.mqtt import reference
+from gateway.sinks.mqtt.messages import StatePayload
+from gateway.web.server import models
 from tests.browser import judgements
 from tests.browser.alone import HOST, SOCKET, from_disk, say, with_json
 from tests.browser.chromium import Watch, until

@@ -1,8 +1,8 @@
 """Web processes in strange hands. A child process imports this module."""
 
-from gateway.children.codec import Codec
-from gateway.children.link import Link
-from gateway.hmi.orders import TO_WEB, About, Ask, FromHmi, ToHmi
+from gateway.processes.channel import Link
+from gateway.processes.codec import Codec
+from gateway.web.ipc.messages import TO_WEB, About, Ask, FromHmi, ToHmi
 
 CODEC = TO_WEB
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from gateway import fusion
 from gateway.clock import SystemClock
 from gateway.config import FusionConfig, MqttConfig, Reconnect
+from gateway.core import fusion
+from gateway.core.model import Event, EventKind, StateVector, Tick
 from gateway.hub import Hub
-from gateway.model import Event, EventKind, StateVector, Tick
-from gateway.mqtt.publisher import MqttPublisher
+from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.supervised import Supervised
 from tests.permitted import FOREVER_NS

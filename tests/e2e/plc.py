@@ -12,7 +12,7 @@ from typing import Any, Self
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-from gateway.modbus.registers import BLOCK_WORDS, decode
+from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
 
 Image = dict[str, Any]
 

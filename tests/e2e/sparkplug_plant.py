@@ -12,12 +12,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from gateway import fusion
 from gateway.clock import SystemClock
 from gateway.config import MqttConfig, Reconnect, SparkplugConfig
+from gateway.core import fusion
+from gateway.core.model import Circle, Event, EventKind, Quality, RangeReading, Reason, StateVector, VisionReading
 from gateway.hub import Hub
-from gateway.model import Circle, Event, EventKind, Quality, RangeReading, Reason, StateVector, VisionReading
-from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
+from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.mqtt_packets import Packet
 from tests.e2e.supervised import Supervised

@@ -30,11 +30,11 @@ from gateway import shared_state
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, MqttConfig, Reconnect
+from gateway.core.model import Circle, Quality, RangeReading, VisionReading
 from gateway.hub import Hub
-from gateway.model import Circle, Quality, RangeReading, VisionReading
-from gateway.mqtt.durable import DurableOutbox, limits
-from gateway.mqtt.outbox import Entry
-from gateway.mqtt.publisher import MqttPublisher
+from gateway.sinks.mqtt.publisher import MqttPublisher
+from gateway.sinks.outbox.durable import DurableOutbox, limits
+from gateway.sinks.outbox.outbox import Entry
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Stream

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gateway.model import Circle, EventKind, Quality, RangeReading, Reason, VisionReading
+from gateway.core.model import Circle, EventKind, Quality, RangeReading, Reason, VisionReading
 from tests.e2e.brokers import Mosquitto, Received, Subscriber
 from tests.e2e.mqtt_plant import Plant
 from tests.node_function import run_function

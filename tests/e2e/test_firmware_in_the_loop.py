@@ -14,8 +14,8 @@ import psutil
 import pytest
 
 from gateway.clock import SystemClock
-from gateway.model import Quality
-from gateway.ranger.protocol import Hello
+from gateway.core.model import Quality
+from gateway.ranger.hcsr04.protocol import Hello
 from gateway.sim.emulator import EmulatedRanger
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger_board import RangerFault

@@ -13,14 +13,14 @@ import pytest
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import parse
+from gateway.core.model import Circle, EventKind, GuidanceCode, Quality, RangeReading, Reason, VisionReading
+from gateway.core.plc import Control, Outcome, RecipeVerdict, ResetVerdict
 from gateway.hub import Hub
-from gateway.modbus.answers import Unit
-from gateway.modbus.block import HandshakeBit
-from gateway.modbus.current import CurrentImage
-from gateway.modbus.service import serving
-from gateway.modbus.writes import writer, writer_of
-from gateway.model import Circle, EventKind, GuidanceCode, Quality, RangeReading, Reason, VisionReading
-from gateway.plc import Control, Outcome, RecipeVerdict, ResetVerdict
+from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.registers.current_image import CurrentImage
+from gateway.modbus.registers.handshake import HandshakeBit
+from gateway.modbus.registers.writes import writer, writer_of
+from gateway.modbus.server.service import serving
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway

@@ -9,8 +9,8 @@ import pytest
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.errors import LinkError
-from gateway.hmi import service
-from gateway.hmi.orders import About
+from gateway.web.host import service
+from gateway.web.ipc.messages import About
 from tests.unit.hmi_desk import plant
 
 

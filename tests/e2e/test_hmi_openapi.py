@@ -16,11 +16,11 @@ from schemathesis.core.result import Ok
 from schemathesis.specs.openapi.checks import ignored_auth
 
 from gateway.clock import SystemClock
-from gateway.hmi import openapi
-from gateway.hmi.guard.logins import Logins
-from gateway.hmi.web import app, site_of
-from gateway.model import Quality, VisionReading
-from gateway.sections.hmi import HmiConfig
+from gateway.config.sections.hmi import HmiConfig
+from gateway.core.model import Quality, VisionReading
+from gateway.web.auth.logins import Logins
+from gateway.web.server import openapi
+from gateway.web.server.app import app, site_of
 from tests.unit.hmi_desk import plant
 from tests.unit.hmi_guard import PASSWORD, USERS
 from tests.unit.hmi_links import full

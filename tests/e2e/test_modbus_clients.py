@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from gateway import __version__, loop
+from gateway import __version__, event_loop
 from gateway.config import ModbusConfig
-from gateway.modbus import identity
-from gateway.modbus.adu import frame_bytes
-from gateway.modbus.answers import Peer, Unit
-from gateway.modbus.bits import coil_of
-from gateway.modbus.exceptions import ModbusException
-from gateway.modbus.server import ModbusServer
+from gateway.modbus.protocol import identity
+from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.answers import Peer, Unit
+from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.registers.bits import coil_of
+from gateway.modbus.server.server import ModbusServer
 from tests import modbus_oracle as oracle
 from tests.modbus_fuzzing import fuzz
 
@@ -61,7 +61,7 @@ def serve(bay: Bay, use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **
         async with ModbusServer(ModbusConfig(port=0, **keys), {1: bay.unit}) as server:
             await use(server)
 
-    loop.run(main())
+    event_loop.run(main())
 
 
 EVERY_WORD = " ".join(str(1000 + n) for n in range(100))
@@ -254,7 +254,7 @@ def test_pipelined_requests_are_all_answered_in_order_wherever_the_bytes_are_cut
 
 def test_thirty_thousand_frames_right_and_wrong() -> None:
     """A share of bench/modbus_fuzz.py; another seed than its default."""
-    seen = loop.run(fuzz(30_000, seed=20261121))
+    seen = event_loop.run(fuzz(30_000, seed=20261121))
     assert seen["frames"] == 30_000
     answered = [f"function {code} answered" for code in (1, 2, 3, 4, 5, 6, 15, 16, 17, 22, 23, 43)]
     for what in [*answered, "another protocol"]:

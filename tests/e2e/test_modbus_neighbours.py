@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from gateway import loop
+from gateway import event_loop
 from gateway.config import ModbusConfig
-from gateway.modbus.adu import MAX_FRAME_BYTES, frame_bytes
-from gateway.modbus.answers import Unit
-from gateway.modbus.connection import TURN_FRAMES, WRITE_HIGH_BYTES
-from gateway.modbus.limits import Refusal
-from gateway.modbus.server import ModbusServer
-from gateway.modbus.sockets import RECEIVE_BYTES, SEND_BYTES
+from gateway.modbus.protocol.adu import MAX_FRAME_BYTES, frame_bytes
+from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.server.connection import TURN_FRAMES, WRITE_HIGH_BYTES
+from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.server import ModbusServer
+from gateway.modbus.server.sockets import RECEIVE_BYTES, SEND_BYTES
 
 PLC = "127.0.0.2"
 IMAGE = tuple(range(1000, 1100))
@@ -29,7 +29,7 @@ PATIENCE_S = 30.0
 @pytest.fixture(params=["uvloop", "asyncio"])
 def serve(request: pytest.FixtureRequest) -> Callable[..., None]:
     """Runs `use(server)` against a server with these keys of [modbus], on either event loop."""
-    factory = loop.factory() if request.param == "uvloop" else asyncio.new_event_loop
+    factory = event_loop.factory() if request.param == "uvloop" else asyncio.new_event_loop
 
     def run(use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **keys: Any) -> None:
         async def main() -> None:
@@ -90,7 +90,7 @@ def test_who_is_not_on_the_list_is_not_answered(serve: Callable[..., None]) -> N
 def test_the_log_has_one_line_of_a_kind_and_now_and_then_all_the_counters(
     serve: Callable[..., None], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gateway.modbus.server.SUMMARY_S", 0.3)
+    monkeypatch.setattr("gateway.modbus.server.server.SUMMARY_S", 0.3)
 
     async def use(server: ModbusServer) -> None:
         for _ in range(30):
@@ -101,7 +101,7 @@ def test_the_log_has_one_line_of_a_kind_and_now_and_then_all_the_counters(
             f"modbus: 127.0.0.1: {Refusal.NOT_ALLOWED.value}"
         ]
 
-    with caplog.at_level(logging.INFO, "gateway.modbus.server"):
+    with caplog.at_level(logging.INFO, "gateway.modbus.server.server"):
         serve(use, allow=["127.0.0.3"])
 
 

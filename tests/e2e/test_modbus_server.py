@@ -17,16 +17,16 @@ from pymodbus.client import AsyncModbusTcpClient, ModbusTcpClient
 from pymodbus.pdu.mei_message import ReadDeviceInformationRequest
 from pymodbus.server import ModbusBaseServer
 
-from gateway import __version__, loop
+from gateway import __version__, event_loop
 from gateway.config import ModbusConfig
+from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
 from gateway.errors import ConfigError, LinkError
-from gateway.modbus import identity
-from gateway.modbus.answers import Unit
-from gateway.modbus.bits import BLOCK_BITS
-from gateway.modbus.registers import BLOCK_WORDS, decode, encode
-from gateway.modbus.server import CLOSE_TIMEOUT_S, ModbusServer
-from gateway.modbus.words import WordOrder
-from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.modbus.protocol import identity
+from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.registers.bits import BLOCK_BITS
+from gateway.modbus.registers.register_map import BLOCK_WORDS, decode, encode
+from gateway.modbus.registers.words import WordOrder
+from gateway.modbus.server.server import CLOSE_TIMEOUT_S, ModbusServer
 
 MS = 1_000_000
 PAGE = Path(__file__).parents[2] / "docs" / "registers.md"
@@ -58,7 +58,7 @@ def run(coroutine: Coroutine[Any, Any, None]) -> None:
         left = asyncio.all_tasks() - {asyncio.current_task()}
         assert not left
 
-    loop.run(watched())
+    event_loop.run(watched())
 
 
 @contextmanager

@@ -17,17 +17,17 @@ from pymodbus.client import AsyncModbusTlsClient
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU
 
-from gateway import loop
+from gateway import event_loop
 from gateway.certs import issue
 from gateway.clock import SystemClock
 from gateway.config import ModbusConfig, TlsConfig
-from gateway.modbus import tls
-from gateway.modbus.answers import MAY_NOT_WRITE, Peer, Unit
-from gateway.modbus.exceptions import ModbusException
-from gateway.modbus.limits import Refusal
-from gateway.modbus.porch import PLC_AT_ONCE
-from gateway.modbus.registers import BLOCK_WORDS
-from gateway.modbus.service import Listening, serving
+from gateway.modbus.protocol.answers import MAY_NOT_WRITE, Peer, Unit
+from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.registers.register_map import BLOCK_WORDS
+from gateway.modbus.server import tls
+from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.service import Listening, serving
+from gateway.modbus.server.tls_handshakes import PLC_AT_ONCE
 from tests.plant_certs import LONG_AGO, NOW, LaterClock, Plant
 
 COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))
@@ -56,7 +56,10 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     return made
 
 
-LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {"asyncio": asyncio.new_event_loop, "own": loop.factory()}
+LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
+    "asyncio": asyncio.new_event_loop,
+    "own": event_loop.factory(),
+}
 _chosen = ["asyncio"]
 
 

@@ -8,14 +8,14 @@ from contextlib import closing
 
 import pytest
 
-from gateway import loop
+from gateway import event_loop
 from gateway.clock import SystemClock
 from gateway.config import ModbusConfig
-from gateway.modbus.answers import Unit
-from gateway.modbus.limits import Refusal
-from gateway.modbus.server import ModbusServer
-from gateway.modbus.service import serving
-from gateway.modbus.traffic import ServerNow
+from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.server import ModbusServer
+from gateway.modbus.server.service import serving
+from gateway.modbus.server.traffic import ServerNow
 
 READ = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 0, 2)
 NO_UNIT = struct.pack(">HHHBBHH", 2, 0, 6, 99, 3, 0, 2)
@@ -53,7 +53,7 @@ def test_a_server_tells_who_asks_and_what_it_answered() -> None:
             assert (peer.address, peer.is_plc, peer.connections, peer.requests) == ("127.0.0.1", True, 1, 3)
             assert [why for why, _ in now.refused] == list(Refusal)
 
-    loop.run(main())
+    event_loop.run(main())
 
 
 def test_a_stranger_s_requests_are_no_sign_of_the_plc() -> None:
@@ -68,7 +68,7 @@ def test_a_stranger_s_requests_are_no_sign_of_the_plc() -> None:
         with pytest.raises(RuntimeError, match="not running"):
             server.now()
 
-    loop.run(main())
+    event_loop.run(main())
 
 
 def test_a_refused_connection_is_told_by_its_reason() -> None:
@@ -78,4 +78,4 @@ def test_a_refused_connection_is_told_by_its_reason() -> None:
                 now = await until(server, lambda now: dict(now.refused)[Refusal.NOT_ALLOWED] > 0)
             assert (now.open, now.connections, now.peers) == (0, 0, ())
 
-    loop.run(main())
+    event_loop.run(main())

@@ -22,10 +22,10 @@ import psutil
 import pytest
 
 from gateway.config import Reconnect
+from gateway.core.model import EventKind, Reason
 from gateway.errors import LinkError
-from gateway.model import EventKind, Reason
-from gateway.mqtt import address, link
-from gateway.mqtt.link import Message
+from gateway.sinks.mqtt import address, broker_link
+from gateway.sinks.mqtt.broker_link import Message
 from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
 from tests.mqtt_messages import checked
@@ -294,9 +294,11 @@ def test_a_cancelled_delivery_makes_the_broker_say_offline(mosquitto: Mosquitto)
 
 
 @contextlib.asynccontextmanager
-async def linked(url: str) -> AsyncIterator[link.BrokerLink]:
+async def linked(url: str) -> AsyncIterator[broker_link.BrokerLink]:
     will = Message("w", b"", retain=False)
-    async with link.connect(address.parse(url), client_id="c", will=will, keepalive_s=5, ack_s=5, tls=None) as live:
+    async with broker_link.connect(
+        address.parse(url), client_id="c", will=will, keepalive_s=5, ack_s=5, tls=None
+    ) as live:
         yield live
 
 
@@ -499,7 +501,7 @@ def false_broker(answer: bytes) -> Iterator[int]:
         thread.join(10)
 
 
-PATIENT = "from gateway.mqtt import link; link.CONNECT_S = 600.0"
+PATIENT = "from gateway.sinks.mqtt import link; link.CONNECT_S = 600.0"
 
 
 @pytest.mark.parametrize("scheme", ["mqtt", "mqtts"])
@@ -560,7 +562,7 @@ def test_farewell_to_a_paused_broker_ends_in_time_and_the_will_follows(mosquitto
     ids=["nothing", "http", "refusal", "short greeting", "noise", "huge packet"],
 )
 def test_what_is_no_broker_is_a_link_error(answer: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link, "CONNECT_S", 0.5)
+    monkeypatch.setattr(broker_link, "CONNECT_S", 0.5)
 
     async def scenario(port: int) -> None:
         plant = Plant(f"mqtt://127.0.0.1:{port}")

@@ -5,10 +5,10 @@ from asyncio import StreamReader, StreamWriter
 
 import pytest
 
-from gateway import loop
-from gateway.mqtt.address import Broker
-from gateway.mqtt.link import MAX_IN_FLIGHT, Message, connect
-from gateway.mqtt.versions import Protocol
+from gateway import event_loop
+from gateway.sinks.mqtt.address import Broker
+from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, Message, connect
+from gateway.sinks.mqtt.protocol_versions import Protocol
 
 PUBLISH, DISCONNECT = 3, 14
 
@@ -73,6 +73,6 @@ def test_never_more_messages_are_on_their_way_than_the_broker_bears(bears: int, 
             for _ in range(20):
                 group.create_task(link.publish(Message("t", b"", retain=False)))
 
-    loop.run(scenario())
+    event_loop.run(scenario())
     assert choosy.taken == 20
     assert 1 <= choosy.most <= most

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from gateway.modbus.registers import REGISTERS
-from gateway.model import Reason, VisitPhase
+from gateway.core.model import Reason, VisitPhase
+from gateway.modbus.registers.register_map import REGISTERS
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 

@@ -19,10 +19,10 @@ import serial.rfc2217
 
 from gateway.clock import Clock, SystemClock
 from gateway.config import RangerConfig, Reconnect
+from gateway.core.model import Quality, RangeReading
 from gateway.errors import LinkError
-from gateway.model import Quality, RangeReading
-from gateway.ranger.pace import Place
-from gateway.ranger.protocol import Hello, Measurement, encode_hello, encode_measurement
+from gateway.ranger.hcsr04.arrival_times import Place
+from gateway.ranger.hcsr04.protocol import Hello, Measurement, encode_hello, encode_measurement
 from gateway.ranger.service import RangerService
 from gateway.sim import ranger_board
 from gateway.sim.hcsr04 import SensorErrors

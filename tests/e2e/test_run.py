@@ -15,8 +15,8 @@ import cv2
 import pytest
 
 from gateway.clock import SystemClock
-from gateway.model import Quality, Reason
-from gateway.ne107 import Ne107
+from gateway.core.model import Quality, Reason
+from gateway.core.ne107 import Ne107
 from gateway.sim import scenario as scenarios
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.ranger_board import RangerFault

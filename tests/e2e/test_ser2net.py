@@ -14,9 +14,9 @@ from typing import Self
 import pytest
 
 from gateway.clock import SystemClock
-from gateway.model import Quality
-from gateway.ranger.pace import Place
-from gateway.ranger.protocol import Hello
+from gateway.core.model import Quality
+from gateway.ranger.hcsr04.arrival_times import Place
+from gateway.ranger.hcsr04.protocol import Hello
 from gateway.sim.emulator import EmulatedRanger
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger_board import RangerFault

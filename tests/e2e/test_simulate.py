@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from gateway.modbus.registers import BLOCK_WORDS, REGISTERS
-from gateway.model import Quality, Reason
+from gateway.core.model import Quality, Reason
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 from gateway.shared_state import folder
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Plc, Poll, mbpoll

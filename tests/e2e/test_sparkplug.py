@@ -20,7 +20,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from pydantic import ValidationError
 
 from gateway.config import BayConfig, GatewayConfig, SparkplugConfig
-from gateway.mqtt.sparkplug.numbers import next_bd_seq
+from gateway.sinks.sparkplug.bd_seq import next_bd_seq
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Packet, Tap
 from tests.e2e.sparkplug_plant import SparkPlant, decode, host_state, kind, rebirth_request, values

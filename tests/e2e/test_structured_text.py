@@ -11,12 +11,12 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
+from gateway.core.model import Reason
 from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.diagnosis import Diagnosis
 from gateway.modbus.exports.pou import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, REGISTERS
-from gateway.model import Reason
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 from tests.e2e.processes import Gateway
 from tests.structured_text import Instance, Program
 

@@ -12,14 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.exports import node_red_function, openplc, structured_text
-from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
-from gateway.modbus.exports.fields import fields
-from gateway.modbus.exports.interface import INPUTS, OUTPUTS, STEP_TIMEOUT_MS
-from gateway.modbus.exports.pou import FUNCTION_BLOCK
-from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
-from gateway.model import (
+from gateway.core.model import (
     FRESH_FRAME,
     Circle,
     Moved,
@@ -31,7 +24,14 @@ from gateway.model import (
     Visit,
     VisitPhase,
 )
-from gateway.plc import Phase
+from gateway.core.plc import Phase
+from gateway.modbus.exports import node_red_function, openplc, structured_text
+from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
+from gateway.modbus.exports.fields import fields
+from gateway.modbus.exports.interface import INPUTS, OUTPUTS, STEP_TIMEOUT_MS
+from gateway.modbus.exports.pou import FUNCTION_BLOCK
+from gateway.modbus.exports.target import Target
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
 from tests.plc_images import ADDRESS, answered, doubtful, words

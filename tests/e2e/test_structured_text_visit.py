@@ -1,24 +1,24 @@
 """The exported function block and the gateway's own decision, in a closed loop in virtual time.
 
-What the block writes goes into gateway/interlock.py, what that makes comes back as the image; a scan every 20 ms, a
-poll every 100 ms. No sockets: those are tried in test_structured_text.py and test_handshake.py.
+What the block writes goes into gateway/core/interlock.py, what that makes comes back as the image; a scan every 20 ms,
+a poll every 100 ms. No sockets: those are tried in test_structured_text.py and test_handshake.py.
 """
 
 from collections.abc import Callable
 
 import pytest
 
-from gateway import interlock
 from gateway.config import parse
-from gateway.fusion import Observation
-from gateway.interlock import Rules
+from gateway.core import interlock
+from gateway.core.fusion import Observation
+from gateway.core.interlock import Rules
+from gateway.core.model import Quality, Tick
+from gateway.core.plc import Outcome, PlcWrite, Writer
 from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.pou import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS
-from gateway.modbus.situations import Scene
-from gateway.model import Quality, Tick
-from gateway.plc import Outcome, PlcWrite, Writer
+from gateway.modbus.reference.situations import Scene
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 from tests.plc_images import words
 from tests.structured_text import Program
 

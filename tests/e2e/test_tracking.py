@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.model import Quality, Reason, Tracking
+from gateway.core.model import Quality, Reason, Tracking
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 

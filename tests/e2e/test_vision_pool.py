@@ -23,14 +23,14 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, Reconnect, VisionConfig
+from gateway.core.model import Quality, Tracking, VisionReading
 from gateway.errors import ConfigError
-from gateway.model import Quality, Tracking, VisionReading
-from gateway.vision import service
-from gateway.vision.jobs import Handed, Looked
-from gateway.vision.service import VisionService
-from gateway.vision.sources import SourceSpec
-from gateway.vision.specs import source_spec
-from gateway.vision.workerjob import DetectorSpec
+from gateway.vision.process import service
+from gateway.vision.process.service import VisionService
+from gateway.vision.process.worker_job import DetectorSpec
+from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.specs import source_spec
+from gateway.vision.transport.messages import Handed, Looked
 from tests.e2e.vision_stand_ins import DIE, EXIT, HANG, THROW, ShadesSpec
 
 FAST = Reconnect(min_s=0.05, max_s=0.1)
@@ -642,9 +642,9 @@ PARENT = """
 import asyncio, pathlib, sys
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, VisionConfig
-from gateway.vision.service import VisionService
-from gateway.vision.specs import source_spec
-from gateway.vision.workerjob import DetectorSpec
+from gateway.vision.process.service import VisionService
+from gateway.vision.source.specs import source_spec
+from gateway.vision.process.worker_job import DetectorSpec
 from tests.e2e.vision_stand_ins import ShadesSpec
 
 folder = pathlib.Path(sys.argv[1])

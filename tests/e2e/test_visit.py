@@ -11,10 +11,10 @@ from typing import Self
 from pymodbus.client import ModbusTcpClient
 
 from gateway.config import GatewayConfig, load
-from gateway.modbus.position import PositionBit
-from gateway.modbus.registers import REGISTERS
-from gateway.model import Moved, Reason, VisitPhase
-from gateway.plc import Control
+from gateway.core.model import Moved, Reason, VisitPhase
+from gateway.core.plc import Control
+from gateway.modbus.registers.position import PositionBit
+from gateway.modbus.registers.register_map import REGISTERS
 from tests.e2e.plc import Image, Plc, Poll
 from tests.e2e.processes import Gateway, Row
 from tests.visit_judge import Row as Judged

@@ -9,19 +9,19 @@ from typing import Any
 
 from pymodbus.client import AsyncModbusTcpClient
 
-from gateway import loop
+from gateway import event_loop
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import parse
+from gateway.core.model import Circle, EventKind, Quality, RangeReading, VisionReading
+from gateway.core.plc import Control, PlcConnection
 from gateway.hub import Hub
-from gateway.modbus.answers import Unit
-from gateway.modbus.bits import coil_of
-from gateway.modbus.registers import BLOCK_WORDS, decode
-from gateway.modbus.service import serving
-from gateway.modbus.showing import image_of
-from gateway.modbus.writes import writer, writer_of
-from gateway.model import Circle, EventKind, Quality, RangeReading, VisionReading
-from gateway.plc import Control, PlcConnection
+from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.registers.bits import coil_of
+from gateway.modbus.registers.image_source import image_of
+from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
+from gateway.modbus.registers.writes import writer, writer_of
+from gateway.modbus.server.service import serving
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 
@@ -108,7 +108,7 @@ def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> None:
             seen = await image(stranger)
             assert (seen["plc_heartbeat"], seen["plc_control"], seen["plc_writes"]) == (0, 0, 0)
 
-    loop.run(scene())
+    event_loop.run(scene())
     why = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles say who may)"
     assert yard.refused() == [f"{STRANGER}: {why}"] * 6
 
@@ -134,7 +134,7 @@ def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -> None
             seen = await image(second)
             assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (120, 1, 41)
 
-    loop.run(scene())
+    event_loop.run(scene())
     assert f"{SECOND}: {PLC} owns the handshake block until its heartbeat is lost" in yard.refused()
 
 
@@ -159,7 +159,7 @@ def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused() -> 
             assert (await plc.write_register(81, 1, device_id=0)).exception_code == 0x0B
             assert (await image(plc))["plc_control"] == 0b10
 
-    loop.run(scene())
+    event_loop.run(scene())
     assert yard.refused() == [
         f"{PLC}: plc_control has no bit 15",
         f"{PLC}: plc_control has no bit 15",
@@ -182,7 +182,7 @@ def test_without_a_heartbeat_another_writes_once_the_owner_has_gone() -> None:
             await until(lambda: _taken(second))
             assert (await image(second))["plc_control"] == 2
 
-    loop.run(scene())
+    event_loop.run(scene())
 
 
 async def _taken(asked: AsyncModbusTcpClient) -> bool:
@@ -214,7 +214,7 @@ def test_a_simulated_gateway_with_writes_on(tmp_path: Path) -> None:
                 told = await master.write_registers(80, words)
                 return told.exception_code if told.isError() else 0
 
-        assert loop.run(write(PLC, [7, 1])) == 0
+        assert event_loop.run(write(PLC, [7, 1])) == 0
         plc.wait_for(lambda seen: (seen["plc_heartbeat"], seen["plc_control"]) == (7, 1))
-        assert loop.run(write(SECOND, [8, 0])) == ILLEGAL_FUNCTION
+        assert event_loop.run(write(SECOND, [8, 0])) == ILLEGAL_FUNCTION
         assert plc.wait_for(lambda seen: seen["plc_age"] > 0).image["plc_control"] == 1

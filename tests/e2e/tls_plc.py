@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
-from gateway.modbus.registers import BLOCK_WORDS, decode
+from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
 
 Image = dict[str, Any]
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gateway.clock import Clock, SystemClock
+from gateway.core.model import Circle, Detection
 from gateway.errors import ConfigError, LinkError
-from gateway.model import Circle, Detection
 from gateway.vision.pixels import Image
-from gateway.vision.sources import Frame
+from gateway.vision.source.contract import Frame
 
 if TYPE_CHECKING:  # the camera process need not load OpenCV
-    from gateway.vision.pipeline import Detector
+    from gateway.vision.detect.paper.pipeline import Detector
 
 THROW, HANG, DIE, EXIT = 200, 210, 220, 230  # pictures of this shade are poison
 

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gateway.ranger.protocol import Decoder, Event, Flags, Hello, Measurement
+from gateway.ranger.hcsr04.protocol import Decoder, Event, Flags, Hello, Measurement
 from gateway.sim.emulator import BENCH, ELF, FIRMWARE
 
 Row = dict[str, Any]

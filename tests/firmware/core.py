@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from gateway.ranger.protocol import TICK_NS, Decoder, Event, Hello, Measurement
+from gateway.ranger.hcsr04.protocol import TICK_NS, Decoder, Event, Hello, Measurement
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 BUILD = FIRMWARE / "build"

@@ -11,8 +11,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from gateway.ranger.protocol import NO_FLAGS, Damaged, Measurement
-from gateway.ranger.session import distance_mm
+from gateway.ranger.hcsr04.protocol import NO_FLAGS, Damaged, Measurement
+from gateway.ranger.hcsr04.session import distance_mm
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 from tests.firmware.bench_runs import PERIOD_MS, run

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.ranger.protocol import BURST_NS, NO_FLAGS, TICK_NS, Flags, wire_ms
-from gateway.ranger.session import distance_mm
+from gateway.ranger.hcsr04.protocol import BURST_NS, NO_FLAGS, TICK_NS, Flags, wire_ms
+from gateway.ranger.hcsr04.session import distance_mm
 from tests.firmware.bench_runs import PERIOD_MS, Run, run, with_thermometer
 
 TIMING_CHAIN_MM = 0.2

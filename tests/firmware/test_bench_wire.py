@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.ranger.protocol import NO_FLAGS, Damaged, Decoder, Event, Hello, Measurement
+from gateway.ranger.hcsr04.protocol import NO_FLAGS, Damaged, Decoder, Event, Hello, Measurement
 from tests.firmware.bench_runs import BOOTLOADER, PERIOD_MS, Run, run
 
 pytestmark = pytest.mark.xdist_group("wire")  # most look at one emulated minute

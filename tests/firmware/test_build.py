@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.ranger.cheader import header
+from gateway.ranger.hcsr04.c_header import header
 from tests.firmware.core import BUILD, COVERED, FIRMWARE, LIBRARY_VARIABLE, make
 
 ROOT = FIRMWARE.parent

@@ -4,7 +4,7 @@ import binascii
 import ctypes
 import random
 
-from gateway.ranger.protocol import (
+from gateway.ranger.hcsr04.protocol import (
     ALL_FLAGS,
     MAX_PERIOD_MS,
     MAX_SEQ,

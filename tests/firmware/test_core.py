@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from gateway.ranger.protocol import MAX_SEQ, Decoder, Flags, Hello, Measurement, tenths_at_20c
+from gateway.ranger.hcsr04.protocol import MAX_SEQ, Decoder, Flags, Hello, Measurement, tenths_at_20c
 from tests.firmware.core import CYCLE, MS, RISE, Answer, Core
 
 HELLO = Hello("hcsr04", 1, 60, 1)

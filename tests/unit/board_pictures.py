@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.calibration.boards import Board, Kind
+from gateway.vision.offline.calibration.boards import Board, Kind
 
 LIGHT, DARK, WALL = 225.0, 30.0, 120.0
 SAMPLES = 1  # a side, in every pixel; edges are ramps of the same width, so that one will do

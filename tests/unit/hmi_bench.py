@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from gateway.vision.pixels import Image
-from gateway.vision.shm import Snapshot
+from gateway.vision.transport.ring import Snapshot
 
 WIDTH, HEIGHT = 160, 120
 MARKER = (80.0, 60.0, 26.0)  # u, v, R

@@ -7,22 +7,22 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from gateway.alarms.monitor import Watch
+from gateway.alarms.table import Signs
 from gateway.bay import BayControl
-from gateway.children.link import Link
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
 from gateway.errors import ConfigError
-from gateway.hmi.alarms.table import Signs
-from gateway.hmi.chronicle import Chronicle
-from gateway.hmi.desk import Desk
-from gateway.hmi.feed import BayParts, Feed
-from gateway.hmi.orders import FROM_WEB, TO_WEB, About, Ask, FileOrder, FromHmi, LinksNow, Order, ToHmi
-from gateway.hmi.watch import Watch
-from gateway.hmi.workbench.fileorders import FileOrders
 from gateway.hub import Hub
-from gateway.modbus.showing import image_of
-from gateway.vision import shm
-from gateway.vision.shm import Ring
+from gateway.modbus.registers.image_source import image_of
+from gateway.processes.channel import Link
+from gateway.vision.transport import ring
+from gateway.vision.transport.ring import Ring
+from gateway.web.host.config_file_requests import FileOrders
+from gateway.web.host.event_history import Chronicle
+from gateway.web.host.request_handler import BayParts, Feed
+from gateway.web.ipc.messages import FROM_WEB, TO_WEB, About, Ask, FileOrder, FromHmi, LinksNow, Order, ToHmi
+from gateway.web.server.gateway_client import Desk
 from tests.virtual_time import AtOnce, LoopClock
 
 
@@ -87,7 +87,7 @@ async def plant(
         lambda: replace(made.links, alarms=watch.standing(100), changes=watch.changes()),
         watch.act,
     )
-    specs = {name: shm.create(3, 0.1) for name in names}
+    specs = {name: ring.create(3, 0.1) for name in names}
     near, far = Link[ToHmi, FromHmi].pair(FROM_WEB)
     about = About(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
     desk = Desk(about, Link[FromHmi, ToHmi](far, TO_WEB), clock, clock)

@@ -15,14 +15,14 @@ from starlette.types import ASGIApp, Message
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gateway.clock import SystemClock
-from gateway.hmi.guard import login
-from gateway.hmi.guard.access import RULES, Rule
-from gateway.hmi.guard.logins import Logins
-from gateway.hmi.guard.passwords import Passwords
-from gateway.hmi.guard.security import Guard, protected
-from gateway.hmi.guard.telling import Told, What
-from gateway.hmi.guard.visitor import visitor_of
-from gateway.sections.hmi import HmiConfig, HmiUser
+from gateway.config.sections.hmi import HmiConfig, HmiUser
+from gateway.web.auth import login
+from gateway.web.auth.access import RULES, Rule
+from gateway.web.auth.audit_log import Told, What
+from gateway.web.auth.caller import visitor_of
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.passwords import Passwords
+from gateway.web.auth.security import Guard, protected
 from tests.virtual_time import LoopClock
 
 # Both are "correct horse battery"; the smallest that the configuration takes.

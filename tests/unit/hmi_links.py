@@ -1,11 +1,11 @@
 """Links of a gateway in which everything there is has something to tell."""
 
-from gateway.hmi.latencies import BOUNDS_S, WHOLE, Histogram
-from gateway.hmi.orders import LinksNow, TaskNow
-from gateway.modbus.limits import Refusal
-from gateway.modbus.traffic import PeerNow, ServerNow
-from gateway.mqtt.messages import DeliveryPayload, StorePayload
-from gateway.mqtt.sparkplug.node import SparkplugNow
+from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.traffic import PeerNow, ServerNow
+from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
+from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.web.host.latencies import BOUNDS_S, WHOLE, Histogram
+from gateway.web.ipc.messages import LinksNow, TaskNow
 
 
 def server(*, tls: bool = False) -> ServerNow:

@@ -8,10 +8,10 @@ from urllib.parse import quote
 from starlette.applications import Starlette
 from starlette.types import ASGIApp, Message
 
-from gateway.hmi import api, openapi
-from gateway.hmi.guard.access import Level
-from gateway.hmi.guard.visitor import Visitor, with_visitor
-from gateway.hmi.metrics.family import Pages
+from gateway.web.auth.access import Level
+from gateway.web.auth.caller import Visitor, with_visitor
+from gateway.web.server import api, openapi
+from gateway.web.server.metrics.family import Pages
 from tests.unit.hmi_desk import Plant
 from tests.virtual_time import AtOnce
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import agreement
-from gateway.agreement import checked, forgotten
 from gateway.config import CrossCheck, FusionConfig
-from gateway.model import Circle, FusionMemory, Quality, RangeReading, VisionReading
-from gateway.scale import MarkerScale, ScaleSample
+from gateway.core import agreement
+from gateway.core.agreement import checked, forgotten
+from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, VisionReading
+from gateway.core.scale import MarkerScale, ScaleSample
 
 MS = 1_000_000
 CONFIG = FusionConfig()

@@ -10,12 +10,12 @@ import pytest
 from gateway import app
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, MqttConfig
+from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
 from gateway.errors import ConfigError
 from gateway.hub import Hub
-from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
-from gateway.mqtt.outbox import Outbox
+from gateway.sinks.outbox.outbox import Outbox
 from gateway.supervisor import Task
-from gateway.vision.specs import FileSpec
+from gateway.vision.source.specs import FileSpec
 
 
 class Sensors:

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.audit import BURST, PERIOD_NS, Bucket, take
+from gateway.net.rate_limit import BURST, PERIOD_NS, Bucket, take
 
 
 def test_a_burst_then_one_a_period_and_the_rest_is_counted() -> None:

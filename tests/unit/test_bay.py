@@ -8,18 +8,9 @@ import pytest
 
 from gateway.bay import BayControl
 from gateway.config import BayConfig, FusionConfig
+from gateway.core.model import Circle, EventKind, Quality, RangeReading, Reason, StateVector, Tracking, VisionReading
 from gateway.hub import EventQueue, Hub
-from gateway.modbus.registers import decode, encode
-from gateway.model import (
-    Circle,
-    EventKind,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    Tracking,
-    VisionReading,
-)
+from gateway.modbus.registers.register_map import decode, encode
 from tests import virtual_time
 from tests.virtual_time import LoopClock
 

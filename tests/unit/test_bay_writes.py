@@ -4,11 +4,9 @@ import asyncio
 
 import pytest
 
-from gateway.audit import BURST
 from gateway.bay import BayControl
 from gateway.config import parse
-from gateway.hub import EventQueue, Hub
-from gateway.model import (
+from gateway.core.model import (
     Circle,
     Event,
     EventKind,
@@ -20,7 +18,9 @@ from gateway.model import (
     Tick,
     VisionReading,
 )
-from gateway.plc import Change, Control, PlcConnection, PlcLink, PlcWrite, Writer, WriteVerdict
+from gateway.core.plc import Change, Control, PlcConnection, PlcLink, PlcWrite, Writer, WriteVerdict
+from gateway.hub import EventQueue, Hub
+from gateway.net.rate_limit import BURST
 from tests import virtual_time
 from tests.virtual_time import LoopClock
 

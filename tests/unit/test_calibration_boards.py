@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.errors import ConfigError
-from gateway.vision.calibration.boards import Board, Kind, find, other_size, parse
+from gateway.vision.offline.calibration.boards import Board, Kind, find, other_size, parse
 from tests.unit.board_pictures import POSES, Camera, Pose, shot, truth
 
 CHECKER = parse("checkerboard:8x6:18mm")

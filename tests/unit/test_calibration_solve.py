@@ -9,12 +9,12 @@ import pytest
 
 from gateway import config
 from gateway.errors import ConfigError
-from gateway.vision.calibration import picture, report
-from gateway.vision.calibration.boards import Board, parse
-from gateway.vision.calibration.snippet import focal_px, toml
-from gateway.vision.calibration.solve import Calibration, View, calibrate
-from gateway.vision.intrinsics import normalise
-from gateway.vision.reports.page import fetches_nothing
+from gateway.vision.detect.lens import normalise
+from gateway.vision.offline.calibration import picture, report
+from gateway.vision.offline.calibration.boards import Board, parse
+from gateway.vision.offline.calibration.snippet import focal_px, toml
+from gateway.vision.offline.calibration.solve import Calibration, View, calibrate
+from gateway.vision.offline.reports.page import fetches_nothing
 from tests.unit.board_pictures import FRONTAL, POSES, Camera, Pose, truth
 
 BOARD = parse("checkerboard:8x6:18mm")

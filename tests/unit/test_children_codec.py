@@ -15,15 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gateway
-from gateway.children import child
-from gateway.children.codec import COMPRESSED, MAX_MESSAGE_BYTES, MAX_UNPACKED_BYTES, Codec, record_of, record_packed
-from gateway.children.words import Failed
 from gateway.config import VisionConfig
+from gateway.core.model import FunctionCheck
+from gateway.core.plc import Writer
 from gateway.errors import ProtocolError
-from gateway.hmi.orders import FROM_WEB, Apply, Ask, Check, LinksNow, Order
-from gateway.model import FunctionCheck
-from gateway.plc import Writer
-from gateway.vision.jobs import FROM_CHILDREN
+from gateway.processes import child
+from gateway.processes.codec import COMPRESSED, MAX_MESSAGE_BYTES, MAX_UNPACKED_BYTES, Codec, record_of, record_packed
+from gateway.processes.notices import Failed
+from gateway.vision.transport.messages import FROM_CHILDREN
+from gateway.web.ipc.messages import FROM_WEB, Apply, Ask, Check, LinksNow, Order
 from tests.unit.hmi_links import full
 
 ANNA = Writer("127.0.0.1", "anna", "technician")

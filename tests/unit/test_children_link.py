@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from gateway.children.codec import MAX_MESSAGE_BYTES, Codec
-from gateway.children.link import Link
-from gateway.children.words import Failed
+from gateway.processes.channel import Link
+from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.processes.notices import Failed
 
 ANYTHING = Codec(Any)
 

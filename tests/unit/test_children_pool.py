@@ -9,10 +9,10 @@ from typing import Any, cast
 
 import pytest
 
-from gateway.children.codec import Codec
-from gateway.children.link import Link
-from gateway.children.pool import MOST_WORDS, Child, Pool
-from gateway.children.words import Failed
+from gateway.processes.channel import Link
+from gateway.processes.codec import Codec
+from gateway.processes.notices import Failed
+from gateway.processes.pool import MOST_WORDS, Child, Pool
 from tests.virtual_time import LoopClock, run
 
 TALK = 3 * MOST_WORDS

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from gateway.children import seccomp
+from gateway.processes import seccomp
 
 ROOT = Path(__file__).parents[2]
 OTHER_UID = 65534
@@ -20,9 +20,9 @@ OTHER_UID = 65534
 TRIED = """
 import ctypes, json, mmap, os, resource, signal, socket, sys, threading
 from pathlib import Path
-from gateway.children import sandbox
+from gateway.processes import sandbox
 from gateway.vision import shm
-from gateway.vision.shm import Ring
+from gateway.vision.transport.ring import Ring
 
 if os.geteuid() == 0:  # the ordinary case: not root, and the same user as the gateway
     os.setgroups([])
@@ -264,7 +264,7 @@ def test_numbers_are_those_of_the_kernel_s_own_list() -> None:
 
 BECOME = """
 import ctypes, json, os, sys
-from gateway.children import sandbox
+from gateway.processes import sandbox
 from gateway.errors import ConfigError
 sys.path[:] = [sys.argv[2]] if sys.argv[2] else []
 try:
@@ -306,7 +306,7 @@ def test_a_user_that_there_is_not_or_who_cannot_read_the_program_is_a_configurat
 THREADED = """
 import ctypes, json, os, threading
 from pathlib import Path
-from gateway.children import sandbox
+from gateway.processes import sandbox
 begun, go, found = threading.Event(), threading.Event(), []
 def at_work():
     begun.set()

@@ -11,7 +11,7 @@ from typing import TextIO
 
 import pytest
 
-from gateway.cli.outlet import Outlet
+from gateway.cli.output import Outlet
 
 PIPE_BYTES = 4096  # the smallest there is
 
@@ -104,7 +104,7 @@ def test_a_stream_that_never_moves_again_does_not_hold_up_the_end() -> None:
 
 AT_THE_END = """
 import sys
-from gateway.cli.outlet import Outlet
+from gateway.cli.output import Outlet
 
 outlet = Outlet(sys.stdout)
 outlet.write("x" * 100_000)

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli import simtrials
-from gateway.cli.simbay import Bay
+from gateway.cli import sim_trials
+from gateway.cli.sim_bay import Bay
 from gateway.clock import NS_PER_S
 from gateway.config import FusionConfig
-from gateway.fusion import initial
+from gateway.core.fusion import initial
 from gateway.hub import Hub
-from gateway.sim.standing import Standing
+from gateway.sim.departure import Standing
 from gateway.sim.trials import WAIT_S, TrialReport, trial_legs, trial_scenario
 from gateway.sim.world import Phase, Truth
 from tests import virtual_time
@@ -45,7 +45,7 @@ def run(folder: Path, known: Known) -> tuple[TrialReport, float]:
         clock, hub, stop = LoopClock(), Hub(["bay1"]), asyncio.Event()
         standing = Standing(str(folder / "bay1"), trial_legs(PLAN), WAIT_S)
         bay = Bay("bay1", 1, PLAN, FusionConfig(), clock.now_ns(), standing)
-        recorder = simtrials.Recorder(bay)
+        recorder = sim_trials.Recorder(bay)
 
         async def gateway() -> None:
             arrived_ns, state = clock.now_ns(), initial("bay1", clock.now_ns())
@@ -63,7 +63,7 @@ def run(folder: Path, known: Known) -> tuple[TrialReport, float]:
 
         async with asyncio.TaskGroup() as group:
             group.create_task(gateway())
-            await simtrials.record([recorder], hub, clock, stop, None)
+            await sim_trials.record([recorder], hub, clock, stop, None)
         assert not recorder.cut_short
         return recorder.evaluate(), bay.t_s(clock.now_ns())
 

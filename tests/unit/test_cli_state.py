@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.cli.state import _line, _row
-from gateway.model import Moved, Quality, Reason
+from gateway.core.model import Moved, Quality, Reason
 from gateway.shared_state import SharedVector
 
 GOOD = SharedVector(

@@ -7,10 +7,10 @@ from datetime import datetime
 import pytest
 from rich.console import Console, RenderableType
 
-from gateway import config, fusion
+from gateway import config
 from gateway.cli import view
-from gateway.hub import Hub
-from gateway.model import (
+from gateway.core import fusion
+from gateway.core.model import (
     Circle,
     Ellipse,
     Event,
@@ -22,6 +22,7 @@ from gateway.model import (
     Tracking,
     VisionReading,
 )
+from gateway.hub import Hub
 from tests.virtual_time import LoopClock, run
 
 MS = 1_000_000

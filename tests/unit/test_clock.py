@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.children.codec import record_of, record_packed
 from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
+from gateway.processes.codec import record_of, record_packed
 from tests import virtual_time
 
 

@@ -24,10 +24,10 @@ from gateway.config import (
     load,
     parse,
 )
+from gateway.config.strict.placed_error import explain, without_password
+from gateway.config.strict.section import Section, bounds_of, inner_model
+from gateway.config.strict.toml_file import merge
 from gateway.errors import ConfigError
-from gateway.strict.faults import explain, without_password
-from gateway.strict.section import Section, bounds_of, inner_model
-from gateway.strict.tomlfile import merge
 
 ROOT = Path(__file__).parents[2]
 

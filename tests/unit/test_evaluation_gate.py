@@ -3,12 +3,12 @@
 import pytest
 
 from gateway.cli import evaluate
+from gateway.core.model import Circle, Detection
 from gateway.errors import ConfigError
-from gateway.model import Circle, Detection
-from gateway.vision.evaluation import gate
-from gateway.vision.evaluation.labels import Label
-from gateway.vision.evaluation.result import Result, result, series_by
-from gateway.vision.evaluation.scoring import Outcome, judge
+from gateway.vision.offline.evaluation import gate
+from gateway.vision.offline.evaluation.labels import Label
+from gateway.vision.offline.evaluation.result import Result, result, series_by
+from gateway.vision.offline.evaluation.scoring import Outcome, judge
 
 
 def picture(n: int, found: Detection, **more: object) -> Outcome:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.errors import ConfigError
-from gateway.vision.evaluation.labels import MOST_FAULTS, Label, load, outside, parse
+from gateway.vision.offline.evaluation.labels import MOST_FAULTS, Label, load, outside, parse
 
 GOOD: dict[str, Any] = {"file": "a.png", "found": True, "u": 10, "v": 20.5, "r": 5}
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.model import Circle, Detection, Ellipse, Tracking
-from gateway.vision.evaluation.constancy import constancy
-from gateway.vision.evaluation.labels import Label
-from gateway.vision.evaluation.result import UNGROUPED, as_json, in_sequence, result, series_by
-from gateway.vision.evaluation.scoring import Outcome, Verdict, acquisition, badness, figures, judge, wilson
+from gateway.core.model import Circle, Detection, Ellipse, Tracking
+from gateway.vision.offline.evaluation.constancy import constancy
+from gateway.vision.offline.evaluation.labels import Label
+from gateway.vision.offline.evaluation.result import UNGROUPED, as_json, in_sequence, result, series_by
+from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, acquisition, badness, figures, judge, wilson
 
 TRUE = Label(file="a.png", found=True, u=100, v=50, r=40)
 EMPTY = Label(file="e.png", found=False)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from gateway.clock import SystemClock
+from gateway.core.model import Circle, Detection
 from gateway.errors import ConfigError
-from gateway.model import Circle, Detection
-from gateway.vision.evaluation.labels import Label, Labels, load
-from gateway.vision.evaluation.result import series_by
-from gateway.vision.evaluation.trial import picture, run
-from gateway.vision.pipeline import Detector
+from gateway.vision.detect.paper.pipeline import Detector
+from gateway.vision.offline.evaluation.labels import Label, Labels, load
+from gateway.vision.offline.evaluation.result import series_by
+from gateway.vision.offline.evaluation.trial import picture, run
 from gateway.vision.pixels import Image
 
 

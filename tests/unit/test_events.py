@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.config import CrossCheck, FusionConfig
-from gateway.events import diff
-from gateway.fusion import initial, step
-from gateway.model import (
+from gateway.core.events import diff
+from gateway.core.fusion import initial, step
+from gateway.core.model import (
     Circle,
     Event,
     EventKind,

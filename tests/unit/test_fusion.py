@@ -8,17 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from gateway.agreement import LARGEST
 from gateway.config import CrossCheck, FusionConfig
-from gateway.fusion import (
-    RANGE_REASON,
-    VISION_REASON,
-    Observation,
-    forced_stop,
-    initial,
-    step,
-)
-from gateway.model import (
+from gateway.core.agreement import LARGEST
+from gateway.core.fusion import RANGE_REASON, VISION_REASON, Observation, forced_stop, initial, step
+from gateway.core.model import (
     Circle,
     Guidance,
     GuidanceCode,

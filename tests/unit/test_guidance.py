@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import guidance
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
-from gateway.guidance import TRACK_MOST, closing_mm_s, to_go_mm, tracked
-from gateway.model import (
+from gateway.core import guidance
+from gateway.core.guidance import TRACK_MOST, closing_mm_s, to_go_mm, tracked
+from gateway.core.model import (
     Circle,
     FusionMemory,
     Guidance,

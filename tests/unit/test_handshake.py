@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import events, handshake
 from gateway.config import HandshakeConfig
-from gateway.handshake import TRANSITIONS, Signal
-from gateway.model import Circle, FusionMemory, Quality, RangeReading, StateVector, VisionReading
-from gateway.plc import (
+from gateway.core import events, handshake
+from gateway.core.handshake import TRANSITIONS, Signal
+from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, StateVector, VisionReading
+from gateway.core.plc import (
     Acquired,
     Change,
     Control,

@@ -7,13 +7,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from gateway.alarms import states, table
+from gateway.alarms.engine import HISTORY, AlarmBoard
+from gateway.alarms.records import DEEDS, MAX_NOTE, SHELVE_MOST_MIN, Alarm, Change, Deed, Outcome, Reply
+from gateway.alarms.states import AlarmState, Cue, following
+from gateway.alarms.table import Design, Priority, Signs
 from gateway.config import FusionConfig
-from gateway.hmi.alarms import states, table
-from gateway.hmi.alarms.board import HISTORY, AlarmBoard
-from gateway.hmi.alarms.records import DEEDS, MAX_NOTE, SHELVE_MOST_MIN, Alarm, Change, Deed, Outcome, Reply
-from gateway.hmi.alarms.states import AlarmState, Cue, following
-from gateway.hmi.alarms.table import Design, Priority, Signs
-from gateway.model import (
+from gateway.core.model import (
     Circle,
     FunctionCheck,
     FusionMemory,
@@ -28,8 +28,8 @@ from gateway.model import (
     VisionReading,
     Visit,
 )
-from gateway.plc import Handshake, PlcLink
-from gateway.scale import MarkerScale, ScaleSample
+from gateway.core.plc import Handshake, PlcLink
+from gateway.core.scale import MarkerScale, ScaleSample
 from tests.permitted import permitted
 
 S = 1_000_000_000

@@ -4,16 +4,16 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from gateway import interlock
+from gateway.alarms.engine import AlarmBoard
+from gateway.alarms.records import Change
+from gateway.alarms.states import AlarmState
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, VisitConfig
-from gateway.fusion import Observation
-from gateway.hmi.alarms.board import AlarmBoard
-from gateway.hmi.alarms.records import Change
-from gateway.hmi.alarms.states import AlarmState
-from gateway.interlock import Remembered
-from gateway.model import Circle, FunctionCheck, Moved, Quality, RangeReading, StateVector, Tick, VisionReading
-from gateway.plc import Control, PlcWrite, Writer
-from gateway.scale import ScaleSample
+from gateway.core import interlock
+from gateway.core.fusion import Observation
+from gateway.core.interlock import Remembered
+from gateway.core.model import Circle, FunctionCheck, Moved, Quality, RangeReading, StateVector, Tick, VisionReading
+from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.scale import ScaleSample
 
 MS = 1_000_000
 STEP_MS = 50

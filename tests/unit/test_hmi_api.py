@@ -9,14 +9,14 @@ import jsonschema
 import numpy as np
 import pytest
 
+from gateway.alarms.table import BAY_ALARMS, Design
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, ModbusConfig, RecipeConfig
-from gateway.hmi import openapi
-from gateway.hmi.alarms.table import BAY_ALARMS, Design
-from gateway.hmi.api import MAX_NUMBER
-from gateway.hmi.guard.access import Level
-from gateway.hmi.guard.visitor import Visitor
-from gateway.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
-from gateway.plc import PlcWrite, Writer, WriteVerdict
+from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
+from gateway.core.plc import PlcWrite, Writer, WriteVerdict
+from gateway.web.auth.access import Level
+from gateway.web.auth.caller import Visitor
+from gateway.web.server import openapi
+from gateway.web.server.api import MAX_NUMBER
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_programs import Said, caller
 from tests.virtual_time import run

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config import HmiConfig, load, parse
-from gateway.configdoc import flat
+from gateway.config.reference import flat
+from gateway.config.sections.hmi import host_name
 from gateway.errors import ConfigError
-from gateway.sections.hmi import host_name
 
 SALT = "c29tZXNhbHRzb21lc2FsdA"
 DIGEST = "iWh06vD8Fy27wf9npn6FXWiCX4K6pW6Ue1Bnzz07Z8A"

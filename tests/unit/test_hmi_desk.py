@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 from msgspec import structs
 
-from gateway.children.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
+from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
+from gateway.core.plc import Writer
 from gateway.errors import LinkError
-from gateway.hmi.desk import RefusedError
-from gateway.hmi.orders import MAX_EVENTS, MAX_STATES, About, Apply, Ask, Check, LinksNow, TaskNow
-from gateway.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
-from gateway.plc import Writer
+from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.web.ipc.messages import MAX_EVENTS, MAX_STATES, About, Apply, Ask, Check, LinksNow, TaskNow
+from gateway.web.server.gateway_client import RefusedError
 from tests.unit.hmi_desk import Plant, plant
 from tests.virtual_time import run
 

@@ -15,12 +15,12 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from gateway.errors import GatewayError
-from gateway.hmi.guard.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
-from gateway.hmi.guard.bodies import BODY_S
-from gateway.hmi.guard.logins import Logins
-from gateway.hmi.guard.rows import calls, without_rule
-from gateway.hmi.guard.security import ENDED, REQUEST_S, protected
-from gateway.hmi.guard.telling import What
+from gateway.web.auth.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
+from gateway.web.auth.audit_log import What
+from gateway.web.auth.bodies import BODY_S
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.route_check import calls, without_rule
+from gateway.web.auth.security import ENDED, REQUEST_S, protected
 from tests.unit.hmi_guard import HOST, ORIGIN, PASSWORD, Browser, example, house
 from tests.virtual_time import LoopClock, run
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 
 from gateway.config import GatewayConfig, ModbusConfig
-from gateway.hmi.health import health, status_code
-from gateway.hmi.models import HealthView
-from gateway.hmi.orders import LinksNow, TaskNow
-from gateway.model import Circle, FusionMemory, Quality, RangeReading, Tick, VisionReading
-from gateway.mqtt.messages import DeliveryPayload
-from gateway.mqtt.sparkplug.node import SparkplugNow
+from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, Tick, VisionReading
+from gateway.sinks.mqtt.messages import DeliveryPayload
+from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.web.ipc.messages import LinksNow, TaskNow
+from gateway.web.server.health import health, status_code
+from gateway.web.server.models import HealthView
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_links import full, store
 from tests.unit.hmi_programs import caller

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from starlette.websockets import WebSocket
 
-from gateway.hmi import views
-from gateway.hmi.live import BAD_ANSWER, TAKEN_S, TOO_MANY, UNKNOWN_BAY, Live, Render
+from gateway.web.server import views
+from gateway.web.server.live import BAD_ANSWER, TAKEN_S, TOO_MANY, UNKNOWN_BAY, Live, Render
 from tests.unit.hmi_desk import plant
 from tests.virtual_time import run
 

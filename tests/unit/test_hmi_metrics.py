@@ -10,17 +10,17 @@ from prometheus_client import parser
 from prometheus_client.core import Metric
 from prometheus_client.openmetrics import parser as openmetrics_parser
 
-from gateway.hmi.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
-from gateway.hmi.latencies import BOUNDS_S, MOST_STAGES, WHOLE, Latencies
-from gateway.hmi.live import Counts
-from gateway.hmi.metrics.bays import BAYS
-from gateway.hmi.metrics.family import PREFIX, Known, Pages
-from gateway.hmi.metrics.parts import PARTS
-from gateway.hmi.metrics.text import FAMILIES, markdown, text
-from gateway.hmi.orders import LinksNow
-from gateway.hmi.processes import Usage
-from gateway.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
-from gateway.scale import MarkerScale, ScaleSample
+from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
+from gateway.core.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
+from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.web.host.latencies import BOUNDS_S, MOST_STAGES, WHOLE, Latencies
+from gateway.web.host.process_usage import Usage
+from gateway.web.ipc.messages import LinksNow
+from gateway.web.server.live import Counts
+from gateway.web.server.metrics.bays import BAYS
+from gateway.web.server.metrics.family import PREFIX, Known, Pages
+from gateway.web.server.metrics.parts import PARTS
+from gateway.web.server.metrics.text import FAMILIES, markdown, text
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_links import full
 from tests.unit.hmi_programs import caller

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from openapi_spec_validator import validate
 
-from gateway.hmi import openapi
-from gateway.hmi.api import CALLS
-from gateway.hmi.guard.access import RULES, Level
+from gateway.web.auth.access import RULES, Level
+from gateway.web.server import openapi
+from gateway.web.server.api import CALLS
 
 DOCUMENT = openapi.document()
 OPERATIONS = [

@@ -14,22 +14,22 @@ from typing import Any, cast
 import pytest
 from msgspec import structs
 
-from gateway.children.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.alarms.engine import MAX_DETAIL
+from gateway.alarms.monitor import TOLD
+from gateway.alarms.records import MAX_NOTE, Change, Standing
+from gateway.alarms.states import AlarmState, Cue
+from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
-from gateway.hmi.alarms.board import MAX_DETAIL
-from gateway.hmi.alarms.records import MAX_NOTE, Change, Standing
-from gateway.hmi.alarms.states import AlarmState, Cue
-from gateway.hmi.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
-from gateway.hmi.latencies import BOUNDS_S, Histogram
-from gateway.hmi.orders import TO_WEB, Answer, Ask, TaskNow
-from gateway.hmi.parts import MAX_ERROR, MOST_ALARMS, PLC_QUIET_S, Parts
-from gateway.hmi.processes import usage
-from gateway.hmi.watch import TOLD
+from gateway.core.model import Quality, VisionReading
 from gateway.hub import Hub
-from gateway.model import Quality, VisionReading
-from gateway.mqtt.messages import DeliveryPayload
-from gateway.mqtt.sparkplug.node import SparkplugNow
+from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.sinks.mqtt.messages import DeliveryPayload
+from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.supervisor import TaskRecord
+from gateway.web.host.latencies import BOUNDS_S, Histogram
+from gateway.web.host.parts import MAX_ERROR, MOST_ALARMS, PLC_QUIET_S, Parts
+from gateway.web.host.process_usage import usage
+from gateway.web.ipc.messages import TO_WEB, Answer, Ask, TaskNow
 from tests.unit.hmi_desk import plant
 from tests.unit.hmi_links import full, server, store
 from tests.virtual_time import run

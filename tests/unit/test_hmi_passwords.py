@@ -7,9 +7,9 @@ import pytest
 
 from gateway.cli.main import main
 from gateway.config import parse
-from gateway.hmi.guard import passwords
-from gateway.hmi.guard.passwords import MAX_WAITING, BusyError, Passwords, hashed, weakness
-from gateway.sections.hmi import HmiUser
+from gateway.config.sections.hmi import HmiUser
+from gateway.web.auth import passwords
+from gateway.web.auth.passwords import MAX_WAITING, BusyError, Passwords, hashed, weakness
 from tests.unit.hmi_guard import HASH, PASSWORD, USERS
 
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.hmi.pictures import WAIT_S, Pictures, encoded
-from gateway.model import Circle, Quality, VisionReading
+from gateway.core.model import Circle, Quality, VisionReading
 from gateway.vision.pixels import Image
+from gateway.web.server.pictures import WAIT_S, Pictures, encoded
 from tests.unit.hmi_desk import Plant, plant
 from tests.virtual_time import AtOnce, run
 

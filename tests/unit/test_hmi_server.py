@@ -22,17 +22,17 @@ from gateway import app
 from gateway.cli.main import main
 from gateway.clock import SystemClock
 from gateway.config import parse
+from gateway.config.sections.hmi import HmiConfig
 from gateway.errors import ConfigError
-from gateway.hmi.guard import patience, tls
-from gateway.hmi.guard.security import ENDED
-from gateway.sections.hmi import HmiConfig
+from gateway.web.auth import slow_clients, tls
+from gateway.web.auth.security import ENDED
 from tests.plant_certs import NOW, Plant
 from tests.unit.hmi_guard import HASH, PASSWORD, USERS, House
 
 HURRY_S = 30.0  # nothing here takes so long, on any machine
 
 
-class Hasty(patience.PatientProtocol):
+class Hasty(slow_clients.PatientProtocol):
     """Waits for a head for a moment only."""
 
     head_s = 0.3
@@ -41,14 +41,14 @@ class Hasty(patience.PatientProtocol):
 
 @asynccontextmanager
 async def served(
-    application: Any, *, protocol: type[patience.PatientProtocol] = Hasty, context: Any = None, **more: Any
+    application: Any, *, protocol: type[slow_clients.PatientProtocol] = Hasty, context: Any = None, **more: Any
 ) -> AsyncIterator[int]:
     """The port."""
     with socket.socket() as sock:
         sock.bind(("127.0.0.1", 0))
         sock.listen(200)
         port: int = sock.getsockname()[1]
-        settings = {**patience.settings(context), "http": protocol, "timeout_graceful_shutdown": 1, **more}
+        settings = {**slow_clients.settings(context), "http": protocol, "timeout_graceful_shutdown": 1, **more}
         server = uvicorn.Server(uvicorn.Config(application, **settings))
         async with asyncio.TaskGroup() as group:
             group.create_task(server.serve([sock]))
@@ -151,7 +151,7 @@ def test_what_is_no_http_is_refused_without_filling_the_log(caplog: pytest.LogCa
 
 def test_one_address_never_has_all_connections() -> None:
     async def whole() -> None:
-        async with served(hello, protocol=patience.PatientProtocol, limit_concurrency=20) as port:
+        async with served(hello, protocol=slow_clients.PatientProtocol, limit_concurrency=20) as port:
             held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(40)]
             await asyncio.sleep(0)
             ended = await asyncio.gather(*(_ended(reader) for reader, _ in held[15:]))

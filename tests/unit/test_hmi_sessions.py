@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.hmi.guard.access import Level
-from gateway.hmi.guard.sessions import MAX_PER_USER, MAX_SESSIONS, Sessions
+from gateway.web.auth.access import Level
+from gateway.web.auth.sessions import MAX_PER_USER, MAX_SESSIONS, Sessions
 
 S = 1_000_000_000
 HOUR = 3600 * S

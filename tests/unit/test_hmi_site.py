@@ -10,12 +10,12 @@ import pytest
 from starlette.applications import Starlette
 
 from gateway.config import GatewayConfig, HmiConfig
-from gateway.hmi import web
-from gateway.hmi.desk import Desk
-from gateway.hmi.guard.access import Level, find
-from gateway.hmi.guard.logins import Logins
-from gateway.hmi.guard.rows import calls
-from gateway.hmi.guard.security import ENDED, Guard
+from gateway.web.auth.access import Level, find
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.route_check import calls
+from gateway.web.auth.security import ENDED, Guard
+from gateway.web.server import app
+from gateway.web.server.gateway_client import Desk
 from tests.unit.hmi_desk import plant
 from tests.unit.hmi_guard import USERS, Browser, House, QuickPasswords
 from tests.virtual_time import LoopClock, run
@@ -32,7 +32,7 @@ class RealHouse(House):
         clock = LoopClock()
         self.logins = Logins(self.config, clock, self.told.append, instance="g1")
         self.logins.passwords = QuickPasswords(self.config.users)
-        made = web.app(web.site_of(self.desk, clock), self.logins, clock)
+        made = app.app(app.site_of(self.desk, clock), self.logins, clock)
         assert isinstance(made, Guard)
         self.guard = made
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.model import GuidanceCode
+from gateway.core.model import GuidanceCode
 
 STATIC = Path(__file__).parents[2] / "gateway" / "hmi" / "static"
 PAGES = Path(__file__).parents[1] / "pages"

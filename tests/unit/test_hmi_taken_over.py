@@ -5,20 +5,20 @@ from pathlib import Path
 
 import pytest
 
-from gateway.audit import BURST
-from gateway.children.codec import Codec
-from gateway.children.words import Failed
+from gateway.alarms.records import MAX_NOTE, Deed
+from gateway.alarms.states import Cue
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, Intrinsics, VisionConfig
+from gateway.config.sections.hmi import HmiConfig
+from gateway.core.model import EventKind, FunctionCheck
+from gateway.core.plc import Writer
 from gateway.errors import LinkError, ProtocolError
-from gateway.hmi.alarms.records import MAX_NOTE, Deed
-from gateway.hmi.alarms.states import Cue
-from gateway.hmi.feed import MAX_NAME, MAX_TOLD
-from gateway.hmi.orders import FROM_WEB, About, Apply, Ask, Check, Order
-from gateway.hmi.service import HmiService
-from gateway.model import EventKind, FunctionCheck
-from gateway.plc import Writer
-from gateway.sections.hmi import HmiConfig
+from gateway.net.rate_limit import BURST
+from gateway.processes.codec import Codec
+from gateway.processes.notices import Failed
+from gateway.web.host.request_handler import MAX_NAME, MAX_TOLD
+from gateway.web.host.service import HmiService
+from gateway.web.ipc.messages import FROM_WEB, About, Apply, Ask, Check, Order
 from tests.unit.hmi_desk import Plant, plant
 from tests.virtual_time import run
 

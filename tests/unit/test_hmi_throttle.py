@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.hmi.guard.throttle import BY_ADDRESS, BY_NAME, IN_ALL, Allowance, Throttle, place_of
+from gateway.web.auth.login_throttle import BY_ADDRESS, BY_NAME, IN_ALL, Allowance, Throttle, place_of
 
 S = 1_000_000_000
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import jsonschema
 
-from gateway.hmi import openapi, views
-from gateway.hmi.orders import LinksNow
-from gateway.model import Circle, Ellipse, Quality, RangeReading, Tracking, VisionReading
+from gateway.core.model import Circle, Ellipse, Quality, RangeReading, Tracking, VisionReading
+from gateway.web.ipc.messages import LinksNow
+from gateway.web.server import openapi, views
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_links import full
 from tests.virtual_time import run

@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from gateway.hmi.workbench.bench import WAITING, Bench, BusyError
-from gateway.hmi.workbench.trial import EndedError
+from gateway.web.tuning.trial import EndedError
+from gateway.web.tuning.trial_thread import WAITING, Bench, BusyError
 
 PATIENCE_S = 60.0
 

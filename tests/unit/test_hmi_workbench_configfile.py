@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import ConfigError
-from gateway.hmi.workbench import configfile
+from gateway.web.host import config_file
 
 
 @pytest.fixture
@@ -23,9 +23,9 @@ def names(folder: Path) -> list[str]:
 
 
 def test_the_new_text_is_there_with_the_old_mode_and_the_old_text_beside_it(plant: Path) -> None:
-    loaded = configfile.load(plant)
+    loaded = config_file.load(plant)
 
-    backup = configfile.save(loaded, loaded.text + "# more\n")
+    backup = config_file.save(loaded, loaded.text + "# more\n")
 
     assert plant.read_bytes() == "\ufeffsite = 'ä'\r\n# more\n".encode()
     assert stat.S_IMODE(plant.stat().st_mode) == 0o640
@@ -35,15 +35,15 @@ def test_the_new_text_is_there_with_the_old_mode_and_the_old_text_beside_it(plan
 
 
 def test_a_second_save_needs_a_second_look(plant: Path) -> None:
-    loaded = configfile.load(plant)
-    configfile.save(loaded, "a = 1\n")
+    loaded = config_file.load(plant)
+    config_file.save(loaded, "a = 1\n")
 
-    with pytest.raises(configfile.ChangedOnDiskError, match=r"plant\.toml: was changed by somebody else"):
-        configfile.save(loaded, "b = 1\n")
+    with pytest.raises(config_file.ChangedOnDiskError, match=r"plant\.toml: was changed by somebody else"):
+        config_file.save(loaded, "b = 1\n")
 
     assert plant.read_text() == "a = 1\n"
     assert names(plant.parent) == ["plant.toml", "plant.toml.bak"]
-    configfile.save(configfile.load(plant), "b = 1\n")
+    config_file.save(config_file.load(plant), "b = 1\n")
     assert (plant.parent / "plant.toml.bak").read_text() == "a = 1\n"
 
 
@@ -53,7 +53,7 @@ def test_a_symlink_is_followed_and_stays_one(plant: Path, tmp_path: Path) -> Non
     link = elsewhere / "gateway.toml"
     link.symlink_to(plant)
 
-    backup = configfile.save(configfile.load(link), "new = 1\n")
+    backup = config_file.save(config_file.load(link), "new = 1\n")
 
     assert link.is_symlink()
     assert plant.read_text() == "new = 1\n"
@@ -74,7 +74,7 @@ def test_the_owner_is_kept(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(Path, "stat", lambda self, **more: Theirs(real(self, **more)))
     monkeypatch.setattr(os, "geteuid", lambda: 77)
     monkeypatch.setattr(os, "fchown", lambda handle, uid, gid: given.append((uid, gid)))
-    configfile.save(configfile.load(plant), "x = 1\n")
+    config_file.save(config_file.load(plant), "x = 1\n")
 
     assert given == [(77, 88), (77, 88)]  # the copy and the new file
 
@@ -83,18 +83,18 @@ def test_another_user_s_file_is_not_replaced(plant: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(os, "geteuid", lambda: plant.stat().st_uid + 1)
 
     with pytest.raises(ConfigError, match="belongs to another user"):
-        configfile.save(configfile.load(plant), "x = 1\n")
+        config_file.save(config_file.load(plant), "x = 1\n")
 
     assert names(plant.parent) == ["plant.toml"]
 
 
 def test_a_read_only_file_says_so_before_anything_is_written(plant: Path) -> None:
-    loaded = configfile.load(plant)
+    loaded = config_file.load(plant)
     plant.chmod(0o440)
 
-    assert configfile.why_not_writable(plant) == f"{plant}: is read-only for the gateway"
+    assert config_file.why_not_writable(plant) == f"{plant}: is read-only for the gateway"
     with pytest.raises(ConfigError, match="is read-only for the gateway"):
-        configfile.save(loaded, "x = 1\n")
+        config_file.save(loaded, "x = 1\n")
 
     assert names(plant.parent) == ["plant.toml"]
 
@@ -102,14 +102,14 @@ def test_a_read_only_file_says_so_before_anything_is_written(plant: Path) -> Non
 def test_a_folder_that_is_read_only_says_so(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != plant.parent)
 
-    assert "the gateway may not write in this folder" in configfile.why_not_writable(plant)
+    assert "the gateway may not write in this folder" in config_file.why_not_writable(plant)
 
 
 def test_without_a_file_export_is_offered(plant: Path) -> None:
-    assert "export a profile" in configfile.why_not_writable(None)
-    assert "No such file" in configfile.why_not_writable(plant.parent / "gone.toml")
-    assert "not a regular file" in configfile.why_not_writable(plant.parent)
-    assert configfile.why_not_writable(plant) == ""
+    assert "export a profile" in config_file.why_not_writable(None)
+    assert "No such file" in config_file.why_not_writable(plant.parent / "gone.toml")
+    assert "not a regular file" in config_file.why_not_writable(plant.parent)
+    assert config_file.why_not_writable(plant) == ""
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_without_a_file_export_is_offered(plant: Path) -> None:
 def test_a_failing_disk_leaves_the_file_and_no_litter(
     plant: Path, monkeypatch: pytest.MonkeyPatch, number: int, said: str
 ) -> None:
-    loaded = configfile.load(plant)
+    loaded = config_file.load(plant)
 
     def fails(self: Path, target: Path) -> Path:
         raise OSError(number, os.strerror(number))
@@ -127,9 +127,9 @@ def test_a_failing_disk_leaves_the_file_and_no_litter(
     with monkeypatch.context() as patched:
         patched.setattr(Path, "replace", fails)
         with pytest.raises(ConfigError, match=rf"plant\.toml: cannot be written: .*{said}"):
-            configfile.save(loaded, "x = 1\n")
+            config_file.save(loaded, "x = 1\n")
 
-    assert configfile.load(plant) == loaded
+    assert config_file.load(plant) == loaded
     assert names(plant.parent) == ["plant.toml"]
 
 
@@ -137,9 +137,9 @@ def test_what_is_no_text_is_refused(plant: Path) -> None:
     plant.write_bytes(b"\xff\xfe")
 
     with pytest.raises(ConfigError, match=r"plant\.toml: is not UTF-8"):
-        configfile.load(plant)
+        config_file.load(plant)
     with pytest.raises(ConfigError, match=r"gone\.toml: cannot be read: No such file"):
-        configfile.load(plant.parent / "gone.toml")
+        config_file.load(plant.parent / "gone.toml")
     plant.write_bytes(b"#" * (4 * 1024 * 1024 + 1))
     with pytest.raises(ConfigError, match="larger than 4 MiB"):
-        configfile.load(plant)
+        config_file.load(plant)

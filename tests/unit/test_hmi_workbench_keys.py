@@ -4,14 +4,16 @@ import pytest
 
 from gateway.config import VisionConfig
 from gateway.errors import ConfigError
-from gateway.hmi.workbench import keys
+from gateway.web.tuning import parameter_schema
 
-SCHEMA = {key.name: key for key in keys.schema()}
+SCHEMA = {key.name: key for key in parameter_schema.schema()}
 
 
 def test_every_key_of_vision_is_tuned_or_has_a_reason_not_to_be() -> None:
-    assert {*keys.TUNED, "intrinsics", "workers", "affinity", "deadline_s"} == set(VisionConfig.model_fields)
-    assert list(SCHEMA) == list(keys.TUNED)
+    assert {*parameter_schema.TUNED, "intrinsics", "workers", "affinity", "deadline_s"} == set(
+        VisionConfig.model_fields
+    )
+    assert list(SCHEMA) == list(parameter_schema.TUNED)
 
 
 def test_every_key_has_a_meaning_and_numbers_have_limits_and_a_unit_where_the_name_has_one() -> None:
@@ -34,7 +36,7 @@ def test_what_the_description_allows_is_what_the_model_takes() -> None:
             if key.name in ("min_radius_share", "max_radius_share") and fine:
                 continue  # each is the other's limit
             try:
-                keys.checked({key.name: value}, VisionConfig())
+                parameter_schema.checked({key.name: value}, VisionConfig())
             except ConfigError:
                 assert not fine, (key.name, value)
             else:
@@ -47,14 +49,14 @@ def test_what_the_description_allows_is_what_the_model_takes() -> None:
 def test_keys_over_others_leave_these_as_they_are_and_set() -> None:
     base = VisionConfig(coast_s=0.2, workers=2)
 
-    made = keys.checked({"min_fill": 0.5}, base)
+    made = parameter_schema.checked({"min_fill": 0.5}, base)
 
     assert made == VisionConfig(coast_s=0.2, workers=2, min_fill=0.5)
     assert made.model_fields_set == {"coast_s", "workers", "min_fill"}
-    assert keys.changes(base, made) == {"min_fill": 0.5}
+    assert parameter_schema.changes(base, made) == {"min_fill": 0.5}
 
 
 @pytest.mark.parametrize("key", ["intrinsics", "workers", "affinity", "deadline_s"])
 def test_what_belongs_to_camera_or_machine_is_no_part_of_a_profile(key: str) -> None:
     with pytest.raises(ConfigError, match=rf"vision\.{key}: belongs to the (machine|camera)"):
-        keys.checked({key: 1}, VisionConfig())
+        parameter_schema.checked({key: 1}, VisionConfig())

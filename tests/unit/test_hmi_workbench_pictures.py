@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
-from gateway.hmi.workbench import eyedropper, stages
-from gateway.hmi.workbench.snapshots import RECORDINGS, STILLS, Recorder, Store, named
-from gateway.model import Detection, Ellipse
-from gateway.vision import methods, pipeline
-from gateway.vision import stages as paper
+from gateway.core.model import Detection, Ellipse
+from gateway.vision.detect import registry
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper import stages as paper
 from gateway.vision.pixels import Image
-from gateway.vision.shm import Snapshot
+from gateway.vision.transport.ring import Snapshot
+from gateway.web.tuning import eyedropper, stages
+from gateway.web.tuning.snapshots import RECORDINGS, STILLS, Recorder, Store, named
 from tests.unit.hmi_bench import HEIGHT, MARKER, WIDTH, frame, picture
 
 PAPER = VisionConfig(method="paper", tracking=False)
@@ -22,7 +23,7 @@ ROBUST = VisionConfig(tracking=False)
 
 def panels(params: VisionConfig, image: Image | None = None, width_px: int = WIDTH) -> dict[str, stages.Panel]:
     image = picture() if image is None else image
-    found = methods.detector(params)(image)
+    found = registry.detector(params)(image)
     return {panel.name: panel for panel in stages.panels(image, params, found, width_px)}
 
 

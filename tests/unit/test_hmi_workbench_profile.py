@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from gateway.config import VisionConfig, parse
 from gateway.errors import ConfigError
-from gateway.hmi.workbench import keys, profile
-from gateway.hmi.workbench.redact import redacted
-from gateway.hmi.workbench.tomledit import with_keys
+from gateway.web.tuning import parameter_schema, profile
+from gateway.web.tuning.redact import redacted
+from gateway.web.tuning.toml_edit import with_keys
 
 SHARED = """\
 # One bay.
@@ -68,7 +68,7 @@ vision = { method = "paper" }  # short
 
 
 def proposed(text: str, bay: str = "bay1", **changes: Any) -> profile.Proposal:
-    wanted = keys.checked(changes, profile.in_file(text, bay, source="plant.toml"))
+    wanted = parameter_schema.checked(changes, profile.in_file(text, bay, source="plant.toml"))
     return profile.propose(text, bay, wanted, source="plant.toml")
 
 
@@ -398,7 +398,7 @@ def test_whatever_the_file_looks_like_it_says_the_wanted_after_a_save(
     expected = {other.name: other.vision for other in before.bays} | {bay.name: wanted}
     assert {other.name: other.vision for other in after.bays} == expected
     assert after.model_copy(update={"bays": ()}) == before.model_copy(update={"bays": ()})
-    keys_changed = {key for key in keys.TUNED if getattr(bay.vision, key) != getattr(wanted, key)}
+    keys_changed = {key for key in parameter_schema.TUNED if getattr(bay.vision, key) != getattr(wanted, key)}
     assert set(found.changes) == keys_changed
     ended = "\r\n" if "\r\n" in text else "\n"
     old, new = ((side.removesuffix(ended) + ended).split("\n") for side in (text, found.text))

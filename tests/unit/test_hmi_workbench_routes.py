@@ -14,13 +14,13 @@ import pytest
 from starlette.applications import Starlette
 
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
-from gateway.hmi.guard.access import RULES, Level
-from gateway.hmi.guard.rows import calls
-from gateway.hmi.workbench import keys, trial
-from gateway.hmi.workbench.routes import routes
-from gateway.hmi.workbench.trial import EndedError
-from gateway.hmi.workbench.workshop import Workshop
-from gateway.model import FunctionCheck
+from gateway.core.model import FunctionCheck
+from gateway.web.auth.access import RULES, Level
+from gateway.web.auth.route_check import calls
+from gateway.web.tuning import parameter_schema, trial
+from gateway.web.tuning.routes import routes
+from gateway.web.tuning.service import Workshop
+from gateway.web.tuning.trial import EndedError
 from tests.unit.hmi_bench import HEIGHT, MARKER, WIDTH, picture
 from tests.unit.hmi_desk import Plant, plant
 from tests.unit.hmi_programs import Caller, Said
@@ -84,7 +84,7 @@ def test_the_profile_tells_settings_schema_and_where_saving_goes(tmp_path: Path)
     async def scene() -> None:
         async with bay(path) as page:
             told = (await page.get("profile")).json
-            assert told["vision"] == keys.values(VisionConfig())
+            assert told["vision"] == parameter_schema.values(VisionConfig())
             assert (told["function_check"], told["undo_steps"]) == ("off", 0)
             assert told["file"] == {"path": str(path), "why_not": "", "unsaved": ["method"]}
             kernel = next(key for key in told["schema"] if key["name"] == "gaussian_kernel_px")

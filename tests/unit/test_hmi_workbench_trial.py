@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
-from gateway.hmi.workbench import measures, trial
-from gateway.hmi.workbench.remarks import Remark, as_set, remarks
-from gateway.hmi.workbench.trial import EndedError, Known, Result
-from gateway.model import Circle, Detection, Ellipse
-from gateway.vision import methods, pipeline
-from gateway.vision.pipeline import Detector, NowNs
+from gateway.core.model import Circle, Detection, Ellipse
+from gateway.vision.detect import registry
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.pipeline import Detector, NowNs
 from gateway.vision.pixels import Image
-from gateway.vision.shm import Snapshot
+from gateway.vision.transport.ring import Snapshot
+from gateway.web.tuning import measures, trial
+from gateway.web.tuning.remarks import Remark, as_set, remarks
+from gateway.web.tuning.trial import EndedError, Known, Result
 from tests.unit.hmi_bench import MARKER, Ticks, empty, frame
 
 ROBUST = VisionConfig()
@@ -108,7 +109,7 @@ def test_a_look_at_a_frame_tells_all_three_sides_apart() -> None:
 
 def test_what_is_known_of_a_frame_is_not_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
-    robust, paper = methods.detector, pipeline.detect
+    robust, paper = registry.detector, pipeline.detect
 
     def counting(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
         asked.append(params.method)
@@ -118,7 +119,7 @@ def test_what_is_known_of_a_frame_is_not_looked_for_again(monkeypatch: pytest.Mo
         asked.append(params.method)
         return paper(image, params, now_ns)
 
-    monkeypatch.setattr(methods, "detector", counting)
+    monkeypatch.setattr(registry, "detector", counting)
     monkeypatch.setattr(pipeline, "detect", counting_paper)
     known, one = Known(), frame()
     for _ in range(3):
@@ -133,7 +134,7 @@ def test_what_is_known_of_a_frame_is_not_looked_for_again(monkeypatch: pytest.Mo
 def test_a_look_by_the_plain_pipeline_is_what_the_bay_s_own_process_finds() -> None:
     one, alone = frame(), PAPER.model_copy(update={"tracking": False})
 
-    plain, own = Known().of(one, PAPER), methods.detector(alone)(one.image)
+    plain, own = Known().of(one, PAPER), registry.detector(alone)(one.image)
 
     assert replace(plain, stage_ns=()) == replace(own, stage_ns=())
 
@@ -150,7 +151,7 @@ def test_what_is_known_is_bounded() -> None:
 
 def test_a_single_frame_is_measured_often_and_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     turns: list[str] = []
-    real = methods.detector
+    real = registry.detector
 
     def noting(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
         find = real(params, now_ns)
@@ -162,7 +163,7 @@ def test_a_single_frame_is_measured_often_and_in_turn(monkeypatch: pytest.Monkey
 
         return one
 
-    monkeypatch.setattr(methods, "detector", noting)
+    monkeypatch.setattr(registry, "detector", noting)
     known = Known()
     known.reference(frame(), PAPER)
     turns.clear()

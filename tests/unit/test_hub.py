@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.core.model import Event, EventKind, Quality, StateVector
 from gateway.hub import EventQueue, Hub
-from gateway.model import Event, EventKind, Quality, StateVector
 from tests import virtual_time
 
 

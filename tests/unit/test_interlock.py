@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import fusion, interlock
 from gateway.config import GatewayConfig, parse
-from gateway.fusion import Observation
-from gateway.interlock import Rules
-from gateway.model import (
+from gateway.core import fusion, interlock
+from gateway.core.fusion import Observation
+from gateway.core.interlock import Rules
+from gateway.core.model import (
     Circle,
     FunctionCheck,
     GuidanceCode,
@@ -23,7 +23,7 @@ from gateway.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.plc import Control, PlcWrite, RecipeVerdict, ResetVerdict, Writer
+from gateway.core.plc import Control, PlcWrite, RecipeVerdict, ResetVerdict, Writer
 
 MS = 1_000_000
 S = 1000 * MS

@@ -2,7 +2,7 @@
 
 import gc
 
-from gateway import loop
+from gateway import event_loop
 
 
 async def _frozen() -> int:
@@ -13,6 +13,6 @@ def test_what_was_loaded_before_is_not_looked_through_for_garbage_while_the_loop
     gc.unfreeze()
     try:
         assert gc.get_freeze_count() == 0
-        assert loop.run(_frozen()) > 10_000
+        assert event_loop.run(_frozen()) > 10_000
     finally:
         gc.unfreeze()

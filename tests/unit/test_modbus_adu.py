@@ -3,7 +3,7 @@
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.adu import MAX_FRAME_BYTES, Fault, Framer, frame_bytes
+from gateway.modbus.protocol.adu import MAX_FRAME_BYTES, Fault, Framer, frame_bytes
 
 CALM = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no finding
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.adu import frame_bytes
-from gateway.modbus.answers import FUNCTIONS, Access, Peer, Unit, answer
-from gateway.modbus.bits import coil_of
-from gateway.modbus.desk import Desk, DeskStats
-from gateway.modbus.exceptions import ModbusException
+from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.answers import FUNCTIONS, Access, Peer, Unit, answer
+from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.protocol.request_handler import Desk, DeskStats
+from gateway.modbus.registers.bits import coil_of
 from tests import modbus_oracle as oracle
 
 ANYBODY = Peer("10.0.0.9")

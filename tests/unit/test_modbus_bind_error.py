@@ -8,7 +8,7 @@ import pytest
 
 from gateway.config import ModbusConfig
 from gateway.errors import ConfigError, GatewayError, LinkError
-from gateway.modbus.sockets import bind_error
+from gateway.modbus.server.sockets import bind_error
 
 
 def os_error(number: int) -> OSError:

@@ -4,13 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from gateway import fusion
-from gateway.modbus.answers import Access, Peer
-from gateway.modbus.block import BLOCK, HANDSHAKE_MEANING, HandshakeBit
-from gateway.modbus.exceptions import ModbusException
-from gateway.modbus.registers import REGISTERS, decode, encode
-from gateway.modbus.writes import WRITABLE, writer
-from gateway.model import (
+from gateway.core import fusion
+from gateway.core.model import (
     Circle,
     FusionMemory,
     Guidance,
@@ -21,7 +16,7 @@ from gateway.model import (
     StateVector,
     VisionReading,
 )
-from gateway.plc import (
+from gateway.core.plc import (
     CONTROL_MEANING,
     Acquired,
     Control,
@@ -35,6 +30,11 @@ from gateway.plc import (
     Writer,
     WriteVerdict,
 )
+from gateway.modbus.protocol.answers import Access, Peer
+from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.registers.handshake import BLOCK, HANDSHAKE_MEANING, HandshakeBit
+from gateway.modbus.registers.register_map import REGISTERS, decode, encode
+from gateway.modbus.registers.writes import WRITABLE, writer
 
 S = 1_000_000_000
 HELD = Acquired(41, 99 * S, Outcome.IN_PLACE, 640.27, -3.06, 181.26, 298.6)

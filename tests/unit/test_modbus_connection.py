@@ -7,11 +7,11 @@ from typing import Any, cast
 
 import pytest
 
-from gateway.modbus.adu import frame_bytes
-from gateway.modbus.answers import Peer, Unit
-from gateway.modbus.connection import TURN_FRAMES, Connection
-from gateway.modbus.desk import Desk, DeskStats
-from gateway.modbus.limits import Refusal
+from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.answers import Peer, Unit
+from gateway.modbus.protocol.request_handler import Desk, DeskStats
+from gateway.modbus.server.connection import TURN_FRAMES, Connection
+from gateway.modbus.server.limits import Refusal
 from tests import virtual_time
 
 ASK = bytes([3, 0, 0, 0, 1])

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from gateway.modbus.adu import frame_bytes
-from gateway.modbus.answers import Access, Peer, Unit
-from gateway.modbus.desk import MAX_KEPT, Desk, DeskStats
-from gateway.modbus.exceptions import ModbusException
+from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.answers import Access, Peer, Unit
+from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.protocol.request_handler import MAX_KEPT, Desk, DeskStats
 
 PEER = Peer("10.0.0.9")
 

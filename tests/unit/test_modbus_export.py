@@ -11,9 +11,17 @@ from typing import Any
 import pytest
 
 from gateway.cli import registers as verb
-from gateway.modbus import export
-from gateway.modbus.registers import REGISTERS, RESERVED, encode
-from gateway.model import QUALITY_MEANING, REASON_MEANING, Circle, Quality, RangeReading, StateVector, VisionReading
+from gateway.core.model import (
+    QUALITY_MEANING,
+    REASON_MEANING,
+    Circle,
+    Quality,
+    RangeReading,
+    StateVector,
+    VisionReading,
+)
+from gateway.modbus.exports import tables
+from gateway.modbus.registers.register_map import REGISTERS, RESERVED, encode
 
 PAGE = Path(__file__).parents[2] / "docs" / "registers.md"
 
@@ -41,8 +49,8 @@ def test_json_rows(capsys: pytest.CaptureFixture[str]) -> None:
     assert (by_name["u"]["type"], by_name["u"]["words"]) == ("int16", 1)
     assert by_name["timestamp"]["words"] == 4
     for row in rows:
-        assert tuple(row)[:7] == export.COLUMNS
-        assert set(row) - set(export.COLUMNS) <= {"codes", "bits"}
+        assert tuple(row)[:7] == tables.COLUMNS
+        assert set(row) - set(tables.COLUMNS) <= {"codes", "bits"}
         assert row["words"] == {"uint16": 1, "int16": 1, "uint32": 2, "float32": 2, "uint64": 4}[row["type"]]
         assert row["meaning"]
     assert {c["code"]: c["meaning"] for c in by_name["reason"]["codes"]} == REASON_MEANING
@@ -63,7 +71,7 @@ def test_a_stranger_can_read_the_image_with_the_json_alone() -> None:
     image = encode(state, 1_763_640_000_123_456_789, "big")
     formats = {"uint16": ">H", "int16": ">h", "uint32": ">I", "uint64": ">Q", "float32": ">f"}
     read = {}
-    for row in export.rows():
+    for row in tables.rows():
         words = image[row["address"] : row["address"] + row["words"]]
         packed = struct.pack(f">{len(words)}H", *words)
         read[row["name"]] = struct.unpack(formats[row["type"]], packed)[0] * row["scale"]
@@ -79,14 +87,14 @@ def test_a_stranger_can_read_the_image_with_the_json_alone() -> None:
 
 def test_csv_has_the_same_rows(capsys: pytest.CaptureFixture[str]) -> None:
     lines = list(csv.DictReader(io.StringIO(run(capsys, "--csv"))))
-    assert tuple(lines[0]) == export.COLUMNS
-    rows = [{column: str(row[column]) for column in export.COLUMNS} for row in export.rows()]
+    assert tuple(lines[0]) == tables.COLUMNS
+    rows = [{column: str(row[column]) for column in tables.COLUMNS} for row in tables.rows()]
     assert lines == rows
 
 
 def test_text_and_markdown_show_every_register_code_and_reserved_place(capsys: pytest.CaptureFixture[str]) -> None:
     for shown in (run(capsys), run(capsys, "--markdown")):
-        for row in export.rows():
+        for row in tables.rows():
             assert row["name"] in shown
             assert row["meaning"] in shown
         assert "reserved, reads 0: to be decided" in shown

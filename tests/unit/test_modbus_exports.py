@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 
 from gateway.cli import registers as verb
+from gateway.core.model import Reason, StateVector
+from gateway.core.plc import Control, Handshake, PlcLink
 from gateway.errors import ConfigError
 from gateway.modbus.exports import (
     dialect,
@@ -34,9 +36,7 @@ from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS, REQUESTS
 from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
-from gateway.model import Reason, StateVector
-from gateway.plc import Control, Handshake, PlcLink
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
 

@@ -7,9 +7,9 @@ import pytest
 
 from gateway.config import ModbusConfig, TlsConfig, parse
 from gateway.errors import ConfigError
-from gateway.modbus import sockets
-from gateway.modbus.limits import QUIET_S, Limits, Refusal, Verdict, plain_address
-from gateway.modbus.telling import MAX_KINDS, Teller
+from gateway.modbus.server import sockets
+from gateway.modbus.server.limits import QUIET_S, Limits, Refusal, Verdict, plain_address
+from gateway.net.log_throttle import MAX_KINDS, Teller
 
 PLC, OTHER_PLC, SCADA, STRANGER = "10.0.0.7", "10.0.0.8", "10.0.1.5", "192.168.7.7"
 

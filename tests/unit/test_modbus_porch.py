@@ -4,9 +4,9 @@ import asyncio
 import ssl
 from typing import Any, cast
 
-from gateway.modbus.limits import Refusal
-from gateway.modbus.porch import AT_ONCE, BURST, MAX_ADDRESSES, PER_S, PLC_AT_ONCE, REFILL_S, Porch
-from gateway.modbus.tlsstream import TlsStream
+from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.tls_handshakes import AT_ONCE, BURST, MAX_ADDRESSES, PER_S, PLC_AT_ONCE, REFILL_S, Porch
+from gateway.modbus.server.tls_stream import TlsStream
 from tests.virtual_time import run
 
 PLC, SCADA, STRANGER = "10.0.0.7", "10.0.1.5", "192.168.7.7"

@@ -2,8 +2,8 @@
 
 import pytest
 
-from gateway.modbus.answers import Access, Peer, Unit
-from gateway.modbus.presence import Presence
+from gateway.modbus.protocol.answers import Access, Peer, Unit
+from gateway.modbus.server.presence import Presence
 
 PLC = Peer("10.0.0.9")
 

@@ -5,24 +5,24 @@ from typing import Any
 
 import pytest
 
-from gateway import interlock
 from gateway.config import parse
-from gateway.fusion import Observation
-from gateway.interlock import Rules
-from gateway.modbus import reaction
+from gateway.core import interlock
+from gateway.core.fusion import Observation
+from gateway.core.interlock import Rules
+from gateway.core.model import Circle, Quality, RangeReading, StateVector, Tick, VisionReading
+from gateway.core.plc import PlcWrite, Writer
+from gateway.core.shown import shown
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
-from gateway.modbus.registers import decode, encode
-from gateway.model import Circle, Quality, RangeReading, StateVector, Tick, VisionReading
-from gateway.plc import PlcWrite, Writer
-from gateway.ranger.protocol import PERIOD_MS
-from gateway.shown import shown
+from gateway.modbus.reference import reaction_time
+from gateway.modbus.registers.register_map import decode, encode
+from gateway.ranger.hcsr04.protocol import PERIOD_MS
 
 MS = 1_000_000
 PLC = Writer("10.0.0.9")
 CONFIG = parse({"modbus": {"writes": True, "plc_addresses": [PLC.address]}})
 BAY = CONFIG.bays[0]
 RULES = Rules.of(BAY, CONFIG)
-GUARANTEED = {bound.cause.split(":")[0]: bound for bound in reaction.guaranteed(CONFIG, BAY)}
+GUARANTEED = {bound.cause.split(":")[0]: bound for bound in reaction_time.guaranteed(CONFIG, BAY)}
 FAULT_MS = 4000  # from then on; the truck stands in place, or is on its way
 Dead = frozenset[str]
 
@@ -61,9 +61,9 @@ def off_after_ms(z_mm: float, dead: Dead, *, output: str, poll_phase_ms: int, re
     for now_ms in range(0, FAULT_MS + 3000, 5):
         bay.at(now_ms)
         cut_off = "network" in dead and now_ms >= FAULT_MS
-        if now_ms % reaction.POLL_MS == poll_phase_ms and not cut_off:
+        if now_ms % reaction_time.POLL_MS == poll_phase_ms and not cut_off:
             image = dict(decode(encode(shown(bay.state, now_ms * MS), 0, "big")))
-        if now_ms % reaction.SCAN_MS == 10 and image is not None:
+        if now_ms % reaction_time.SCAN_MS == 10 and image is not None:
             if image["heartbeat"] != heartbeat:
                 heartbeat, changed_ms = image["heartbeat"], now_ms
             on = image[output] == 1 and now_ms - changed_ms < HEARTBEAT_TIMEOUT_MS
@@ -77,7 +77,7 @@ def off_after_ms(z_mm: float, dead: Dead, *, output: str, poll_phase_ms: int, re
 def worst_ms(z_mm: float, dead: Dead, output: str) -> int:
     return max(
         off_after_ms(z_mm, dead, output=output, poll_phase_ms=poll, read_phase_ms=read)
-        for poll in range(0, reaction.POLL_MS, 25)
+        for poll in range(0, reaction_time.POLL_MS, 25)
         for read in (0, 20, 40)
     )
 
@@ -123,18 +123,18 @@ def test_the_defaults_of_the_page() -> None:
         "PLC's heartbeat lost (writes on)": 1140,
         "in place, and the sensors contradict each other from then on": 640,
     }
-    assert [bound.ms for bound in reaction.at_shipped_rates(BAY, PERIOD_MS)] == [272, 272, 220, 212]
+    assert [bound.ms for bound in reaction_time.at_shipped_rates(BAY, PERIOD_MS)] == [272, 272, 220, 212]
 
 
 def test_a_longer_deadline_makes_a_longer_bound() -> None:
     slow = parse({"fusion": {"vision_deadline_s": 0.5, "period_s": 0.2}})
-    by_cause = {bound.cause: bound.ms for bound in reaction.guaranteed(slow, slow.bays[0])}
+    by_cause = {bound.cause: bound.ms for bound in reaction_time.guaranteed(slow, slow.bays[0])}
     assert by_cause["camera dead: unplugged, hung, its process killed"] == 820
     assert by_cause["the gateway's decision stands still, its server lives"] == 520
 
 
 def test_the_tables_name_every_share() -> None:
-    made = {name: block() for name, block in reaction.blocks(PERIOD_MS).items()}
+    made = {name: block() for name, block in reaction_time.blocks(PERIOD_MS).items()}
     assert list(made) == ["budget", "guaranteed", "at shipped rates"]
     assert "| the camera's deadline | 300 | `fusion.vision_deadline_s` |" in made["budget"]
     assert "300 deadline + 20 tick + 100 poll + 20 scan | **440** |" in made["guaranteed"]

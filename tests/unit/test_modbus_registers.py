@@ -6,22 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import events, fusion
-from gateway.errors import ProtocolError
-from gateway.modbus.current import CurrentImage
-from gateway.modbus.registers import (
-    BLOCK_WORDS,
-    REGISTERS,
-    RESERVED,
-    StatusBit,
-    Value,
-    dead_image,
-    decode,
-    encode,
-)
-from gateway.modbus.table import Of
-from gateway.modbus.words import WordOrder
-from gateway.model import (
+from gateway.core import events, fusion
+from gateway.core.model import (
     Circle,
     Ellipse,
     EventKind,
@@ -37,7 +23,21 @@ from gateway.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.plc import Handshake, Phase, PlcLink
+from gateway.core.plc import Handshake, Phase, PlcLink
+from gateway.errors import ProtocolError
+from gateway.modbus.registers.current_image import CurrentImage
+from gateway.modbus.registers.register_map import (
+    BLOCK_WORDS,
+    REGISTERS,
+    RESERVED,
+    StatusBit,
+    Value,
+    dead_image,
+    decode,
+    encode,
+)
+from gateway.modbus.registers.row import Of
+from gateway.modbus.registers.words import WordOrder
 
 S = 1_000_000_000
 MS = 1_000_000

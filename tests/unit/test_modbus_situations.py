@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from gateway.modbus import situations
-from gateway.model import Reason, VisitPhase
+from gateway.core.model import Reason, VisitPhase
+from gateway.modbus.reference import situations
 
 IMAGES = situations.images()
 # (D, stop, may_move, in_place, moved, reason, phase)

@@ -9,15 +9,15 @@ import pytest
 
 from gateway import app
 from gateway.certs import issue, pair
-from gateway.certs.standing import revoked, standing
+from gateway.certs.validity import revoked, standing
 from gateway.cli.main import main
 from gateway.clock import SystemClock
 from gateway.config import ModbusConfig, load, parse
 from gateway.errors import ConfigError
-from gateway.modbus import tls
-from gateway.modbus.answers import Access, Peer
-from gateway.modbus.limits import Refusal
-from gateway.modbus.service import serving
+from gateway.modbus.protocol.answers import Access, Peer
+from gateway.modbus.server import tls
+from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.service import serving
 from tests.plant_certs import NOW, LaterClock, Plant
 
 NS = 1_000_000_000
@@ -229,7 +229,7 @@ def test_a_plant_without_plc_addresses_is_warned(
 def test_the_warning_is_in_the_log_of_a_gateway_that_starts(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gateway.sections.modbus.is_loopback", lambda host: False)  # tests never leave loopback
+    monkeypatch.setattr("gateway.config.sections.modbus.is_loopback", lambda host: False)  # tests never leave loopback
 
     async def start() -> None:
         async with serving(ModbusConfig(port=0), {}, SystemClock()):

@@ -1,6 +1,6 @@
 """What is told of a Modbus server's connections: one row an address, bounded, PLCs first."""
 
-from gateway.modbus.traffic import MOST_PEERS, Guest, PeerNow, peers
+from gateway.modbus.server.traffic import MOST_PEERS, Guest, PeerNow, peers
 
 
 def test_connections_of_one_address_are_one_row() -> None:

@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from gateway.config import MqttConfig, MqttTls
-from gateway.mqtt.credentials import CredentialsError, broker_of, tls_context
+from gateway.sinks.mqtt.credentials import CredentialsError, broker_of, tls_context
 
 SECRET = "p@ss/wörd"
 

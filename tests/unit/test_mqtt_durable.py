@@ -17,12 +17,12 @@ from uuid import uuid4
 import pytest
 
 from gateway.errors import ConfigError
-from gateway.mqtt import durable, store
-from gateway.mqtt.durable import DurableOutbox
-from gateway.mqtt.journal import SLOT_BYTES, Journal
-from gateway.mqtt.outbox import Entry, Limits
-from gateway.mqtt.store import EventFile, StoreError
 from gateway.shared_state import folder
+from gateway.sinks.outbox import durable, store
+from gateway.sinks.outbox.durable import DurableOutbox
+from gateway.sinks.outbox.journal import SLOT_BYTES, Journal
+from gateway.sinks.outbox.outbox import Entry, Limits
+from gateway.sinks.outbox.store import EventFile, StoreError
 
 LIMITS = Limits(100)
 
@@ -129,8 +129,8 @@ def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) ->
     code = (
         "import resource, sys, time\n"
         "from pathlib import Path\n"
-        "from gateway.mqtt.durable import DurableOutbox\n"
-        "from gateway.mqtt.outbox import Entry, Limits\n"
+        "from gateway.sinks.outbox.durable import DurableOutbox\n"
+        "from gateway.sinks.outbox.outbox import Entry, Limits\n"
         "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(1000)) as outbox:\n"
         "    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))\n"
         "    for n in range(60):\n"
@@ -228,8 +228,8 @@ def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path:
     code = (
         "import os, sys, time\n"
         "from pathlib import Path\n"
-        "from gateway.mqtt.durable import DurableOutbox\n"
-        "from gateway.mqtt.outbox import Entry, Limits\n"
+        "from gateway.sinks.outbox.durable import DurableOutbox\n"
+        "from gateway.sinks.outbox.outbox import Entry, Limits\n"
         "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(100_000)) as outbox:\n"
         "    first = int(sys.argv[3])\n"
         "    for n in range(first, first + 10_000):\n"

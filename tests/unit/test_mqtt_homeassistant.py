@@ -5,15 +5,15 @@ from typing import Any
 
 import jinja2
 
-from gateway.mqtt import homeassistant, payloads, reference
-from gateway.mqtt.topics import Topics
+from gateway.sinks.mqtt import home_assistant, payloads, reference
+from gateway.sinks.mqtt.topics import Topics
 
 GATEWAY = payloads.Gateway(Topics("loading", "site1", "gateway"), ("bay1", "bay2"), "1.2.3", "0" * 16)
 
 
 def shown(state: dict[str, Any]) -> dict[str, str]:
     """What Home Assistant would show of a state, by entity."""
-    message = json.loads(homeassistant.discovery(GATEWAY, "bay1", 2500))
+    message = json.loads(home_assistant.discovery(GATEWAY, "bay1", 2500))
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
     return {
         key: environment.from_string(component["value_template"]).render(value_json=state)
@@ -45,7 +45,7 @@ def test_a_blind_bay_shows_nothing_that_looks_good() -> None:
 
 
 def test_a_dead_bay_never_looks_alive() -> None:
-    message = json.loads(homeassistant.discovery(GATEWAY, "bay1", 2500))
+    message = json.loads(home_assistant.discovery(GATEWAY, "bay1", 2500))
     (availability,) = message["availability"]
     assert availability["topic"] == GATEWAY.topics.status
     template = jinja2.Environment().from_string(availability["value_template"])
@@ -57,7 +57,7 @@ def test_a_dead_bay_never_looks_alive() -> None:
 
 
 def test_values_of_an_enum_are_among_its_options_and_ids_are_unique() -> None:
-    message = json.loads(homeassistant.discovery(GATEWAY, "bay1", 2500))
+    message = json.loads(home_assistant.discovery(GATEWAY, "bay1", 2500))
     found = shown(example())
     for key, component in message["components"].items():
         if component.get("device_class") == "enum":
@@ -65,11 +65,11 @@ def test_values_of_an_enum_are_among_its_options_and_ids_are_unique() -> None:
     ids = [
         component["unique_id"]
         for bay in GATEWAY.bays
-        for component in json.loads(homeassistant.discovery(GATEWAY, bay, 2500))["components"].values()
+        for component in json.loads(home_assistant.discovery(GATEWAY, bay, 2500))["components"].values()
     ]
     assert len(set(ids)) == len(ids)
 
 
 def test_where_home_assistant_looks() -> None:
-    assert homeassistant.topic("homeassistant", GATEWAY, "bay1") == "homeassistant/device/loading_site1_bay1/config"
-    assert json.loads(homeassistant.discovery(GATEWAY, "bay1", 2500))["state_topic"] == "loading/site1/bay1/state"
+    assert home_assistant.topic("homeassistant", GATEWAY, "bay1") == "homeassistant/device/loading_site1_bay1/config"
+    assert json.loads(home_assistant.discovery(GATEWAY, "bay1", 2500))["state_topic"] == "loading/site1/bay1/state"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.mqtt.outbox import Entry, Limits, MemoryOutbox
+from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox
 
 
 def entry(number: int, *, precious: bool = False) -> Entry:

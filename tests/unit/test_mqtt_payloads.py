@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from gateway.model import (
+from gateway.core.model import (
     GUIDANCE_MEANING,
     QUALITY_MEANING,
     REASON_MEANING,
@@ -33,11 +33,11 @@ from gateway.model import (
     Visit,
     VisitPhase,
 )
-from gateway.mqtt import messages, payloads, reference
-from gateway.mqtt.payloads import Gateway, encode, event_payload, state_payload, status_payload
-from gateway.mqtt.topics import Topics
-from gateway.scale import MarkerScale, ScaleSample
-from gateway.shown import shown
+from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.core.shown import shown
+from gateway.sinks.mqtt import messages, payloads, reference
+from gateway.sinks.mqtt.payloads import Gateway, encode, event_payload, state_payload, status_payload
+from gateway.sinks.mqtt.topics import Topics
 from tests.mqtt_messages import checked
 
 DOCS = Path(__file__).parents[2] / "docs"

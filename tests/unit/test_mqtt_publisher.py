@@ -9,13 +9,13 @@ from typing import Any, NoReturn
 
 import pytest
 
-from gateway import fusion
 from gateway.config import MqttConfig
+from gateway.core import fusion
+from gateway.core.model import Event, EventKind, Quality, Reason, StateVector
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
-from gateway.model import Event, EventKind, Quality, Reason, StateVector
-from gateway.mqtt.link import Message
-from gateway.mqtt.publisher import MqttPublisher
+from gateway.sinks.mqtt.broker_link import Message
+from gateway.sinks.mqtt.publisher import MqttPublisher
 from tests import virtual_time
 from tests.mqtt_messages import checked
 from tests.virtual_time import LoopClock

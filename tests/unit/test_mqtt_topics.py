@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.errors import ConfigError
-from gateway.mqtt import address
-from gateway.mqtt.address import Broker
-from gateway.mqtt.topics import PLAN, Topics, markdown
+from gateway.sinks.mqtt import address
+from gateway.sinks.mqtt.address import Broker
+from gateway.sinks.mqtt.topics import PLAN, Topics, markdown
 
 
 def test_the_topics_of_a_gateway() -> None:

@@ -4,7 +4,7 @@ from typing import Literal
 
 import pytest
 
-from gateway.mqtt.versions import Protocol, Versions
+from gateway.sinks.mqtt.protocol_versions import Protocol, Versions
 
 V5, V311 = Protocol.V5, Protocol.V311
 

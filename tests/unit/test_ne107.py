@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import fusion
-from gateway.model import (
+from gateway.core import fusion
+from gateway.core.model import (
     Circle,
     FunctionCheck,
     FusionMemory,
@@ -21,8 +21,8 @@ from gateway.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, status, wear
-from gateway.plc import Handshake
+from gateway.core.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, status, wear
+from gateway.core.plc import Handshake
 
 T0 = 1_000_000_000_000
 GOOD = StateVector(

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import interlock
 from gateway.config import parse
-from gateway.interlock import Rules
-from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
-from gateway.plc import Control, Phase, PlcConnection, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
+from gateway.core import interlock
+from gateway.core.interlock import Rules
+from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.core.plc import Control, Phase, PlcConnection, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
 
 MS = 1_000_000
 S = 1000 * MS

@@ -5,13 +5,14 @@ from typing import Any
 
 import pytest
 
-from gateway import app, fusion, interlock, visit
+from gateway import app
 from gateway.bay import BayControl
 from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, VisitConfig
+from gateway.core import fusion, interlock, visit
+from gateway.core.interlock import Remembered, Rules
+from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.core.scale import MarkerScale, ScaleSample, possible_radii_px
 from gateway.hub import Hub
-from gateway.interlock import Remembered, Rules
-from gateway.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
-from gateway.scale import MarkerScale, ScaleSample, possible_radii_px
 from tests.virtual_time import LoopClock
 
 MS = 1_000_000

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.ranger.filters import GlitchGate, MedianFilter, Verdict
+from gateway.ranger.conditioning import GlitchGate, MedianFilter, Verdict
 
 MS = 1_000_000
 P, H, U = Verdict.PASS, Verdict.HOLD, Verdict.UNSTABLE

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.ranger.pace import LATE_LINES, Pace, Place, Placed
+from gateway.ranger.hcsr04.arrival_times import LATE_LINES, Pace, Place, Placed
 
 MS = 1_000_000
 LIVE, BACKLOG, DUPLICATE = Place.LIVE, Place.BACKLOG, Place.DUPLICATE

@@ -6,8 +6,8 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.config import RangerConfig
+from gateway.core.model import RangeReading
 from gateway.errors import ConfigError, LinkError
-from gateway.model import RangeReading
 from gateway.ranger.port import Port, check_url
 from gateway.ranger.service import RangerService
 

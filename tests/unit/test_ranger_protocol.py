@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.ranger.protocol import (
+from gateway.ranger.hcsr04.protocol import (
     ALL_FLAGS,
     FLAG_MEANING,
     MAX_LINE,

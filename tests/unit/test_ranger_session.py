@@ -7,10 +7,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.config import RangerConfig
-from gateway.model import Quality, RangeReading
-from gateway.ranger.pace import Place
-from gateway.ranger.protocol import NO_FLAGS, Damage, Flags, Hello, Measurement, encode_hello, encode_measurement, frame
-from gateway.ranger.session import Session, describe, distance_mm, speed_of_sound_m_s
+from gateway.core.model import Quality, RangeReading
+from gateway.ranger.hcsr04.arrival_times import Place
+from gateway.ranger.hcsr04.protocol import (
+    NO_FLAGS,
+    Damage,
+    Flags,
+    Hello,
+    Measurement,
+    encode_hello,
+    encode_measurement,
+    frame,
+)
+from gateway.ranger.hcsr04.session import Session, describe, distance_mm, speed_of_sound_m_s
 
 MS = 1_000_000
 S = 1000 * MS

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config import RangerConfig
-from gateway.model import Quality, RangeReading
-from gateway.ranger.protocol import Decoder, Event, Flags, Hello, Measurement
-from gateway.ranger.session import Session, distance_mm
+from gateway.core.model import Quality, RangeReading
+from gateway.ranger.hcsr04.protocol import Decoder, Event, Flags, Hello, Measurement
+from gateway.ranger.hcsr04.session import Session, distance_mm
 from gateway.sim.hcsr04 import SensorErrors, measure, no_echo, ticks_of
 from gateway.sim.ranger import faults_of
 from gateway.sim.ranger_board import POWER_ON, Board, Faults, RangerFault

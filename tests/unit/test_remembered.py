@@ -15,15 +15,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import remembered
+from gateway import bay_file
 from gateway.bay import BayControl
+from gateway.bay_file import BayFiles, decoded, encoded, own_folder, path_of, write_file
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
+from gateway.core.interlock import Remembered
+from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
+from gateway.core.plc import Writer
+from gateway.core.scale import KEPT, ScaleSample
 from gateway.hub import Hub
-from gateway.interlock import Remembered
-from gateway.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
-from gateway.plc import Writer
-from gateway.remembered import BayFiles, decoded, encoded, own_folder, path_of, write_file
-from gateway.scale import KEPT, ScaleSample
 from gateway.supervisor import Supervisor, Task
 from tests.virtual_time import LoopClock, run
 
@@ -82,7 +82,7 @@ class TestText:
         there = Remembered(check, tuple(visits))
         data = encoded(there, BAY, 0)
         assert decoded(data, BAY) == there
-        assert len(data) < remembered.MAX_BYTES
+        assert len(data) < bay_file.MAX_BYTES
 
     def test_cut_anywhere_it_is_refused(self) -> None:
         data = encoded(KNOWN, BAY, OFFSET_NS)
@@ -224,7 +224,7 @@ class TestFile:
                 (tmp_path / "file").write_bytes(b"")
                 where = config(tmp_path / "file")
             case "huge":
-                path.write_bytes(good + b" " * remembered.MAX_BYTES + b"x")
+                path.write_bytes(good + b" " * bay_file.MAX_BYTES + b"x")
             case _:
                 path.write_bytes(good.replace(b'"version": 1', b'"version": 2'))
         files = run(opened(where))

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from gateway.config import FusionConfig
-from gateway.mqtt import topics
+from gateway.sinks.mqtt import topics
 
 DOCS = Path(__file__).parents[2] / "docs"
 BOARD = json.loads((DOCS / "scada" / "grafana-loading-bays.json").read_text(encoding="utf-8"))

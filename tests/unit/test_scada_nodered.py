@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from gateway.mqtt import reference, topics
+from gateway.sinks.mqtt import reference, topics
 from tests.node_function import run_function
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -15,17 +15,17 @@ import gateway
 from gateway import shared_state
 from gateway.bay import BayControl
 from gateway.config import GatewayConfig, MqttConfig, SparkplugConfig, parse
-from gateway.hmi import views
-from gateway.hmi.orders import Ask
-from gateway.modbus.registers import decode
-from gateway.modbus.showing import image_of
-from gateway.model import Circle, FunctionCheck, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
-from gateway.mqtt.publisher import MqttPublisher
-from gateway.mqtt.sparkplug import metrics
-from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
-from gateway.plc import Control, PlcWrite, Writer
+from gateway.core.model import Circle, FunctionCheck, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.shown import shown
+from gateway.modbus.registers.image_source import image_of
+from gateway.modbus.registers.register_map import decode
 from gateway.shared_state import SharedStateReader, SharedStateWriter
-from gateway.shown import shown
+from gateway.sinks.mqtt.publisher import MqttPublisher
+from gateway.sinks.sparkplug import metrics
+from gateway.sinks.sparkplug.publisher import SparkplugPublisher
+from gateway.web.ipc.messages import Ask
+from gateway.web.server import views
 from tests.unit.hmi_desk import Plant, plant
 from tests.virtual_time import LoopClock, run
 
@@ -233,4 +233,4 @@ def test_only_the_control_task_reads_the_hub_s_state() -> None:
 def test_only_two_places_withdraw_a_state() -> None:
     """The rule, and the last word; the image of a gateway nobody hears of is one that was never shown."""
     found = {file for file, _ in _reads(lambda node: node.attr == "forced_stop")}
-    assert found == {"bay.py", "shown.py", "modbus/registers.py", "mqtt/payloads.py"}
+    assert found == {"bay.py", "core/shown.py", "modbus/registers/register_map.py", "sinks/mqtt/payloads.py"}

@@ -11,7 +11,7 @@ from gateway.sim.camera import SimCamera, SimCameraSpec
 from gateway.sim.render import render
 from gateway.sim.scenario import Scenario, parse
 from gateway.sim.world import World
-from gateway.vision.jobs import SourceRecord
+from gateway.vision.transport.messages import SourceRecord
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -14,8 +14,8 @@ from gateway.sim.gallery import pictures
 from gateway.sim.render import Painter, _streak, brightness, disc_cover, render
 from gateway.sim.scenario import Light, Scenario, parse
 from gateway.sim.world import Truth, World
-from gateway.vision.methods import detector
-from gateway.vision.pipeline import detect
+from gateway.vision.detect.paper.pipeline import detect
+from gateway.vision.detect.registry import detector
 
 Image = NDArray[np.uint8]
 IMAGES = Path(__file__).parents[2] / "docs" / "images"

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from gateway.config.strict.section import inner_model
 from gateway.errors import ConfigError
 from gateway.sim.ranger import OF_SCENARIO
 from gateway.sim.scenario import FAULT_MEANING, FaultKind, Scenario, load, parse
 from gateway.sim.world import World
-from gateway.strict.section import inner_model
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = sorted((ROOT / "config" / "scenarios").glob("*.toml"))

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.children.codec import record_of, record_packed
+from gateway.processes.codec import record_of, record_packed
+from gateway.sim.departure import Standing
 from gateway.sim.scenario import Scenario, parse
-from gateway.sim.standing import Standing
 from gateway.sim.world import Phase, World
 
 LEGS = [

@@ -2,9 +2,9 @@
 
 import pytest
 
-from gateway.children.codec import Codec, record_of, record_packed
 from gateway.cli.simulation import _at_speed, _variant
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
+from gateway.processes.codec import Codec, record_of, record_packed
 from gateway.sim.scenario import Scenario
 
 

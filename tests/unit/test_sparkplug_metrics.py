@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.fusion import initial
-from gateway.model import Quality, Tracking, VisionReading
-from gateway.mqtt.sparkplug.metrics import quality_code, readings
-from gateway.mqtt.sparkplug.wire import QualityCode
+from gateway.core.fusion import initial
+from gateway.core.model import Quality, Tracking, VisionReading
+from gateway.sinks.sparkplug.metrics import quality_code, readings
+from gateway.sinks.sparkplug.wire import QualityCode
 
 FRESH_FRAME = {Quality.GOOD, Quality.NO_TARGET, Quality.COASTED}
 

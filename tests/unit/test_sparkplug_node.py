@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.model import StateVector
-from gateway.mqtt.sparkplug.node import EdgeNode, Identity, Publish
-from gateway.mqtt.sparkplug.wire import decode
+from gateway.core.model import StateVector
+from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish
+from gateway.sinks.sparkplug.wire import decode
 
 T0 = 1_700_000_000_000
 STATES = {"bay1": StateVector(bay="bay1", stop=True)}

@@ -7,8 +7,8 @@ from collections.abc import AsyncIterator, Sequence
 from gateway.config import MqttConfig, SparkplugConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.mqtt.link import Incoming, Message
-from gateway.mqtt.sparkplug.publisher import SparkplugPublisher
+from gateway.sinks.mqtt.broker_link import Incoming, Message
+from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from tests import virtual_time
 from tests.virtual_time import LoopClock
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.mqtt.sparkplug import numbers
-from gateway.mqtt.sparkplug.numbers import BdSeq
+from gateway.sinks.sparkplug import bd_seq as numbers
+from gateway.sinks.sparkplug.bd_seq import BdSeq
 
 NAME = "loading-gateway-bdseq.test"
 

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.mqtt.sparkplug.wire import DataType, Metric, Payload, QualityCode, WireError, decode, encode
+from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, QualityCode, WireError, decode, encode
 from tests.e2e.sparkplug_plant import schema
 
 UINT64 = st.integers(0, 2**64 - 1)

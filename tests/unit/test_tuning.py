@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from gateway import config
 from gateway.config import VisionConfig
+from gateway.core.model import Circle
 from gateway.errors import ConfigError
-from gateway.model import Circle
-from gateway.vision import stages
-from gateway.vision.evaluation.labels import Label
-from gateway.vision.reports.page import fetches_nothing
-from gateway.vision.tuning import exposure, gates, histograms, report, samples, snippet, thresholds
-from gateway.vision.tuning.exposure import Light, advice, measure, noise
-from gateway.vision.tuning.samples import Example
-from gateway.vision.tuning.study import study
-from gateway.vision.tuning.thresholds import Red, admission, bound_that_cuts, current, propose, said, score
+from gateway.vision.detect.paper import stages
+from gateway.vision.offline.evaluation.labels import Label
+from gateway.vision.offline.reports.page import fetches_nothing
+from gateway.vision.offline.tuning import exposure, gates, histograms, report, samples, snippet, thresholds
+from gateway.vision.offline.tuning.exposure import Light, advice, measure, noise
+from gateway.vision.offline.tuning.samples import Example
+from gateway.vision.offline.tuning.study import study
+from gateway.vision.offline.tuning.thresholds import Red, admission, bound_that_cuts, current, propose, said, score
 
 Picture = NDArray[np.uint8]
 PAPER = VisionConfig()

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.model import Circle, Detection, Rejection, Tracking
-from gateway.vision.bystanders import HELD_NS, WEAKER, Bystanders
-from gateway.vision.follow import Follower
+from gateway.core.model import Circle, Detection, Rejection, Tracking
 from gateway.vision.pixels import Image
-from gateway.vision.tracking import Prediction
+from gateway.vision.track.distractors import HELD_NS, WEAKER, Bystanders
+from gateway.vision.track.follower import Follower
+from gateway.vision.track.kalman_filter import Prediction
 
 PERIOD_NS = 33_000_000
 WIDTH, HEIGHT = 640, 480

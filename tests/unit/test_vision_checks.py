@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gateway.errors import LinkError
-from gateway.vision.checks import FrameChecks, FrameRules, SizePx
-from gateway.vision.freshness import TILES
-from gateway.vision.sources import Frame
+from gateway.vision.source.checks import FrameChecks, FrameRules, SizePx
+from gateway.vision.source.contract import Frame
+from gateway.vision.source.freshness import TILES
 
 S = 1_000_000_000
 _CHANCE = np.random.default_rng(2)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.model import Ellipse
-from gateway.vision.robust.conic import Oval, from_ellipse, from_matrix, matrix, to_ellipse
+from gateway.core.model import Ellipse
+from gateway.vision.detect.robust.conic import Oval, from_ellipse, from_matrix, matrix, to_ellipse
 
 ellipses = st.builds(
     lambda u, v, a, ratio, angle: Ellipse(u, v, a, a * ratio, angle),

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
-from gateway.model import Circle, Detection, PictureFault, PictureHealth, Quality, VisionReading
-from gateway.vision.actions import Action, Assign, Emit, GiveUp, Kill, Offer, Return, StartCamera, StartWorker
-from gateway.vision.dispatch import Dispatcher
-from gateway.vision.jobs import FrameRef
-from gateway.vision.seats import Phase
+from gateway.core.model import Circle, Detection, PictureFault, PictureHealth, Quality, VisionReading
+from gateway.vision.process.actions import Action, Assign, Emit, GiveUp, Kill, Offer, Return, StartCamera, StartWorker
+from gateway.vision.process.dispatcher import Dispatcher
+from gateway.vision.process.process_slot import Phase
+from gateway.vision.transport.messages import FrameRef
 
 MS = 1_000_000
 SEEN = Detection(Circle(10.0, 20.0, 30.0), x_n=0.1, y_n=0.2, stage_ns=(("hsv", 7), ("circle", 3)))

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
-from gateway.model import Detection
-from gateway.vision import pipeline, stages
-from gateway.vision.exact import build, red
-from gateway.vision.exact.geometry import Box, Opening
-from gateway.vision.exact.kernel import Kernel, load
-from gateway.vision.exact.lattice import BlurScanner, KernelScanner, Lattice, PyramidScanner, Scanner
-from gateway.vision.exact.look import Look
-from gateway.vision.exact.search import ExactSearch
+from gateway.core.model import Detection
+from gateway.vision.detect.paper import pipeline, stages
+from gateway.vision.detect.paper.exact import build, red
+from gateway.vision.detect.paper.exact.geometry import Box, Opening
+from gateway.vision.detect.paper.exact.kernel import Kernel, load
+from gateway.vision.detect.paper.exact.lattice import BlurScanner, KernelScanner, Lattice, PyramidScanner, Scanner
+from gateway.vision.detect.paper.exact.look import Look
+from gateway.vision.detect.paper.exact.search import ExactSearch
 from gateway.vision.pixels import Image
 from tests.vision_frames import KINDS, PAPER, colour_noise, frames, scene
 
@@ -315,7 +315,7 @@ def test_no_library_a_stale_one_and_a_broken_one_are_not_used(
     (tmp_path / "broken.so").write_bytes(b"\x7fELF but not much more")
     assert load(PAPER, tmp_path / "broken.so") is None
     assert "cannot be loaded" in caplog.text
-    monkeypatch.setattr("gateway.vision.exact.kernel.source_sum", lambda: build.source_sum() ^ 1)
+    monkeypatch.setattr("gateway.vision.detect.paper.exact.kernel.source_sum", lambda: build.source_sum() ^ 1)
     assert load(PAPER, library) is None
     assert "another source" in caplog.text
 

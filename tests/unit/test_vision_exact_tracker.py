@@ -7,12 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.vision import methods, pipeline
-from gateway.vision.exact import build
-from gateway.vision.exact.kernel import Kernel, load
-from gateway.vision.exact.tracker import ROUND, ExactTracker
-from gateway.vision.follow import Follower
+from gateway.vision.detect import registry
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.exact import build
+from gateway.vision.detect.paper.exact.kernel import Kernel, load
+from gateway.vision.detect.paper.exact.tracker import ROUND, ExactTracker
 from gateway.vision.pixels import Image
+from gateway.vision.track.follower import Follower
 from tests.vision_frames import PAPER, Colour, Things
 from tests.vision_promise import FRAME_NS, check_promise, searched_whole, told
 
@@ -178,10 +179,10 @@ def test_the_gates_hold_in_the_window_too(library: Path) -> None:
 def test_vision_method_paper_is_these() -> None:
     image = picture((150, 120, 20))
     for tracking in (False, True):
-        detect = methods.detector(PAPER.model_copy(update={"tracking": tracking}))
+        detect = registry.detector(PAPER.model_copy(update={"tracking": tracking}))
         assert isinstance(detect, Follower) == tracking
         found = [detect(image, n * FRAME_NS) for n in range(2)]
         assert {detection.circle for detection in found} == {pipeline.detect(image, PAPER).circle}
         assert next(name for name, _ in found[1].stage_ns) == ("window" if tracking else "scan")
-    plain = methods.detector(PAPER.model_copy(update={"morph_iterations": 0}))
+    plain = registry.detector(PAPER.model_copy(update={"morph_iterations": 0}))
     assert next(name for name, _ in plain(image).stage_ns) == "gaussian"

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
 from gateway.errors import ConfigError
-from gateway.vision import drawing, example, figures, pipeline
-from gateway.vision.pipeline import Trace
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.pipeline import Trace
+from gateway.vision.view import drawing, example, figures
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 PAPER = VisionConfig()

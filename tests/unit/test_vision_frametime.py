@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from gateway.vision.frametime import ArrivalTime, BufferTime, PresentationTime
+from gateway.vision.source.frame_time import ArrivalTime, BufferTime, PresentationTime
 
 MS = 1_000_000
 S = 1000 * MS

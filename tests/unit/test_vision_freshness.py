@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.model import Circle
-from gateway.vision.freshness import FrozenFrameDetector, Look, seen_ns
+from gateway.core.model import Circle
 from gateway.vision.pixels import Image
+from gateway.vision.source.freshness import FrozenFrameDetector, Look, seen_ns
 
 S = 1_000_000_000
 MS = 1_000_000

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.errors import ConfigError
-from gateway.vision import inputs
-from gateway.vision.inputs import InputError, Picture, decode, expand, read
+from gateway.vision.offline import inputs
+from gateway.vision.offline.inputs import InputError, Picture, decode, expand, read
 
 RED = (20, 20, 220)
 

@@ -6,17 +6,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.children.codec import MAX_MESSAGE_BYTES, Codec, record_of, record_packed
-from gateway.children.words import Failed
 from gateway.clock import SystemClock
 from gateway.config import Intrinsics, VisionConfig
+from gateway.core.model import Circle, Detection, Ellipse, PictureHealth, Rejection, Tracking
 from gateway.errors import ProtocolError
-from gateway.model import Circle, Detection, Ellipse, PictureHealth, Rejection, Tracking
+from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec, record_of, record_packed
+from gateway.processes.notices import Failed
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import Scenario
-from gateway.vision import camera, jobs, worker
-from gateway.vision.checks import FrameRules
-from gateway.vision.jobs import (
+from gateway.vision.detect.radii import MarkerRadii
+from gateway.vision.process import camera, worker
+from gateway.vision.process.worker_job import DetectorSpec, WorkerJob
+from gateway.vision.source.checks import FrameRules
+from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.specs import CameraSpec, FileSpec, StreamSpec
+from gateway.vision.transport import messages
+from gateway.vision.transport.messages import (
     CameraJob,
     Captured,
     FrameRef,
@@ -29,11 +34,7 @@ from gateway.vision.jobs import (
     SourceRecord,
     Straight,
 )
-from gateway.vision.radii import MarkerRadii
-from gateway.vision.shm import RingSpec
-from gateway.vision.sources import SourceSpec
-from gateway.vision.specs import CameraSpec, FileSpec, StreamSpec
-from gateway.vision.workerjob import DetectorSpec, WorkerJob
+from gateway.vision.transport.ring import RingSpec
 
 INT = st.integers(-(2**63), 2**63 - 1)
 NUMBER = st.floats(allow_nan=False)
@@ -76,7 +77,7 @@ RULES = FrameRules(640, None, (640, 480), 1.5, repeats_age=False)
 
 @given(FROM_CHILDREN)
 def test_every_word_of_a_child_comes_out_as_it_went_in(message: object) -> None:
-    assert jobs.FROM_CHILDREN.unpacked(Codec.packed(message)) == message
+    assert messages.FROM_CHILDREN.unpacked(Codec.packed(message)) == message
 
 
 @given(TO_CAMERA, st.builds(Look, FRAMES) | st.builds(MarkerRadii, NUMBER, NUMBER, INT))
@@ -124,7 +125,9 @@ def test_a_vision_process_s_job_holds_the_settings_as_they_were_given() -> None:
     assert again.detector.vision.model_fields_set == vision.model_fields_set
 
 
-@pytest.mark.parametrize("kind", ["os:system", "gateway.vision.specs:source_spec", "gateway.vision.specs:None"])
+@pytest.mark.parametrize(
+    "kind", ["os:system", "gateway.vision.source.specs:source_spec", "gateway.vision.source.specs:None"]
+)
 def test_a_source_is_a_record_and_nothing_else(kind: str) -> None:
     with pytest.raises(ProtocolError, match="no record of a source"):
         SourceRecord(kind, b"\x90").spec()

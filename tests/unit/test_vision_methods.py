@@ -9,10 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.model import Tracking
-from gateway.vision import methods, pipeline, workerjob
-from gateway.vision.exact import search
-from gateway.vision.robust import detect as robust
+from gateway.core.model import Tracking
+from gateway.vision.detect import registry
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.exact import search
+from gateway.vision.detect.robust import detect as robust
+from gateway.vision.process import worker_job
 
 NS_PER_MS = 1_000_000
 PLAIN = VisionConfig(method="paper", tracking=False)
@@ -28,12 +30,12 @@ def disc(u: float, v: float, r: float) -> NDArray[np.uint8]:
 def test_the_papers_method_by_name() -> None:
     image = disc(100, 90, 40)
     plain = pipeline.detect(image, PLAIN)
-    assert replace(methods.detector(PLAIN)(image), stage_ns=()) == replace(plain, stage_ns=())
+    assert replace(registry.detector(PLAIN)(image), stage_ns=()) == replace(plain, stage_ns=())
     ticks = itertools.count(0, 10)
     stages = [*search.STAGES, *pipeline.STAGES[-3:]]  # the first six by a shortcut, to the same bits
     for built in (
-        methods.detector(PLAIN, lambda: next(ticks)),
-        workerjob.DetectorSpec(PLAIN).build(lambda: next(ticks)),
+        registry.detector(PLAIN, lambda: next(ticks)),
+        worker_job.DetectorSpec(PLAIN).build(lambda: next(ticks)),
     ):
         assert built(image).stage_ns == tuple((name, 10) for name, _, _ in stages)
 
@@ -42,7 +44,7 @@ def test_where_no_shortcut_is_exact_every_stage_runs() -> None:
     open_ended = VisionConfig(method="paper", tracking=False, morph_iterations=0)
     image = disc(100, 90, 40)
     for tracking in (False, True):
-        found = methods.detector(open_ended.model_copy(update={"tracking": tracking}))(image)
+        found = registry.detector(open_ended.model_copy(update={"tracking": tracking}))(image)
         assert replace(found, tracking=Tracking.OFF) == pipeline.detect(image, open_ended)
 
 
@@ -51,14 +53,14 @@ def test_the_robust_method_by_name() -> None:
     image = disc(100, 90, 40)
     alone = robust.detect(image, plain)
     assert alone.circle is not None
-    assert methods.detector(plain)(image) == alone
-    followed = methods.detector(VisionConfig(method="robust", tracking=True))
+    assert registry.detector(plain)(image) == alone
+    followed = registry.detector(VisionConfig(method="robust", tracking=True))
     assert followed(image) == replace(alone, tracking=Tracking.MEASURED)
     assert [name for name, _ in followed(image, 33 * NS_PER_MS).stage_ns] == ["expected", "normalise"]
 
 
 def test_a_followed_marker_has_the_papers_circle_and_a_label() -> None:
-    find = methods.detector(FOLLOWED)
+    find = registry.detector(FOLLOWED)
     for n in range(20):
         image = disc(60 + 5 * n, 120, 30 + n) if n != 10 else np.zeros((240, 320, 3), np.uint8)
         found = find(image, 33 * NS_PER_MS * n)
@@ -73,7 +75,7 @@ def test_a_followed_marker_has_the_papers_circle_and_a_label() -> None:
 
 
 def test_two_detectors_share_nothing() -> None:
-    one, other = methods.detector(FOLLOWED), methods.detector(FOLLOWED)
+    one, other = registry.detector(FOLLOWED), registry.detector(FOLLOWED)
     for n in range(5):
         one(disc(100, 90, 40), n * NS_PER_MS)
     empty = np.zeros((240, 320, 3), np.uint8)
@@ -98,7 +100,7 @@ def test_the_default_is_robust_and_followed() -> None:
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_vision_processes_that_share_the_frames_each_follow_in_theirs(method: str) -> None:
     params = VisionConfig(method=method, workers=2)
-    workers = [methods.detector(params), methods.detector(params)]
+    workers = [registry.detector(params), registry.detector(params)]
     for n in range(12):
         found = workers[n % 2](disc(60 + 5 * n, 120, 40), 33 * NS_PER_MS * n)
         assert found.tracking is Tracking.MEASURED

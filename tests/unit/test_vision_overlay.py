@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.model import Circle, Detection, Ellipse, Rejection, Tracking
-from gateway.vision.overlay import overlay, rim_of
+from gateway.core.model import Circle, Detection, Ellipse, Rejection, Tracking
+from gateway.vision.view.overlay import overlay, rim_of
 
 GREY = np.full((600, 800, 3), 100, np.uint8)
 ELLIPSE = Ellipse(400.0, 300.0, 120.0, 60.0, math.radians(30))

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.config import Intrinsics, VisionConfig
-from gateway.model import Ellipse
-from gateway.vision.robust.conic import from_matrix
-from gateway.vision.robust.detect import detect
-from gateway.vision.robust.perspective import DiscPose, disc_pose
+from gateway.core.model import Ellipse
+from gateway.vision.detect.robust.conic import from_matrix
+from gateway.vision.detect.robust.detect import detect
+from gateway.vision.detect.robust.perspective import DiscPose, disc_pose
 
 PINHOLE = Intrinsics(fx=1200, fy=1190, cx=960, cy=540)
 BARREL = Intrinsics(fx=1200, fy=1190, cx=960, cy=540, distortion=(-0.25, 0.08, 0.001, -0.0005))

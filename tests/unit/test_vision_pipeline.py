@@ -11,8 +11,10 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from numpy.typing import NDArray
 
 from gateway.config import Intrinsics, VisionConfig
-from gateway.model import Circle, Detection
-from gateway.vision import example, intrinsics, pipeline, stages
+from gateway.core.model import Circle, Detection
+from gateway.vision.detect import lens as intrinsics
+from gateway.vision.detect.paper import pipeline, stages
+from gateway.vision.view import example
 
 ROOT = Path(__file__).parents[2]
 PAPER = VisionConfig()

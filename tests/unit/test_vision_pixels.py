@@ -106,6 +106,6 @@ def test_suffixes_are_such_as_the_callers_compare() -> None:
 
 def test_the_main_process_does_not_load_opencv() -> None:
     """What runs there: the service with its pool and dispatcher, and the choice of a source."""
-    program = "import sys, gateway.app, gateway.vision.pixels, gateway.vision.specs; print('cv2' in sys.modules)"
+    program = "import sys, gateway.app, gateway.vision.pixels, gateway.vision.source.specs; print('cv2' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout == "False\n"

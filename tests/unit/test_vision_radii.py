@@ -8,22 +8,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.children.codec import Codec
 from gateway.config import VisionConfig
+from gateway.core.model import Circle, Detection, Rejection, Tracking
 from gateway.errors import ProtocolError
-from gateway.model import Circle, Detection, Rejection, Tracking
+from gateway.processes.codec import Codec
 from gateway.sim.render import Painter
 from gateway.sim.scenario import parse
 from gateway.sim.world import World
-from gateway.vision import methods, near, worker
-from gateway.vision.bystanders import HELD_NS
-from gateway.vision.follow import Follower
-from gateway.vision.near import NearSearch
-from gateway.vision.pipeline import Detector, Sized
+from gateway.vision.detect import registry
+from gateway.vision.detect.paper.pipeline import Detector, Sized
+from gateway.vision.detect.radii import LIFE_NS, PERIOD_NS, WITHDRAWN, MarkerRadii, Pace
+from gateway.vision.detect.robust import roi_search
+from gateway.vision.detect.robust.detect import detect
+from gateway.vision.detect.robust.roi_search import NearSearch
 from gateway.vision.pixels import Image
-from gateway.vision.radii import LIFE_NS, PERIOD_NS, WITHDRAWN, MarkerRadii, Pace
-from gateway.vision.robust.detect import detect
-from gateway.vision.tracking import Prediction, Track
+from gateway.vision.process import worker
+from gateway.vision.track.distractors import HELD_NS
+from gateway.vision.track.follower import Follower
+from gateway.vision.track.kalman_filter import Prediction, Track
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -83,13 +85,13 @@ def is_marker(circle: Circle | None) -> bool:
 
 def test_without_a_range_the_lamp_becomes_the_marker() -> None:
     """What the range is for."""
-    found = followed(methods.detector(ROBUST), range(8, COVERED.stop))
+    found = followed(registry.detector(ROBUST), range(8, COVERED.stop))
     assert sum(is_lamp(one.circle) for one in found) == len(COVERED) - 2
 
 
 @pytest.mark.parametrize("tracking", [True, False])
 def test_a_lamp_of_an_impossible_size_is_never_the_marker_and_the_uncovered_marker_is_at_once(tracking: bool) -> None:
-    find = methods.detector(ROBUST.model_copy(update={"tracking": tracking}))
+    find = registry.detector(ROBUST.model_copy(update={"tracking": tracking}))
     found = followed(find, range(8, 44), RADII)
     for n, one in zip(range(8, 44), found, strict=True):
         assert is_marker(one.circle) == (n not in COVERED), n
@@ -102,7 +104,7 @@ def test_a_lamp_of_an_impossible_size_is_never_the_marker_and_the_uncovered_mark
 
 
 def test_a_lamp_that_was_followed_is_given_up_and_the_marker_measured_in_its_first_frame() -> None:
-    find = methods.detector(ROBUST)
+    find = registry.detector(ROBUST)
     assert is_lamp(followed(find, range(8, 30))[-1].circle)
     for one in followed(find, range(30, COVERED.stop), RADII):
         assert one.circle is None
@@ -112,7 +114,7 @@ def test_a_lamp_that_was_followed_is_given_up_and_the_marker_measured_in_its_fir
 
 
 def test_a_range_that_comes_while_the_marker_is_on_trial_ends_the_trial() -> None:
-    find = methods.detector(ROBUST)
+    find = registry.detector(ROBUST)
     followed(find, range(8, COVERED.stop + 1))
     found = followed(find, range(COVERED.stop + 1, 42), RADII)
     assert [is_marker(one.circle) for one in found] == [True] * 5
@@ -132,8 +134,8 @@ def test_a_range_that_comes_while_the_marker_is_on_trial_ends_the_trial() -> Non
     ],
 )
 def test_a_range_that_has_expired_or_is_none_restricts_nothing(radii: MarkerRadii) -> None:
-    told = find_in(methods.detector(ROBUST), radii)
-    assert told == find_in(methods.detector(ROBUST), None)
+    told = find_in(registry.detector(ROBUST), radii)
+    assert told == find_in(registry.detector(ROBUST), None)
     assert is_lamp(told[-1].circle)
 
 
@@ -143,14 +145,14 @@ def find_in(find: Detector, radii: MarkerRadii | None) -> list[Detection]:
 
 def test_a_range_ends_in_its_time() -> None:
     until = MarkerRadii(RADII.low_px, RADII.high_px, 20 * FRAME_NS)
-    found = followed(methods.detector(ROBUST), range(8, 26), until)
+    found = followed(registry.detector(ROBUST), range(8, 26), until)
     assert [is_lamp(one.circle) for one in found] == [False] * 15 + [True] * 3  # after its trial
 
 
 def test_the_papers_method_is_told_nothing_it_would_heed() -> None:
     paper = VisionConfig(method="paper", tracking=True)
-    assert find_in(methods.detector(paper), RADII) == find_in(methods.detector(paper), None)
-    assert not isinstance(methods.detector(VisionConfig(method="paper", tracking=False)), Sized)
+    assert find_in(registry.detector(paper), RADII) == find_in(registry.detector(paper), None)
+    assert not isinstance(registry.detector(VisionConfig(method="paper", tracking=False)), Sized)
 
 
 # -- the search --------------------------------------------------------------------------------------------------------
@@ -199,7 +201,7 @@ def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeyp
         searched.append((window is not None, radii_px))
         return Detection(Circle(200.0, 90.0, 45.0))
 
-    monkeypatch.setattr(near, "detect", watched)
+    monkeypatch.setattr(roi_search, "detect", watched)
     search = NearSearch(ROBUST, lambda: 0)
     track = Track.begun(Circle(60.0, 60.0, 18.0), 0)
     assert track is not None

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.model import Ellipse
+from gateway.core.model import Ellipse
+from gateway.vision.detect.robust.conic import from_ellipse
+from gateway.vision.detect.robust.rim import Rim, refine
 from gateway.vision.pixels import Image
-from gateway.vision.robust.conic import from_ellipse
-from gateway.vision.robust.rim import Rim, refine
 
 RED, GREY = (40.0, 45.0, 190.0), (120.0, 128.0, 122.0)
 TRUTH = Ellipse(80.37, 76.81, 52.2, 52.2, 0.0)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.model import Circle
+from gateway.core.model import Circle
+from gateway.vision.detect.robust.red_change import SPARSE_PX, Spots, sparse_place, spots
 from gateway.vision.pixels import Image
-from gateway.vision.rivals import SPARSE_PX, Spots, sparse_place, spots
 
 OWN = Circle(300.0, 240.0, 60.0)
 RED, WOOD, DUSTY = (40, 40, 200), (60, 95, 140), (150, 150, 190)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from gateway.config import Intrinsics, VisionConfig
-from gateway.model import Circle, Detection
+from gateway.core.model import Circle, Detection
 from gateway.sim import decoys
-from gateway.vision.bystanders import WEAKER
-from gateway.vision.follow import JUMP
+from gateway.vision.detect.robust.decision import GATES
+from gateway.vision.detect.robust.detect import STAGES, detect
+from gateway.vision.detect.robust.rejections import REJECTION_MEANING
 from gateway.vision.pixels import Image
-from gateway.vision.robust.decision import GATES
-from gateway.vision.robust.detect import STAGES, detect
-from gateway.vision.robust.rejections import REJECTION_MEANING
+from gateway.vision.track.distractors import WEAKER
+from gateway.vision.track.follower import JUMP
 
 WIDTH, HEIGHT = 320, 240
 PARAMS = VisionConfig()

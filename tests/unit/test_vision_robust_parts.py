@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.model import Ellipse
+from gateway.core.model import Ellipse
 from gateway.sim import decoys
-from gateway.vision.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
-from gateway.vision.robust import candidates, colours, ellipses, evidence
-from gateway.vision.robust.candidates import Seed
-from gateway.vision.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
-from gateway.vision.robust.decision import ODDS, POWERS, Candidate, Limits, alike, confidence, veto, weight
-from gateway.vision.robust.evidence import Evidence, masked_median
-from gateway.vision.robust.redness import pyramid, redness
-from gateway.vision.robust.reference import SHARE_MEANING
-from gateway.vision.robust.rim import Rim, refine
-from gateway.vision.robust.search import _rim_near
+from gateway.vision.detect.robust import candidates, colours, ellipses, evidence
+from gateway.vision.detect.robust.candidates import Seed
+from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
+from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, alike, confidence, veto, weight
+from gateway.vision.detect.robust.evidence import Evidence, masked_median
+from gateway.vision.detect.robust.redness import pyramid, redness
+from gateway.vision.detect.robust.reference import SHARE_MEANING
+from gateway.vision.detect.robust.rim import Rim, refine
+from gateway.vision.detect.robust.search import _rim_near
+from gateway.vision.offline.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
 
 LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
 RIM = Rim(

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gateway.config import VisionConfig
-from gateway.model import Circle
+from gateway.core.model import Circle
 from gateway.sim import decoys
+from gateway.vision.detect.robust.detect import detect
+from gateway.vision.detect.robust.rejections import REJECTION_MEANING
 from gateway.vision.pixels import Image
-from gateway.vision.robust.detect import detect
-from gateway.vision.robust.rejections import REJECTION_MEANING
 
 PARAMS = VisionConfig()
 WIDTH, HEIGHT = 320, 240

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.errors import LinkError
-from gateway.vision import shm
-from gateway.vision.freshness import TILES
-from gateway.vision.shm import Ring, RingSpec
+from gateway.vision.source.freshness import TILES
+from gateway.vision.transport import ring as shm
+from gateway.vision.transport.ring import Ring, RingSpec
 
 
 @pytest.fixture

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig
 from gateway.errors import ConfigError, LinkError
-from gateway.vision.capture import FFMPEG_OPTIONS, CaptureSource
-from gateway.vision.files import Pace
-from gateway.vision.frametime import ArrivalTime, BufferTime, FrameTime, PresentationTime
-from gateway.vision.jobs import SourceRecord
-from gateway.vision.sources import Source
-from gateway.vision.specs import CameraSpec, FileSpec, StreamSpec, source_spec
+from gateway.vision.source.capture import FFMPEG_OPTIONS, CaptureSource
+from gateway.vision.source.contract import Source
+from gateway.vision.source.files import Pace
+from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
+from gateway.vision.source.specs import CameraSpec, FileSpec, StreamSpec, source_spec
+from gateway.vision.transport.messages import SourceRecord
 from tests.virtual_time import LoopClock
 
 S = 1_000_000_000

@@ -4,10 +4,10 @@ import io
 
 from rich.console import Console
 
-from gateway import fusion
 from gateway.cli.view import bay_panel
 from gateway.config import BayConfig
-from gateway.model import Circle, Quality, StateVector, VisionReading
+from gateway.core import fusion
+from gateway.core.model import Circle, Quality, StateVector, VisionReading
 
 NOW_NS = 5_000_000_000
 TIMES = (("gaussian", 640_000), ("hsv", 349_000), ("contours", 51_000), ("normalise", 0))

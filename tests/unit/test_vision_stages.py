@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.vision import stages
+from gateway.vision.detect.paper import stages
 
 RNG_SEED = 20
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.model import Circle
-from gateway.vision import tracking
-from gateway.vision.tracking import Axis, Track
+from gateway.core.model import Circle
+from gateway.vision.track import kalman_filter as tracking
+from gateway.vision.track.kalman_filter import Axis, Track
 
 MS = 1_000_000
 S = 1_000_000_000

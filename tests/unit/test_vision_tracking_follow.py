@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import fusion
 from gateway.config import FusionConfig
-from gateway.model import (
+from gateway.core import fusion
+from gateway.core.model import (
     Circle,
     Detection,
     Quality,
@@ -23,10 +23,10 @@ from gateway.model import (
     Tracking,
     VisionReading,
 )
-from gateway.vision.dispatch import _quality as quality_of
-from gateway.vision.follow import Follower
 from gateway.vision.pixels import Image
-from gateway.vision.tracking import Prediction
+from gateway.vision.process.dispatcher import _quality as quality_of
+from gateway.vision.track.follower import Follower
+from gateway.vision.track.kalman_filter import Prediction
 
 MS = 1_000_000
 S = 1_000_000_000

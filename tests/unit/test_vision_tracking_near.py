@@ -13,15 +13,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.model import Circle, Detection, Rejection, Tracking
+from gateway.core.model import Circle, Detection, Rejection, Tracking
 from gateway.sim.render import Painter
 from gateway.sim.scenario import parse
 from gateway.sim.world import World
-from gateway.vision import methods, near
-from gateway.vision.near import FAINT, LOOK, WHOLE, NearSearch, same_place, window_round
+from gateway.vision.detect import registry
+from gateway.vision.detect.robust import roi_search
+from gateway.vision.detect.robust.detect import detect
+from gateway.vision.detect.robust.roi_search import FAINT, LOOK, WHOLE, NearSearch, same_place, window_round
 from gateway.vision.pixels import Image
-from gateway.vision.robust.detect import detect
-from gateway.vision.tracking import Prediction, Track
+from gateway.vision.track.kalman_filter import Prediction, Track
 
 PERIOD_NS = 33_000_000
 FOLLOWED = VisionConfig(method="robust", tracking=True)
@@ -59,12 +60,12 @@ def searched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         kinds.append("whole" if window is None else "window")
         return detect(image, *args, window=window, **more)
 
-    monkeypatch.setattr(near, "detect", watched)
+    monkeypatch.setattr(roi_search, "detect", watched)
     return kinds
 
 
 def told(frames: Iterator[tuple[int, Image]]) -> list[Detection]:
-    find = methods.detector(FOLLOWED)
+    find = registry.detector(FOLLOWED)
     return [find(image, t_ns) for t_ns, image in frames]
 
 
@@ -97,8 +98,8 @@ def test_the_whole_frame_comes_in_its_turn_where_it_holds_anything_red(
         kinds.append("whole" if window is None else "window")
         return Detection(Circle(100.0, 100.0, 30.0))
 
-    monkeypatch.setattr(near, "detect", stand_in)
-    find = methods.detector(FOLLOWED)
+    monkeypatch.setattr(roi_search, "detect", stand_in)
+    find = registry.detector(FOLLOWED)
     image = picture(Circle(100.0, 100.0, 30.0), *[Circle(250.0, 150.0, 15.0)] * clutter)
     for n in range(2 * WHOLE + 2):
         find(image, n * PERIOD_NS)
@@ -134,7 +135,7 @@ def test_where_window_and_whole_frame_disagree_the_one_with_more_evidence_stands
     monkeypatch: pytest.MonkeyPatch, rival: Detection, wins: bool
 ) -> None:
     held = Detection(Circle(100.0, 100.0, 30.0), confidence=0.7)
-    monkeypatch.setattr(near, "detect", lambda *_, window=None, **__: held if window is not None else rival)
+    monkeypatch.setattr(roi_search, "detect", lambda *_, window=None, **__: held if window is not None else rival)
     search = NearSearch(FOLLOWED, lambda: 0)
     track = Track.begun(Circle(100.0, 100.0, 30.0), 0)
     assert track is not None
@@ -263,7 +264,7 @@ def test_what_the_full_search_prefers_is_followed_soon_after_it_has_come(
 def test_a_faint_marker_beside_a_very_red_lamp_is_heard_in_the_end(searched: list[str]) -> None:
     lamp, dusty = Circle(50.0, 120.0, 20.0), Circle(200.0, 120.0, 30.0)
     paints = [(5.0, 4.0, 200.0), (125.0, 120.0, 190.0)]
-    find = methods.detector(FOLLOWED)
+    find = registry.detector(FOLLOWED)
     both = picture(lamp, dusty, paints=paints)
     for n in range(FAINT + 2):
         find(picture(lamp, paints=paints) if n < 4 else both, n * PERIOD_NS)
@@ -273,7 +274,7 @@ def test_a_faint_marker_beside_a_very_red_lamp_is_heard_in_the_end(searched: lis
 def test_with_a_slow_camera_what_has_come_is_heard_after_the_same_time() -> None:
     lamp, marker = Circle(60.0, 60.0, 12.0), Circle(220.0, 150.0, 55.0)
     period_ns = 200_000_000
-    find = methods.detector(FOLLOWED)
+    find = registry.detector(FOLLOWED)
     seen = []
     for n in range(10):
         found = find(picture(*([lamp] if n < 5 else [lamp, marker]), seed=n), n * period_ns)
@@ -307,7 +308,7 @@ def test_a_rendered_drive_with_vibration_is_followed_to_the_end() -> None:
         }
     )
     world, painter = World(scenario), Painter(scenario)
-    find, seen = methods.detector(FOLLOWED), 0
+    find, seen = registry.detector(FOLLOWED), 0
     for n in range(0, 80, 2):
         truth = world.truth(n / 30)
         one = find(painter.frame(truth, n), round(n / 30 * 1e9))

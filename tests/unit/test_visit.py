@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway import interlock, visit
 from gateway.config import GatewayConfig
-from gateway.interlock import Remembered
-from gateway.model import (
+from gateway.core import interlock, visit
+from gateway.core.interlock import Remembered
+from gateway.core.model import (
     DEAD,
     Circle,
     EventKind,
@@ -27,8 +27,8 @@ from gateway.model import (
     VisionReading,
     VisitPhase,
 )
-from gateway.plc import Control, PlcWrite, ResetVerdict
-from gateway.scale import ScaleSample
+from gateway.core.plc import Control, PlcWrite, ResetVerdict
+from gateway.core.scale import ScaleSample
 from gateway.sim.scenario import Scenario
 from tests.visit_bench import MOMENTS_HZ, PLC, Bench, Levels, gateway, truck
 from tests.visit_judge import Row, complaints

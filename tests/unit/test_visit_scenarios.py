@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.config import GatewayConfig, load
-from gateway.model import EventKind, Moved, Quality, Reason
+from gateway.core.model import EventKind, Moved, Quality, Reason
 from gateway.sim import scenario as scenarios
 from gateway.sim.scenario import FaultKind
 from tests.visit_bench import MOMENTS_HZ, Bench, Levels, Moment, gateway, truck

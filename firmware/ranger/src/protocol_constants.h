@@ -1,4 +1,4 @@
-/* Generated from gateway/ranger/protocol.py by `./dev docs`; a test fails where the two differ. Do not edit. */
+/* Generated from gateway/ranger/hcsr04/protocol.py by `./dev docs`; a test fails where the two differ. Do not edit. */
 #ifndef PROTOCOL_CONSTANTS_H
 #define PROTOCOL_CONSTANTS_H
 

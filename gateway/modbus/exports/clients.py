@@ -12,7 +12,7 @@ from gateway.errors import ConfigError
 from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN, Var
 from gateway.modbus.exports.pou import BLOCK, PROGRAM, Pou, Section, called, instance
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 PAUSE_MS = 50
 _TWINCAT = """\

@@ -6,7 +6,7 @@ unions, pointers or shifts.
 
 from gateway.modbus.exports.fields import Field, fields, measured
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import Register
+from gateway.modbus.registers.register_map import Register
 
 UDINT_BODY = """\
 #LG_UDInt := WORD_TO_UDINT(#High) * UDINT#65536 + WORD_TO_UDINT(#Low);

@@ -11,8 +11,8 @@ with `#` before every local name (as SCL wants it); it is true when the check fa
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from gateway.modbus.registers import KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION
-from gateway.model import FRESH_FRAME, Quality
+from gateway.core.model import FRESH_FRAME, Quality
+from gateway.modbus.registers.register_map import KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION
 
 HEARTBEAT_TIMEOUT_MS = 500
 HEARTBEAT_CHANGES = 2  # an image left over from before and one frozen image make one change, never two
@@ -70,7 +70,7 @@ def _none_of(name: str, qualities: frozenset[Quality]) -> str:
     return " AND ".join(f"(#Raw.{name} <> {quality.value})" for quality in sorted(qualities))
 
 
-# Two facts of one image that can't both be true. What the gateway guarantees: docs/visit.md, gateway/visit.py.
+# Two facts of one image that can't both be true. What the gateway guarantees: docs/visit.md, gateway/core/visit.py.
 CONTRADICTIONS: tuple[str, ...] = (
     "(#Raw.stop > 1) OR (#Raw.may_move > 1) OR (#Raw.in_place > 1)",
     "(#Raw.may_move = 1) AND (#Raw.stop = 1)",

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from gateway.modbus.registers import REGISTERS, Register
+from gateway.modbus.registers.register_map import REGISTERS, Register
 
 FieldKind = Literal["UINT", "INT", "UDINT", "REAL", "BOOL"]
 

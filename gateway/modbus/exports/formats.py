@@ -2,8 +2,18 @@
 
 from collections.abc import Callable
 
-from gateway.modbus import export
-from gateway.modbus.exports import ignition, kepware, l5x, node_red, openplc, plcopen, scl, structured_text, tcpou
+from gateway.modbus.exports import (
+    ignition,
+    kepware,
+    l5x,
+    node_red,
+    openplc,
+    plcopen,
+    scl,
+    structured_text,
+    tables,
+    tcpou,
+)
 from gateway.modbus.exports.target import Target
 
 Targets = tuple[Target, ...]
@@ -33,8 +43,8 @@ FORMATS: dict[str, Callable[[Targets], Files]] = {
     "l5x": _all("{}-loading-gateway.L5X", l5x.text),
     "node-red": _each("{}-node-red-flow.json", node_red.text),
     "openplc": openplc.files,
-    "csv": _all("registers.csv", lambda _: export.csv_text()),
-    "json": _all("registers.json", lambda _: export.json_text()),
-    "markdown": _all("registers.md", lambda _: export.markdown()),
+    "csv": _all("registers.csv", lambda _: tables.csv_text()),
+    "json": _all("registers.json", lambda _: tables.json_text()),
+    "markdown": _all("registers.md", lambda _: tables.markdown()),
 }
 """Format -> what makes its files."""

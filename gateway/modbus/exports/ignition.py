@@ -10,7 +10,7 @@ from typing import Any
 
 from gateway.modbus.exports.fields import describe
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import REGISTERS, Register
+from gateway.modbus.registers.register_map import REGISTERS, Register
 
 # (designator of Ignition's Modbus driver, tag data type), by the table's type
 _TYPES = {

@@ -6,9 +6,9 @@ has to write the wrong word itself.
 
 from dataclasses import dataclass
 
+from gateway.core.plc import Control
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
-from gateway.modbus.registers import BLOCK_WORDS, REGISTERS
-from gateway.plc import Control
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 
 STEP_TIMEOUT_MS = 3000
 """A step of a triggered measurement that takes longer has failed; the gateway's trigger_timeout_s is 1 s."""

@@ -13,7 +13,7 @@ import io
 
 from gateway.modbus.exports.fields import describe, measured
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import REGISTERS, Register
+from gateway.modbus.registers.register_map import REGISTERS, Register
 
 COLUMNS = (
     "Tag Name",

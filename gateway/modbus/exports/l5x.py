@@ -15,7 +15,7 @@ from gateway.modbus.exports.interface import INPUTS, MEMORY, OUTPUTS, Var
 from gateway.modbus.exports.logix import body, off
 from gateway.modbus.exports.structured_text import about
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, MAP_VERSION
+from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION
 
 INSTRUCTION = "LoadingGateway"
 DATA = "LoadingGateway_Data"

@@ -7,13 +7,13 @@ float is put together by arithmetic, which is exact because only powers of two a
 
 from collections.abc import Iterator, Sequence
 
+from gateway.core.model import StateVector
 from gateway.modbus.exports.decode import decode
 from gateway.modbus.exports.diagnosis import ALIVE, FIRST_ALIVE, HEARTBEAT_CHANGES, SOUND, VALUES, Check
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import REQUESTS, STEP_TIMEOUT_MS
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import dead_image
-from gateway.model import StateVector
+from gateway.modbus.registers.register_map import dead_image
 
 _HEARTBEAT = f"""\
 (* The heartbeat counts in sound images only: seen to move {HEARTBEAT_CHANGES} times, with none but sound ones between.

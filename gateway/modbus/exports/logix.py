@@ -7,14 +7,14 @@ translated statement by statement.
 
 import re
 
+from gateway.core.plc import Control
 from gateway.modbus.exports.diagnosis import Diagnosis
 from gateway.modbus.exports.dialect import iec
 from gateway.modbus.exports.fields import Field, fields
 from gateway.modbus.exports.interface import OUTPUTS
 from gateway.modbus.exports.logic import dead_fields, logic, nothing
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import Register
-from gateway.plc import Control
+from gateway.modbus.registers.register_map import Register
 
 _TIMER = re.compile(r"^(\w+)\(IN := (.+), PT := (\w+|T#\d+ms)\);$", re.MULTILINE)
 _COPY = re.compile(r"^( *)Data := (Raw|Nothing);$", re.MULTILINE)

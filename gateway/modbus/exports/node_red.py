@@ -10,7 +10,7 @@ from typing import Any
 from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN
 from gateway.modbus.exports.node_red_function import code
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 POLL_MS = 100
 OUTPUTS = ("may_move", "in_place", "data", "diagnosis", "write")

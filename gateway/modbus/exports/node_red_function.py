@@ -3,6 +3,8 @@
 import json
 from typing import Any
 
+from gateway.core.model import FRESH_FRAME
+from gateway.core.plc import Control
 from gateway.modbus.exports.diagnosis import (
     FIRST_ALIVE,
     HEARTBEAT_CHANGES,
@@ -12,9 +14,14 @@ from gateway.modbus.exports.diagnosis import (
     Diagnosis,
 )
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION, REGISTERS, Register
-from gateway.model import FRESH_FRAME
-from gateway.plc import Control
+from gateway.modbus.registers.register_map import (
+    BLOCK_WORDS,
+    KNOWN_FLOAT32,
+    KNOWN_UINT32,
+    MAP_VERSION,
+    REGISTERS,
+    Register,
+)
 
 # What a message of topic "command" may hold besides "recipe", and at which bit it is written.
 COMMANDS: dict[str, int] = {

@@ -14,7 +14,7 @@ from gateway.modbus.exports.dialect import ascii_only
 from gateway.modbus.exports.interface import FIRST_WRITTEN, REQUESTS, WRITTEN
 from gateway.modbus.exports.pou import BLOCK, FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 PROGRAM = "loading_bay.st"
 DEVICES = "mbconfig.cfg"

@@ -14,7 +14,7 @@ from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import WRITTEN, Var
 from gateway.modbus.exports.logic import body
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 BLOCK = "LG_Block"
 WRITE = "LG_Write"

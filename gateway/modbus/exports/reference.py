@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from gateway.modbus import situations
+from gateway.core.model import REASON_MEANING, Reason
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
 from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.names import SUMMARY
 from gateway.modbus.exports.target import Target
-from gateway.model import REASON_MEANING, Reason
+from gateway.modbus.reference import situations
 
 REMEDY: dict[Reason, str] = {
     Reason.NONE: "nothing",

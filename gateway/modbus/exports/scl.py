@@ -11,7 +11,7 @@ from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import FIRST_WRITTEN, INPUTS, MEMORY, OUTPUTS, WRITTEN, Var
 from gateway.modbus.exports.logic import body, indented
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 DATA = "LoadingGateway_Data"
 BUFFERS = "LoadingGateway_IO"

@@ -8,7 +8,7 @@ from gateway.modbus.exports.diagnosis import MEANING
 from gateway.modbus.exports.dialect import ascii_only
 from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers import BLOCK_WORDS, MAP_VERSION
+from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION
 
 
 def text(targets: tuple[Target, ...]) -> str:

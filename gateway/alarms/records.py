@@ -1,0 +1,84 @@
+"""What is told of alarms, and asked of them, as records: they cross a process boundary. Pure."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from gateway.alarms.states import AlarmState, Cue
+from gateway.processes.codec import Message
+
+SHELVE_MOST_MIN = 12 * 60  # one shift
+MAX_NOTE = 120
+DEEDS = (Cue.ACKNOWLEDGE, Cue.RESET, Cue.SHELVE, Cue.UNSHELVE, Cue.REMOVE, Cue.RESTORE)
+"""What a person may do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One alarm as it stands. Times are the gateway's clock."""
+
+    id: str
+    kind: str  # row of the table
+    bay: str | None  # None: of the gateway itself
+    state: AlarmState = AlarmState.NORMAL
+    active: bool = False  # does its cause hold, delays counted? Always false while suppressed
+    since_ns: int = 0  # in this state
+    raised_ns: int | None = None  # last announced; None: never
+    occurrences: int = 0  # times announced since the start of the gateway
+    detail: str = ""  # in words, when it was last announced
+    who: str = ""  # who did the newest deed on it since it was announced
+    note: str = ""  # and why
+    shelved_until_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One step of one alarm, numbered from 1 over all alarms since the start of the gateway."""
+
+    number: int
+    t_ns: int
+    id: str
+    kind: str
+    bay: str | None
+    cue: Cue
+    before: AlarmState
+    after: AlarmState
+    detail: str = ""
+    who: str = ""
+    note: str = ""
+
+
+class Deed(Message, frozen=True):
+    """What a person wants done. `occurrence`: what they saw (Alarm.occurrences); None: whatever there is."""
+
+    id: str
+    cue: Cue
+    who: str
+    note: str = ""
+    minutes: float | None = None  # of SHELVE
+    occurrence: int | None = None
+
+
+class Outcome(StrEnum):
+    DONE = "done"
+    UNKNOWN = "unknown"  # no such alarm
+    REFUSED = "refused"  # not in this state
+    WRONG = "wrong"  # what is asked for is never possible
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """To a deed. `why` tells people what is wrong with it; empty: it was done."""
+
+    outcome: Outcome = Outcome.DONE
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """All alarms, as one record. Those in NORMAL are left out; `omitted` more stand that had no room here."""
+
+    alarms: tuple[Alarm, ...] = ()  # the most important first
+    omitted: int = 0
+    counts: tuple[tuple[AlarmState, int], ...] = ()  # of all alarms, in the order of AlarmState
+    announced: tuple[tuple[str, int], ...] = ()  # kind -> times announced since the start; those never announced not
+    newest_change: int = 0

@@ -1,0 +1,699 @@
+"""Every alarm there is: what it means, what to do about it, and when it is announced. Pure.
+
+The table is the contract; docs/alarms.md is made from it. ISA-18.2: an alarm is something a person must act on, in
+time. What needs no action is none: an empty bay, a truck in place, a marker hidden for a moment, a sensor that starts.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import Generic, TypeVar
+
+from gateway.core.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, PictureFault, Quality, Reason, StateVector
+from gateway.core.ne107 import worn
+from gateway.core.plc import PlcLink
+
+ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
+MINUTE_S = 60.0
+
+
+class Priority(IntEnum):
+    """How much hangs on a quick answer. The numbers are on the wire."""
+
+    LOW = 1
+    MEDIUM = 2
+    HIGH = 3
+
+
+class Design(StrEnum):
+    """Why an alarm means nothing for the moment."""
+
+    FUNCTION_CHECK = "function_check"
+    NOT_COMPUTED = "not_computed"
+    SHUTDOWN = "shutdown"
+
+
+DESIGN_MEANING: dict[Design, str] = {
+    Design.FUNCTION_CHECK: "a technician works on the bay and may_move is off",
+    Design.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors: control_dead says it",
+    Design.SHUTDOWN: "the gateway is shutting down",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BaySeen:
+    """What the alarms of one bay look at. The thresholds are those of the bay's configuration."""
+
+    state: StateVector
+    radius_threshold_px: float
+    distance_threshold_mm: float
+
+    @property
+    def designs(self) -> frozenset[Design]:
+        """What holds of the reasons to suppress."""
+        state = self.state
+        holds = {
+            Design.FUNCTION_CHECK: state.function_check is FunctionCheck.MAY_MOVE_OFF,
+            Design.NOT_COMPUTED: state.reason is Reason.GATEWAY_FAULT,
+            Design.SHUTDOWN: state.reason is Reason.SHUTDOWN,
+        }
+        return frozenset(design for design, on in holds.items() if on)
+
+
+@dataclass(frozen=True, slots=True)
+class Signs:
+    """What the alarms of the gateway look at. None: there is no such part."""
+
+    broker_connected: bool | None = None
+    sparkplug_connected: bool | None = None
+    plc_reads: bool | None = None  # does one of modbus.plc_addresses ask? None: none is configured
+    store_fault: str = ""  # of the file that keeps events
+    events_lost: int = 0  # counter
+    crashes: int = 0  # counter: tasks that failed in a way nobody foresaw
+    crashed: str = ""  # the newest of them
+    bay_file_fault: str = ""  # why a bay's file can't be written
+    bay_file_damaged: str = ""  # bays whose file could not be read, until somebody has had a look
+
+
+@dataclass(frozen=True, slots=True)
+class GatewaySeen:
+    """The signs of now and of the look before."""
+
+    now: Signs
+    before: Signs
+
+    @property
+    def designs(self) -> frozenset[Design]:
+        return frozenset()
+
+
+Seen = TypeVar("Seen", BaySeen, GatewaySeen)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind(Generic[Seen]):
+    """One row. `holds`: does its cause hold? It must do so for `on_delay_s` to be announced, and be gone for
+    `off_delay_s` to be over. `suppressed`: reasons for which it means nothing.
+    """
+
+    id: str
+    title: str
+    priority: Priority
+    meaning: str
+    consequence: str
+    causes: tuple[str, ...]
+    action: str
+    respond_min: int  # within so many minutes
+    holds: Callable[[Seen], bool] = field(repr=False)
+    detail: Callable[[Seen], str] = field(repr=False, default=lambda _: "")
+    on_delay_s: float = 2.0
+    off_delay_s: float = 5.0
+    latching: bool = False
+    suppressed: frozenset[Design] = frozenset()
+
+
+SENSORS_SILENT = frozenset({Design.FUNCTION_CHECK, Design.NOT_COMPUTED, Design.SHUTDOWN})
+
+
+def _vision(quality: Quality) -> Callable[[BaySeen], bool]:
+    return lambda seen: seen.state.vision.quality is quality
+
+
+def _range(quality: Quality) -> Callable[[BaySeen], bool]:
+    return lambda seen: seen.state.range.quality is quality
+
+
+def _vision_detail(seen: BaySeen) -> str:
+    return seen.state.vision.detail
+
+
+def _range_detail(seen: BaySeen) -> str:
+    return seen.state.range.detail
+
+
+def expected_mm(seen: BaySeen) -> float | None:
+    """How far the marker looks: by the cross-check where it is configured, else by R Z = R_th Z_th. None: no marker."""
+    state = seen.state
+    if state.z_vision_mm is not None:
+        return state.z_vision_mm
+    circle = state.vision.circle
+    if circle is None or circle.radius_px <= 0:
+        return None
+    return seen.distance_threshold_mm * seen.radius_threshold_px / circle.radius_px
+
+
+def _no_echo(seen: BaySeen) -> bool:
+    if seen.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
+        return False
+    far_mm = expected_mm(seen)
+    return far_mm is not None and far_mm < ECHO_DUE_MM
+
+
+def _no_echo_detail(seen: BaySeen) -> str:
+    far_mm = expected_mm(seen)
+    return "" if far_mm is None else f"the marker looks {far_mm:.0f} mm away"
+
+
+def _disagree_detail(seen: BaySeen) -> str:
+    far_mm, near_mm = seen.state.z_vision_mm, seen.state.range.distance_mm
+    return "" if far_mm is None or near_mm is None else f"camera {far_mm:.0f} mm, ranger {near_mm:.0f} mm"
+
+
+def _truck_moved(seen: BaySeen) -> bool:
+    """Where nobody can release a truck, every one that leaves has moved: only one under the spout is news."""
+    visit = seen.state.visit
+    return visit.moved is not Moved.NO and (visit.moved_covered or seen.state.plc.link is not PlcLink.UNUSED)
+
+
+def _truck_moved_detail(seen: BaySeen) -> str:
+    place, now_mm = seen.state.visit.place, seen.state.range.distance_mm
+    was = "" if place is None else f"; in place at {place.distance_mm:.0f} mm"
+    return f"{MOVED_MEANING[seen.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
+
+
+def _in_place_lost(seen: BaySeen) -> bool:
+    state, visit = seen.state, seen.state.visit
+    was_in_place = visit.place is not None and not visit.in_place and not visit.released and visit.moved is Moved.NO
+    alive = not {state.vision.quality, state.range.quality} & (DEAD | {Quality.WAITING})
+    return was_in_place and alive and state.d is not False and state.function_check is FunctionCheck.OFF
+
+
+def _jump(seen: BaySeen) -> float | None:
+    scale = seen.state.memory.scale
+    return None if scale is None else scale.jump
+
+
+def _scale_detail(seen: BaySeen) -> str:
+    scale, jump = seen.state.memory.scale, _jump(seen)
+    if scale is None or jump is None:
+        return ""
+    return f"R x Z {scale.newest.px_mm:.0f} px mm, {100 * jump:+.0f} %; learned from {scale.visits} visits"
+
+
+_BLIND = (PictureFault.DARK, PictureFault.BRIGHT, PictureFault.FLAT)
+_POOR = (PictureFault.BLURRED, PictureFault.DUSTY)
+_MOVED = (PictureFault.SHIFTED,)
+
+
+def _picture(*faults: PictureFault) -> Callable[[BaySeen], bool]:
+    return lambda seen: (health := seen.state.picture) is not None and any(fault in health.faults for fault in faults)
+
+
+def _picture_detail(seen: BaySeen) -> str:
+    """What of the picture is wrong, with the numbers."""
+    health = seen.state.picture
+    if health is None or not health.faults:
+        return ""
+    numbers = {
+        PictureFault.DARK: f"brightness {health.brightness:.1%}",
+        PictureFault.BRIGHT: f"{health.clipped:.0%} burnt out",
+        PictureFault.FLAT: f"contrast {health.contrast:.1%}",
+        PictureFault.BLURRED: "" if health.sharpness is None else f"sharpness {health.sharpness:.0%}",
+        PictureFault.DUSTY: "" if health.veil is None else f"veil {health.veil:.0%}",
+        PictureFault.SHIFTED: "" if health.shift_px is None else f"shift {health.shift_px:.0f} px",
+    }
+    return ", ".join(f"{fault.name.lower()} ({numbers[fault]})".replace(" ()", "") for fault in health.faults)
+
+
+_STOPS = "stop is on, may_move and in_place are off: no truck may move, and none may be loaded"
+
+BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
+    Kind(
+        "control_dead",
+        "Control task dead",
+        Priority.HIGH,
+        "nothing computes this bay's state any more; the PLC reads stop, reason GATEWAY_FAULT",
+        _STOPS,
+        ("a fault in the software", "a machine that is overloaded or short of memory"),
+        "work by hand; look at the machine's load and the gateway's log; restart the gateway; report the log",
+        5,
+        lambda seen: seen.state.reason is Reason.GATEWAY_FAULT,
+        on_delay_s=0.5,
+        suppressed=frozenset({Design.SHUTDOWN}),
+    ),
+    Kind(
+        "plc_lost",
+        "PLC heartbeat lost",
+        Priority.HIGH,
+        "the PLC's heartbeat is required and does not come, or stands still",
+        "stop is on and may_move off: no truck may move; in_place stays, and a release ends",
+        ("the PLC is in stop or was restarted", "network or cable", "the heartbeat is missing in the PLC's program"),
+        "look at the PLC and at its network; see docs/handshake.md",
+        5,
+        lambda seen: seen.state.plc.missed,
+        on_delay_s=1.0,
+        suppressed=frozenset({Design.NOT_COMPUTED, Design.SHUTDOWN}),
+    ),
+    Kind(
+        "camera_down",
+        "Camera down",
+        Priority.HIGH,
+        "the camera cannot be opened or was lost",
+        _STOPS,
+        ("cable or power of the camera", "wrong camera.url", "another program has the camera"),
+        "look at the camera's power and cable; the detail says what the gateway was told",
+        10,
+        _vision(Quality.LINK_DOWN),
+        _vision_detail,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "camera_stale",
+        "Camera without new pictures",
+        Priority.HIGH,
+        "the newest picture is older than its deadline",
+        _STOPS,
+        ("the stream stalls", "pictures that never change", "a machine that is overloaded", "deadlines that are tight"),
+        "look at the live picture and at the rates; restart the camera",
+        10,
+        _vision(Quality.STALE),
+        _vision_detail,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "vision_fault",
+        "Vision process fault",
+        Priority.HIGH,
+        "the process that looks for the marker died, hung or failed, and starting it again does not help",
+        _STOPS,
+        ("a picture that the software cannot cope with", "a machine that is overloaded or short of memory"),
+        "look at the machine's load and the gateway's log; report the log",
+        10,
+        _vision(Quality.PROCESS_FAULT),
+        _vision_detail,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "ranger_down",
+        "Ranger down",
+        Priority.HIGH,
+        "the ranger's port cannot be opened or was lost",
+        _STOPS,
+        ("USB or serial cable", "power of the Arduino", "wrong ranger.port", "another program has the port"),
+        "look at the Arduino's light and cable; the detail says what the gateway was told",
+        10,
+        _range(Quality.LINK_DOWN),
+        _range_detail,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "ranger_stale",
+        "Ranger silent",
+        Priority.HIGH,
+        "the port is open, but no distance has come before its deadline",
+        _STOPS,
+        ("the Arduino hangs or runs another sketch", "wrong ranger.baud", "a damaged cable"),
+        "press the Arduino's reset; look at docs/ranger.md",
+        10,
+        _range(Quality.STALE),
+        _range_detail,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "ranger_stuck",
+        "Ranger stuck",
+        Priority.HIGH,
+        "the ultrasonic sensor's ECHO pin does not move",
+        _STOPS,
+        ("a wire to the sensor is off", "the sensor is broken or has no power"),
+        "look at the sensor's four wires (docs/wiring.md); exchange the sensor",
+        30,
+        _range(Quality.STUCK),
+        _range_detail,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "ranger_version",
+        "Ranger with other firmware",
+        Priority.HIGH,
+        "the ranger speaks another protocol version than the gateway",
+        _STOPS,
+        ("the gateway was updated and the Arduino was not, or the other way round",),
+        "flash the firmware that belongs to this gateway (docs/firmware.md)",
+        30,
+        _range(Quality.WRONG_VERSION),
+        _range_detail,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "ranger_no_echo",
+        "No echo, though the marker is near",
+        Priority.MEDIUM,
+        f"the marker looks nearer than {ECHO_DUE_MM / 1000:g} m, and the ranger still hears nothing or something far",
+        _STOPS,
+        ("the sensor points past the truck", "dust or ice on the sensor", "a surface that swallows sound"),
+        "look at the sensor: clean it, point it at the truck's flat side",
+        10,
+        _no_echo,
+        _no_echo_detail,
+        on_delay_s=5.0,
+        off_delay_s=10.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "ranger_unstable",
+        "Distances jump",
+        Priority.MEDIUM,
+        "for a while now readings jump more than the glitch gate allows",
+        _STOPS,
+        ("another ultrasonic sensor nearby", "dust or steam in between", "compressed air", "a loose sensor"),
+        "look at what is between sensor and truck, and for other sensors; see docs/ranger.md",
+        15,
+        _range(Quality.UNSTABLE),
+        _range_detail,
+        on_delay_s=10.0,
+        off_delay_s=10.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "ranger_too_near",
+        "Something on the ranger",
+        Priority.MEDIUM,
+        "for a while now something has been nearer than the ranger can measure (2 cm)",
+        _STOPS,
+        ("dirt, ice or a cover on the sensor", "something leans against it"),
+        "look at the sensor and clear it",
+        15,
+        _range(Quality.TOO_NEAR),
+        _range_detail,
+        on_delay_s=10.0,
+        off_delay_s=10.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "sensors_disagree",
+        "Camera and ranger disagree",
+        Priority.HIGH,
+        "R and Z do not fit each other: one of the two is wrong",
+        _STOPS,
+        (
+            "the ranger measures something else than the truck",
+            "a marker of another size, or something that looks like one",
+            "the camera was moved, or its focal length is wrong",
+            "marker, camera or lens was exchanged, and the learned R x Z (docs/visit.md) is still that of the old one",
+        ),
+        "measure the distance by hand, see which one is wrong, and mend that one; after an exchange stop the gateway, "
+        "delete the bay's file in state_dir and start it: what was learned is forgotten",
+        10,
+        lambda seen: seen.state.memory.disagree,
+        _disagree_detail,
+        on_delay_s=0.0,  # it lasts for scale_lasting_s or cross_check.lasting_s before it is called one
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "picture_blind",
+        "Camera sees nothing",
+        Priority.MEDIUM,
+        "pictures come, but they are dark, over-exposed or without any contrast",
+        "no marker can be found: stop is on, and no truck can come to be in place",
+        ("the light is off or failed", "something covers the lens", "the sun or a lamp shines into the lens", "fog"),
+        "look at the live picture; switch the light on, clean the lens, take away what covers it; set the exposure",
+        30,
+        _picture(*_BLIND),
+        _picture_detail,
+        off_delay_s=10.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "picture_poor",
+        "Picture getting worse",
+        Priority.LOW,
+        "the picture is blurred, or has been veiled by dust for long",
+        "markers are found late or not at all, and their radius is less sure",
+        ("dust, dirt, water or a cobweb on the lens", "the focus has moved", "a dust filter that fails"),
+        "clean the lens and its window; focus; look at the dust extraction",
+        8 * 60,
+        _picture(*_POOR),
+        _picture_detail,
+        on_delay_s=10.0,
+        off_delay_s=60.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "camera_moved",
+        "Camera moved",
+        Priority.MEDIUM,
+        "the fixed background is not where it was when the gateway learned it",
+        "aim point, offset and the distance seen by the camera are wrong by as much",
+        ("something hit the camera or its mount", "a loose screw", "somebody turned or zoomed it"),
+        "put the camera back or align it anew (docs/commissioning-vision.md), then restart the gateway: it learns the "
+        "background again",
+        60,
+        _picture(*_MOVED),
+        _picture_detail,
+        off_delay_s=60.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "maintenance",
+        "Maintenance required",
+        Priority.LOW,
+        "NE 107 M: works, but something had to be restarted within 10 minutes, or 1 line in 100 comes damaged",
+        "it may fail soon",
+        ("a loose cable", "electric noise on the serial line", "a camera or disk that begins to fail"),
+        "look at the counters, and mend what restarts, reopens or is damaged",
+        8 * 60,
+        lambda seen: worn(seen.state),
+        on_delay_s=10.0,
+        off_delay_s=60.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "function_check_forgotten",
+        "Function check still on",
+        Priority.LOW,
+        "a function check was begun half an hour ago and has not been ended",
+        "may_move is off, or alarms mean less than they seem to",
+        ("the technician forgot to end it",),
+        "ask the technician; end the function check on the technician's page",
+        60,
+        lambda seen: seen.state.function_check is not FunctionCheck.OFF,
+        lambda seen: seen.state.function_check.name.lower(),
+        on_delay_s=30 * MINUTE_S,
+        off_delay_s=0.0,
+        suppressed=frozenset({Design.SHUTDOWN}),
+    ),
+    Kind(
+        "truck_moved",
+        "Truck moved",
+        Priority.HIGH,
+        "a truck that was in place has left it: with the marker covered, as under the spout, or, where the PLC writes, "
+        "without its release",
+        "in_place is off; a spout that is down may be torn off, or may spill",
+        (
+            "brakes that do not hold, or a truck that settles on its springs by more than visit.band_mm",
+            "the driver drove off",
+            "the PLC's program does not set release before the truck leaves (docs/visit.md)",
+        ),
+        "stop loading and raise the spout; see that nobody is hurt; bring the truck into place again or let it leave",
+        1,
+        _truck_moved,
+        _truck_moved_detail,
+        on_delay_s=0.0,  # the truck has moved further than visit.band_mm before it is called so
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "in_place_lost",
+        "In place lost, though the truck has not moved",
+        Priority.MEDIUM,
+        "a truck that was in place can't be vouched for any more, though both sensors are alive, and it has neither "
+        "moved nor been released",
+        "in_place is off: loading must not go on; stop is on",
+        (
+            "the marker has been covered for longer than visit.hold_limit_s",
+            "dust or the spout before the ranger: no distance, or one that contradicts the camera",
+            "a sensor was away for a moment while the marker was covered",
+        ),
+        "raise the spout until the camera sees the marker: in_place comes by itself; else look at both sensors",
+        5,
+        _in_place_lost,
+        lambda seen: seen.state.visit.ended,
+        on_delay_s=5.0,
+        suppressed=SENSORS_SILENT,
+    ),
+    Kind(
+        "scale_changed",
+        "Marker of another size, or camera changed",
+        Priority.MEDIUM,
+        "R x Z of the newest truck in place differs by more than a tenth from what was learned from those before",
+        "D = 1 comes at another place than it did; what was learned does not fit, so that good pairs of R and Z may be "
+        "taken for a contradiction",
+        (
+            "a truck whose marker has another size",
+            "the camera or the ranger was moved or exchanged",
+            "zoom or focus of the lens was changed",
+        ),
+        "measure where the truck stands; put marker, camera or lens right. Where the change is meant to stay: set the "
+        "thresholds anew (docs/wiring.md), then stop the gateway, delete the bay's file in state_dir and start it, "
+        "with no function check on: what was learned is forgotten",
+        60,
+        lambda seen: _jump(seen) is not None,
+        _scale_detail,
+        on_delay_s=0.0,
+        off_delay_s=5.0,
+        suppressed=SENSORS_SILENT,
+    ),
+)
+
+GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
+    Kind(
+        "plc_not_reading",
+        "PLC does not read",
+        Priority.HIGH,
+        "none of modbus.plc_addresses has asked for registers for a while (only where they are configured)",
+        "the PLC decides on old registers, or on none",
+        ("the PLC is in stop or was restarted", "network or cable", "the PLC has another address now"),
+        "look at the PLC and at its network; look at modbus.plc_addresses",
+        5,
+        lambda seen: seen.now.plc_reads is False,
+        on_delay_s=10.0,
+    ),
+    Kind(
+        "broker_lost",
+        "MQTT broker lost",
+        Priority.MEDIUM,
+        "there is no connection to the broker; events wait in the outbox",
+        "SCADA sees the bays as offline; when the outbox is full, the oldest events are dropped",
+        ("the broker or its network is down", "password or certificate is no longer accepted"),
+        "look at the broker and at the gateway's log",
+        60,
+        lambda seen: seen.now.broker_connected is False,
+        on_delay_s=30.0,
+    ),
+    Kind(
+        "sparkplug_lost",
+        "Sparkplug connection lost",
+        Priority.MEDIUM,
+        "there is no Sparkplug session with the broker, or the primary host is offline",
+        "the Sparkplug host sees the bays as dead",
+        ("the broker, the host application or the network is down",),
+        "look at the broker, the host application and the gateway's log",
+        60,
+        lambda seen: seen.now.sparkplug_connected is False,
+        on_delay_s=30.0,
+    ),
+    Kind(
+        "events_lost",
+        "Events lost",
+        Priority.MEDIUM,
+        "events were dropped because the outbox or a queue was full",
+        "the plant's records have a gap",
+        ("the broker was away for longer than the outbox lasts", "mqtt.outbox_events is small"),
+        "mend the broker; note the gap in the records; reset this alarm",
+        8 * 60,
+        lambda seen: seen.now.events_lost > seen.before.events_lost,
+        lambda seen: f"{seen.now.events_lost} since the start of the gateway",
+        on_delay_s=0.0,
+        off_delay_s=60.0,
+        latching=True,
+    ),
+    Kind(
+        "event_store_fault",
+        "Event store cannot be written",
+        Priority.MEDIUM,
+        "the file that keeps undelivered events cannot be written; they wait in memory",
+        "a restart or a power cut would lose the events that wait",
+        ("the disk is full, read-only or broken", "the folder's owner or permissions"),
+        "look at the disk and at the file that the detail names",
+        60,
+        lambda seen: bool(seen.now.store_fault),
+        lambda seen: seen.now.store_fault,
+        on_delay_s=5.0,
+        off_delay_s=10.0,
+    ),
+    Kind(
+        "task_crashed",
+        "Software fault",
+        Priority.LOW,
+        "a part of the gateway failed in a way nobody foresaw, and was started again",
+        "it may fail again",
+        ("a fault in the software",),
+        "report the gateway's log to its maker; reset this alarm",
+        8 * 60,
+        lambda seen: seen.now.crashes > seen.before.crashes,
+        lambda seen: seen.now.crashed,
+        on_delay_s=0.0,
+        off_delay_s=60.0,
+        latching=True,
+    ),
+    Kind(
+        "bay_file_fault",
+        "Bay file cannot be written",
+        Priority.MEDIUM,
+        "the file that keeps a bay's function check and its learned R x Z cannot be written; both go on in memory",
+        "a function check that is begun or ended now would not be known after a restart",
+        ("the disk is full, read-only or broken", "the folder's owner or permissions", "state_dir is wrong"),
+        "look at the disk and at the file that the detail names; until it is mended, do not rely on a function check "
+        "through a restart",
+        60,
+        lambda seen: bool(seen.now.bay_file_fault),
+        lambda seen: seen.now.bay_file_fault,
+        on_delay_s=5.0,
+        off_delay_s=5.0,
+    ),
+    Kind(
+        "bay_file_damaged",
+        "Bay file was damaged",
+        Priority.MEDIUM,
+        "the file that keeps a bay's function check could not be read at the start, so the bay began with one, with "
+        "may_move off; the learned R x Z of this bay is lost",
+        "no truck may move in this bay",
+        ("a disk that fails", "a file edited by hand, or written by a newer gateway"),
+        "see that nobody works on the bay, then end its function check on the technician's page; look at the disk",
+        30,
+        lambda seen: bool(seen.now.bay_file_damaged),
+        lambda seen: seen.now.bay_file_damaged,
+        on_delay_s=0.0,
+        off_delay_s=5.0,
+    ),
+)
+
+KINDS: dict[str, Kind[BaySeen] | Kind[GatewaySeen]] = {kind.id: kind for kind in BAY_ALARMS} | {
+    kind.id: kind for kind in GATEWAY_ALARMS
+}
+
+
+def alarm_id(kind: str, bay: str | None = None) -> str:
+    """`bay1.camera_down`, or `broker_lost` of the gateway itself. A bay's name holds no dot."""
+    return kind if bay is None else f"{bay}.{kind}"
+
+
+def _time(minutes: int) -> str:
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h"
+
+
+def _seconds(seconds: float) -> str:
+    return f"{seconds:g} s" if seconds < 2 * MINUTE_S else f"{seconds / MINUTE_S:g} min"
+
+
+def summary_markdown() -> str:
+    """One line an alarm, the most urgent first."""
+    rows = sorted(KINDS.values(), key=lambda kind: -kind.priority)
+    bays = {kind.id for kind in BAY_ALARMS}
+    lines = [
+        f"| [`{kind.id}`](#{kind.id}) | {kind.title} | {kind.priority.name.lower()} | {_time(kind.respond_min)} | "
+        f"{'each bay' if kind.id in bays else 'gateway'} | {_seconds(kind.on_delay_s)} | "
+        f"{_seconds(kind.off_delay_s)} | {'yes' if kind.latching else ''} |"
+        for kind in rows
+    ]
+    head = "| id | alarm | priority | respond within | of | on-delay | off-delay | latching |"
+    return "\n".join([head, "|---|---|---|---|---|---|---|---|", *lines]) + "\n"
+
+
+def responses_markdown() -> str:
+    """What each alarm means and what to do: the alarm response procedures."""
+    parts: list[str] = []
+    for kind in KINDS.values():
+        causes = "".join(f"\n  - {cause}" for cause in kind.causes)
+        silent = ", ".join(f"`{design.value}`" for design in Design if design in kind.suppressed) or "never"
+        parts.append(
+            f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {kind.consequence}.\n"
+            f"- What to do, within {_time(kind.respond_min)}: {kind.action}.\n- Likely causes:{causes}\n"
+            f"- Suppressed by design: {silent}.\n"
+        )
+    return "\n".join(parts)
+
+
+def designs_markdown() -> str:
+    rows = [f"| `{design.value}` | {meaning} |" for design, meaning in DESIGN_MEANING.items()]
+    return "\n".join(["| name | when |", "|---|---|", *rows]) + "\n"

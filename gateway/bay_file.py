@@ -1,0 +1,271 @@
+"""The bay files: what of a bay outlives a restart or a crash, one small JSON file a bay. IO.
+
+A function check that is on, because somebody works on the bay and may_move must stay off; and the visits from which
+R times Z is learned. Nothing else: no value of before the restart is ever shown as one of now.
+
+Files are read before anything starts. After that nobody waits for the disk: states are noted, and a task hands what is
+new to a thread. A file that is damaged, or that can't be read, is taken for one that had a function check in it. One
+that is not there is that of a first start.
+"""
+
+import asyncio
+import contextlib
+import logging
+import os
+import stat
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal, NoReturn
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gateway.clock import Clock
+from gateway.config import BayConfig, GatewayConfig
+from gateway.core.interlock import Remembered
+from gateway.core.model import FunctionCheck, StateVector
+from gateway.core.scale import KEPT, ScaleSample
+from gateway.errors import LinkError
+
+log = logging.getLogger(__name__)
+
+VERSION = 1
+MAX_BYTES = 100_000  # 60 visits take 6 kB
+SLOW_S = 5.0  # a disk that takes longer is at fault, however it ends
+STRICT = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+Length = Annotated[float, Field(gt=0, le=1e9)]
+Pixels = Annotated[int, Field(gt=0)] | None
+
+
+class _Visit(BaseModel):
+    """One truck in place: gateway.core.scale.ScaleSample."""
+
+    model_config = STRICT
+    unix_s: int
+    recipe: Annotated[int, Field(ge=0)]
+    radius_px: Length
+    distance_mm: Length
+
+
+class _BayFile(BaseModel):
+    """What stands in the file. `picture_px`: camera.width_px and height_px, for which alone the visits hold."""
+
+    model_config = STRICT
+    version: Annotated[int, Field(ge=VERSION, le=VERSION)]
+    function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
+    picture_px: tuple[Pixels, Pixels]
+    visits: Annotated[tuple[_Visit, ...], Field(max_length=KEPT)]
+
+
+def own_folder() -> Path:
+    """The gateway's folder for what it keeps, where the configuration names none."""
+    if os.geteuid() == 0:
+        return Path("/var/lib/loading-gateway")
+    try:
+        home = Path.home()
+    except RuntimeError:  # a user that the system does not know: nothing can be written there, which is told
+        home = Path("/")
+    return home / ".local" / "state" / "loading-gateway"
+
+
+def path_of(config: GatewayConfig, bay: str) -> Path | None:
+    """Of a bay's file; None: nothing is kept. No name of the three holds a dot."""
+    if not config.state_dir:
+        return None
+    folder = own_folder() if config.state_dir == "auto" else Path(config.state_dir)
+    return folder / f"bay.{config.site}.{config.instance}.{bay}.json"
+
+
+def decoded(data: bytes, bay: BayConfig) -> Remembered:
+    """What a bay file says. Raises ValueError for one that this gateway has not written."""
+    try:
+        kept = _BayFile.model_validate_json(data)
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)[0]
+        raise ValueError(f"{'.'.join(map(str, wrong['loc'])) or 'file'}: {wrong['msg']}") from None
+    visits = kept.visits if kept.picture_px == (bay.camera.width_px, bay.camera.height_px) else ()
+    if len(visits) < len(kept.visits):
+        log.warning("%s: the picture has another size now, so the learned R x Z is forgotten", bay.name)
+    return Remembered(
+        FunctionCheck[kept.function_check],
+        tuple(ScaleSample(v.recipe, v.radius_px, v.distance_mm, unix_s=v.unix_s) for v in visits),
+    )
+
+
+def encoded(remembered: Remembered, bay: BayConfig, offset_ns: int) -> bytes:
+    """The file's text. `offset_ns`: Unix time minus monotonic time."""
+    kept = _BayFile(
+        version=VERSION,
+        function_check=remembered.function_check.name,
+        picture_px=(bay.camera.width_px, bay.camera.height_px),
+        visits=tuple(
+            _Visit(unix_s=s.date_s(offset_ns), recipe=s.recipe, radius_px=s.radius_px, distance_mm=s.distance_mm)
+            for s in remembered.scale_samples
+        ),
+    )
+    return kept.model_dump_json(indent=1).encode() + b"\n"
+
+
+def read_file(path: Path) -> bytes | None:
+    """None: there is none. Never waits for a pipe, never follows a link. Raises OSError."""
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return None
+    with os.fdopen(fd, "rb") as file:
+        if not stat.S_ISREG(os.fstat(fd).st_mode):
+            raise OSError("no plain file")
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise OSError("far too long")
+    return data
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """On disk when it returns: the old file or the new one, never a part, whenever the power fails. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    fresh = path.with_name(f"{path.name}.new")
+    fresh.unlink(missing_ok=True)
+    fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(fd, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(fd)
+    fresh.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _in_a_thread(work: Callable[[], None]) -> None:
+    """A dead disk may keep it for ever: nothing waits for it at the exit."""
+    threading.Thread(target=work, name="bay-files", daemon=True).start()
+
+
+@dataclass(slots=True)
+class _Bay:
+    config: BayConfig
+    path: Path
+    wanted: Remembered
+    written: Remembered | None = None  # None: what is in the file is not known to be `wanted`
+    damaged: str = ""  # why the file could not be read; until a technician has had a look
+
+
+@dataclass(slots=True)
+class BayFiles:
+    """The files of all bays. `fault`: why they can't be written, in words; empty: they can."""
+
+    clock: Clock
+    write: Callable[[Path, bytes], None] = write_file
+    start: Callable[[Callable[[], None]], None] = _in_a_thread
+    fault: str = ""
+    _bays: dict[str, _Bay] = field(default_factory=dict)
+    _news: asyncio.Event = field(default_factory=asyncio.Event)
+
+    @staticmethod
+    def read(config: GatewayConfig, clock: Clock) -> "BayFiles":
+        """Of all bays; may wait for the disk. What is wrong with a file is logged, and stands in `damaged`."""
+        files = BayFiles(clock)
+        for bay in config.bays:
+            if (path := path_of(config, bay.name)) is not None:
+                files._bays[bay.name] = _read(bay, path)
+        return files
+
+    @property
+    def damaged(self) -> Mapping[str, str]:
+        """Bays whose file could not be read, and why, until somebody has begun or ended a function check there."""
+        return {name: bay.damaged for name, bay in self._bays.items() if bay.damaged}
+
+    def remembered(self, bay: str) -> Remembered | None:
+        """What a bay begins with; None: nothing is kept of it."""
+        return self._bays[bay].wanted if bay in self._bays else None
+
+    def note(self, state: StateVector) -> None:
+        """Every state that is published. Never waits."""
+        bay = self._bays.get(state.bay)
+        if bay is None:
+            return
+        known = bay.wanted
+        if state.function_check is known.function_check and state.memory.scale_samples is known.scale_samples:
+            return
+        if state.function_check is not known.function_check:
+            bay.damaged = ""
+        bay.wanted = Remembered(state.function_check, state.memory.scale_samples)
+        self._news.set()
+
+    async def run(self) -> NoReturn:
+        """Write what is new, at once, and all of it after a start. Raises LinkError when the disk does not take it."""
+        while True:
+            self._news.clear()
+            faults = [fault for bay in self._bays.values() if (fault := await self._kept(bay))]
+            if faults:
+                self.fault = faults[0]
+                raise LinkError(self.fault)
+            if self.fault:
+                log.warning("the bay files are written again")
+                self.fault = ""
+            await self._news.wait()
+
+    async def _kept(self, bay: _Bay) -> str:
+        """Write the bay's file if it needs to be; what went wrong."""
+        wanted = bay.wanted
+        if wanted == bay.written:
+            return ""
+        bay.written = None  # a write that fails may have written
+        data = encoded(wanted, bay.config, self.clock.wall_ns() - self.clock.now_ns())
+        error = await self._written(bay.path, data)
+        if error is not None:
+            return f"{bay.path}: {error.strerror or error}"
+        bay.written = wanted
+        return ""
+
+    async def _written(self, path: Path, data: bytes) -> OSError | None:
+        """In a thread. Longer than SLOW_S is a fault; a second write must not begin meanwhile."""
+        loop = asyncio.get_running_loop()
+        done: asyncio.Future[OSError | None] = loop.create_future()
+
+        def settle(error: OSError | None) -> None:
+            if not done.done():
+                done.set_result(error)
+
+        def work() -> None:
+            error: OSError | None = None
+            try:
+                self.write(path, data)
+            except OSError as failed:
+                error = failed
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody asks any more
+                loop.call_soon_threadsafe(settle, error)
+
+        self.start(work)
+        try:
+            async with self.clock.timeout(SLOW_S):
+                return await asyncio.shield(done)
+        except TimeoutError:
+            self.fault = f"{path}: not written after {SLOW_S:g} s"
+            log.warning("%s; waiting", self.fault)
+        return await done
+
+
+def _read(bay: BayConfig, path: Path) -> _Bay:
+    try:
+        data = read_file(path)
+        return _Bay(bay, path, Remembered() if data is None else decoded(data, bay))
+    except OSError as error:
+        why = error.strerror or str(error)
+    except ValueError as error:
+        why = str(error)
+    log.error(
+        "%s: %s cannot be read (%s): somebody may be working on the bay, so it begins with a function check",
+        bay.name,
+        path,
+        why,
+    )
+    aside = path.with_name(f"{path.name}.damaged")
+    with contextlib.suppress(OSError):  # for somebody to look at; a link, so that the file itself is never missing
+        aside.unlink(missing_ok=True)
+        os.link(path, aside, follow_symlinks=False)
+    return _Bay(bay, path, Remembered(FunctionCheck.MAY_MOVE_OFF), damaged=why)

@@ -1,0 +1,69 @@
+"""What `run` and `simulate` share: logging, signals, a bounded life, and the exit code."""
+
+import asyncio
+import atexit
+import contextlib
+import logging
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gateway import app
+from gateway.cli.output import Outlet
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig
+from gateway.hub import Hub
+from gateway.supervisor import Task
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def setup_logging(level: str) -> None:
+    """One line a record on stderr; stdout belongs to the verb's own output. A log that nobody reads blocks nobody."""
+    outlet = Outlet(sys.stderr)
+    atexit.register(outlet.close)
+    handler: logging.Handler = logging.StreamHandler(outlet)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
+    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+    # The MQTT library logs every lost broker as an error; the gateway reports its links itself.
+    logging.getLogger("mqtt").setLevel(logging.CRITICAL)
+
+
+def shipped(*parts: str) -> Path:
+    """A file of the project's config/ folder: beside the package in a checkout, inside it once installed."""
+    package = Path(__file__).resolve().parent.parent
+    beside = package.parent / "config"
+    return (beside if (beside / "gateway.toml").is_file() else package / "shipped").joinpath(*parts)
+
+
+async def serve(
+    config: GatewayConfig,
+    ports: app.Ports,
+    clock: SystemClock,
+    *,
+    duration_s: float | None = None,
+    on_started: Callable[[app.Running], None] = lambda _: None,
+    companions: Callable[[Hub], Sequence[Task]] = lambda _: (),
+    stop: asyncio.Event | None = None,
+    source: str = "",
+) -> None:
+    """`app.run` until a signal (SIGHUP: the terminal went away), `stop`, or `duration_s` of `clock` after the start."""
+    stop = stop or asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in SIGNALS:
+        loop.add_signal_handler(number, stop.set)
+
+    async def lifetime() -> None:
+        await clock.sleep(duration_s or 0.0)
+        stop.set()
+
+    def table(hub: Hub) -> list[Task]:
+        return [*companions(hub), *([Task("lifetime", lifetime)] if duration_s is not None else [])]
+
+    try:
+        await app.run(config, ports, clock, stop=stop, on_started=on_started, companions=table, source=source)
+    finally:
+        for number in SIGNALS:
+            with contextlib.suppress(ValueError, RuntimeError):
+                loop.remove_signal_handler(number)

@@ -1,0 +1,144 @@
+"""`gateway simulate --json`: one JSON object a line, for programs and tests.
+
+started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, hmi, instance, speed, seed, bays
+state     every 50 ms and at each change of stop, may_move or reason: what the gateway says, with the truth beside it
+event     each event, as it happens
+summary   once, at the end: per bay, counters and how often stop was raised
+"""
+
+import json
+from collections import Counter
+from functools import partial
+from typing import Any, TextIO
+
+from gateway.cli.output import Outlet
+from gateway.cli.sim_bay import Bay
+from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.core.model import FRESH_FRAME, EventKind, Quality, StateVector
+from gateway.hub import EventQueue, Hub
+from gateway.supervisor import Task
+
+PERIOD_S = 0.05
+Writable = TextIO | Outlet
+
+
+def emit(out: Writable, **row: Any) -> None:
+    """One line, at once: whoever reads may be waiting for it."""
+    out.write(json.dumps(row) + "\n")
+    out.flush()
+
+
+class Printer:
+    """Prints the lines of one run."""
+
+    def __init__(self, bays: list[Bay], clock: Clock, out: Writable) -> None:
+        self._out = out
+        self._bays = {bay.name: bay for bay in bays}
+        self._clock = clock
+        self._newest: dict[str, StateVector] = {}
+        self._events: Counter[tuple[str, EventKind]] = Counter()
+
+    def started(self, **facts: Any) -> None:
+        bays = [{"name": b.name, "unit_id": b.unit_id, "seed": b.scenario.seed} for b in self._bays.values()]
+        emit(self._out, type="started", **facts, bays=bays)
+
+    def tasks(self, hub: Hub) -> list[Task]:
+        # Subscribed here, not in the task: the start events are published before any task runs.
+        queue = hub.subscribe()
+        states = [Task(f"{name}.json", partial(self._states, hub, bay)) for name, bay in self._bays.items()]
+        return [*states, Task("events.json", lambda: self._print_events(queue))]
+
+    def summary(self) -> None:
+        for name, state in self._newest.items():
+            counts = {kind.value: self._events[name, kind] for kind in EventKind}
+            vision, rng = state.vision.stats, state.range.stats
+            emit(
+                self._out,
+                type="summary",
+                bay=name,
+                events=counts,
+                frames=vision.frames,
+                skipped=vision.skipped,
+                lost=vision.lost,
+                restarts=vision.restarts,
+                reopens=vision.reopens,
+                lines=rng.lines,
+                damaged=rng.damaged,
+                gaps=rng.gaps,
+            )
+
+    async def _states(self, hub: Hub, bay: Bay) -> None:
+        seq, shown_ns, shown_key = -1, 0, None
+        while True:
+            seq = await hub.newer(bay.name, seq)
+            state = hub.shown(bay.name, self._clock.now_ns())
+            self._newest[bay.name] = state
+            key = (state.stop, state.may_move, state.in_place, state.reason)
+            if key != shown_key or state.t_ns - shown_ns >= PERIOD_S * NS_PER_S:
+                shown_key, shown_ns = key, state.t_ns
+                emit(self._out, **self._state(state, bay))
+
+    def _state(self, state: StateVector, bay: Bay) -> dict[str, Any]:
+        circle, truth = state.vision.circle, bay.truth(state.t_ns)
+        predicted = state.vision.predicted
+        unix_ns = self._clock.wall_ns() - self._clock.now_ns() + state.t_ns
+        return {
+            "type": "state",
+            "bay": bay.name,
+            "t_s": round(bay.t_s(state.t_ns), 4),
+            "unix_ms": unix_ns // NS_PER_MS,
+            "seq": state.seq,
+            "u": circle and round(circle.u_px, 3),
+            "v": circle and round(circle.v_px, 3),
+            "r": circle and round(circle.radius_px, 3),
+            "z_mm": None if state.range.distance_mm is None else round(state.range.distance_mm, 2),
+            "vision": state.vision.quality.name.lower(),
+            "range": state.range.quality.name.lower(),
+            "tracking": state.vision.tracking.name.lower() if state.vision.quality in FRESH_FRAME else None,
+            "confidence": state.vision.confidence and round(state.vision.confidence, 4),
+            "visible": state.vision.visible and round(state.vision.visible, 4),
+            "predicted": predicted
+            and {
+                "u": round(predicted.u_px, 3),
+                "v": round(predicted.v_px, 3),
+                "r": round(predicted.radius_px, 3),
+            },
+            "d": state.d,
+            "stop": state.stop,
+            "may_move": state.may_move,
+            "permit": state.may_move,  # its old name, for one version
+            "in_place": state.in_place,
+            "held": state.visit.held,
+            "moved": state.visit.moved.name.lower(),
+            "released": state.visit.released,
+            "phase": state.visit.phase.name.lower(),
+            "reason": state.reason.name.lower(),
+            "guidance": state.guidance.code.name.lower(),
+            "truth": {
+                "z_mm": round(truth.distance_mm, 2),
+                "u": round(truth.u_px, 3),
+                "v": round(truth.v_px, 3),
+                "r": round(truth.radius_px, 3),
+                "visible": truth.marker_visible,
+                "stop": truth.stop,
+                "phase": truth.phase.value,
+                "speed_mm_s": round(truth.speed_mm_s, 2),
+                "truck": truth.truck,
+            },
+        }
+
+    async def _print_events(self, queue: EventQueue) -> None:
+        while True:
+            event = await queue.get()
+            self._events[event.bay, event.kind] += 1
+            emit(
+                self._out,
+                type="event",
+                bay=event.bay,
+                t_s=round(self._bays[event.bay].t_s(event.t_ns), 4),
+                kind=event.kind.value,
+                sensor=event.sensor or None,
+                quality=None if event.quality is Quality.GOOD else event.quality.name.lower(),
+                reason=event.state.reason.name.lower(),
+                detail=event.detail,
+            )

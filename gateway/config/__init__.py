@@ -1,0 +1,156 @@
+"""One TOML file, checked strictly: an unknown key or a value out of range is an error that names where it stands.
+
+Top-level `[camera] [vision] [ranger] [fusion]` hold for every bay; a `[[bays]]` entry overrides what differs. Without
+any `[[bays]]` there is one bay, `bay1`. The sections themselves stand in gateway/config/sections.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from gateway.config.sections.common import Reconnect
+from gateway.config.sections.fusion import (
+    CrossCheck,
+    FusionConfig,
+    GuidanceConfig,
+    RecipeConfig,
+    RecipeFusion,
+    RecipeGuidance,
+)
+from gateway.config.sections.hmi import HmiConfig, HmiUser
+from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
+from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
+from gateway.config.sections.ranger import RangerConfig
+from gateway.config.sections.vision import CameraConfig, Intrinsics, PictureConfig, VisionConfig
+from gateway.config.sections.visit import VisitConfig
+from gateway.config.strict.placed_error import PlacedError, explain
+from gateway.config.strict.section import Section
+from gateway.config.strict.toml_file import merge, read_toml
+from gateway.errors import ConfigError
+
+__all__ = [
+    "SHARED_SECTIONS",
+    "BayConfig",
+    "CameraConfig",
+    "CrossCheck",
+    "FusionConfig",
+    "GatewayConfig",
+    "GuidanceConfig",
+    "HandshakeConfig",
+    "HmiConfig",
+    "HmiUser",
+    "Intrinsics",
+    "ModbusConfig",
+    "MqttConfig",
+    "MqttTls",
+    "PictureConfig",
+    "RangerConfig",
+    "RecipeConfig",
+    "RecipeFusion",
+    "RecipeGuidance",
+    "Reconnect",
+    "SparkplugConfig",
+    "TlsConfig",
+    "VisionConfig",
+    "VisitConfig",
+    "load",
+    "parse",
+]
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance", "visit")
+
+
+class BayConfig(Section):
+    name: Name = Field("bay1", description="in topics and events")
+    unit_id: int = Field(1, ge=1, le=247, description="Modbus unit id")
+    camera: CameraConfig = Field(default_factory=CameraConfig)
+    vision: VisionConfig = Field(default_factory=VisionConfig)
+    ranger: RangerConfig = Field(default_factory=RangerConfig)
+    fusion: FusionConfig = Field(default_factory=FusionConfig)
+    guidance: GuidanceConfig = Field(default_factory=GuidanceConfig)
+    visit: VisitConfig = Field(default_factory=VisitConfig)
+
+    @model_validator(mode="after")
+    def _leaves_beyond_the_threshold(self) -> Self:
+        least_mm = self.fusion.distance_threshold_mm + self.fusion.distance_hysteresis_mm + self.visit.band_mm
+        if self.visit.leave_distance_mm is not None and self.visit.leave_distance_mm < least_mm:
+            raise PlacedError(
+                f"must be at least {least_mm:g} mm: Z_th, its hysteresis and visit.band_mm",
+                "visit",
+                "leave_distance_mm",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_picture_size(self) -> Self:
+        lens = self.vision.intrinsics
+        for key in ("width_px", "height_px"):
+            asked, held = getattr(self.camera, key), None if lens is None else getattr(lens, key)
+            if None not in (asked, held) and asked != held:
+                raise PlacedError(f"camera.{key} is {asked}: other intrinsics", "vision", "intrinsics", key)
+        return self
+
+
+class GatewayConfig(Section):
+    site: Name = Field("site1", description="in topics")
+    instance: Name = Field("gateway", description="tells two gateways on one machine apart")
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    state_dir: str = Field(
+        "auto",
+        description="folder of the bay files, which keep what outlives a restart: a function check, the learned R x Z; "
+        "auto: /var/lib/loading-gateway, or ~/.local/state/loading-gateway for other users than root; empty: nothing "
+        "is kept",
+    )
+    modbus: ModbusConfig = Field(default_factory=ModbusConfig)
+    mqtt: MqttConfig | None = None
+    hmi: HmiConfig = Field(default_factory=HmiConfig)
+    recipes: tuple[RecipeConfig, ...] = Field((), max_length=1000, description="thresholds that the PLC may select")
+    bays: tuple[BayConfig, ...] = Field(default_factory=lambda: (BayConfig(),), min_length=1, max_length=64)
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        for key in ("name", "unit_id"):
+            seen: set[str | int] = set()
+            for n, bay in enumerate(self.bays):
+                value = getattr(bay, key)
+                folded = value.lower() if isinstance(value, str) else value  # `Bay1` beside `bay1` is a trap
+                if folded in seen:
+                    raise PlacedError(f"an earlier bay has the {key} {value}, too", "bays", n, key)
+                seen.add(folded)
+        ids: set[int] = set()
+        for n, recipe in enumerate(self.recipes):
+            if recipe.id in ids:
+                raise PlacedError(f"an earlier recipe has the id {recipe.id}, too", "recipes", n, "id")
+            ids.add(recipe.id)
+        return self
+
+
+def load(path: Path, overrides: Mapping[str, Any] | None = None) -> GatewayConfig:
+    """Read and check one TOML file; `overrides` (from the command line) are merged over it.
+
+    Raises ConfigError, one line per fault: `file:line: key = value: what is wrong and what is allowed`.
+    """
+    data, text = read_toml(path)
+    return parse(merge(data, overrides or {}), source=str(path), text=text)
+
+
+def parse(data: Mapping[str, Any], *, source: str = "config", text: str = "") -> GatewayConfig:
+    """Check a parsed document. `text` is the TOML it came from, for line numbers. Raises ConfigError."""
+    try:
+        return GatewayConfig.model_validate(_spread(data))
+    except ValidationError as error:
+        lines = explain(error, source=source, text=text, model=GatewayConfig, shared=SHARED_SECTIONS)
+    raise ConfigError("\n".join(lines))  # outside `except`: the checker's error quotes passwords, so it is not chained
+
+
+def _spread(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Push the shared sections down into every bay."""
+    rest = {key: value for key, value in data.items() if key not in SHARED_SECTIONS}
+    shared = {key: data[key] for key in SHARED_SECTIONS if key in data}
+    bays = rest.get("bays", [{}])
+    if isinstance(bays, list) and all(isinstance(bay, Mapping) for bay in bays):
+        rest["bays"] = [merge(shared, bay) for bay in bays]
+    return rest

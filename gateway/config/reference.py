@@ -1,0 +1,91 @@
+"""The configuration's own words about itself: the table of keys for docs and `gateway check`. Pure."""
+
+from collections.abc import Iterator
+from typing import Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig
+from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.section import bounds_of, inner_model
+
+
+def markdown() -> str:
+    """One table per section: key, default, allowed, meaning."""
+    return "\n".join("\n".join([f"### `{title}`", "", *key_table(model), ""]) for title, model in _sections())
+
+
+def key_table(model: type[BaseModel]) -> list[str]:
+    """The lines of one section's Markdown table; sections inside it have tables of their own."""
+    rows = [
+        f"| `{name}` | {_default(info)} | {_allowed(info)} | {info.description or ''} |"
+        for name, info in model.model_fields.items()
+        if inner_model(info.annotation) is None
+    ]
+    return ["| key | default | allowed | meaning |", "|---|---|---|---|", *rows]
+
+
+def _sections() -> Iterator[tuple[str, type[BaseModel]]]:
+    yield "top level", GatewayConfig
+    for name, info in GatewayConfig.model_fields.items():
+        model = inner_model(info.annotation)
+        if model is not None and model is not BayConfig:
+            several = get_origin(info.annotation) is tuple
+            yield from _nested(f"[[{name}]]" if several else f"[{name}]", model)
+    for name in SHARED_SECTIONS:
+        model = inner_model(BayConfig.model_fields[name].annotation)
+        if model is not None:
+            yield from _nested(f"[{name}]", model)
+    yield "[[bays]]", BayConfig
+
+
+def _nested(title: str, model: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
+    yield title, model
+    for name, info in model.model_fields.items():
+        below = inner_model(info.annotation)
+        if below is not None:
+            path = f"{title.strip('[]')}.{name}"
+            yield from _nested(f"[[{path}]]" if get_origin(info.annotation) is tuple else f"[{path}]", below)
+
+
+def _default(info: FieldInfo) -> str:
+    if info.is_required():
+        return "(required)"
+    value = info.get_default(call_default_factory=False)
+    return "–" if value is None else f"`{_toml(value)}`"
+
+
+def _allowed(info: FieldInfo) -> str:
+    if get_origin(info.annotation) is Literal:
+        return ", ".join(f'`"{choice}"`' for choice in get_args(info.annotation))
+    return bounds_of(info) or "–"
+
+
+def _toml(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return f'"{value}"'
+        case tuple() | list():
+            return "[" + ", ".join(_toml(item) for item in value) + "]"
+        case _:
+            return str(value)
+
+
+def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted keys with their values as TOML would write them; passwords masked, absent keys left out."""
+    for name, info in type(settings).model_fields.items():
+        value = getattr(settings, name) if info.repr else "***"
+        key = f"{prefix}{name}"
+        match value:
+            case None:
+                continue
+            case BaseModel():
+                yield from flat(value, f"{key}.")
+            case tuple() if any(isinstance(item, BaseModel) for item in value):
+                for index, item in enumerate(value):
+                    yield from flat(item, f"{key}[{index}].")
+            case _:
+                yield key, _toml(without_password(value) if isinstance(value, str) else value)

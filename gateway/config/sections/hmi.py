@@ -1,0 +1,164 @@
+"""`[hmi]`: the pages for operator, driver and technician, and who may see which. Pure."""
+
+import re
+from ipaddress import ip_address
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from gateway.config.strict.network import is_loopback
+from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.section import Section
+
+LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
+MIN_MEMORY_KIB, MAX_MEMORY_KIB = (
+    19_456,
+    262_144,
+)  # OWASP's smallest for argon2id; more than the other is no login any more
+MAX_PASSES = MAX_LANES = 16
+_HASH = re.compile(
+    r"\$argon2id\$v=19\$m=([1-9]\d{0,9}),t=([1-9]\d{0,9}),p=([1-9]\d{0,9})"
+    r"\$[A-Za-z0-9+/]{11,86}\$[A-Za-z0-9+/]{22,171}"
+)
+USER_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
+_LABELS = re.compile(r"(?!-)[a-z0-9_-]{1,63}(?<!-)(\.(?!-)[a-z0-9_-]{1,63}(?<!-))*")
+
+
+def hash_text(text: str) -> str:
+    """`text` as it is, if a login can be checked against it. Raises ValueError that says what to write."""
+    found = _HASH.fullmatch(text)
+    if found is None:
+        raise ValueError('should be what `gateway password` prints, "$argon2id$v=19$m=..."')
+    memory, passes, lanes = map(int, found.groups())
+    if not MIN_MEMORY_KIB <= memory <= MAX_MEMORY_KIB:
+        raise ValueError(f"asks for m={memory} KiB of memory; {MIN_MEMORY_KIB} to {MAX_MEMORY_KIB} are taken")
+    if passes > MAX_PASSES or lanes > MAX_LANES:
+        raise ValueError(f"t={passes}, p={lanes}; t up to {MAX_PASSES} and p up to {MAX_LANES} are taken")
+    return text
+
+
+def host_name(text: str) -> str:
+    """`text` as a Host header is compared: lower case, no port, no brackets. Raises ValueError saying what to write."""
+    folded = text.lower()
+    try:
+        return str(ip_address(folded.removeprefix("[").removesuffix("]")))
+    except ValueError:
+        pass
+    if len(folded) > 253 or not _LABELS.fullmatch(folded) or folded.replace(".", "").isdigit():
+        raise ValueError("should be one name or address as in the pages' address, without http:// and without port")
+    return folded
+
+
+PasswordHash = Annotated[str, AfterValidator(hash_text)]
+HostName = Annotated[str, AfterValidator(host_name)]
+
+
+class HmiUser(Section):
+    """One who may log in. `gateway password` prints such a table."""
+
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9._-]{1,64}$", description="as typed at login; letters, digits, `.`, `_`, `-`"
+    )
+    role: Literal["viewer", "technician"] = Field(
+        "viewer", description="a viewer sees everything and acknowledges alarms; a technician also tunes and saves"
+    )
+    password_hash: PasswordHash = Field(
+        repr=False, description="argon2id, as `gateway password` prints it; never the password itself"
+    )
+
+
+class HmiConfig(Section):
+    enabled: bool = Field(False, description="serve the pages")
+    host: HostName = Field("127.0.0.1", description="address to listen on; loopback: nobody from outside")
+    port: int = Field(8080, ge=0, le=65535, description="0 picks a free one")
+    without_login: Literal["none", "driver", "viewer", "technician"] = Field(
+        "driver", description="what everybody may do; `technician` only where host is loopback"
+    )
+    users: tuple[HmiUser, ...] = Field((), max_length=64, description="who may log in")
+    run_as: str | None = Field(
+        None,
+        pattern=r"^[A-Za-z_][A-Za-z0-9_.-]{0,31}$",
+        description="user that the web process becomes where the gateway runs as root; it must be able to read the "
+        "program and the TLS files; absent: the gateway's own user",
+    )
+    tls_cert: str | None = Field(
+        None, min_length=1, description="PEM file: the pages' certificate, then any intermediate ones; absent: no TLS"
+    )
+    tls_key: str | None = Field(None, min_length=1, description="PEM file: its private key, without a passphrase")
+    allowed_hosts: tuple[HostName, ...] = Field(
+        (),
+        max_length=64,
+        description="names and addresses by which the pages are called; empty: host, on loopback also localhost",
+    )
+    session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after so long, whatever happens")
+    session_idle_minutes: float = Field(60.0, ge=1, le=10_080, description="and after so long without an open page")
+    max_viewers: int = Field(64, ge=1, le=1000, description="live pages at the same time")
+    viewers_per_address: int = Field(
+        16, ge=1, le=1000, description="of max_viewers, for one address; more where all come through one proxy"
+    )
+    picture_max_hz: float = Field(10.0, ge=0.5, le=60, description="of one bay's picture, for all viewers together")
+    picture_max_width_px: int = Field(1280, ge=160, le=4096, description="wider pictures are made smaller")
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        seen: set[str] = set()
+        for n, user in enumerate(self.users):
+            if user.name.lower() in seen:  # `Anna` beside `anna` is a trap
+                raise PlacedError(f"an earlier user has the name {user.name}, too", "users", n, "name")
+            seen.add(user.name.lower())
+        return self
+
+    @model_validator(mode="after")
+    def _somebody(self) -> Self:
+        if self.without_login == "technician" and not self.loopback:
+            raise PlacedError(
+                f'"technician" opens tuning to everybody who reaches {self.host}; only loopback may have it so. '
+                'Make users (gateway password), and set "none", "driver" or "viewer"',
+                "without_login",
+            )
+        if self.without_login == "none" and not self.users:
+            raise PlacedError('"none" needs [[hmi.users]]: nobody could log in (gateway password)', "without_login")
+        return self
+
+    @model_validator(mode="after")
+    def _pair(self) -> Self:
+        for key, other in (("tls_cert", "tls_key"), ("tls_key", "tls_cert")):
+            if getattr(self, key) is not None and getattr(self, other) is None:
+                raise PlacedError(f"needs {other}, too", key)
+        return self
+
+    @model_validator(mode="after")
+    def _called(self) -> Self:
+        if not self.allowed_hosts and self.host in ("0.0.0.0", "::"):
+            raise PlacedError(
+                f"must name what the pages are called by: nobody calls them {self.host}, and pages that answer to any "
+                "name let a foreign web site read them (DNS rebinding)",
+                "allowed_hosts",
+            )
+        return self
+
+    @property
+    def loopback(self) -> bool:
+        """Only this machine's own processes can connect."""
+        return is_loopback(self.host)
+
+    @property
+    def tls(self) -> bool:
+        return self.tls_cert is not None
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """The Host headers (lower case, without port and brackets) that are answered."""
+        if self.allowed_hosts:
+            return frozenset(self.allowed_hosts)
+        return frozenset((self.host, *LOOPBACK_NAMES) if self.loopback else (self.host,))
+
+    def warnings(self) -> list[str]:
+        """What works, and is still no good idea; one line each, with the key to edit."""
+        said: list[str] = []
+        if self.enabled and self.users and not self.loopback and not self.tls:
+            said.append(
+                f"hmi.tls_cert: is missing, and host = {self.host} is no loopback address: passwords and sessions "
+                "travel unencrypted, and whoever listens on the network can take them (docs/hmi-security.md)"
+            )
+        return said

@@ -1,0 +1,84 @@
+"""`[mqtt]`: the broker, the outbox and the profiles. Pure."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from gateway.config.sections.common import Reconnect
+from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.section import Section
+
+
+class SparkplugConfig(Section):
+    """The gateway as a Sparkplug B 3.0 edge node, on a connection of its own beside the plain topics."""
+
+    group_id: str | None = Field(
+        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="first level after the namespace; default: `site`"
+    )
+    edge_node_id: str | None = Field(
+        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="unique in its group; default: `instance`"
+    )
+    primary_host_id: str | None = Field(
+        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="births wait until this host is online; absent: for none"
+    )
+    period_s: float = Field(0.5, ge=0.05, le=60, description="data at most so often; changes of stop at once")
+    history: int = Field(1000, ge=0, le=100_000, description="changes of stop kept while nobody can be told")
+
+
+class MqttTls(Section):
+    """With `url = "mqtts://..."`. Absent: the system's certificate authorities, and no certificate of our own."""
+
+    ca_file: str | None = Field(None, min_length=1, description="PEM; whom to trust; default: what the system trusts")
+    cert_file: str | None = Field(None, min_length=1, description="PEM; the certificate we show to the broker")
+    key_file: str | None = Field(None, min_length=1, description="PEM; its private key")
+    key_password_file: str | None = Field(None, min_length=1, description="file whose one line opens the key")
+
+    @model_validator(mode="after")
+    def _paired(self) -> Self:
+        if (self.cert_file is None) != (self.key_file is None):
+            missing = "key_file" if self.key_file is None else "cert_file"
+            raise PlacedError("is missing; cert_file and key_file belong together", missing)
+        return self
+
+
+class MqttConfig(Section):
+    url: str = Field(
+        pattern=r"^mqtts?://", description="mqtt[s]://[user[:password]@]host[:port]; without [mqtt] none is used"
+    )
+    root: str = Field("loading", pattern=r"^[^#+/\s][^#+\s]*$", description="first level of every topic")
+    client_id: str | None = Field(None, max_length=64, description="default: gateway-<site>-<instance>")
+    username: str | None = Field(None, min_length=1, max_length=1000, description="instead of one in the url")
+    password_file: str | None = Field(None, min_length=1, description="file whose one line is the password")
+    password_env: str | None = Field(
+        None, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable that holds the password"
+    )
+    protocol: Literal["auto", "5", "3.1.1"] = Field("auto", description="auto: MQTT 5, and 3.1.1 where 5 is refused")
+    event_expiry_h: float = Field(
+        168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event that nobody fetched for so long"
+    )
+    home_assistant: bool = Field(False, description="every bay appears in Home Assistant by itself (MQTT discovery)")
+    home_assistant_prefix: str = Field(
+        "homeassistant", pattern=r"^[^#+/\s]+$", description="discovery prefix, as set in Home Assistant"
+    )
+    sparkplug: SparkplugConfig | None = Field(None, description="absent: no Sparkplug")
+    tls: MqttTls | None = Field(None, description="certificates for mqtts://")
+    state_period_s: float = Field(
+        0.5, ge=0.02, le=60, description="retained state at most so often; changes of stop at once"
+    )
+    keepalive_s: int = Field(10, ge=2, le=3600, description="the broker sends the last will after 1.5 of these")
+    outbox_events: int = Field(10_000, ge=10, le=200_000, description="events kept while the broker is away")
+    outbox_mb: int = Field(64, ge=1, le=1000, description="room for them, MB")
+    outbox_days: float = Field(30.0, ge=0.01, le=3650, description="an older event is dropped")
+    outbox_file: str = Field(
+        "auto",
+        description="SQLite file that keeps them through a restart or a power cut; auto: "
+        "outbox-<site>-<instance>.sqlite in /var/lib/loading-gateway, or in ~/.local/state/loading-gateway for other "
+        "users than root; empty: memory only",
+    )
+    reconnect: Reconnect = Field(default_factory=Reconnect)
+
+    @model_validator(mode="after")
+    def _one_password(self) -> Self:
+        if self.password_file is not None and self.password_env is not None:
+            raise PlacedError("password_file is given, too; keep one of them", "password_env")
+        return self

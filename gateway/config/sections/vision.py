@@ -1,0 +1,180 @@
+"""`[camera]` and `[vision]`: where frames come from, and how the marker is found in them. Pure."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from gateway.config.sections.common import Reconnect
+from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.section import Section
+
+Hsv = tuple[
+    Annotated[int, Field(ge=0, le=180, strict=True)],
+    Annotated[int, Field(ge=0, le=255, strict=True)],
+    Annotated[int, Field(ge=0, le=255, strict=True)],
+]
+Cpus = Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
+
+
+class Intrinsics(Section):
+    """Pinhole intrinsics, px, with Brown-Conrady distortion; equation 11."""
+
+    fx: float = Field(gt=0, le=100_000, description="focal length along u, px")
+    fy: float = Field(gt=0, le=100_000, description="focal length along v, px")
+    cx: float = Field(ge=-10_000, le=100_000, description="principal point, u, px")
+    cy: float = Field(ge=-10_000, le=100_000, description="principal point, v, px")
+    width_px: int | None = Field(
+        None, ge=16, le=16384, description="width of the pictures that these numbers hold for; checked where given"
+    )
+    height_px: int | None = Field(None, ge=16, le=16384, description="their height")
+    distortion: tuple[Annotated[float, Field(strict=True)], ...] = Field(
+        (), max_length=14, description="k1, k2, p1, p2[, k3, ...] as in OpenCV"
+    )
+
+    @field_validator("distortion")
+    @classmethod
+    def _known_length(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if len(value) not in (0, 4, 5, 8, 12, 14):
+            raise ValueError("distortion takes 0, 4, 5, 8, 12 or 14 coefficients")
+        return value
+
+    @model_validator(mode="after")
+    def _whole_size(self) -> Self:
+        if (self.width_px is None) != (self.height_px is None):
+            missing, given = ("width_px", "height_px") if self.width_px is None else ("height_px", "width_px")
+            raise PlacedError(f"{given} is set, so {missing} must be, too", given)
+        return self
+
+
+class PictureConfig(Section):
+    """When the picture itself needs somebody: it goes into NE 107 and alarms, and never into the decision."""
+
+    brightness_min: float = Field(0.04, ge=0, lt=1, description="mean grey level, share of white; 0: off")
+    clipped_max: float = Field(0.6, ge=0, lt=1, description="share of the pixels that are burnt out; 0: off")
+    contrast_min: float = Field(
+        0.05, ge=0, lt=1, description="from the 5th to the 95th percentile of the grey levels; 0: off"
+    )
+    sharpness_min: float = Field(
+        0.24, ge=0, lt=1, description="of the strongest edges: 0.6 in focus, 0.3 blurred by 2 px, 0.2 by 4 px; 0: off"
+    )
+    veil_max: float = Field(0.65, ge=0, lt=1, description="share of dust or haze over the picture; 0: off")
+    shift_max_px: float = Field(8.0, ge=0, le=1000, description="how far the fixed background may move; 0: off")
+    blind_s: float = Field(
+        5.0, ge=1, le=3600, description="dark, over-exposed or flat for so long: a fault, and cleared likewise"
+    )
+    lasting_s: float = Field(60.0, ge=1, le=3600, description="the same for blurred and shifted")
+    dusty_s: float = Field(900.0, ge=1, le=86_400, description="the same for dusty; a cloud while loading is none")
+
+
+class CameraConfig(Section):
+    url: str = Field(
+        "0",
+        min_length=1,
+        description="camera index, /dev/video*, video file, image folder, rtsp:// or http:// stream",
+    )
+    width_px: int | None = Field(
+        None,
+        ge=16,
+        le=16384,
+        description="width of the pictures: asked of a camera, required of any source; default: the first frame's",
+    )
+    height_px: int | None = Field(None, ge=16, le=16384, description="height of the pictures, likewise")
+    fps: float | None = Field(None, ge=0.1, le=1000, description="asked of a camera; pace of an image folder")
+    pace: Literal["realtime", "fast"] = Field(
+        "realtime", description="files: at their own pace, or every frame as fast as vision can"
+    )
+    loop: bool = Field(
+        False,
+        description="files: begin again at the end; default: the end is a lost source until the gateway starts again",
+    )
+    deadline_s: float = Field(1.0, ge=0.05, le=60, description="no frame for so long: the source has stalled")
+    frozen_s: float = Field(
+        2.0,
+        ge=0,
+        le=60,
+        description="cameras and streams: a picture that repeats itself for so long is a lost source; "
+        "until then it only ages; "
+        "0: equal pictures are never looked for",
+    )
+    repeats_age: bool = Field(
+        True,
+        description="cameras and streams: a picture equal to the one before keeps that one's time, so that it ages; "
+        "false: for an encoder that repeats a still scene",
+    )
+    frame_time: Literal["auto", "arrival", "presentation"] = Field(
+        "auto",
+        description="what stamps a frame; auto: a camera's buffer time, an RTSP stream's presentation time, "
+        "the arrival of any other; presentation: also for HTTP, where the stream carries true times",
+    )
+    open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take so long")
+    max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")
+    affinity: Cpus | None = Field(None, description="CPUs the camera process may use")
+    reconnect: Reconnect = Field(default_factory=Reconnect)
+    picture: PictureConfig = Field(default_factory=PictureConfig)
+
+
+class VisionConfig(Section):
+    """Method, tracking and the parameters of both methods; those of the paper's are its Table I."""
+
+    method: Literal["robust", "paper"] = Field("robust", description="how the marker is found in a picture")
+    tracking: bool = Field(
+        True,
+        description="follow the marker from frame to frame: the same answers, sooner; and say how each was come by",
+    )
+    coast_s: float = Field(
+        0.3,
+        ge=0,
+        le=10,
+        description="a followed marker that is not seen is predicted for so long, then lost; stop is on",
+    )
+    gaussian_kernel_px: int = Field(5, ge=1, le=31, description="paper: side of the Gaussian kernel, odd; 1: off")
+    gaussian_sigma_px: float = Field(0.0, ge=0, le=20, description="paper: 0: derived from the kernel, as OpenCV does")
+    red_low_1: Hsv = Field((0, 43, 46), description="paper: threshold 1, lower corner (H 0-180, S, V 0-255)")
+    red_high_1: Hsv = Field((10, 255, 255), description="paper: threshold 1, upper corner")
+    red_low_2: Hsv = Field((156, 43, 46), description="paper: threshold 2, lower corner")
+    red_high_2: Hsv = Field((180, 255, 255), description="paper: threshold 2, upper corner")
+    morph_kernel_px: int = Field(3, ge=1, le=31, description="paper: side of the square structuring element, odd")
+    morph_iterations: int = Field(2, ge=0, le=10, description="paper: of opening, then of closing; 0: off")
+    min_area_px2: float = Field(100.0, ge=0, le=1e8, description="paper: S_min of equation 9")
+    min_circularity: float = Field(0.0, ge=0, le=1, description="paper: 4 pi area / perimeter^2 at least; 0: off")
+    min_fill: float = Field(0.0, ge=0, le=1, description="paper: area / enclosing circle's area at least; 0: off")
+    min_radius_share: float = Field(
+        0.012, ge=0.002, le=1, description="robust: smallest radius, as a share of the picture's diagonal"
+    )
+    max_radius_share: float = Field(0.5, ge=0.002, le=1, description="robust: largest radius, likewise")
+    min_confidence: float = Field(
+        0.5, ge=0, le=1, description="robust: what is less sure to be a red disc is no marker"
+    )
+    intrinsics: Intrinsics | None = Field(None, description="for equation 11")
+    workers: int = Field(1, ge=1, le=16, description="vision processes for this bay")
+    affinity: Cpus | None = Field(None, description="CPUs the vision processes may use")
+    deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long before its worker is replaced")
+
+    def idle(self) -> tuple[str, ...]:
+        """The keys that were set and belong to the other method: they have no effect."""
+        other = "robust: " if self.method == "paper" else "paper: "
+        fields = type(self).model_fields
+        return tuple(
+            key for key in fields if key in self.model_fields_set and (fields[key].description or "").startswith(other)
+        )
+
+    @field_validator("gaussian_kernel_px", "morph_kernel_px")
+    @classmethod
+    def _odd(cls, value: int) -> int:
+        if value % 2 == 0:
+            raise ValueError("must be odd")
+        return value
+
+    @model_validator(mode="after")
+    def _radii(self) -> Self:
+        if self.min_radius_share > self.max_radius_share:
+            raise PlacedError(f"lies above max_radius_share, {self.max_radius_share:g}", "min_radius_share")
+        return self
+
+    @model_validator(mode="after")
+    def _corners(self) -> Self:
+        for n, low, high in ((1, self.red_low_1, self.red_high_1), (2, self.red_low_2, self.red_high_2)):
+            for axis, lo, hi in zip("HSV", low, high, strict=True):
+                if lo > hi:
+                    raise PlacedError(f"{axis} = {lo} lies above red_high_{n}'s {axis} = {hi}", f"red_low_{n}")
+        return self

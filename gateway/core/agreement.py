@@ -1,0 +1,142 @@
+"""Do camera and ranger agree? (memory, readings, time) -> memory with the verdict. Pure.
+
+One marker and one lens give R (Z + offset) = f r, a constant. Where it is configured (`cross_check`), the camera's Z is
+compared with the ranger's. Where it is not, three rules need no constant of the lens:
+
+- R Z near the mark is that of earlier visits (gateway/core/scale.py);
+- R Z does not jump: no truck changes one of the two alone;
+- R follows Z: when Z has changed by a factor of FOLLOW_Z, R has changed, too, the other way.
+
+Until the first or the last of them has been confirmed in a visit, a circle far too small for D = 1 is not believed at a
+distance short enough for it: it may be a lamp, with the marker covered.
+"""
+
+import math
+from dataclasses import replace
+from statistics import median
+
+from gateway.config import CrossCheck, FusionConfig
+from gateway.core.model import FusionMemory, RangeReading, VisionReading
+from gateway.core.scale import expected_radius_px
+
+NS_PER_S = 1_000_000_000
+LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
+FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
+PAIRS_LEAST = 5  # they make a constant
+PAIRS_MOST = 15  # of them are kept
+DOUBT_MM = 600.0  # a truck comes from farther away, so that R has followed Z by then, also where Z_th is larger
+FOLLOW_Z = 1.5
+FOLLOW_R = 1.03  # far less than FOLLOW_Z, for the camera may stand two metres behind the ranger
+
+Pair = tuple[float, float]  # R in px, Z in mm
+
+
+def sane(number: float) -> bool:
+    return -LARGEST <= number <= LARGEST  # false for NaN, too
+
+
+def checked(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, new: bool
+) -> tuple[FusionMemory, float | None]:
+    """The memory with the verdict on these two, and Z as the camera sees it, mm, where that can be told.
+
+    `new`: one of the readings is. A verdict is kept while it cannot be renewed.
+    """
+    if config.cross_check is None and config.decision == "held" and config.scale_tolerance:
+        return _constant(memory, vision, rng, now_ns, config, new=new), None
+    return _cross_check(memory, vision, rng, now_ns, config.cross_check)
+
+
+def forgotten(memory: FusionMemory, config: FusionConfig) -> FusionMemory:
+    """No truck is there: what was seen of the last one is not that of the next."""
+    if config.cross_check is not None or not (memory.pairs or memory.marker_proven):
+        return memory
+    return _agreed(replace(memory, pairs=(), followed=None, marker_proven=False))
+
+
+def _cross_check(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, check: CrossCheck | None
+) -> tuple[FusionMemory, float | None]:
+    """Z_vision = f r / R against Z. The wait for a verdict is kept, too."""
+    if check is None or vision.circle is None:
+        return memory, None
+    radius_px = vision.circle.radius_px
+    far_mm = check.focal_px * check.marker_radius_mm / radius_px if radius_px > 0 else math.inf
+    seen_mm = far_mm - check.camera_offset_mm
+    z_vision_mm = seen_mm if sane(seen_mm) else None
+    if rng.distance_mm is None:
+        return memory, z_vision_mm
+    tolerance_mm = check.tolerance_mm + check.tolerance_share * rng.distance_mm
+    if abs(seen_mm - rng.distance_mm) <= tolerance_mm:
+        return _agreed(memory), z_vision_mm
+    return _contradicted(memory, now_ns, check.lasting_s), z_vision_mm
+
+
+def _constant(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, new: bool
+) -> FusionMemory:
+    """The rules without a configured constant. The wait for a verdict is not kept: it is about what lasts."""
+    if vision.wrong_size is not None and rng.distance_mm is not None:
+        return _contradicted(memory, now_ns, config.scale_lasting_s)  # the search has refused it by what was learned
+    if vision.circle is None or rng.distance_mm is None:
+        return memory if memory.disagree else _agreed(memory)
+    if not new:
+        pending = memory.disagree_since_ns is not None
+        return _contradicted(memory, now_ns, config.scale_lasting_s) if pending else memory
+    pair = (vision.circle.radius_px, rng.distance_mm)
+    tolerance = config.scale_tolerance
+    expected_px = expected_radius_px(memory.scale, rng.distance_mm, tolerance)
+    if expected_px is not None:
+        # What was learned from visit to visit is believed before the newest pairs, which may be of something else.
+        fits = expected_px[0] <= pair[0] <= expected_px[1]
+        memory = replace(memory, marker_proven=True) if fits and not memory.marker_proven else memory
+        restart = fits and not _alike(memory.pairs, pair, tolerance)
+        memory = replace(memory, pairs=(), followed=None) if restart else memory
+    else:
+        fits = _alike(memory.pairs, pair, tolerance) and not _doubtful(memory, pair, config)
+    if fits:
+        memory, fits = _followed(replace(memory, pairs=(*memory.pairs, pair)[-PAIRS_MOST:]))
+    return _agreed(memory) if fits else _contradicted(memory, now_ns, config.scale_lasting_s)
+
+
+def _alike(pairs: tuple[Pair, ...], pair: Pair, tolerance: float) -> bool:
+    """Is R Z that of the newest pairs, by a share of the smaller one? Few pairs say nothing."""
+    if len(pairs) < PAIRS_LEAST:
+        return True
+    known, this = median(r * z for r, z in pairs), pair[0] * pair[1]
+    return max(known, this) <= (1 + tolerance) * min(known, this)
+
+
+def _doubtful(memory: FusionMemory, pair: Pair, config: FusionConfig) -> bool:
+    """Near enough for D = 1, far too small for it, and nothing has shown yet that it is the marker?"""
+    near = pair[1] <= min(config.distance_threshold_mm + config.distance_hysteresis_mm, DOUBT_MM)
+    return near and pair[0] < FAR_SHARE * config.radius_threshold_px and not memory.marker_proven
+
+
+def _followed(memory: FusionMemory) -> tuple[FusionMemory, bool]:
+    """Has R changed with Z, since Z was last judged? Of medians: a glitch is no change."""
+    if len(memory.pairs) < PAIRS_LEAST:
+        return memory, True
+    radius_px, distance_mm = median(r for r, _ in memory.pairs), median(z for _, z in memory.pairs)
+    if memory.followed is None:
+        return replace(memory, followed=(radius_px, distance_mm)), True
+    was_px, was_mm = memory.followed
+    if was_mm / FOLLOW_Z < distance_mm < was_mm * FOLLOW_Z:
+        return memory, True
+    growth = radius_px / was_px if distance_mm < was_mm else was_px / radius_px
+    if growth < FOLLOW_R:
+        return memory, False
+    return replace(memory, followed=(radius_px, distance_mm), marker_proven=True), True
+
+
+def _agreed(memory: FusionMemory) -> FusionMemory:
+    """Nothing contradicts."""
+    if memory.disagree_since_ns is None and not memory.disagree:
+        return memory
+    return replace(memory, disagree_since_ns=None, disagree=False)
+
+
+def _contradicted(memory: FusionMemory, now_ns: int, lasting_s: float) -> FusionMemory:
+    since_ns = now_ns if memory.disagree_since_ns is None else memory.disagree_since_ns
+    lasting = now_ns - since_ns >= lasting_s * NS_PER_S
+    return replace(memory, disagree_since_ns=since_ns, disagree=memory.disagree or lasting)

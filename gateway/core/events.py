@@ -1,0 +1,133 @@
+"""What happened between two states. Pure: (old, new) -> events, in a fixed order."""
+
+from gateway.core.model import (
+    MOVED_MEANING,
+    RANGE_FINE,
+    VISION_FINE,
+    Circle,
+    Event,
+    EventKind,
+    Moved,
+    Quality,
+    StateVector,
+)
+from gateway.core.plc import Change, Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
+
+
+def diff(old: StateVector, new: StateVector) -> list[Event]:
+    """Causes before consequences: people, sensors, the PLC, then the target, then stop.
+
+    A sensor that changes from one fault to another is reported again; WAITING (nothing received yet) is no fault.
+    """
+    return [
+        *_edge(old, new, was=bool(old.function_check), now=bool(new.function_check), kinds=_FUNCTION_CHECK),
+        *_sensor("vision", old, new),
+        *_sensor("range", old, new),
+        *_cross_check(old, new),
+        *_plc(old, new),
+        *_edge(old, new, was=old.memory.target_seen, now=new.memory.target_seen, kinds=_TARGET),
+        *_visit(old, new),
+        *_edge(old, new, was=old.stop, now=new.stop, kinds=_STOP),
+    ]
+
+
+def of_write(old: StateVector, new: StateVector, writer: Writer) -> list[Event]:
+    """What a write of `writer`, which made `new` of `old`, has changed; or that it was refused."""
+    if new.plc.conflicts != old.plc.conflicts:
+        detail = f"{writer}: {new.plc.owner} owns the handshake block until its heartbeat is lost"
+        return [Event(EventKind.WRITE_REFUSED, new.bay, new.t_ns, new, detail=detail, writer=writer)]
+    return [
+        Event(EventKind.PLC_WRITE, new.bay, new.t_ns, new, detail=f"{writer}: {change}", writer=writer, change=change)
+        for change in changes(old.plc, new.plc)
+    ]
+
+
+def changes(before: Handshake, after: Handshake) -> list[Change]:
+    """What a write has changed of the registers that mean something by themselves; the heartbeat is only counted."""
+    pairs = (("plc_control", before.control, after.control), ("recipe_select", before.recipe_asked, after.recipe_asked))
+    return [Change(register, old, new) for register, old, new in pairs if new != old]
+
+
+_TARGET = (EventKind.TARGET_FOUND, EventKind.TARGET_LOST)
+_STOP = (EventKind.STOP_RAISED, EventKind.STOP_CLEARED)
+_FUNCTION_CHECK = (EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED)
+
+
+def _edge(
+    old: StateVector, new: StateVector, *, was: bool, now: bool, kinds: tuple[EventKind, EventKind]
+) -> list[Event]:
+    if was == now:
+        return []
+    return [Event(kinds[0] if now else kinds[1], new.bay, new.t_ns, new)]
+
+
+def _sensor(name: str, old: StateVector, new: StateVector) -> list[Event]:
+    vision = name == "vision"
+    fine = VISION_FINE if vision else RANGE_FINE
+    before = old.vision.quality if vision else old.range.quality
+    after = new.vision.quality if vision else new.range.quality
+    detail = new.vision.detail if vision else new.range.detail
+    if after not in fine and after is not before:
+        return [Event(EventKind.SENSOR_FAULT, new.bay, new.t_ns, new, name, after, detail)]
+    if after in fine and before not in fine:
+        return [Event(EventKind.SENSOR_RECOVERED, new.bay, new.t_ns, new, name, after)]
+    return []
+
+
+def _cross_check(old: StateVector, new: StateVector) -> list[Event]:
+    if old.memory.disagree == new.memory.disagree:
+        return []
+    kind = EventKind.SENSOR_FAULT if new.memory.disagree else EventKind.SENSOR_RECOVERED
+    detail = ""
+    if new.memory.disagree and new.z_vision_mm is not None and new.range.distance_mm is not None:
+        detail = f"camera sees {new.z_vision_mm:.0f} mm, ranger {new.range.distance_mm:.0f} mm"
+    elif new.memory.disagree and new.vision.circle is not None and new.range.distance_mm is not None:
+        detail = f"R x Z is not that of this marker: {_where(new.range.distance_mm, new.vision.circle)}"
+    return [Event(kind, new.bay, new.t_ns, new, "cross_check", Quality.GOOD, detail)]
+
+
+def _visit(old: StateVector, new: StateVector) -> list[Event]:
+    """In place, moved, released, gone; `detail` of a move has the values before and after."""
+    was, now = old.visit, new.visit
+    told: list[tuple[EventKind, str]] = []
+    if now.in_place and not was.in_place and now.place is not None:
+        told.append((EventKind.IN_PLACE, _where(now.place.distance_mm, now.place.circle)))
+    if now.moved is not was.moved and now.moved is not Moved.NO and now.place is not None:
+        before = _where(now.place.distance_mm, now.place.circle)
+        after = _where(new.range.distance_mm, new.vision.circle)
+        told.append((EventKind.MOVED, f"{MOVED_MEANING[now.moved]}: {before} -> {after}"))
+    if was.in_place and not now.in_place:
+        told.append((EventKind.IN_PLACE_ENDED, now.ended or "the gateway can't vouch for it"))
+    if now.released and not was.released:
+        told.append((EventKind.RELEASED, "by the PLC"))
+    if was.place is not None and now.place is None and now.clear_since_ns is not None:
+        told.append((EventKind.VISIT_ENDED, "the bay is clear"))
+    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in told]
+
+
+def _where(distance_mm: float | None, circle: Circle | None) -> str:
+    distance = "Z unknown" if distance_mm is None else f"Z {distance_mm:.0f} mm"
+    if circle is None:
+        return f"{distance}, marker not seen"
+    return f"{distance}, R {circle.radius_px:.1f} px at ({circle.u_px:.0f}, {circle.v_px:.0f})"
+
+
+def _plc(old: StateVector, new: StateVector) -> list[Event]:
+    """What became of the PLC's heartbeat and of its wishes; its writes themselves are told by who takes them."""
+    was, now = old.plc, new.plc
+    told: list[tuple[EventKind, str]] = []
+    if was.owner is not None and now.owner is not None and now.owner.identity != was.owner.identity:
+        told.append((EventKind.OWNER_CHANGED, f"{was.owner} -> {now.owner}"))
+    if now.link is not was.link:
+        if now.link is PlcLink.LOST:
+            told.append((EventKind.PLC_LOST, f"plc_heartbeat stands at {now.heartbeat}"))
+        elif now.link is PlcLink.ALIVE:
+            told.append((EventKind.PLC_RETURNED, f"plc_heartbeat is {now.heartbeat}"))
+    if now.recipe != was.recipe:
+        told.append((EventKind.RECIPE_CHANGED, f"recipe {was.recipe} -> {now.recipe}"))
+    elif now.recipe_verdict is not was.recipe_verdict and now.recipe_verdict is not RecipeVerdict.ACTIVE:
+        told.append((EventKind.WRITE_REFUSED, f"recipe {now.recipe_asked}: {now.recipe_verdict.name.lower()}"))
+    if old.memory.latched and not new.memory.latched:
+        asked = now.reset_verdict is ResetVerdict.DONE and now.writes != was.writes
+        told.append((EventKind.LATCH_RELEASED, "reset by the PLC" if asked else "the truck has left"))
+    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in told]

@@ -1,0 +1,376 @@
+"""Fold one observation, or the mere passing of time, into the next state vector with its decision. Pure.
+
+Equation 13 is the state, equation 14 the decision:
+
+    D = 1 when R >= R_th and Z <= Z_th, else 0
+
+computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
+unless `fail_safe` has been switched off. `may_move` asks for more than `not stop`: both sensors good, no contradiction.
+One exception, off by default: with `arrive_by_camera` D is 0 for a truck that is too far away for the ranger.
+
+Stop comes on at once. By default (`decision = "held"`) it goes off more slowly than equation 14 alone would have it: D
+ends only when both sensors show that the truck moved away from where equation 14 last held; a sensor that was dead must
+be alive for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation alone
+ends D = 1, at every step.
+
+A circle that does not fit the ranger's distance is a contradiction, and a cause: gateway/core/agreement.py.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from gateway.config import FusionConfig
+from gateway.core import agreement
+from gateway.core.agreement import FAR_SHARE, sane
+from gateway.core.model import (
+    DEAD,
+    FRESH_FRAME,
+    VISION_FINE,
+    Circle,
+    FunctionCheck,
+    FusionMemory,
+    Guidance,
+    GuidanceCode,
+    Place,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    Tick,
+    VisionReading,
+)
+from gateway.core.plc import PlcConnection, PlcWrite
+from gateway.core.scale import distance_of
+
+Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
+NS_PER_S = 1_000_000_000
+RECOVERING = "good again, but not for long enough yet"
+BEYOND_RANGE_MM = 3600.0  # the ranger hears up to 4 m; a tenth less, for what was learned may be off
+
+VISION_REASON: dict[Quality, Reason] = {
+    Quality.WAITING: Reason.STARTING,
+    Quality.STALE: Reason.VISION_STALE,
+    Quality.LINK_DOWN: Reason.CAMERA_DOWN,
+    Quality.NO_TARGET: Reason.NO_TARGET,
+    Quality.COASTED: Reason.TARGET_COASTED,
+}
+RANGE_REASON: dict[Quality, Reason] = {
+    Quality.WAITING: Reason.STARTING,
+    Quality.STALE: Reason.RANGE_STALE,
+    Quality.LINK_DOWN: Reason.RANGER_DOWN,
+    Quality.NO_ECHO: Reason.NO_ECHO,
+    Quality.TOO_NEAR: Reason.RANGE_TOO_NEAR,
+    Quality.TOO_FAR: Reason.RANGE_TOO_FAR,
+    Quality.STUCK: Reason.RANGER_STUCK,
+    Quality.UNSTABLE: Reason.RANGE_UNSTABLE,
+    Quality.WRONG_VERSION: Reason.RANGER_VERSION,
+}
+# Where several things are wrong, the one somebody has to repair is told first.
+_REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED: 2}
+
+
+def step(
+    state: StateVector, observation: Observation, now_ns: int, config: FusionConfig, *, valid_until_ns: int = 0
+) -> StateVector:
+    """The next state after `observation`, as of `now_ns` (monotonic, the clock that stamped the observations).
+
+    `valid_until_ns`: of the new state (gateway/core/shown.py). Readings older than the one held are ignored but for
+    their counters; damaged ones (GOOD without a finite value) become a fault. Never raises on any observation.
+    """
+    vision, rng = state.vision, state.range
+    match observation:
+        case VisionReading():
+            vision = _newest_vision(vision, _checked_vision(observation, now_ns))
+        case RangeReading():
+            rng = _newest_range(rng, _checked_range(observation, now_ns))
+        case Tick() | PlcWrite() | PlcConnection() | FunctionCheck():
+            pass  # what people and the PLC want is no measurement: core/interlock.py
+    vision = _aged_vision(vision, now_ns, config)
+    rng = _aged_range(rng, now_ns, config)
+    memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
+    new = vision is not state.vision or rng is not state.range
+    memory, z_vision_mm = agreement.checked(memory, vision, rng, now_ns, config, new=new)
+    memory = _decide(memory, vision, rng, now_ns, config, stopped=state.stop)
+    seen = vision.quality is Quality.GOOD
+    if seen != memory.target_seen and vision.quality in (Quality.GOOD, Quality.NO_TARGET):
+        memory = replace(memory, target_seen=seen)
+    known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
+    d = memory.d if known else None
+    fault = _fault(vision, rng, memory)
+    if _arrives(memory, vision, rng, config):
+        d, fault = False, Reason.NONE
+    stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
+    reason = Reason.NONE
+    if stop:
+        reason = fault if fault is not Reason.NONE and config.fail_safe else Reason.TARGET_REACHED
+    calm = not stop and fault is Reason.NONE
+    # Two sensors that contradict each other don't end a stop, not even before that is a fault.
+    sure = memory.disagree_since_ns is None or not state.stop or config.decision == "plain"
+    memory = _calm_since(memory, now_ns if calm and sure else None)
+    if calm and not _calm_for_long(memory, now_ns, config):
+        calm = False
+        if state.stop and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
+            stop, reason = True, state.reason
+    return StateVector(
+        bay=state.bay,
+        t_ns=now_ns,
+        seq=state.seq + 1,
+        heartbeat=state.heartbeat + isinstance(observation, Tick),
+        vision=vision,
+        range=rng,
+        d=d,
+        stop=stop,
+        may_move=calm,
+        reason=reason,
+        z_vision_mm=z_vision_mm,
+        memory=memory,
+        plc=state.plc,
+        guidance=state.guidance,
+        function_check=state.function_check,
+        visit=state.visit,
+        valid_until_ns=valid_until_ns,
+    )
+
+
+def initial(bay: str, now_ns: int) -> StateVector:
+    """The state before any observation: nothing known, `stop` on."""
+    return StateVector(
+        bay=bay,
+        t_ns=now_ns,
+        vision=VisionReading(now_ns, Quality.WAITING),
+        range=RangeReading(now_ns, Quality.WAITING),
+    )
+
+
+def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
+    """The state with every value withdrawn and `stop` on: for a dead control task, and for the last word at exit."""
+    return replace(
+        state,
+        t_ns=now_ns,
+        seq=state.seq + 1,
+        vision=_without_circle(state.vision, _not_good(state.vision.quality)),
+        range=replace(state.range, quality=_not_good(state.range.quality), distance_mm=None),
+        d=None,
+        stop=True,
+        may_move=False,
+        reason=reason,
+        z_vision_mm=None,
+        plc=state.plc.withdrawn(),
+        guidance=Guidance(GuidanceCode.FAULT),
+        visit=state.visit.withdrawn(),
+    )
+
+
+def _not_good(quality: Quality) -> Quality:
+    """A prediction is a value, too: nobody goes on with it, so it must not stand."""
+    return Quality.STALE if quality in (Quality.GOOD, Quality.COASTED) else quality
+
+
+def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
+    """`predicted` stays with COASTED alone: it is for people to look at, and nothing is decided on it.
+
+    `wrong_size` stays with what says that a frame was looked at: it can only contradict.
+    """
+    return replace(
+        reading,
+        quality=quality,
+        circle=None,
+        x_n=None,
+        y_n=None,
+        ellipse=None,
+        confidence=None,
+        visible=None,
+        predicted=reading.predicted if quality is Quality.COASTED else None,
+        wrong_size=reading.wrong_size if quality in (Quality.COASTED, Quality.NO_TARGET) else None,
+    )
+
+
+def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
+    """No stamp from the future, no GOOD without a circle that can exist, and no coordinates without it."""
+    predicted = reading.predicted if reading.quality is Quality.COASTED else None
+    if reading.t_ns > now_ns or reading.predicted is not predicted:
+        reading = replace(reading, t_ns=min(reading.t_ns, now_ns), predicted=predicted)
+    circle = reading.circle
+    if reading.quality is not Quality.GOOD:
+        return _without_circle(reading, reading.quality)
+    if circle is None or not all(map(sane, (circle.u_px, circle.v_px, circle.radius_px))) or circle.radius_px < 0:
+        return replace(_without_circle(reading, Quality.PROCESS_FAULT), detail="detection without a usable circle")
+    if all(n is None or sane(n) for n in (reading.x_n, reading.y_n)):
+        return reading
+    return replace(reading, x_n=None, y_n=None)
+
+
+def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
+    if reading.t_ns > now_ns:
+        reading = replace(reading, t_ns=now_ns)
+    z = reading.distance_mm
+    if reading.quality is not Quality.GOOD:
+        return replace(reading, distance_mm=None) if z is not None else reading
+    if z is not None and sane(z) and z > 0:
+        return reading
+    return replace(reading, quality=Quality.UNSTABLE, distance_mm=None, detail="reading without a usable distance")
+
+
+def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
+    return new if new.t_ns >= held.t_ns else replace(held, stats=new.stats)
+
+
+def _newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
+    # A port that opens again and says nothing yet has mended nothing: the fault stands until something comes.
+    lifts_a_fault = new.quality is Quality.WAITING and held.quality not in (Quality.GOOD, Quality.WAITING)
+    return new if new.t_ns >= held.t_ns and not lifts_a_fault else replace(held, stats=new.stats)
+
+
+def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> VisionReading:
+    ages = reading.quality in VISION_FINE
+    deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.vision_deadline_s
+    if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
+        return replace(_without_circle(reading, Quality.STALE), detail=f"no result for {deadline_s:g} s")
+    return reading
+
+
+def _aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> RangeReading:
+    # A live complaint (no echo, too far) ages like a value: silence after it is silence.
+    ages = reading.quality not in (Quality.LINK_DOWN, Quality.WRONG_VERSION, Quality.STALE)
+    deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
+    if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
+        return replace(reading, quality=Quality.STALE, distance_mm=None, detail=f"no reading for {deadline_s:g} s")
+    return reading
+
+
+def _recovering(
+    state: StateVector, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig
+) -> tuple[FusionMemory, VisionReading, RangeReading]:
+    """Of a sensor that was dead, nothing counts until it has been alive for recovery_s: it must not flicker."""
+    memory = state.memory
+    failure = _failure(
+        Failure(memory.vision_failed, memory.vision_alive_since_ns),
+        vision,
+        now_ns,
+        new=vision is not state.vision,
+        deadline_s=config.vision_deadline_s,
+        recovery_s=config.recovery_s,
+    )
+    if failure != (memory.vision_failed, memory.vision_alive_since_ns):
+        memory = replace(memory, vision_failed=failure.quality, vision_alive_since_ns=failure.alive_since_ns)
+    if failure.quality is not None and vision.quality in FRESH_FRAME:
+        vision = replace(_without_circle(vision, failure.quality), detail=RECOVERING)
+    failure = _failure(
+        Failure(memory.range_failed, memory.range_alive_since_ns),
+        rng,
+        now_ns,
+        new=rng is not state.range,
+        deadline_s=config.range_deadline_s,
+        recovery_s=config.recovery_s,
+    )
+    if failure != (memory.range_failed, memory.range_alive_since_ns):
+        memory = replace(memory, range_failed=failure.quality, range_alive_since_ns=failure.alive_since_ns)
+    if failure.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
+        rng = replace(rng, quality=failure.quality, distance_mm=None, detail=RECOVERING)
+    return memory, vision, rng
+
+
+class Failure(NamedTuple):
+    """How a sensor was dead, and since when it has been alive again without a gap; None: it was not, or is not yet."""
+
+    quality: Quality | None
+    alive_since_ns: int | None
+
+
+def _failure(
+    old: Failure, reading: VisionReading | RangeReading, now_ns: int, *, new: bool, deadline_s: float, recovery_s: float
+) -> Failure:
+    if new and reading.quality in DEAD:
+        return Failure(reading.quality, None)
+    if old.quality is None or not new:
+        # What is held back stands in the state as dead; whether more has come since, only its age tells.
+        gap = old.alive_since_ns is not None and now_ns - reading.t_ns > deadline_s * NS_PER_S
+        return Failure(old.quality, None) if gap else old
+    if reading.quality is Quality.WAITING:
+        return Failure(old.quality, None)
+    since_ns = now_ns if old.alive_since_ns is None else old.alive_since_ns
+    return Failure(None, None) if now_ns - since_ns >= recovery_s * NS_PER_S else Failure(old.quality, since_ns)
+
+
+def _decide(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, stopped: bool
+) -> FusionMemory:
+    """Equation 14, then hysteresis, `decision` and debounce. `stopped`: was stop on, whatever for?"""
+    circle, distance_mm = vision.circle, rng.distance_mm
+    if circle is None or distance_mm is None:
+        return _settled(memory)
+    radius_th = config.radius_threshold_px - (config.radius_hysteresis_px if memory.d else 0.0)
+    distance_th = config.distance_threshold_mm + (config.distance_hysteresis_mm if memory.d else 0.0)
+    raw = circle.radius_px >= radius_th and distance_mm <= distance_th
+    if config.decision == "held":
+        memory, raw = _held(memory, circle, distance_mm, config, raw=raw)
+    if raw == memory.d:
+        return _settled(memory)
+    since_ns = now_ns if memory.pending_since_ns is None else memory.pending_since_ns
+    wait_s = config.raise_debounce_s if raw else config.clear_debounce_s
+    if raw and stopped:
+        wait_s = 0.0  # what delays a stop must not end one: after a fault, D = 1 would first let the truck go on
+    if now_ns - since_ns >= wait_s * NS_PER_S:
+        return replace(memory, d=raw, pending_since_ns=None, mark=memory.mark if raw else None)
+    return replace(memory, pending_since_ns=since_ns)
+
+
+def _held(
+    memory: FusionMemory, circle: Circle, distance_mm: float, config: FusionConfig, *, raw: bool
+) -> tuple[FusionMemory, bool]:
+    """D = 1 ends only when both sensors show that the truck has moved away, by a ratio of R and Z that fits.
+
+    A red lamp for the covered marker, or an echo from the spout, changes one of them alone.
+    """
+    if circle.radius_px >= config.radius_threshold_px and distance_mm <= config.distance_threshold_mm:
+        return replace(memory, mark=Place(distance_mm, circle)), raw
+    if raw or not memory.d or memory.mark is None:
+        return memory, raw
+    away = distance_mm >= memory.mark.distance_mm + config.away_mm
+    smaller = circle.radius_px <= memory.mark.circle.radius_px - config.away_px
+    fitting = memory.disagree_since_ns is None and not memory.disagree
+    return memory, not (away and smaller and fitting)
+
+
+def _calm_since(memory: FusionMemory, now_ns: int | None) -> FusionMemory:
+    """`now_ns` None: there is a cause for a stop now."""
+    if (now_ns is None) == (memory.calm_since_ns is None):
+        return memory
+    return replace(memory, calm_since_ns=now_ns)
+
+
+def _calm_for_long(memory: FusionMemory, now_ns: int, config: FusionConfig) -> bool:
+    hold_s = 0.0 if config.decision == "plain" else config.clear_hold_s
+    return memory.calm_since_ns is not None and now_ns - memory.calm_since_ns >= hold_s * NS_PER_S
+
+
+def _arrives(memory: FusionMemory, vision: VisionReading, rng: RangeReading, config: FusionConfig) -> bool:
+    """Is D surely 0 though the ranger sees nothing yet? A small marker, as far away as nothing is heard from.
+
+    A ranger that has gone deaf is found out when the marker comes nearer than the ranger's range by what was learned.
+    """
+    if not config.arrive_by_camera or memory.scale is None or memory.d or memory.disagree or vision.circle is None:
+        return False
+    radius_px = vision.circle.radius_px
+    beyond = rng.quality in (Quality.NO_ECHO, Quality.TOO_FAR)
+    small = 0 < radius_px <= FAR_SHARE * config.radius_threshold_px
+    return beyond and small and distance_of(memory.scale, radius_px) >= BEYOND_RANGE_MM
+
+
+def _settled(memory: FusionMemory) -> FusionMemory:
+    """No change of D is pending."""
+    return memory if memory.pending_since_ns is None else replace(memory, pending_since_ns=None)
+
+
+def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory) -> Reason:
+    """The one reason, if any, for which the state must not be trusted."""
+    if vision.quality is Quality.GOOD and rng.quality is Quality.GOOD and not memory.disagree:
+        return Reason.NONE
+    reasons: list[Reason] = []
+    if vision.quality is not Quality.GOOD:
+        reasons.append(VISION_REASON.get(vision.quality, Reason.VISION_FAULT))
+    if rng.quality is not Quality.GOOD:
+        reasons.append(RANGE_REASON.get(rng.quality, Reason.RANGER_DOWN))
+    if memory.disagree:
+        reasons.append(Reason.SENSORS_DISAGREE)
+    return min(reasons, key=lambda reason: _REPAIR_FIRST.get(reason, 0), default=Reason.NONE)

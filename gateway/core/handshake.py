@@ -1,0 +1,245 @@
+"""The PLC's heartbeat, recipe and triggered measurement: (block, write, state, time) -> block. Pure.
+
+One writer at a time: the first one owns the block (`claim`) until its heartbeat is lost, and only what the owner writes
+takes effect. Who owns it next begins with a block in which nothing is set.
+
+A triggered measurement goes round in one table, TRANSITIONS, in the manner of industrial vision sensors: a rising
+`trigger` takes the next acquisition id; the first frame and distance younger than it are the result, which is held with
+`results_valid` until `results_ack` rises; when that is back at 0 the next trigger is taken. Whatever the PLC writes, it
+can only ask: whether a reset or a release ends a stop is decided in interlock.py and visit.py.
+"""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
+from enum import Enum, auto
+
+from gateway.config import HandshakeConfig
+from gateway.core.model import Quality, StateVector
+from gateway.core.plc import (
+    Acquired,
+    Control,
+    Handshake,
+    Outcome,
+    Phase,
+    PlcConnection,
+    PlcLink,
+    PlcWrite,
+    RecipeVerdict,
+    Writer,
+)
+
+NS_PER_S = 1_000_000_000
+WRITABLE = ("plc_heartbeat", "plc_control", "recipe_select")  # in the order of their registers
+
+
+class Signal(Enum):
+    """What can happen to a triggered measurement."""
+
+    ACK = auto()
+    ACK_GONE = auto()
+    TRIGGER = auto()
+    RESULT = auto()
+    TIMEOUT = auto()
+    PLC_LOST = auto()
+
+
+Work = Callable[[Handshake, StateVector], Handshake]
+
+
+def _start(plc: Handshake, state: StateVector) -> Handshake:
+    return replace(
+        plc,
+        acquisition=plc.acquisition % 0xFFFF + 1,  # 0 is none
+        trigger_ns=state.t_ns,
+        trigger_ack=True,
+        overrun=False,
+        timed_out=False,
+    )
+
+
+def _overrun(plc: Handshake, _: StateVector) -> Handshake:
+    return replace(plc, overrun=True)
+
+
+def _hold(plc: Handshake, state: StateVector) -> Handshake:
+    return replace(plc, result=acquired(plc, state))
+
+
+def _drop(plc: Handshake, _: StateVector) -> Handshake:
+    return replace(plc, result=None)
+
+
+def _time_out(plc: Handshake, _: StateVector) -> Handshake:
+    return replace(plc, timed_out=True)
+
+
+def _nothing(plc: Handshake, _: StateVector) -> Handshake:
+    return plc
+
+
+# What is not in the table changes nothing.
+TRANSITIONS: dict[tuple[Phase, Signal], tuple[Phase, Work]] = {
+    (Phase.READY, Signal.TRIGGER): (Phase.ACQUIRING, _start),
+    (Phase.ACQUIRING, Signal.TRIGGER): (Phase.ACQUIRING, _overrun),
+    (Phase.ACQUIRING, Signal.RESULT): (Phase.VALID, _hold),
+    (Phase.ACQUIRING, Signal.TIMEOUT): (Phase.READY, _time_out),
+    (Phase.ACQUIRING, Signal.PLC_LOST): (Phase.READY, _time_out),
+    (Phase.VALID, Signal.TRIGGER): (Phase.VALID, _overrun),
+    (Phase.VALID, Signal.ACK): (Phase.CLEARING, _drop),
+    (Phase.VALID, Signal.PLC_LOST): (Phase.READY, _drop),  # an unread result must not wait for a PLC that comes back
+    (Phase.CLEARING, Signal.TRIGGER): (Phase.CLEARING, _overrun),
+    (Phase.CLEARING, Signal.ACK_GONE): (Phase.READY, _nothing),
+    (Phase.CLEARING, Signal.PLC_LOST): (Phase.READY, _nothing),
+}
+
+
+def initial(now_ns: int, *, writes: bool) -> Handshake:
+    """The block of a gateway that has just started."""
+    return Handshake(link=PlcLink.WAITING, beat_ns=now_ns) if writes else Handshake()
+
+
+def owned(plc: Handshake, now_ns: int, config: HandshakeConfig) -> bool:
+    """Does the block belong to its owner still?
+
+    An owner with a heartbeat keeps it until that is lost. One that has written none keeps it for a heartbeat's
+    deadline; where none is required, as long as it is connected, and so long after its last write.
+    """
+    if plc.owner is None:
+        return False
+    if plc.owner_beats:
+        return plc.link is PlcLink.ALIVE  # the loss is told first, then another may begin
+    quiet = now_ns - plc.owner_ns > config.heartbeat_deadline_s * NS_PER_S
+    return not quiet or not (config.heartbeat_required or plc.owner_gone)
+
+
+def claim(plc: Handshake, writer: Writer, state: StateVector, now_ns: int, config: HandshakeConfig) -> Handshake:
+    """The block as `writer` finds it, which owns it now; or, where it belongs to another, with one more conflict."""
+    if plc.owner is not None and plc.owner.identity == writer.identity:
+        return plc if config.heartbeat_required else replace(plc, owner_ns=now_ns, owner_gone=False)
+    if owned(plc, now_ns, config):
+        return replace(plc, conflicts=plc.conflicts + 1)
+    if plc.owner is not None:  # what it wanted must not take effect under another's heartbeat
+        plc = replace(_signalled(plc, Signal.PLC_LOST, state), control=0, control_known=False)
+        plc = replace(plc, truck_left=False, trigger_ack=False)
+    return replace(plc, owner=writer, owner_ns=now_ns, owner_beats=False, owner_gone=False)
+
+
+def connected(plc: Handshake, change: PlcConnection) -> Handshake:
+    """The block after its owner has come or gone; others' connections change nothing."""
+    if plc.owner is None or plc.owner.identity != change.writer.identity:
+        return plc
+    return replace(plc, owner_gone=not change.open)
+
+
+def merged(old: int, new: int, mask: int) -> int:
+    """`old` with those bits of `new` that `mask` names."""
+    return old & ~mask | new & mask
+
+
+def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int]) -> Handshake:
+    """A write to recipe_select, judged on the state before it. New thresholds must never end a stop by D."""
+    if asked == plc.recipe:
+        verdict = RecipeVerdict.ACTIVE
+    elif asked != 0 and asked not in known:
+        verdict = RecipeVerdict.UNKNOWN
+    elif state.memory.d or state.memory.latched:  # memory.d outlives a sensor's fault; the cause may still be there
+        verdict = RecipeVerdict.STOP_STANDS
+    elif plc.phase is Phase.ACQUIRING:
+        verdict = RecipeVerdict.BUSY
+    else:
+        verdict = RecipeVerdict.ACTIVE
+    recipe = asked if verdict is RecipeVerdict.ACTIVE else plc.recipe
+    return replace(plc, recipe_asked=asked, recipe=recipe, recipe_verdict=verdict)
+
+
+def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: HandshakeConfig) -> Handshake:
+    """The block after `write` (None: no write, time has passed), with `state` as the sensors have it now.
+
+    The writer owns the block (`claim`). `recipe` of a write is not looked at here: `select` comes before the sensors'
+    values are judged.
+    """
+    before = plc
+    if write is not None:
+        plc = _written(plc, write, state.t_ns)
+    plc = _aged(plc, state.t_ns, config)
+    for signal in _signals(before, plc, state, config):
+        plc = _signalled(plc, signal, state)
+    return plc
+
+
+def rose(before: Handshake, after: Handshake, bit: Control) -> bool:
+    """Did the PLC set that bit between the two? A bit that is on at the first write may have been so for hours."""
+    return before.control_known and after.on(bit) and not before.on(bit)
+
+
+def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
+    """The result of the acquisition at work, if both sensors have spoken since its trigger."""
+    vision, rng = state.vision, state.range
+    silent = (Quality.WAITING, Quality.STALE)
+    # A median is as old as its oldest echo: of what was measured before the trigger nothing may count.
+    oldest_ns = rng.t_ns if rng.oldest_ns is None else rng.oldest_ns
+    if min(vision.t_ns, oldest_ns) < plc.trigger_ns or vision.quality in silent or rng.quality in silent:
+        return None
+    if state.d is None or state.memory.disagree:
+        outcome = Outcome.NO_TARGET if vision.quality is Quality.NO_TARGET else Outcome.SENSOR_FAULT
+    else:
+        outcome = Outcome.IN_PLACE if state.d else Outcome.NOT_IN_PLACE
+    circle = vision.circle
+    return Acquired(
+        plc.acquisition,
+        min(vision.t_ns, oldest_ns),
+        outcome,
+        circle.u_px if circle else None,
+        circle.v_px if circle else None,
+        circle.radius_px if circle else None,
+        rng.distance_mm,
+    )
+
+
+def _signalled(plc: Handshake, signal: Signal, state: StateVector) -> Handshake:
+    phase, work = TRANSITIONS.get((plc.phase, signal), (plc.phase, _nothing))
+    return replace(work(plc, state), phase=phase)
+
+
+def _written(plc: Handshake, write: PlcWrite, now_ns: int) -> Handshake:
+    plc = replace(plc, writes=plc.writes + 1)
+    if write.heartbeat is not None:
+        beat = merged(plc.heartbeat, write.heartbeat, write.mask)
+        # An owner's first one counts whatever its number is; after that only a change shows that its program runs.
+        if not plc.owner_beats or beat != plc.heartbeat:
+            plc = replace(plc, link=PlcLink.ALIVE, beat_ns=now_ns)
+        plc = replace(plc, heartbeat=beat, owner_beats=True)
+    if write.control is not None:
+        control = merged(plc.control, write.control, write.mask)
+        was_there, plc = plc.on(Control.TRUCK_PRESENT), replace(plc, control=control, control_known=True)
+        if plc.on(Control.TRUCK_PRESENT) != was_there:
+            plc = replace(plc, truck_left=was_there)
+        if not plc.on(Control.TRIGGER):
+            plc = replace(plc, trigger_ack=False)
+    return plc
+
+
+def _aged(plc: Handshake, now_ns: int, config: HandshakeConfig) -> Handshake:
+    late = now_ns - plc.beat_ns > config.heartbeat_deadline_s * NS_PER_S
+    link = PlcLink.LOST if late and plc.link is PlcLink.ALIVE else plc.link
+    missed = late and config.heartbeat_required
+    if link is plc.link and missed == plc.missed:
+        return plc
+    return replace(plc, link=link, missed=missed)
+
+
+def _signals(before: Handshake, now: Handshake, state: StateVector, config: HandshakeConfig) -> Iterator[Signal]:
+    """In this order: an acknowledge clears the way for a trigger in the same request."""
+    if now.link is PlcLink.LOST:
+        yield Signal.PLC_LOST
+    if rose(before, now, Control.RESULTS_ACK):
+        yield Signal.ACK
+    if not now.on(Control.RESULTS_ACK):
+        yield Signal.ACK_GONE
+    if rose(before, now, Control.TRIGGER):
+        yield Signal.TRIGGER
+    if before.phase is Phase.ACQUIRING:
+        if acquired(before, state) is not None:
+            yield Signal.RESULT
+        elif state.t_ns - before.trigger_ns > config.trigger_timeout_s * NS_PER_S:
+            yield Signal.TIMEOUT

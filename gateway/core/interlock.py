@@ -1,0 +1,275 @@
+"""The whole step of a bay: fusion's decision, then what may only make it stricter, then the truck's visit. Pure.
+
+Fusion (the paper) says what the sensors mean. On top of it stand the latch of a stop, the PLC's heartbeat and enables,
+a technician at work, and a truck that is in place or moved without release; each can raise `stop` or withhold
+`may_move`, none can end a stop that fusion asks for. One exception: a truck that was in place, and that the PLC has
+released, may leave although D is 1 or unknown (docs/visit.md). Guidance follows from the result.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from gateway.config import (
+    BayConfig,
+    FusionConfig,
+    GatewayConfig,
+    GuidanceConfig,
+    HandshakeConfig,
+    RecipeConfig,
+    VisitConfig,
+)
+from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, visit
+from gateway.core.model import (
+    FunctionCheck,
+    FusionMemory,
+    Moved,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    Tick,
+    Visit,
+)
+from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict
+from gateway.core.scale import ScaleSample
+
+NS_PER_S = 1_000_000_000
+DEAD_AFTER_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
+DEAD_AFTER_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
+# A lost PLC is told before these: they are how an idle bay looks, or how a good one stops.
+_BELOW_PLC_LOST = frozenset(
+    {Reason.NONE, Reason.TARGET_REACHED, Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """What one recipe makes of a bay's configuration."""
+
+    fusion: FusionConfig
+    guidance: GuidanceConfig
+
+    @staticmethod
+    def of(bay: BayConfig, recipe: RecipeConfig) -> "Recipe":
+        return Recipe(
+            bay.fusion.model_copy(update=recipe.fusion.model_dump(exclude_none=True)),
+            bay.guidance.model_copy(update=recipe.guidance.model_dump(exclude_none=True)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """One bay's configuration as the step needs it. `handshake` None: writes are off. Recipe 0 is always there."""
+
+    recipes: Mapping[int, Recipe]
+    handshake: HandshakeConfig | None = None
+    visit: VisitConfig = field(default_factory=VisitConfig)
+
+    @property
+    def latch_stop(self) -> bool:
+        return self.recipes[0].fusion.latch_stop
+
+    @property
+    def dead_after_ns(self) -> int:
+        """Without a tick for so long, nobody decides any more."""
+        return int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * self.recipes[0].fusion.period_s) * NS_PER_S)
+
+    @staticmethod
+    def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
+        """The rules of `bay`; without the gateway's configuration there are no writes and no recipes."""
+        recipes = {0: Recipe(bay.fusion, bay.guidance)}
+        if gateway is None:
+            return Rules(recipes, visit=bay.visit)
+        for recipe in gateway.recipes:
+            recipes[recipe.id] = Recipe.of(bay, recipe)
+        return Rules(recipes, gateway.modbus.handshake if gateway.modbus.writes else None, bay.visit)
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What of a bay outlives a restart: gateway/bay_file.py."""
+
+    function_check: FunctionCheck = FunctionCheck.OFF
+    scale_samples: tuple[ScaleSample, ...] = ()
+
+
+def initial(bay: str, now_ns: int, rules: Rules, remembered: Remembered | None = None) -> StateVector:
+    """The state before any observation. Whether stop was latched before the restart is not known, so it is now."""
+    kept = remembered or Remembered()
+    memory = FusionMemory(
+        latched=rules.latch_stop, scale_samples=kept.scale_samples, scale=scale.learned(kept.scale_samples, 0)
+    )
+    return replace(
+        fusion.initial(bay, now_ns),
+        memory=memory,
+        plc=handshake.initial(now_ns, writes=rules.handshake is not None),
+        function_check=kept.function_check,
+        valid_until_ns=now_ns + rules.dead_after_ns,
+    )
+
+
+def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules: Rules) -> StateVector:
+    """The next state after `observation`, as of `now_ns` (monotonic). Never raises on any observation."""
+    plc, write = _claimed(state, observation, now_ns, rules.handshake)
+    before = plc
+    if isinstance(observation, FunctionCheck):
+        state = replace(state, function_check=observation)
+    if write is not None and write.recipe is not None:
+        asked = handshake.merged(plc.recipe_asked, write.recipe, write.mask)
+        plc = handshake.select(plc, asked, state, rules.recipes)
+    recipe = rules.recipes[plc.recipe]
+    until_ns = now_ns + rules.dead_after_ns if isinstance(observation, Tick) else state.valid_until_ns
+    fused = fusion.step(state, observation, now_ns, recipe.fusion, valid_until_ns=until_ns)
+    if rules.handshake is not None:
+        plc = handshake.step(plc, write, fused, rules.handshake)
+
+    track = _track(fused, observation)
+    speed = state.guidance.closing_mm_s if track is fused.memory.track else guidance.closing_mm_s(track)
+    limits = visit.Limits(rules.visit, recipe.fusion, recipe.guidance)
+    stay = visit.step(
+        state.visit,
+        fused,
+        speed,
+        limits,
+        released=plc.on(Control.RELEASE) and plc.link is PlcLink.ALIVE,
+        release=handshake.rose(before, plc, Control.RELEASE),
+    )
+    memory, plc = _latch(state.memory, before, plc, fused, stay, limits)
+    stay, plc = _forgiven(stay, before, plc, fused)
+    memory = _learned(_worn(memory, fused), state, stay, plc.recipe, limits, fused)
+    if track is not memory.track:
+        memory = replace(memory, track=track)
+
+    fail_safe = recipe.fusion.fail_safe
+    released = visit.lets_go(stay, fused, limits)
+    rolled = stay.moved is not Moved.NO and rules.handshake is not None  # without writes nobody could release it
+    stop = (fused.stop and not released) or memory.latched or stay.in_place or rolled or (plc.missed and fail_safe)
+    allowed = rules.handshake is None or _allowed(plc, rules.handshake)
+    working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
+    may_move = (fused.may_move or released) and not stop and allowed and not working
+    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe, visit=stay)
+    # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
+    same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
+    if same and memory is fused.memory and plc is fused.plc and stay is fused.visit:
+        decided = fused
+    else:
+        decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc, visit=stay)
+    told = guidance.advise(
+        decided,
+        recipe.fusion,
+        recipe.guidance,
+        in_use=allowed and decided.function_check is FunctionCheck.OFF,
+        broken=plc.missed,
+        speed=speed,
+    )
+    return decided if told == decided.guidance else replace(decided, guidance=told)
+
+
+def _claimed(
+    state: StateVector, observation: fusion.Observation, now_ns: int, config: HandshakeConfig | None
+) -> tuple[Handshake, PlcWrite | None]:
+    """The block as whoever writes finds it, and the write; None: there is none, or it is not its writer's to make."""
+    match observation:
+        case PlcWrite() if config is not None:
+            plc = handshake.claim(state.plc, observation.writer, state, now_ns, config)
+            return plc, observation if plc.conflicts == state.plc.conflicts else None
+        case PlcConnection():
+            return handshake.connected(state.plc, observation), None
+        case _:
+            return state.plc, None
+
+
+def _latch(
+    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, stay: Visit, limits: visit.Limits
+) -> tuple[FusionMemory, Handshake]:
+    """Set by D; ended by a reset, a release or the truck leaving, never while its cause stands or can't be judged."""
+    config = limits.fusion
+    reset = handshake.rose(before, plc, Control.RESET)
+    if not config.latch_stop:
+        if reset:
+            plc = replace(plc, reset_verdict=ResetVerdict.NOTHING_LATCHED)
+        return fused.memory, plc
+    memory = replace(fused.memory, absent_since_ns=_absent_since(old, fused, limits))
+    if stay.released:
+        return replace(memory, latched=False), plc
+    if fused.d is True:
+        if not old.latched:
+            plc = replace(plc, truck_left=False)  # that was another truck
+        if reset:
+            plc = replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
+        return replace(memory, latched=True), plc
+    if not old.latched:
+        if reset:
+            plc = replace(plc, reset_verdict=ResetVerdict.NOTHING_LATCHED)
+        return memory, plc
+    cause_gone = fused.d is False and not memory.disagree
+    absent_ns = None if memory.absent_since_ns is None else fused.t_ns - memory.absent_since_ns
+    left = (plc.truck_left and (cause_gone or fused.vision.quality is Quality.NO_TARGET)) or (
+        absent_ns is not None and config.latch_leave_s > 0 and absent_ns >= config.latch_leave_s * NS_PER_S
+    )
+    if reset:
+        plc = replace(plc, reset_verdict=ResetVerdict.DONE if cause_gone else ResetVerdict.CAUSE_STANDS)
+    if left or (reset and cause_gone):
+        return replace(memory, latched=False), replace(plc, truck_left=False)
+    return memory, plc
+
+
+def _forgiven(stay: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
+    """A reset ends the stop after a move, too, once both sensors say D = 0: the truck may be brought back."""
+    if stay.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
+        return stay, plc
+    if fused.d is not False or fused.memory.disagree:
+        return stay, replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
+    return replace(stay, moved=Moved.NO, moved_covered=False, place=None), replace(plc, reset_verdict=ResetVerdict.DONE)
+
+
+def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -> int | None:
+    """Since when both sensors agree that no truck is there. A broken sensor proves nothing."""
+    if fused.vision.quality is not Quality.NO_TARGET or not visit.clear(fused, limits):
+        return None
+    return fused.t_ns if old.absent_since_ns is None else old.absent_since_ns
+
+
+def _learned(
+    memory: FusionMemory, old: StateVector, stay: Visit, recipe: int, limits: visit.Limits, fused: StateVector
+) -> FusionMemory:
+    """R times Z: one sample when a truck comes to be in place; a bay that is clear forgets that of its last truck."""
+    if stay.in_place and not old.visit.in_place and stay.place is not None:
+        sample = ScaleSample(recipe, stay.place.circle.radius_px, stay.place.distance_mm, fused.t_ns)
+        memory = replace(memory, scale_samples=scale.with_visit(memory.scale_samples, sample))
+    if memory.scale_samples is not old.memory.scale_samples or recipe != old.plc.recipe:
+        memory = replace(memory, scale=scale.learned(memory.scale_samples, recipe))
+    return agreement.forgotten(memory, limits.fusion) if visit.is_over(stay, fused, limits) else memory
+
+
+def _track(fused: StateVector, observation: fusion.Observation) -> guidance.Track:
+    track = fused.memory.track
+    if isinstance(observation, RangeReading) or fused.range.quality is not Quality.GOOD:
+        return guidance.tracked(track, fused.range, fused.t_ns)
+    return track
+
+
+def _worn(memory: FusionMemory, fused: StateVector) -> FusionMemory:
+    wear = ne107.wear(fused)
+    return memory if wear == memory.wear else replace(memory, wear=wear, wear_ns=fused.t_ns)
+
+
+def _allowed(plc: Handshake, config: HandshakeConfig) -> bool:
+    """Does the PLC want this bay in use, and is it there to watch?"""
+    return (
+        (plc.link is PlcLink.ALIVE or not config.heartbeat_required)
+        and (plc.on(Control.ENABLE) or not config.enable_required)
+        and (plc.on(Control.TRUCK_PRESENT) or not config.truck_required)
+    )
+
+
+def _reason(fused: StateVector, plc: Handshake, *, stop: bool, fail_safe: bool, visit: Visit) -> Reason:
+    if not stop:
+        return Reason.NONE
+    if plc.missed and fail_safe and fused.reason in _BELOW_PLC_LOST:
+        return Reason.PLC_LOST
+    if fused.reason is Reason.NONE:
+        if visit.moved is not Moved.NO:
+            return Reason.MOVED
+        return Reason.TARGET_REACHED if visit.in_place else Reason.STOP_LATCHED
+    return fused.reason

@@ -1,0 +1,535 @@
+"""The records that travel through the gateway. Frozen, plain, units in the names; no behaviour beyond reading.
+
+Pixel centres lie at integers: the centre of the top left pixel is (0, 0).
+"""
+
+import math
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+
+from gateway.core.plc import Change, Handshake, Writer
+from gateway.core.scale import MarkerScale, ScaleSample
+
+
+class Quality(IntEnum):
+    """Why a sensor's value may or may not be used. Only GOOD carries a value; the numbers are on the wire."""
+
+    GOOD = 0
+    WAITING = 1
+    STALE = 2
+    LINK_DOWN = 3
+    NO_TARGET = 4
+    PROCESS_FAULT = 5
+    NO_ECHO = 6
+    TOO_NEAR = 7
+    TOO_FAR = 8
+    STUCK = 9
+    UNSTABLE = 10
+    WRONG_VERSION = 11
+    COASTED = 12
+
+
+FRESH_FRAME = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED})
+"""Of a camera's reading: a frame stands behind it, whatever was in it."""
+VISION_FINE = FRESH_FRAME | {Quality.WAITING}
+"""Of a camera's reading: no fault. Every other quality is one."""
+RANGE_FINE = frozenset({Quality.GOOD, Quality.WAITING})
+"""Of a ranger's reading: no fault. Every other quality is one."""
+DEAD = frozenset({Quality.STALE, Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.STUCK, Quality.WRONG_VERSION})
+"""Of either sensor: it is broken, or its link is. Every other quality but WAITING comes from a live sensor."""
+
+QUALITY_MEANING: dict[Quality, str] = {
+    Quality.GOOD: "fresh and valid",
+    Quality.WAITING: "nothing received since the start",
+    Quality.STALE: "the last value is older than its deadline",
+    Quality.LINK_DOWN: "camera or serial port cannot be opened, or was lost",
+    Quality.NO_TARGET: "the frame is fine, but no marker is in it",
+    Quality.PROCESS_FAULT: "the vision process died, hung or failed on the frame",
+    Quality.NO_ECHO: "the ranger heard no echo",
+    Quality.TOO_NEAR: "nearer than the ranger can measure (2 cm)",
+    Quality.TOO_FAR: "farther than the ranger can measure (4 m)",
+    Quality.STUCK: "the ranger's ECHO pin does not move",
+    Quality.UNSTABLE: "readings jump more than the glitch gate allows",
+    Quality.WRONG_VERSION: "the ranger speaks another protocol version",
+    Quality.COASTED: "the marker is not in this frame; only where it should be is known, from its motion",
+}
+
+
+class Reason(IntEnum):
+    """Why `stop` is on. The numbers are on the wire: never renumber, only add."""
+
+    NONE = 0
+    TARGET_REACHED = 1
+    STOP_LATCHED = 2
+    MOVED = 3
+    STARTING = 10
+    VISION_STALE = 11
+    CAMERA_DOWN = 12
+    NO_TARGET = 13
+    VISION_FAULT = 14
+    TARGET_COASTED = 15
+    RANGE_STALE = 20
+    RANGER_DOWN = 21
+    NO_ECHO = 22
+    RANGE_TOO_NEAR = 23
+    RANGE_TOO_FAR = 24
+    RANGER_STUCK = 25
+    RANGE_UNSTABLE = 26
+    RANGER_VERSION = 27
+    SENSORS_DISAGREE = 30
+    GATEWAY_FAULT = 40
+    SHUTDOWN = 41
+    PLC_LOST = 50
+
+
+REASON_MEANING: dict[Reason, str] = {
+    Reason.NONE: "stop is off",
+    Reason.TARGET_REACHED: "D = 1: the marker is large enough and the distance short enough",
+    Reason.STOP_LATCHED: "D was 1, or the gateway has started; until a reset, a release, or the truck has left",
+    Reason.MOVED: "a truck that was in place has moved without release; until it has left, a release or a reset",
+    Reason.STARTING: "a sensor has sent nothing yet",
+    Reason.VISION_STALE: "the newest frame is older than its deadline",
+    Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",
+    Reason.NO_TARGET: "no marker in the picture",
+    Reason.VISION_FAULT: "the vision process died, hung or failed",
+    Reason.TARGET_COASTED: "the marker is hidden for the moment; its place is a prediction, not a measurement",
+    Reason.RANGE_STALE: "the newest distance is older than its deadline",
+    Reason.RANGER_DOWN: "the ranger's port cannot be opened or was lost",
+    Reason.NO_ECHO: "the ranger hears no echo",
+    Reason.RANGE_TOO_NEAR: "nearer than the ranger can measure",
+    Reason.RANGE_TOO_FAR: "farther than the ranger can measure",
+    Reason.RANGER_STUCK: "the ranger's ECHO pin does not move",
+    Reason.RANGE_UNSTABLE: "distance readings jump",
+    Reason.RANGER_VERSION: "the ranger's firmware speaks another protocol version",
+    Reason.SENSORS_DISAGREE: "camera and ranger contradict each other: R and Z do not fit",
+    Reason.GATEWAY_FAULT: "the gateway's own control task does not run",
+    Reason.SHUTDOWN: "the gateway is shutting down",
+    Reason.PLC_LOST: "the PLC's heartbeat does not come, or stands still; it is required",
+}
+
+
+class Tracking(IntEnum):
+    """How the position of this frame was come by. The numbers are on the wire: never renumber, only add."""
+
+    OFF = 0
+    MEASURED = 1
+    COASTED = 2
+    LOST = 3
+
+
+TRACKING_MEANING: dict[Tracking, str] = {
+    Tracking.OFF: "every frame is searched whole, by itself",
+    Tracking.MEASURED: "the marker was found in this frame and fits its track, or begins one",
+    Tracking.COASTED: "the marker was not found in this frame; its place is predicted from its motion",
+    Tracking.LOST: "no marker is followed: none was found yet, or not for so long that its track was given up",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """Minimum enclosing circle of the marker (equation 10): centre (u_c, v_c) and radius R, px.
+
+    Of a tilted disc, seen as an ellipse, R is the semi-major axis: what a circle round it has.
+    """
+
+    u_px: float
+    v_px: float
+    radius_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """The rim of a disc as the camera sees it. `angle_rad`: from +u towards +v to the major axis, in [0, pi)."""
+
+    u_px: float
+    v_px: float
+    semi_major_px: float
+    semi_minor_px: float
+    angle_rad: float
+
+    @property
+    def tilt_deg(self) -> float:
+        """Between the disc's normal and the line of sight, 0 to 90, as far as the perspective is weak."""
+        if not (self.semi_major_px > 0 and math.isfinite(self.semi_minor_px)):
+            return math.nan
+        return math.degrees(math.acos(min(1.0, max(0.0, self.semi_minor_px / self.semi_major_px))))
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """A candidate that was looked at and not taken, and why: a short code that the method's table explains."""
+
+    circle: Circle
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """What the vision pipeline says about one image. `circle` is None where no marker was found."""
+
+    circle: Circle | None
+    area_px2: float = 0.0  # equation 8, of the chosen contour
+    circularity: float = 0.0  # 4 pi area / perimeter^2, 1 for a disc
+    fill: float = 0.0  # area / area of the enclosing circle, 1 for a disc
+    candidates: int = 0  # contours larger than S_min
+    x_n: float | None = None  # equation 11, only where intrinsics are known
+    y_n: float | None = None
+    stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage, in pipeline order
+    ellipse: Ellipse | None = None  # the rim, where the method fits one; `circle` is the one round it
+    confidence: float | None = None  # 0 to 1; None: the method can't tell
+    visible: float | None = None  # share of the rim that was seen; None: the method can't tell
+    rejected: tuple[Rejection, ...] = ()  # the best few of the candidates not taken
+    tracking: Tracking = Tracking.OFF
+    predicted: Circle | None = None  # where the marker should be; only while it coasts
+    wrong_size: Circle | None = None  # no circle, but one that the ranger's distance makes too large or too small
+
+
+class PictureFault(IntEnum):
+    """What is wrong with the picture itself: bits of its status, on the wire: never renumber, only add."""
+
+    DARK = 0
+    BRIGHT = 1
+    FLAT = 2
+    BLURRED = 3
+    DUSTY = 4
+    SHIFTED = 5
+
+
+PICTURE_MEANING: dict[PictureFault, str] = {
+    PictureFault.DARK: "too dark",
+    PictureFault.BRIGHT: "over-exposed: too much of it is burnt out",
+    PictureFault.FLAT: "without contrast: the lens is covered, or looks into fog",
+    PictureFault.BLURRED: "without sharp edges: out of focus, or dirt or water on the lens",
+    PictureFault.DUSTY: "veiled for long: dust in the air or on the lens",
+    PictureFault.SHIFTED: "the fixed background is not where it was: the camera was moved, turned or zoomed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PictureHealth:
+    """What the picture itself is like, whatever is in it. Shares are 0 to 1; None: can't be told of this picture."""
+
+    brightness: float  # mean grey level
+    clipped: float  # share of pixels at white
+    contrast: float  # from the 5th to the 95th percentile of the grey levels
+    sharpness: float | None  # of its strongest edges, 0.6 in focus
+    veil: float | None  # share of airlight: haze, dust, a film on the lens
+    shift_px: float | None  # how far the fixed background has moved since it was learned
+    status: int = 0  # PictureFaults, one bit each
+
+    @property
+    def faults(self) -> tuple[PictureFault, ...]:
+        return tuple(fault for fault in PictureFault if self.status >> fault & 1)
+
+
+@dataclass(frozen=True, slots=True)
+class VisionStats:
+    """Counters since the start of the gateway, one set per bay."""
+
+    frames: int = 0  # results delivered
+    skipped: int = 0  # frames replaced by a newer one before a worker was free
+    lost: int = 0  # frames that died with their worker
+    restarts: int = 0  # workers replaced
+    reopens: int = 0  # camera processes replaced or sources opened again
+    rate_hz: float = 0.0  # results a second, over about the last second
+    latency_ms: float = 0.0  # capture to result, newest frame
+
+
+@dataclass(frozen=True, slots=True)
+class RangeStats:
+    """Counters since the start of the gateway, one set per bay."""
+
+    lines: int = 0  # good measurement lines
+    damaged: int = 0  # lines or fragments dropped: checksum, length, syntax
+    gaps: int = 0  # measurements missing by sequence number
+    rejected: int = 0  # readings held back by the glitch gate, late, or out of a backlog
+    reopens: int = 0
+    rate_hz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class VisionReading:
+    """One observation from the camera side. `circle` is set if and only if quality is GOOD."""
+
+    t_ns: int  # capture time of the frame, or of the fault
+    quality: Quality
+    circle: Circle | None = None
+    frame_id: int = 0
+    x_n: float | None = None
+    y_n: float | None = None
+    detail: str = ""  # for people: what went wrong, never parsed
+    stats: VisionStats = field(default_factory=VisionStats)
+    stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage of this frame, in pipeline order; empty: no result
+    ellipse: Ellipse | None = None  # of the circle, where the method fits one
+    confidence: float | None = None  # 0 to 1; None: no circle, or the method can't tell
+    visible: float | None = None  # share of the rim that was seen; None: no circle, or the method can't tell
+    tracking: Tracking = Tracking.OFF
+    predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
+    wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
+    picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` alone
+
+
+@dataclass(frozen=True, slots=True)
+class RangeReading:
+    """One observation from the ranger side. `distance_mm` is set if and only if quality is GOOD."""
+
+    t_ns: int  # time of the echo, dated back over the wire
+    quality: Quality
+    distance_mm: float | None = None
+    seq: int = 0
+    detail: str = ""
+    stats: RangeStats = field(default_factory=RangeStats)
+    oldest_ns: int | None = None  # time of the oldest echo that counts in the distance; None: t_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The mere passing of time; fusion checks ages and advances the heartbeat."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where both sensors had the truck at one time."""
+
+    distance_mm: float
+    circle: Circle
+
+
+@dataclass(frozen=True, slots=True)
+class FusionMemory:
+    """What the decision must remember between steps. All times monotonic ns; None: not pending."""
+
+    d: bool = False  # D(t) after hysteresis and debounce
+    pending_since_ns: int | None = None  # raw D differs from d since
+    disagree_since_ns: int | None = None
+    disagree: bool = False
+    target_seen: bool = False  # what the last frame that could be judged showed
+    latched: bool = False  # stop by D stays until reset; only with latch_stop
+    mark: Place | None = None  # the newest pair with D = 1 by equation 14 itself; it ends with D
+    calm_since_ns: int | None = None  # no cause for a stop since
+    vision_failed: Quality | None = None  # how the camera was dead, until it has been good for recovery_s
+    vision_alive_since_ns: int | None = None
+    range_failed: Quality | None = None
+    range_alive_since_ns: int | None = None
+    pairs: tuple[tuple[float, float], ...] = ()  # (R px, Z mm), the newest that fit each other, oldest first
+    followed: tuple[float, float] | None = None  # R and Z when R was last seen to follow Z
+    marker_proven: bool = False  # of this visit: R has followed Z, or fitted what was learned
+    scale_samples: tuple[ScaleSample, ...] = ()  # one a visit, oldest first; outlives restarts
+    scale: MarkerScale | None = None  # learned from them, for the recipe in force
+    absent_since_ns: int | None = None  # no truck to be seen since
+    track: tuple[tuple[int, float], ...] = ()  # (t_ns, distance_mm) of the newest good distances, for the speed
+    wear: int = 0  # what had to be restarted, reopened or was lost, in all
+    wear_ns: int | None = None  # `wear` last grew then
+
+
+class VisitPhase(IntEnum):
+    """Where a truck's visit stands (docs/visit.md). The numbers are on the wire: never renumber, only add."""
+
+    UNKNOWN = 0
+    EMPTY = 1
+    ARRIVING = 2
+    APPROACHING = 3
+    AT_MARK = 4
+    IN_PLACE = 5
+    HELD = 6
+    RELEASED = 7
+    LEAVING = 8
+
+
+VISIT_PHASE_MEANING: dict[VisitPhase, str] = {
+    VisitPhase.UNKNOWN: "a sensor has no usable value, or both contradict each other",
+    VisitPhase.EMPTY: "no truck: no marker in sight, and nothing before the ranger",
+    VisitPhase.ARRIVING: "a marker in sight, still beyond the ranger's range",
+    VisitPhase.APPROACHING: "a truck on its way in, D = 0",
+    VisitPhase.AT_MARK: "D = 1, but not in place: still moving, askew, too far in, moved, or in place was lost",
+    VisitPhase.IN_PLACE: "in place, seen by both sensors",
+    VisitPhase.HELD: "in place, with the marker covered: held by the ranger alone",
+    VisitPhase.RELEASED: "the PLC has released the truck; it has not left its place yet",
+    VisitPhase.LEAVING: "the truck was in place and is on its way out",
+}
+
+
+class Moved(IntEnum):
+    """How a truck that was in place left it without release. The numbers are on the wire: never renumber, only add."""
+
+    NO = 0
+    DISTANCE = 1
+    MARKER = 2
+
+
+MOVED_MEANING: dict[Moved, str] = {
+    Moved.NO: "it has not, since it was last in place",
+    Moved.DISTANCE: "the distance left its band",
+    Moved.MARKER: "the marker was seen elsewhere, at a fitting size",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """What a bay knows of the truck's visit. Only `in_place` may ever be a condition for loading.
+
+    All times monotonic ns; None: not pending. `place` stays after `in_place` has ended, so that a truck that moves is
+    noticed, until the truck has left or is in place again.
+    """
+
+    phase: VisitPhase = VisitPhase.UNKNOWN
+    in_place: bool = False
+    moved: Moved = Moved.NO
+    moved_covered: bool = False  # it moved while the marker was covered: under the spout
+    released: bool = False  # by the PLC, for this visit; it lets the truck go until off_mark
+    place: Place | None = None
+    still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
+    in_place_since_ns: int | None = None
+    covered_since_ns: int | None = None  # the camera is alive, and the marker not seen at its place since
+    doubt_since_ns: int | None = None  # in place, and nothing confirms it since
+    clear_since_ns: int | None = None  # no truck within leave_distance_mm since
+    sure_since_ns: int | None = None  # both sensors alive, the distance known and no contradiction since
+    settling: Place | None = None  # where the truck stood when still_since_ns began
+    off_mark: bool = False  # since it was in place, D was 0 and Z well beyond Z_th
+    farthest_mm: float | None = None  # Z at most since the release; a truck that comes nearer is not leaving
+    ended: str = ""  # why in_place ended last, in words
+
+    @property
+    def held(self) -> bool:
+        """In place by the ranger alone: the marker is covered."""
+        return self.in_place and self.covered_since_ns is not None
+
+    def withdrawn(self) -> "Visit":
+        """For a gateway that can't vouch for it any more: it must be earned again."""
+        return Visit(moved=self.moved, moved_covered=self.moved_covered)
+
+
+class GuidanceCode(IntEnum):
+    """What the driver is told. The numbers are on the wire: never renumber, only add."""
+
+    WAIT = 0
+    FORWARD = 1
+    BACK = 2
+    LEFT = 3
+    RIGHT = 4
+    SLOW = 5
+    STOP = 6
+    OK = 7
+    TOO_FAR = 8
+    FAULT = 9
+    LEAVE = 10
+    DRIVE_UP = 11
+
+
+GUIDANCE_MEANING: dict[GuidanceCode, str] = {
+    GuidanceCode.WAIT: "stand still: no truck to guide yet, or the bay is not in use",
+    GuidanceCode.FORWARD: "drive on; the amount is the distance to go",
+    GuidanceCode.BACK: "standing too far in: go back; the amount is how far",
+    GuidanceCode.LEFT: "drive on and keep more to the left; the amount is how much",
+    GuidanceCode.RIGHT: "drive on and keep more to the right; the amount is how much",
+    GuidanceCode.SLOW: "drive on slowly: nearly there; the amount is the distance to go",
+    GuidanceCode.STOP: "stop now",
+    GuidanceCode.OK: "in place: stay where you are",
+    GuidanceCode.TOO_FAR: "still moving, and already too far in: stop now; the amount is how far",
+    GuidanceCode.FAULT: "stop: something is broken; a display shows it as STOP",
+    GuidanceCode.LEAVE: "leave the bay: released, or on the way out",
+    GuidanceCode.DRIVE_UP: "drive on; too far away for the ranger to say how far",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """What the driver is told, and the numbers behind it. None: not known now, or not configured."""
+
+    code: GuidanceCode = GuidanceCode.WAIT
+    amount_mm: float | None = None  # of what the code names; never negative
+    offset_u_px: float | None = None  # marker minus aim point, to the right
+    offset_v_px: float | None = None  # downwards
+    offset_mm: float | None = None  # offset_u in the plane of the marker
+    closing_mm_s: float | None = None  # positive: the truck comes nearer
+    to_go_mm: float | None = None  # until D = 1; negative: past it
+
+
+class FunctionCheck(IntEnum):
+    """Is a technician at work on this bay?"""
+
+    OFF = 0
+    MAY_MOVE_OFF = 1
+    MAY_MOVE_KEPT = 2
+    PERMIT_OFF = 1  # the old names, taken for one version
+    PERMIT_KEPT = 2
+
+
+@dataclass(frozen=True, slots=True)
+class StateVector:
+    """Equation 13's x = [u, v, R, Z, tau] with the decision of equation 14 and what is needed to trust it.
+
+    Replaced whole, never changed. `vision` and `range` hold the newest observation with its quality as of `t_ns`: a
+    reading that has aged past its deadline stands here as STALE and without a value.
+    """
+
+    bay: str
+    t_ns: int = 0  # tau: the time this state was computed, monotonic
+    seq: int = 0  # +1 with every state
+    heartbeat: int = 0  # +1 with every fusion tick
+    vision: VisionReading = field(default_factory=lambda: VisionReading(0, Quality.WAITING))
+    range: RangeReading = field(default_factory=lambda: RangeReading(0, Quality.WAITING))
+    d: bool | None = None  # D(t); None: unknowable
+    stop: bool = True
+    may_move: bool = False  # the truck may move; never a condition for loading
+    reason: Reason = Reason.STARTING
+    z_vision_mm: float | None = None  # f r / R, only where configured and vision is GOOD
+    memory: FusionMemory = field(default_factory=FusionMemory)
+    plc: Handshake = field(default_factory=Handshake)
+    guidance: Guidance = field(default_factory=Guidance)
+    function_check: FunctionCheck = FunctionCheck.OFF
+    visit: Visit = field(default_factory=Visit)
+    valid_until_ns: int = 0  # without another tick by then, nobody decides any more: gateway/core/shown.py
+
+    @property
+    def in_place(self) -> bool:
+        return self.visit.in_place
+
+    @property
+    def picture(self) -> PictureHealth | None:
+        """The picture's own health; only while the camera's frames are fresh, and somebody computes the state."""
+        fresh = self.vision.quality in FRESH_FRAME and self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)
+        return self.vision.picture if fresh else None
+
+
+class EventKind(StrEnum):
+    """What happened. The names are on the wire."""
+
+    START = "start"
+    SHUTDOWN = "shutdown"
+    STOP_RAISED = "stop_raised"
+    STOP_CLEARED = "stop_cleared"
+    TARGET_FOUND = "target_found"
+    TARGET_LOST = "target_lost"
+    IN_PLACE = "in_place"
+    IN_PLACE_ENDED = "in_place_ended"
+    MOVED = "moved"
+    RELEASED = "released"
+    VISIT_ENDED = "visit_ended"
+    SENSOR_FAULT = "sensor_fault"
+    SENSOR_RECOVERED = "sensor_recovered"
+    PLC_LOST = "plc_lost"
+    PLC_RETURNED = "plc_returned"
+    PLC_WRITE = "plc_write"
+    WRITE_REFUSED = "write_refused"
+    OWNER_CHANGED = "owner_changed"
+    LATCH_RELEASED = "latch_released"
+    RECIPE_CHANGED = "recipe_changed"
+    FUNCTION_CHECK_BEGUN = "function_check_begun"
+    FUNCTION_CHECK_ENDED = "function_check_ended"
+    SETTINGS_CHANGED = "settings_changed"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened in one bay. Identity (a unique id) is given where it is published."""
+
+    kind: EventKind
+    bay: str
+    t_ns: int
+    state: StateVector
+    sensor: str = ""  # "vision", "range" or "cross_check", for the sensor events
+    quality: Quality = Quality.GOOD  # of that sensor
+    detail: str = ""
+    writer: Writer | None = None  # who wrote, for the events about writes
+    change: Change | None = None  # what a write has changed

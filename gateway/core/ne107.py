@@ -1,0 +1,79 @@
+"""The status signals of NAMUR NE 107, derived from a state. Pure.
+
+NE 107 gives a field device four signals besides "good": failure (F), function check (C), out of specification (S) and
+maintenance required (M). Several may hold at once; the register names the one that counts most.
+"""
+
+from enum import IntEnum
+
+from gateway.core.model import DEAD, FunctionCheck, Quality, Reason, StateVector
+
+MAINTENANCE_NS = 600 * 1_000_000_000  # a repair by itself is worth a look for so long
+
+
+class Ne107(IntEnum):
+    """The numbers are on the wire: never renumber, only add."""
+
+    GOOD = 0
+    FAILURE = 1
+    FUNCTION_CHECK = 2
+    OUT_OF_SPECIFICATION = 3
+    MAINTENANCE_REQUIRED = 4
+
+
+NE107_MEANING: dict[Ne107, str] = {
+    Ne107.GOOD: "in order; an empty bay is in order, too",
+    Ne107.FAILURE: "F: not valid: a sensor, a link, the PLC's heartbeat (where required) or the gateway is broken",
+    Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
+    Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
+    "hidden, sensors contradict",
+    Ne107.MAINTENANCE_REQUIRED: "M: valid, but the picture needs somebody (picture_status), something was restarted "
+    "within 10 min, or 1 line in 100 is damaged",
+}
+# A technician at work explains whatever else is seen; only a dead gateway is worse.
+ORDER = (Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED)
+
+_BEYOND_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
+_OUT = frozenset({Quality.TOO_NEAR, Quality.UNSTABLE, Quality.COASTED})
+
+
+def active(state: StateVector) -> frozenset[Ne107]:
+    """Every signal that holds; empty: good."""
+    vision, rng = state.vision.quality, state.range.quality
+    qualities = {vision, rng}
+    # With no marker in sight the bay is empty, and an ultrasonic ranger that hears nothing is right.
+    beyond = rng in _BEYOND_RANGE and vision is not Quality.NO_TARGET
+    holds = {
+        Ne107.FAILURE: bool(qualities & DEAD) or state.plc.missed or state.reason is Reason.GATEWAY_FAULT,
+        Ne107.FUNCTION_CHECK: state.function_check is not FunctionCheck.OFF
+        or Quality.WAITING in qualities
+        or state.reason is Reason.SHUTDOWN,
+        Ne107.OUT_OF_SPECIFICATION: beyond or bool(qualities & _OUT) or state.memory.disagree,
+        Ne107.MAINTENANCE_REQUIRED: worn(state) or (state.picture is not None and state.picture.status != 0),
+    }
+    return frozenset(signal for signal, on in holds.items() if on)
+
+
+def status(state: StateVector) -> Ne107:
+    """The signal that counts most."""
+    signals = active(state)
+    if state.function_check is not FunctionCheck.OFF and state.reason is not Reason.GATEWAY_FAULT:
+        return Ne107.FUNCTION_CHECK
+    if state.reason is Reason.SHUTDOWN:
+        return Ne107.FUNCTION_CHECK
+    return next((signal for signal in ORDER if signal in signals), Ne107.GOOD)
+
+
+def wear(state: StateVector) -> int:
+    """What had to mend itself since the start of the gateway."""
+    vision, rng = state.vision.stats, state.range.stats
+    return vision.restarts + vision.reopens + vision.lost + rng.reopens
+
+
+def worn(state: StateVector) -> bool:
+    """Has something had to be restarted lately, or do many lines come damaged?"""
+    since_ns = state.memory.wear_ns
+    if since_ns is not None and state.t_ns - since_ns < MAINTENANCE_NS:
+        return True
+    lines, damaged = state.range.stats.lines, state.range.stats.damaged
+    return lines + damaged >= 100 and damaged * 100 > lines + damaged

@@ -1,0 +1,234 @@
+"""The PLC's side of a bay, as records: what it writes, what it is told, and the words for both. Pure.
+
+The numbers are on the wire: never renumber, only add. What happens between them stands in gateway/core/handshake.py.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum, IntEnum, auto
+
+
+class Control(IntEnum):
+    """Bits of the register that the PLC writes."""
+
+    ENABLE = 0
+    TRUCK_PRESENT = 1
+    RESET = 2
+    TRIGGER = 3
+    RESULTS_ACK = 4
+    RELEASE = 5
+
+
+CONTROL_MEANING: dict[Control, str] = {
+    Control.ENABLE: "1: the PLC wants the bay in use; where enable_required is set, may_move needs it",
+    Control.TRUCK_PRESENT: "1: a truck is in the bay; back to 0: it has left, a latched stop may end; may_move needs "
+    "it where truck_required",
+    Control.RESET: "0 to 1: end the latched stop, or that of a truck that moved, if its cause is gone",
+    Control.TRIGGER: "0 to 1: measure anew and hold the result",
+    Control.RESULTS_ACK: "0 to 1: the held result has been read; go back to 0 before the next trigger",
+    Control.RELEASE: "0 to 1 while the truck is or was in place, with a heartbeat: it may leave, stop goes off; hold "
+    "it until it has left the mark",
+}
+
+
+CONTROL_BITS = sum(1 << bit for bit in Control)
+"""Every bit of `plc_control` that has a meaning."""
+
+
+class PlcLink(IntEnum):
+    """Does the PLC live? Judged by its heartbeat alone."""
+
+    UNUSED = 0
+    WAITING = 1
+    ALIVE = 2
+    LOST = 3
+
+
+PLC_LINK_MEANING: dict[PlcLink, str] = {
+    PlcLink.UNUSED: "writes are off: the gateway can't be told anything",
+    PlcLink.WAITING: "the PLC has written no heartbeat since the start of the gateway",
+    PlcLink.ALIVE: "the heartbeat changed within its deadline",
+    PlcLink.LOST: "the heartbeat has stood still for longer than its deadline",
+}
+
+
+class Phase(IntEnum):
+    """Where a triggered measurement stands."""
+
+    READY = 0
+    ACQUIRING = 1
+    VALID = 2
+    CLEARING = 3
+
+
+PHASE_MEANING: dict[Phase, str] = {
+    Phase.READY: "a trigger would be taken",
+    Phase.ACQUIRING: "waiting for a frame and a distance of which nothing is older than the trigger",
+    Phase.VALID: "the result of acquisition_id is held and may be read",
+    Phase.CLEARING: "the result was acknowledged; waiting for results_ack to go back to 0",
+}
+
+
+class Outcome(IntEnum):
+    """What a triggered measurement found."""
+
+    NONE = 0
+    IN_PLACE = 1
+    NOT_IN_PLACE = 2
+    NO_TARGET = 3
+    SENSOR_FAULT = 4
+
+
+OUTCOME_MEANING: dict[Outcome, str] = {
+    Outcome.NONE: "no result is held",
+    Outcome.IN_PLACE: "D = 1; register in_place asks for more",
+    Outcome.NOT_IN_PLACE: "D = 0",
+    Outcome.NO_TARGET: "D is unknowable: no marker in the picture",
+    Outcome.SENSOR_FAULT: "D is unknowable: a sensor had no value, or both contradict each other",
+}
+
+
+class RecipeVerdict(IntEnum):
+    """What became of the newest recipe_select."""
+
+    NONE = 0
+    ACTIVE = 1
+    UNKNOWN = 2
+    STOP_STANDS = 3
+    BUSY = 4
+
+
+RECIPE_MEANING: dict[RecipeVerdict, str] = {
+    RecipeVerdict.NONE: "no recipe was asked for since the start of the gateway",
+    RecipeVerdict.ACTIVE: "the recipe asked for is in force",
+    RecipeVerdict.UNKNOWN: "no recipe has this id; recipe_active stands",
+    RecipeVerdict.STOP_STANDS: "not while D is 1, or was when last known, or stop is latched: new thresholds must not "
+    "end a stop; recipe_active stands",
+    RecipeVerdict.BUSY: "not while a triggered measurement runs; recipe_active stands",
+}
+
+
+class ResetVerdict(IntEnum):
+    """What became of the newest reset."""
+
+    NONE = 0
+    DONE = 1
+    CAUSE_STANDS = 2
+    NOTHING_LATCHED = 3
+
+
+RESET_MEANING: dict[ResetVerdict, str] = {
+    ResetVerdict.NONE: "no reset was asked for since the start of the gateway",
+    ResetVerdict.DONE: "the latched stop, or that of a truck that moved, was ended",
+    ResetVerdict.CAUSE_STANDS: "refused: D is 1, or can't be known",
+    ResetVerdict.NOTHING_LATCHED: "no stop was latched",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Writer:
+    """Who wrote. `subject` and `role` come from the certificate and are empty on plain TCP."""
+
+    address: str
+    subject: str = ""
+    role: str = ""
+
+    @property
+    def identity(self) -> tuple[str, str]:
+        """Equal for the same PLC, on whatever connection it comes."""
+        return self.address, self.subject
+
+    def __str__(self) -> str:
+        named = f" ({self.subject}, role {self.role or 'none'})" if self.subject else ""
+        return f"{self.address}{named}"
+
+
+@dataclass(frozen=True, slots=True)
+class PlcWrite:
+    """One write to the handshake block. None: that register was not part of the request.
+
+    `mask`: only these bits of the registers are written, the others stay as they are.
+    """
+
+    writer: Writer
+    heartbeat: int | None = None
+    control: int | None = None
+    recipe: int | None = None
+    mask: int = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class PlcConnection:
+    """The first connection of one who may write was made, or its last one has ended."""
+
+    writer: Writer
+    open: bool
+
+
+class WriteVerdict(Enum):
+    """What became of a write."""
+
+    TAKEN = auto()
+    CONFLICT = auto()  # the block belongs to another writer
+    UNDECIDED = auto()  # the control task does not run: nobody could take it
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One register of the block that a write has changed, for the audit."""
+
+    register: str
+    old: int
+    new: int
+
+    def __str__(self) -> str:
+        return f"{self.register} {self.old} -> {self.new}"
+
+
+@dataclass(frozen=True, slots=True)
+class Acquired:
+    """The result of one triggered measurement. A value is None where its sensor had none."""
+
+    number: int  # the acquisition's id
+    t_ns: int  # of the oldest frame or echo that counts in it
+    outcome: Outcome
+    u_px: float | None = None
+    v_px: float | None = None
+    radius_px: float | None = None
+    distance_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Handshake:
+    """The block's state. Replaced whole. All times monotonic ns; the default is that of a gateway with writes off."""
+
+    link: PlcLink = PlcLink.UNUSED
+    heartbeat: int = 0  # as last written
+    beat_ns: int = 0  # it last changed then; before the first: the start
+    missed: bool = False  # it is required, and has not come within its deadline: a fault
+    control: int = 0  # as last written
+    control_known: bool = False  # it was written since the start; the first write sets levels and makes no edges
+    recipe_asked: int = 0  # as last written
+    recipe: int = 0  # in force; 0: the configuration as it stands
+    recipe_verdict: RecipeVerdict = RecipeVerdict.NONE
+    reset_verdict: ResetVerdict = ResetVerdict.NONE
+    truck_left: bool = False  # truck_present went from 1 to 0, and no new one came
+    phase: Phase = Phase.READY
+    acquisition: int = 0  # id of the newest trigger taken; 0: none since the start
+    trigger_ns: int = 0
+    trigger_ack: bool = False  # the trigger was taken, and its bit still stands
+    overrun: bool = False  # a trigger came while one was at work; until the next one taken
+    timed_out: bool = False  # the newest acquisition got no result in time; until the next one taken
+    result: Acquired | None = None  # if and only if phase is VALID
+    writes: int = 0  # requests taken since the start
+    owner: Writer | None = None  # whose writes are taken; None: nobody has written since the start
+    owner_ns: int = 0  # it became the owner then; where no heartbeat is required: it last wrote then
+    owner_beats: bool = False  # it has written a heartbeat since
+    owner_gone: bool = False  # its last connection has ended
+    conflicts: int = 0  # requests refused since the start, because the block belonged to another
+
+    def withdrawn(self) -> "Handshake":
+        """For the last word of a gateway, or one about it: no result stands, and no trigger would be taken."""
+        return replace(self, phase=Phase.CLEARING, result=None)
+
+    def on(self, bit: Control) -> bool:
+        return bool(self.control >> bit & 1)

@@ -1,0 +1,271 @@
+"""A truck's visit after D = 1: in place, held while the marker is covered, moved, released, gone. Pure (docs/visit.md).
+
+`in_place` is entered by both sensors only: D known and 1, the truck standing, aligned and not too far in, for
+`settle_s`, no function check. Every loading covers the marker, so from then on the ranger alone may hold it, for as
+long as Z stays in its band, the camera is alive and nothing contradicts, and for `hold_limit_s` at most. A dead sensor
+ends it at once. What may be a glitch (a live ranger without a distance, a contradiction) ends it after `hold_grace_s`.
+It must then be earned again.
+
+A release lets such a truck leave although D is 1 or unknown: the one exception to `stop` (decision 19).
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
+from gateway.core.agreement import FAR_SHARE
+from gateway.core.guidance import to_go_mm
+from gateway.core.model import DEAD, Circle, FunctionCheck, Moved, Place, Quality, StateVector, Visit, VisitPhase
+
+NS_PER_S = 1_000_000_000
+LEAVE_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured
+NO_TRUCK_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
+BLIND = DEAD | {Quality.WAITING}
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """One bay's configuration, as the recipe in force has it."""
+
+    visit: VisitConfig
+    fusion: FusionConfig
+    guidance: GuidanceConfig
+
+    @property
+    def off_mark_mm(self) -> float:
+        """A truck farther away than this, with D = 0, has left the mark: what noise does to D ends there."""
+        return self.fusion.distance_threshold_mm + self.fusion.distance_hysteresis_mm + self.visit.band_mm
+
+    @property
+    def leave_mm(self) -> float:
+        """A truck farther away than this has left."""
+        asked_mm = self.visit.leave_distance_mm
+        if asked_mm is None:
+            return self.fusion.distance_threshold_mm + LEAVE_BEYOND_MM
+        return max(asked_mm, self.off_mark_mm)
+
+
+def step(
+    visit: Visit, state: StateVector, speed_mm_s: float | None, limits: Limits, *, released: bool, release: bool
+) -> Visit:
+    """The visit after `state`, which has the sensors and D as they are now.
+
+    `speed_mm_s`: closing speed, None where unknown. `released`: the release bit of a living PLC, `release`: it has just
+    risen.
+    """
+    clear_since_ns = _since(visit.clear_since_ns, state, on=clear(state, limits))
+    sure_since_ns = _since(visit.sure_since_ns, state, on=usable(state))
+    if (clear_since_ns, sure_since_ns) != (visit.clear_since_ns, visit.sure_since_ns):
+        visit = replace(visit, clear_since_ns=clear_since_ns, sure_since_ns=sure_since_ns)
+    if is_over(visit, state, limits):
+        visit = _over(visit)
+    if visit.place is not None and not visit.off_mark and _is_off_mark(state, limits):
+        visit = replace(visit, off_mark=True)
+    if visit.released:
+        visit = _leaving(visit, state, limits, released=released)
+    elif released and release and visit.place is not None and not visit.off_mark and usable(state):
+        visit = replace(_out_of_place(visit, "released"), moved=Moved.NO, moved_covered=False)
+        visit = replace(visit, released=True, farthest_mm=state.range.distance_mm)
+    if not visit.released:
+        if visit.place is not None:
+            visit = _watched(visit, visit.place, state, limits)
+        visit = _settled(visit, state, speed_mm_s, limits)
+    phase = _phase(visit, state, limits)
+    return visit if phase is visit.phase else replace(visit, phase=phase)
+
+
+def usable(state: StateVector) -> bool:
+    """Are both sensors alive, the distance known, and no contradiction? The marker may be covered."""
+    alive = state.vision.quality not in BLIND and state.range.quality is Quality.GOOD
+    return alive and not state.memory.disagree
+
+
+def lets_go(visit: Visit, state: StateVector, limits: Limits) -> bool:
+    """May a released truck drive, whatever D is? Only until it has left the mark, and while both sensors are fine."""
+    if not visit.released or visit.off_mark or not usable(state):
+        return False
+    hold_s = limits.fusion.clear_hold_s if limits.fusion.decision == "held" else 0.0
+    return _lasts(visit.sure_since_ns, state, hold_s)
+
+
+def is_over(visit: Visit, state: StateVector, limits: Limits) -> bool:
+    """Has the bay been clear for leave_s?"""
+    return _lasts(visit.clear_since_ns, state, limits.visit.leave_s)
+
+
+def clear(state: StateVector, limits: Limits) -> bool:
+    """Do both sensors say that no truck is at the spout? A broken sensor proves nothing."""
+    vision, distance_mm = state.vision, state.range.distance_mm
+    if vision.quality is Quality.NO_TARGET and vision.wrong_size is None:
+        return state.range.quality in NO_TRUCK_RANGE or (distance_mm is not None and distance_mm > limits.leave_mm)
+    small = vision.circle is not None and vision.circle.radius_px < FAR_SHARE * limits.fusion.radius_threshold_px
+    return small and distance_mm is not None and distance_mm > limits.leave_mm
+
+
+def _leaving(visit: Visit, state: StateVector, limits: Limits, *, released: bool) -> Visit:
+    """What becomes of a release: it ends with whatever casts doubt on it, so that no other truck inherits it."""
+    farthest_mm, distance_mm = visit.farthest_mm, state.range.distance_mm
+    nearer = farthest_mm is not None and distance_mm is not None and distance_mm < farthest_mm - limits.visit.band_mm
+    if visit.off_mark:
+        # It comes back, or another truck comes in: for that one nothing has been released.
+        return _over(visit) if nearer or state.d is True else _farther(visit, distance_mm)
+    visit = replace(visit, doubt_since_ns=_since(visit.doubt_since_ns, state, on=not usable(state)))
+    dead = state.vision.quality in BLIND or state.range.quality in BLIND
+    doubtful = _lasts(visit.doubt_since_ns, state, limits.visit.hold_grace_s)
+    if nearer or dead or doubtful or not released:
+        return replace(visit, released=False, farthest_mm=None, doubt_since_ns=None)
+    return _farther(visit, distance_mm)
+
+
+def _farther(visit: Visit, distance_mm: float | None) -> Visit:
+    if distance_mm is None or (visit.farthest_mm is not None and distance_mm <= visit.farthest_mm):
+        return visit
+    return replace(visit, farthest_mm=distance_mm)
+
+
+def _is_off_mark(state: StateVector, limits: Limits) -> bool:
+    """From here on equation 14 alone lets the truck go: fusion has said so for clear_hold_s."""
+    distance_mm = state.range.distance_mm
+    return state.d is False and state.may_move and distance_mm is not None and distance_mm > limits.off_mark_mm
+
+
+def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits: Limits) -> Visit:
+    """In place, once both sensors have said so for settle_s, and that it is the same place."""
+    circle, distance_mm = state.vision.circle, state.range.distance_mm
+    if visit.in_place:
+        return visit
+    # A marker seen where it was, at another distance: one of the two is wrong, and standing still does not mend it.
+    doubtful = visit.place is not None and _compared(visit.place, state, limits.visit)[1]
+    if circle is None or distance_mm is None or doubtful or not _stands(state, circle, distance_mm, speed_mm_s, limits):
+        return visit if visit.settling is None else replace(visit, still_since_ns=None, settling=None)
+    if visit.settling is None or _compared(visit.settling, state, limits.visit) != (Moved.NO, False):
+        return replace(visit, still_since_ns=state.t_ns, settling=Place(distance_mm, circle))
+    if not _lasts(visit.still_since_ns, state, limits.visit.settle_s):
+        return visit
+    return Visit(
+        phase=visit.phase,
+        in_place=True,
+        place=Place(distance_mm, circle),
+        in_place_since_ns=state.t_ns,
+        clear_since_ns=visit.clear_since_ns,
+        sure_since_ns=visit.sure_since_ns,
+    )
+
+
+def _stands(state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: Limits) -> bool:
+    """D = 1, standing, aligned where an aim is set, not too far in, nothing contradicts, nobody works on the bay."""
+    fusion, guidance = limits.fusion, limits.guidance
+    # D may be held at a circle that is not the marker, so that both values must be those of a truck at the mark.
+    large = circle.radius_px >= fusion.radius_threshold_px - max(fusion.radius_hysteresis_px, fusion.away_px)
+    near = distance_mm <= fusion.distance_threshold_mm + max(fusion.distance_hysteresis_mm, fusion.away_mm)
+    still = speed_mm_s is not None and abs(speed_mm_s) < guidance.still_mm_s
+    aligned = guidance.aim_u_px is None or abs(circle.u_px - guidance.aim_u_px) <= guidance.tolerance_px
+    not_past = to_go_mm(circle.radius_px, distance_mm, fusion) >= -guidance.overshoot_mm
+    sure = not state.memory.disagree and state.memory.disagree_since_ns is None
+    working = state.function_check is not FunctionCheck.OFF
+    return state.d is True and large and near and still and aligned and not_past and sure and not working
+
+
+def _watched(visit: Visit, place: Place, state: StateVector, limits: Limits) -> Visit:
+    """A truck that is or was in place: does it still stand there, and may in_place be held?"""
+    moved, contradicts = _compared(place, state, limits.visit)
+    covered = contradicts or (state.vision.circle is None and state.vision.quality not in BLIND)
+    if moved is not Moved.NO and visit.moved is Moved.NO:
+        # One frame without the marker, or with it again, is not enough to tell.
+        lasts = _lasts(visit.covered_since_ns, state, limits.visit.hold_grace_s)
+        visit = replace(visit, moved=moved, moved_covered=lasts)
+    covered_since_ns = _since(visit.covered_since_ns, state, on=covered)
+    if covered_since_ns != visit.covered_since_ns:
+        visit = replace(visit, covered_since_ns=covered_since_ns)
+    if not visit.in_place:
+        return visit
+    if why := _ended(visit, state, moved):
+        return _out_of_place(visit, why)
+    disagree = contradicts or state.memory.disagree or state.vision.wrong_size is not None
+    doubtful = disagree or state.range.distance_mm is None
+    visit = replace(visit, doubt_since_ns=_since(visit.doubt_since_ns, state, on=doubtful))
+    if doubtful and _lasts(visit.doubt_since_ns, state, limits.visit.hold_grace_s):
+        return _out_of_place(visit, "contradiction" if state.range.distance_mm is not None else "no distance")
+    if covered and _lasts(visit.covered_since_ns, state, limits.visit.hold_limit_s):
+        return _out_of_place(visit, "held for too long")
+    return visit
+
+
+def _ended(visit: Visit, state: StateVector, moved: Moved) -> str:
+    """What ends in_place at once; empty: nothing."""
+    if moved is not Moved.NO:
+        return "moved"
+    if state.vision.quality in BLIND:
+        return "camera dead"
+    if state.range.quality in BLIND:
+        return "ranger dead"
+    if state.function_check is not FunctionCheck.OFF:
+        return "function check"
+    return "D = 0" if state.d is False else ""
+
+
+def _compared(place: Place, state: StateVector, config: VisitConfig) -> tuple[Moved, bool]:
+    """How the truck has left its place, and whether the sensors contradict each other about it."""
+    circle, distance_mm = state.vision.circle, state.range.distance_mm
+    left_band = distance_mm is not None and abs(distance_mm - place.distance_mm) > config.band_mm
+    if circle is None:
+        return (Moved.DISTANCE if left_band else Moved.NO), False
+    share, was_px = config.band_share, place.circle.radius_px
+    fitting_px = was_px if distance_mm is None else was_px * place.distance_mm / distance_mm  # R of a truck there
+    shift_px = math.hypot(circle.u_px - place.circle.u_px, circle.v_px - place.circle.v_px)
+    shifted = shift_px > share * was_px
+    if left_band:
+        # Nearer to R as it was than to R as it should be: the marker stands where it stood, the echo is another.
+        stayed = not shifted and abs(circle.radius_px - was_px) < abs(fitting_px - was_px) / 2
+        return (Moved.NO, True) if stayed else (Moved.DISTANCE, False)
+    same_size = was_px / (1 + share) <= circle.radius_px <= was_px * (1 + share)
+    if same_size and not shifted:
+        return Moved.NO, False
+    # What is left of a marker partly covered is a circle on a chord of it: r^2 + shift^2 = R^2.
+    chord = circle.radius_px**2 + shift_px**2 <= fitting_px**2 * (1 + share**2 / 2)
+    if same_size and not chord:
+        return Moved.MARKER, False
+    return Moved.NO, distance_mm is not None  # covered from one side, or something else red and round
+
+
+def _phase(visit: Visit, state: StateVector, limits: Limits) -> VisitPhase:
+    if visit.in_place:
+        phase = VisitPhase.HELD if visit.held else VisitPhase.IN_PLACE
+    elif visit.released:
+        phase = VisitPhase.LEAVING if visit.off_mark or state.d is False else VisitPhase.RELEASED
+    elif state.memory.disagree:
+        phase = VisitPhase.UNKNOWN
+    elif state.d is True:
+        phase = VisitPhase.AT_MARK
+    elif state.vision.circle is not None and state.range.quality in NO_TRUCK_RANGE:
+        phase = VisitPhase.ARRIVING
+    elif state.d is False:
+        phase = VisitPhase.APPROACHING if visit.place is None else VisitPhase.LEAVING
+    else:
+        # Where a truck was in place just now, a covered marker and a lost echo are no empty bay yet.
+        empty = visit.place is None and clear(state, limits)
+        phase = VisitPhase.EMPTY if empty else VisitPhase.UNKNOWN
+    return phase
+
+
+def _since(old_ns: int | None, state: StateVector, *, on: bool) -> int | None:
+    if not on:
+        return None
+    return state.t_ns if old_ns is None else old_ns
+
+
+def _lasts(since_ns: int | None, state: StateVector, for_s: float) -> bool:
+    return since_ns is not None and state.t_ns - since_ns >= for_s * NS_PER_S
+
+
+def _out_of_place(visit: Visit, why: str) -> Visit:
+    return replace(visit, in_place=False, in_place_since_ns=None, doubt_since_ns=None, ended=why)
+
+
+def _over(visit: Visit) -> Visit:
+    return Visit(
+        phase=visit.phase,
+        clear_since_ns=visit.clear_since_ns,
+        sure_since_ns=visit.sure_since_ns,
+        ended="the bay is clear" if visit.in_place else visit.ended,
+    )

@@ -1,0 +1,1 @@
+"""The Modbus application protocol, sans-IO: bytes in, whole frames and answers out. Pure."""

@@ -1,0 +1,111 @@
+"""Whole frames in, whole frames out: finds the unit, answers, keeps answers for as long as their image stands. Pure.
+
+A PLC asks the same question again and again, far more often than the image changes. So the answer to a read is kept,
+bytes and all, until the unit shows another image. Whether it does is asked at every request: nothing old is ever shown.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.answers import FUNCTIONS, Peer, Unit, answer, exception
+from gateway.modbus.protocol.exceptions import ModbusException
+
+MAX_KEPT = 256  # answers a unit keeps for one image; a scanner asking for everything must not make them grow
+READ_FRAME_BYTES = 12
+READ_FRAME_HEAD = b"\x00\x00\x00\x06"  # protocol id and length of every FC 1 to 4 request that is well formed
+LAST_READ = 4
+FAILED = 0x80  # in the function code of an answer
+DEVICE_IDS = (0, 255)  # "the device itself", says the guide (4.4.2.1): the only bay, where there is but one
+BROADCAST = 0  # on a serial line; nothing is written under it
+
+
+@dataclass(slots=True)
+class DeskStats:
+    """Counters since the desk was made."""
+
+    requests: int = 0  # whole frames with protocol id 0
+    exceptions: int = 0  # of them, answered with a Modbus exception, whatever the reason
+    image_faults: int = 0  # of these, because an image could not be had or was no image (exception 04)
+
+
+class Desk:
+    """`units`: unit id (1..247) -> Unit. `on_fault` is told what went wrong where a unit fails at a request."""
+
+    def __init__(self, units: Mapping[int, Unit], stats: DeskStats, on_fault: Callable[[Exception], None]) -> None:
+        self._units = {unit_id: _Kept(unit) for unit_id, unit in units.items()}
+        if len(self._units) == 1:
+            (only,) = self._units.values()
+            self._units |= {device: only for device in DEVICE_IDS if device not in self._units}
+        self._stats = stats
+        self._on_fault = on_fault
+
+    def answer(self, frame: bytes, peer: Peer) -> bytes:
+        """The frame that answers `frame`, which is whole and has protocol id 0. Never raises."""
+        self._stats.requests += 1
+        kept = self._units.get(frame[6])
+        if frame[6] == BROADCAST and self._broadcast(frame[7], peer):
+            kept = None
+        if kept is None:
+            return self._refused(frame, ModbusException.TARGET_FAILED_TO_RESPOND)
+        try:
+            if frame[7] <= LAST_READ and len(frame) == READ_FRAME_BYTES and peer.access:
+                image = kept.unit.read()
+                if image is not kept.image:
+                    kept.renew(image)
+                rest = frame[2:]
+                tail = kept.answers.get(rest)
+                if tail is not None:
+                    return frame[:2] + tail
+                pdu = answer(Unit(lambda: image), frame[7:], peer)
+                kept.keep(rest, pdu)
+            else:
+                pdu = answer(kept.unit, frame[7:], peer)
+        except Exception as error:  # noqa: BLE001 - whatever a unit's own code raises: the PLC must be told, by a 04
+            self._stats.image_faults += 1
+            self._on_fault(error)
+            return self._refused(frame, ModbusException.DEVICE_FAILURE)
+        if pdu[0] & FAILED:
+            self._stats.exceptions += 1
+        return _framed(frame, pdu)
+
+    def _broadcast(self, function_code: int, peer: Peer) -> bool:
+        """Is it a write to everybody? Then every bay tells of it."""
+        function = FUNCTIONS.get(function_code)
+        if function is None or not function.writes:
+            return False
+        for unit in {id(kept): kept.unit for kept in self._units.values()}.values():
+            if unit.refused is not None:
+                unit.refused(peer, f"{function.name}: nothing is written under unit id 0")
+        return True
+
+    def _refused(self, frame: bytes, why: ModbusException) -> bytes:
+        self._stats.exceptions += 1
+        return _framed(frame, exception(frame[7], why))
+
+
+class _Kept:
+    """A unit, the image it shows now, and the answers made from that: request to answer, without transaction ids."""
+
+    __slots__ = ("answers", "image", "unit")
+
+    def __init__(self, unit: Unit) -> None:
+        self.unit = unit
+        self.image: object = _NO_IMAGE
+        self.answers: dict[bytes, bytes] = {}
+
+    def renew(self, image: object) -> None:
+        # Only what can't change under our hands may stand for its answers.
+        self.image = image if type(image) is tuple else _NO_IMAGE
+        self.answers = {}
+
+    def keep(self, rest: bytes, pdu: bytes) -> None:
+        if not pdu[0] & FAILED and len(self.answers) < MAX_KEPT:
+            self.answers[rest] = _framed(b"\x00\x00" + rest, pdu)[2:]
+
+
+_NO_IMAGE = object()
+
+
+def _framed(request: bytes, pdu: bytes) -> bytes:
+    return frame_bytes(int.from_bytes(request[:2], "big"), request[6], pdu)

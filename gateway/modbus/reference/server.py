@@ -1,0 +1,70 @@
+"""The generated parts of docs/modbus-server.md: what the code's own tables say. Pure."""
+
+from collections.abc import Callable, Iterable, Mapping
+
+from gateway.modbus.protocol.answers import FUNCTIONS
+from gateway.modbus.protocol.exceptions import EXCEPTION_MEANING
+from gateway.modbus.protocol.identity import ObjectId, objects
+from gateway.modbus.registers import bits
+from gateway.modbus.server.limits import Refusal
+
+NOT_HERE: Mapping[int, tuple[str, str]] = {
+    7: ("read exception status", "serial line only"),
+    8: ("diagnostics", "serial line only"),
+    11: ("get comm event counter", "serial line only"),
+    12: ("get comm event log", "serial line only"),
+    20: ("read file record", "there are no files"),
+    21: ("write file record", "there are no files"),
+    24: ("read FIFO queue", "there is no queue"),
+}
+
+
+def functions() -> str:
+    rows = [
+        (code, FUNCTIONS[code].name, "only where writes are on, else 01" if FUNCTIONS[code].writes else "yes")
+        for code in FUNCTIONS
+    ]
+    rows += [(code, name, f"01: {why}") for code, (name, why) in NOT_HERE.items()]
+    cells = [(str(code), name, answered) for code, name, answered in sorted(rows)]
+    return _table(("code", "function", "answered"), [*cells, ("all others", "", "01")])
+
+
+def exceptions() -> str:
+    return _table(
+        ("code", "name", "when"),
+        ((f"{code:02X}", code.name.lower().replace("_", " "), why) for code, why in EXCEPTION_MEANING.items()),
+    )
+
+
+def bit_table() -> str:
+    return _table(
+        ("bit", "name", "the same as", "meaning"),
+        ((str(bit.address), bit.name, f"bit {bit.bit} of {bit.register}", bit.meaning) for bit in bits.table()),
+    )
+
+
+def identity() -> str:
+    told = objects("SITE/BAY")
+    return _table(
+        ("object", "name", "value"),
+        ((str(key.value), key.name.lower().replace("_", " "), told[key].decode()) for key in ObjectId if key in told),
+    )
+
+
+def refusals() -> str:
+    return _table(("counter", "what happened"), ((why.name.lower(), why.value) for why in Refusal))
+
+
+BLOCKS: Mapping[str, Callable[[], str]] = {
+    "functions": functions,
+    "exceptions": exceptions,
+    "bits": bit_table,
+    "identity": identity,
+    "refusals": refusals,
+}
+
+
+def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    header = tuple(header)
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"

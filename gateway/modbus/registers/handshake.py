@@ -1,0 +1,120 @@
+"""Rows 80 to 96: the handshake with the PLC, which writes the first three; the gateway answers in the others. Pure."""
+
+from enum import IntEnum
+
+from gateway.core.model import StateVector
+from gateway.core.plc import CONTROL_MEANING, OUTCOME_MEANING, RECIPE_MEANING, RESET_MEANING, Acquired, Phase, PlcLink
+from gateway.modbus.registers.row import Of, Register, Value, named
+from gateway.modbus.registers.words import MEASURED_INT16, MEASURED_UINT16, UINT16
+
+NS_PER_MS = 1_000_000
+
+
+class HandshakeBit(IntEnum):
+    """Bits of the handshake status. Never renumber, only add."""
+
+    WRITES_ON = 0
+    PLC_ALIVE = 1
+    PLC_LOST = 2
+    STOP_LATCHED = 3
+    TRIGGER_READY = 4
+    TRIGGER_ACK = 5
+    ACQUIRING = 6
+    RESULTS_VALID = 7
+    OVERRUN = 8
+    TIMED_OUT = 9
+
+
+HANDSHAKE_MEANING: dict[HandshakeBit, str] = {
+    HandshakeBit.WRITES_ON: "the handshake block can be written",
+    HandshakeBit.PLC_ALIVE: "plc_heartbeat has changed within its deadline",
+    HandshakeBit.PLC_LOST: "plc_heartbeat has stood still for longer than its deadline",
+    HandshakeBit.STOP_LATCHED: "stop is latched: until a reset, a release, or the truck has left",
+    HandshakeBit.TRIGGER_READY: "a rising trigger would be taken",
+    HandshakeBit.TRIGGER_ACK: "the trigger was taken; goes off with the trigger bit",
+    HandshakeBit.ACQUIRING: "a triggered measurement runs",
+    HandshakeBit.RESULTS_VALID: "the result registers hold the result of acquisition_id",
+    HandshakeBit.OVERRUN: "a trigger came while none could be taken, and was lost; until the next one taken",
+    HandshakeBit.TIMED_OUT: "the newest acquisition got no result; until the next trigger taken",
+}
+
+
+def _status(state: StateVector, _: int) -> Value:
+    plc = state.plc
+    used = plc.link is not PlcLink.UNUSED
+    bits = {
+        HandshakeBit.WRITES_ON: used,
+        HandshakeBit.PLC_ALIVE: plc.link is PlcLink.ALIVE,
+        HandshakeBit.PLC_LOST: plc.link is PlcLink.LOST,
+        HandshakeBit.STOP_LATCHED: state.memory.latched,
+        HandshakeBit.TRIGGER_READY: used and plc.phase is Phase.READY,
+        HandshakeBit.TRIGGER_ACK: plc.trigger_ack,
+        HandshakeBit.ACQUIRING: plc.phase is Phase.ACQUIRING,
+        HandshakeBit.RESULTS_VALID: plc.phase is Phase.VALID,
+        HandshakeBit.OVERRUN: plc.overrun,
+        HandshakeBit.TIMED_OUT: plc.timed_out,
+    }
+    return sum(on << bit for bit, on in bits.items())
+
+
+def _held(state: StateVector) -> Acquired | None:
+    return state.plc.result if state.plc.phase is Phase.VALID else None
+
+
+def _age_ms(state: StateVector, _: int) -> Value:
+    if state.plc.link in (PlcLink.UNUSED, PlcLink.WAITING):
+        return None
+    return (state.t_ns - state.plc.beat_ns) // NS_PER_MS
+
+
+def _result_u(state: StateVector, _: int) -> Value:
+    return None if (held := _held(state)) is None else held.u_px
+
+
+def _result_v(state: StateVector, _: int) -> Value:
+    return None if (held := _held(state)) is None else held.v_px
+
+
+def _result_radius(state: StateVector, _: int) -> Value:
+    return None if (held := _held(state)) is None else held.radius_px
+
+
+def _result_distance(state: StateVector, _: int) -> Value:
+    return None if (held := _held(state)) is None else held.distance_mm
+
+
+BLOCK: tuple[Register, ...] = (
+    Register(80, "plc_heartbeat", UINT16, 1, "", "written by the PLC: any number, changed with every cycle",
+             lambda s, _: s.plc.heartbeat, writable=True, of=Of.PLC),
+    Register(81, "plc_control", UINT16, 1, "", "written by the PLC: what it wants, one bit each",
+             lambda s, _: s.plc.control, bits=named(CONTROL_MEANING), writable=True, of=Of.PLC),
+    Register(82, "recipe_select", UINT16, 1, "", "written by the PLC: id of the recipe it wants; 0: the configuration",
+             lambda s, _: s.plc.recipe_asked, writable=True, of=Of.PLC),
+    Register(83, "handshake_status", UINT16, 1, "", "the gateway's side of the handshake, one bit each", _status,
+             bits=named(HANDSHAKE_MEANING)),
+    Register(84, "recipe_active", UINT16, 1, "", "id of the recipe in force; 0: the configuration as it is",
+             lambda s, _: s.plc.recipe, of=Of.PLC),
+    Register(85, "recipe_verdict", UINT16, 1, "", "what became of the newest recipe_select",
+             lambda s, _: int(s.plc.recipe_verdict), named(RECIPE_MEANING), of=Of.PLC),
+    Register(86, "reset_verdict", UINT16, 1, "", "what became of the newest reset",
+             lambda s, _: int(s.plc.reset_verdict), named(RESET_MEANING), of=Of.PLC),
+    Register(87, "acquisition_id", UINT16, 1, "", "number of the newest trigger taken: 1 to 65535, 1 again; 0: none",
+             lambda s, _: s.plc.acquisition, of=Of.PLC),
+    Register(88, "result_id", UINT16, 1, "", "acquisition_id that the held result belongs to; 0: no result is held",
+             lambda s, _: 0 if (held := _held(s)) is None else held.number, of=Of.PLC),
+    Register(89, "result_outcome", UINT16, 1, "", "what the held result says",
+             lambda s, _: 0 if (held := _held(s)) is None else int(held.outcome), named(OUTCOME_MEANING), of=Of.PLC),
+    Register(90, "result_u", MEASURED_INT16, 0.1, "px", "marker centre of the held result, to the right",
+             _result_u, of=Of.PLC),
+    Register(91, "result_v", MEASURED_INT16, 0.1, "px", "marker centre of the held result, downwards",
+             _result_v, of=Of.PLC),
+    Register(92, "result_radius", MEASURED_UINT16, 0.1, "px", "marker radius of the held result",
+             _result_radius, of=Of.PLC),
+    Register(93, "result_distance", MEASURED_UINT16, 1, "mm", "distance of the held result",
+             _result_distance, of=Of.PLC),
+    Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
+    Register(95, "plc_writes", UINT16, 1, "", "writes taken since the start of the gateway, modulo 65536",
+             lambda s, _: s.plc.writes & 0xFFFF, of=Of.PLC),
+    Register(96, "write_conflicts", UINT16, 1, "", "writes refused because another PLC owns the block: count since the "
+             "start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF, of=Of.PLC),
+)  # fmt: skip

@@ -1,0 +1,62 @@
+"""Rows 60 to 68: the gateway's own health after NAMUR NE 107, and what the driver is told; and, where there is room,
+58, 59, 69, 78, 79 and 97: the health of the picture. Pure."""
+
+from collections.abc import Callable
+
+from gateway.core.model import GUIDANCE_MEANING, PICTURE_MEANING, PictureHealth, StateVector
+from gateway.core.ne107 import NE107_MEANING, Ne107, active, status
+from gateway.modbus.registers.row import Register, Value, named
+from gateway.modbus.registers.words import MEASURED_INT16, MEASURED_UINT16, UINT16
+
+_BITS = {
+    signal - 1: (signal.name.lower(), NE107_MEANING[signal]) for signal in Ne107 if signal is not Ne107.GOOD
+}  # bit 0: failure
+
+
+def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[StateVector, int], Value]:
+    return lambda state, _: None if (health := state.picture) is None else read(health)
+
+
+def _percent(share: float | None) -> Value:
+    return None if share is None else 100.0 * share
+
+
+def _active(state: StateVector, _: int) -> Value:
+    return sum(1 << signal - 1 for signal in active(state))
+
+
+ADVICE: tuple[Register, ...] = (
+    Register(60, "ne107", UINT16, 1, "", "NAMUR NE 107 status of the bay: the signal that counts most",
+             lambda s, _: int(status(s)), named(NE107_MEANING)),
+    Register(61, "ne107_active", UINT16, 1, "", "every NE 107 signal that holds, one bit each; 0: good", _active,
+             bits=_BITS),
+    Register(62, "guidance", UINT16, 1, "", "what the driver is told", lambda s, _: int(s.guidance.code),
+             named(GUIDANCE_MEANING)),
+    Register(63, "guidance_amount", MEASURED_UINT16, 1, "mm", "how much of what guidance says, where it is known",
+             lambda s, _: s.guidance.amount_mm),
+    Register(64, "offset_u", MEASURED_INT16, 0.1, "px", "marker minus aim point, to the right; where configured",
+             lambda s, _: s.guidance.offset_u_px),
+    Register(65, "offset_v", MEASURED_INT16, 0.1, "px", "marker minus aim point, downwards; where configured",
+             lambda s, _: s.guidance.offset_v_px),
+    Register(66, "offset", MEASURED_INT16, 1, "mm", "offset_u at the marker's distance, where its true size is known",
+             lambda s, _: s.guidance.offset_mm),
+    Register(67, "closing_speed", MEASURED_INT16, 1, "mm/s", "positive: the truck comes nearer",
+             lambda s, _: s.guidance.closing_mm_s),
+    Register(68, "distance_to_go", MEASURED_INT16, 1, "mm", "until D = 1; negative: past it",
+             lambda s, _: s.guidance.to_go_mm),
+)  # fmt: skip
+
+PICTURE: tuple[Register, ...] = (
+    Register(58, "picture_brightness", MEASURED_UINT16, 0.1, "%", "mean grey level; no value: no fresh picture",
+             _picture(lambda p: _percent(p.brightness))),
+    Register(59, "picture_contrast", MEASURED_UINT16, 0.1, "%", "from the 5th to the 95th percentile of grey levels",
+             _picture(lambda p: _percent(p.contrast))),
+    Register(69, "picture_sharpness", MEASURED_UINT16, 0.1, "%", "of the strongest edges: 60 in focus",
+             _picture(lambda p: _percent(p.sharpness))),
+    Register(78, "picture_status", UINT16, 1, "", "what is wrong with the picture, one bit each; 0: nothing known, too",
+             _picture(lambda p: p.status), bits=named(PICTURE_MEANING)),
+    Register(79, "picture_veil", MEASURED_UINT16, 0.1, "%", "dust or haze over the picture: 10 to 30 in clean air",
+             _picture(lambda p: _percent(p.veil))),
+    Register(97, "picture_shift", MEASURED_UINT16, 0.1, "px", "how far the fixed background has moved",
+             _picture(lambda p: p.shift_px)),
+)  # fmt: skip

@@ -1,0 +1,58 @@
+"""Rows 35 to 39: may the truck move, is it in place, has it moved since. Pure (docs/visit.md)."""
+
+from enum import IntEnum
+
+from gateway.core.model import MOVED_MEANING, VISIT_PHASE_MEANING, Moved, StateVector
+from gateway.modbus.registers.row import Register, Value, named
+from gateway.modbus.registers.words import MEASURED_UINT16, UINT16
+
+NS_PER_S = 1_000_000_000
+
+
+class PositionBit(IntEnum):
+    """Bits of the position status. Never renumber, only add."""
+
+    MAY_MOVE = 0
+    IN_PLACE = 1
+    HELD = 2
+    MOVED = 3
+    RELEASED = 4
+
+
+POSITION_MEANING: dict[PositionBit, str] = {
+    PositionBit.MAY_MOVE: "the truck may move, as in register may_move; says nothing about loading",
+    PositionBit.IN_PLACE: "the truck stands in place, as in register in_place: the only condition for loading",
+    PositionBit.HELD: "in place is held by the ranger alone: the marker is covered; held_time says for how long",
+    PositionBit.MOVED: "the truck left its place without release; register moved says how",
+    PositionBit.RELEASED: "the PLC has released the truck, which has not left yet",
+}
+
+
+def _status(state: StateVector, _: int) -> Value:
+    bits = {
+        PositionBit.MAY_MOVE: state.may_move,
+        PositionBit.IN_PLACE: state.in_place,
+        PositionBit.HELD: state.visit.held,
+        PositionBit.MOVED: state.visit.moved is not Moved.NO,
+        PositionBit.RELEASED: state.visit.released,
+    }
+    return sum(on << bit for bit, on in bits.items())
+
+
+def _held_s(state: StateVector, _: int) -> Value:
+    since_ns = state.visit.covered_since_ns
+    return None if not state.visit.held or since_ns is None else (state.t_ns - since_ns) // NS_PER_S
+
+
+POSITION: tuple[Register, ...] = (
+    Register(35, "position_status", UINT16, 1, "", "where the truck stands, one bit each", _status,
+             bits=named(POSITION_MEANING)),
+    Register(36, "in_place", UINT16, 1, "", "1: the truck stands in place; the only condition for loading; else 0",
+             lambda s, _: int(s.in_place)),
+    Register(37, "moved", UINT16, 1, "", "since it was in place, has the truck moved without release?",
+             lambda s, _: int(s.visit.moved), named(MOVED_MEANING)),
+    Register(38, "held_time", MEASURED_UINT16, 1, "s", "in_place has been held by the ranger alone for so long",
+             _held_s),
+    Register(39, "visit_phase", UINT16, 1, "", "where the visit stands; for people, decide on in_place and may_move",
+             lambda s, _: int(s.visit.phase), named(VISIT_PHASE_MEANING)),
+)  # fmt: skip

@@ -1,0 +1,385 @@
+"""The register map is data: one table, from which the image, its decoding, docs/registers.md and the exports come.
+
+One block of 100 registers from address 0, the same on function codes 3 and 4, encoded whole from one state. Addresses
+are never renumbered: a new register takes a reserved place and raises MAP_VERSION.
+
+Sequence number: `seq_begin` and `seq_end` carry 2 * StateVector.seq modulo 65536. The odd number in between belongs to
+the image of a gateway whose control task has died, so that it can't share a number with the state that follows it.
+Equal numbers therefore mean one image, however many reads fetched it.
+"""
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+
+from gateway.core import fusion
+from gateway.core.model import (
+    FRESH_FRAME,
+    QUALITY_MEANING,
+    RANGE_FINE,
+    REASON_MEANING,
+    TRACKING_MEANING,
+    VISION_FINE,
+    Circle,
+    Ellipse,
+    Quality,
+    Reason,
+    StateVector,
+)
+from gateway.errors import ProtocolError
+from gateway.modbus.registers.handshake import BLOCK
+from gateway.modbus.registers.health import ADVICE, PICTURE
+from gateway.modbus.registers.position import POSITION
+from gateway.modbus.registers.row import Of, Reserved, named
+from gateway.modbus.registers.row import Register as Register  # noqa: PLC0414 - for those who read the table
+from gateway.modbus.registers.row import Value as Value  # noqa: PLC0414
+from gateway.modbus.registers.words import (
+    FLOAT32,
+    MEASURED_FLOAT32,
+    MEASURED_INT16,
+    MEASURED_UINT16,
+    UINT16,
+    UINT32,
+    UINT64,
+    Packed,
+    WordOrder,
+    packer,
+    unpack,
+)
+
+MAP_VERSION = 3
+BLOCK_WORDS = 100
+KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
+KNOWN_FLOAT32 = 123456.0  # 0x47F12000
+NS_PER_MS = 1_000_000
+
+Image = tuple[int, ...]
+Plan = tuple[tuple[int, int, Callable[[StateVector, int], Value], Callable[[Value], Packed], bool], ...]
+
+
+class StatusBit(IntEnum):
+    """Bits of the status word. Never renumber, only add."""
+
+    STOP = 0
+    MAY_MOVE = 1
+    D = 2
+    D_UNKNOWABLE = 3
+    VISION_GOOD = 4
+    RANGE_GOOD = 5
+    HEALTHY = 6
+    STARTING = 7
+    FAULT = 8
+    VISION_FAULT = 9
+    RANGE_FAULT = 10
+    DISAGREE = 11
+    GATEWAY_FAULT = 12
+    SHUTDOWN = 13
+    CLAMPED = 14
+
+
+STATUS_MEANING: dict[StatusBit, str] = {
+    StatusBit.STOP: "stop is on, as in register stop",
+    StatusBit.MAY_MOVE: "the truck may move, as in register may_move; says nothing about loading",
+    StatusBit.D: "D = 1, the paper's stop decision",
+    StatusBit.D_UNKNOWABLE: "D can't be computed: a sensor has no good, fresh value",
+    StatusBit.VISION_GOOD: "u, v, radius are fresh and valid",
+    StatusBit.RANGE_GOOD: "distance is fresh and valid",
+    StatusBit.HEALTHY: "both sensors good and not in disagreement",
+    StatusBit.STARTING: "a sensor has sent nothing yet",
+    StatusBit.FAULT: "any of bits 9 to 12",
+    StatusBit.VISION_FAULT: "vision_quality is a fault: neither good, nor waiting, nor merely without a target",
+    StatusBit.RANGE_FAULT: "range_quality is a fault: neither good nor waiting",
+    StatusBit.DISAGREE: "camera and ranger contradict each other",
+    StatusBit.GATEWAY_FAULT: "the control task does not run: no values, stop on; heartbeat and counters stand still",
+    StatusBit.SHUTDOWN: "the gateway is shutting down",
+    StatusBit.CLAMPED: "an integer value stands at its register's limit; its float32 mirror has the true one",
+}
+
+
+def _circle(state: StateVector) -> Circle | None:
+    return state.vision.circle if state.vision.quality is Quality.GOOD else None
+
+
+def _u(state: StateVector, _: int) -> Value:
+    return None if (circle := _circle(state)) is None else circle.u_px
+
+
+def _v(state: StateVector, _: int) -> Value:
+    return None if (circle := _circle(state)) is None else circle.v_px
+
+
+def _radius(state: StateVector, _: int) -> Value:
+    return None if (circle := _circle(state)) is None else circle.radius_px
+
+
+def _distance(state: StateVector, _: int) -> Value:
+    return state.range.distance_mm if state.range.quality is Quality.GOOD else None
+
+
+def _z_vision(state: StateVector, _: int) -> Value:
+    return None if _circle(state) is None else state.z_vision_mm
+
+
+def _x_n(state: StateVector, _: int) -> Value:
+    return None if _circle(state) is None else state.vision.x_n
+
+
+def _y_n(state: StateVector, _: int) -> Value:
+    return None if _circle(state) is None else state.vision.y_n
+
+
+def _tracking(state: StateVector, _: int) -> Value:
+    """No value where no fresh frame stands behind it: what was true of an old one is not told."""
+    fresh = state.vision.quality in FRESH_FRAME
+    return int(state.vision.tracking) if fresh else None
+
+
+def _percent(share: float | None) -> Value:
+    return None if share is None else 100.0 * share
+
+
+def _predicted(state: StateVector) -> Circle | None:
+    return state.vision.predicted if state.vision.quality is Quality.COASTED else None
+
+
+def _predicted_u(state: StateVector, _: int) -> Value:
+    return None if (circle := _predicted(state)) is None else circle.u_px
+
+
+def _predicted_v(state: StateVector, _: int) -> Value:
+    return None if (circle := _predicted(state)) is None else circle.v_px
+
+
+def _predicted_radius(state: StateVector, _: int) -> Value:
+    return None if (circle := _predicted(state)) is None else circle.radius_px
+
+
+def _ellipse(state: StateVector) -> Ellipse | None:
+    return None if _circle(state) is None else state.vision.ellipse
+
+
+def _semi_minor(state: StateVector, _: int) -> Value:
+    return None if (ellipse := _ellipse(state)) is None else ellipse.semi_minor_px
+
+
+def _tilt_deg(state: StateVector, _: int) -> Value:
+    return None if (ellipse := _ellipse(state)) is None else ellipse.tilt_deg
+
+
+def _sequence(state: StateVector, _: int) -> Value:
+    return (2 * state.seq - (state.reason is Reason.GATEWAY_FAULT)) & 0xFFFF
+
+
+def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
+    return None if quality is Quality.WAITING else (state.t_ns - t_ns) // NS_PER_MS
+
+
+def _status(state: StateVector, _: int) -> Value:
+    """All bits but CLAMPED, which depends on how the other registers came out."""
+    vision, rng = state.vision.quality, state.range.quality
+    faults = {
+        StatusBit.VISION_FAULT: vision not in VISION_FINE,
+        StatusBit.RANGE_FAULT: rng not in RANGE_FINE,
+        StatusBit.DISAGREE: state.memory.disagree,
+        StatusBit.GATEWAY_FAULT: state.reason is Reason.GATEWAY_FAULT,
+    }
+    bits = faults | {
+        StatusBit.STOP: state.stop,
+        StatusBit.MAY_MOVE: state.may_move,
+        StatusBit.D: state.d is True,
+        StatusBit.D_UNKNOWABLE: state.d is None,
+        StatusBit.VISION_GOOD: vision is Quality.GOOD,
+        StatusBit.RANGE_GOOD: rng is Quality.GOOD,
+        StatusBit.HEALTHY: vision is Quality.GOOD and rng is Quality.GOOD and not state.memory.disagree,
+        StatusBit.STARTING: Quality.WAITING in (vision, rng),
+        StatusBit.FAULT: any(faults.values()),
+        StatusBit.SHUTDOWN: state.reason is Reason.SHUTDOWN,
+    }
+    return sum(on << bit for bit, on in bits.items())
+
+
+_QUALITY = named(QUALITY_MEANING)
+_REASON = named(REASON_MEANING)
+_STATUS = named(STATUS_MEANING)
+_TRACKING = named(TRACKING_MEANING)
+_NEVER_DECIDE = "predicted while coasted; never decide on it"
+_WRAPS = "count since the start of the gateway, modulo 65536"
+
+REGISTERS: tuple[Register, ...] = (
+    Register(0, "seq_begin", UINT16, 1, "", "sequence number of the image; equal to seq_end in one image", _sequence),
+    Register(1, "map_version", UINT16, 1, "", "version of this table; grows when registers are added; none ever moves",
+             lambda s, _: MAP_VERSION, of=Of.NOTHING),
+    Register(2, "heartbeat", UINT16, 1, "", "+1 with every fusion tick, modulo 65536; stands still when fusion does",
+             lambda s, _: s.heartbeat & 0xFFFF),
+    Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", _status,
+             bits=_STATUS),
+    Register(4, "stop", UINT16, 1, "", "1: stop the truck; also on whenever D is unknowable; 0 alone allows nothing",
+             lambda s, _: int(s.stop)),
+    Register(5, "may_move", UINT16, 1, "", "1: the truck may move: stop is off and nothing withholds it; else 0",
+             lambda s, _: int(s.may_move)),
+    Register(6, "reason", UINT16, 1, "", "why stop is on; 0 when it is off", lambda s, _: int(s.reason), _REASON),
+    Register(7, "vision_quality", UINT16, 1, "", "0: u, v, radius may be used; else why not",
+             lambda s, _: int(s.vision.quality), _QUALITY),
+    Register(8, "range_quality", UINT16, 1, "", "0: distance may be used; else why not",
+             lambda s, _: int(s.range.quality), _QUALITY, of=Of.RANGE),
+    Register(9, "d", MEASURED_UINT16, 1, "", "equation 14: 1 when R >= R_th and Z <= Z_th; ends by fusion.decision",
+             lambda s, _: None if s.d is None else int(s.d)),
+    Register(10, "u", MEASURED_INT16, 0.1, "px", "marker centre, to the right", _u),
+    Register(11, "v", MEASURED_INT16, 0.1, "px", "marker centre, downwards", _v),
+    Register(12, "radius", MEASURED_UINT16, 0.1, "px", "marker radius R", _radius),
+    Register(13, "distance", MEASURED_UINT16, 1, "mm", "distance Z from the ranger", _distance, of=Of.RANGE),
+    Register(14, "z_vision", MEASURED_UINT16, 1, "mm", "distance f r / R from the camera, where configured", _z_vision),
+    Register(15, "vision_age", MEASURED_UINT16, 1, "ms", "age of the newest camera result or fault, at `timestamp`",
+             lambda s, _: _age_ms(s, s.vision.t_ns, s.vision.quality)),
+    Register(16, "range_age", MEASURED_UINT16, 1, "ms", "age of the newest ranger result or fault, at `timestamp`",
+             lambda s, _: _age_ms(s, s.range.t_ns, s.range.quality)),
+    Register(17, "vision_rate", MEASURED_UINT16, 0.1, "Hz", "camera results a second",
+             lambda s, _: s.vision.stats.rate_hz),
+    Register(18, "range_rate", MEASURED_UINT16, 0.1, "Hz", "ranger results a second",
+             lambda s, _: s.range.stats.rate_hz, of=Of.RANGE),
+    Register(19, "vision_latency", MEASURED_UINT16, 0.1, "ms", "capture to result, newest frame",
+             lambda s, _: s.vision.stats.latency_ms),
+    Register(20, "frame_id", UINT32, 1, "", "number of the newest frame looked at, modulo 2^32",
+             lambda s, _: s.vision.frame_id & 0xFFFF_FFFF),
+    Register(22, "timestamp", UINT64, 1, "ms", "Unix time of this image, UTC; never use it to judge freshness",
+             lambda _, unix_ns: unix_ns // NS_PER_MS),
+    Register(26, "frames_skipped", UINT16, 1, "", f"frames replaced by a newer one before vision was free: {_WRAPS}",
+             lambda s, _: s.vision.stats.skipped & 0xFFFF),
+    Register(27, "frames_lost", UINT16, 1, "", f"frames that died with their vision process: {_WRAPS}",
+             lambda s, _: s.vision.stats.lost & 0xFFFF),
+    Register(28, "worker_restarts", UINT16, 1, "", f"vision processes replaced: {_WRAPS}",
+             lambda s, _: s.vision.stats.restarts & 0xFFFF),
+    Register(29, "camera_reopens", UINT16, 1, "", f"camera opened again: {_WRAPS}",
+             lambda s, _: s.vision.stats.reopens & 0xFFFF),
+    Register(30, "ranger_damaged", UINT16, 1, "", f"damaged lines from the ranger, dropped: {_WRAPS}",
+             lambda s, _: s.range.stats.damaged & 0xFFFF, of=Of.RANGE),
+    Register(31, "ranger_gaps", UINT16, 1, "", f"ranger measurements missing by their number: {_WRAPS}",
+             lambda s, _: s.range.stats.gaps & 0xFFFF, of=Of.RANGE),
+    Register(32, "ranger_rejected", UINT16, 1, "", f"ranger readings held back by the glitch gate: {_WRAPS}",
+             lambda s, _: s.range.stats.rejected & 0xFFFF, of=Of.RANGE),
+    Register(33, "ranger_reopens", UINT16, 1, "", f"ranger's port opened again: {_WRAPS}",
+             lambda s, _: s.range.stats.reopens & 0xFFFF, of=Of.RANGE),
+    Register(34, "range_seq", UINT16, 1, "", "the ranger's own number of its newest measurement, modulo 65536",
+             lambda s, _: s.range.seq & 0xFFFF, of=Of.RANGE),
+    *POSITION,
+    Register(40, "known_u32", UINT32, 1, "", f"always {KNOWN_UINT32} (0x{KNOWN_UINT32:08X}): proves the word order",
+             lambda s, _: KNOWN_UINT32, of=Of.NOTHING),
+    Register(42, "known_f32", FLOAT32, 1, "", f"always {KNOWN_FLOAT32}: proves the word order",
+             lambda s, _: KNOWN_FLOAT32, of=Of.NOTHING),
+    Register(44, "u_f32", MEASURED_FLOAT32, 1, "px", "u, not rounded", _u),
+    Register(46, "v_f32", MEASURED_FLOAT32, 1, "px", "v, not rounded", _v),
+    Register(48, "radius_f32", MEASURED_FLOAT32, 1, "px", "radius, not rounded", _radius),
+    Register(50, "distance_f32", MEASURED_FLOAT32, 1, "mm", "distance, not rounded", _distance, of=Of.RANGE),
+    Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
+    Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured", _x_n),
+    Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured", _y_n),
+    *PICTURE[:2],
+    *ADVICE,
+    PICTURE[2],
+    Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was come by; no value: no fresh frame",
+             _tracking, _TRACKING),
+    Register(71, "confidence", MEASURED_UINT16, 0.1, "%", "of the detection, where the method gives one",
+             lambda s, _: None if _circle(s) is None else _percent(s.vision.confidence)),
+    Register(72, "visible", MEASURED_UINT16, 0.1, "%", "share of the marker's rim that was seen, where the method says",
+             lambda s, _: None if _circle(s) is None else _percent(s.vision.visible)),
+    Register(73, "predicted_u", MEASURED_INT16, 0.1, "px", f"centre, rightwards: {_NEVER_DECIDE}",
+             _predicted_u),
+    Register(74, "predicted_v", MEASURED_INT16, 0.1, "px", f"centre, downwards: {_NEVER_DECIDE}", _predicted_v),
+    Register(75, "predicted_radius", MEASURED_UINT16, 0.1, "px", f"radius: {_NEVER_DECIDE}", _predicted_radius),
+    Register(76, "semi_minor", MEASURED_UINT16, 0.1, "px", "of the rim's ellipse; its semi-major axis is the radius",
+             _semi_minor),
+    Register(77, "tilt", MEASURED_UINT16, 0.1, "deg", "of the disc against the line of sight, from the ellipse's axes",
+             _tilt_deg),
+    *PICTURE[3:5],
+    *BLOCK,
+    PICTURE[5],
+    Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
+)  # fmt: skip
+
+RESERVED: tuple[Reserved, ...] = (Reserved(98, 1, "to be decided"),)
+
+_ADDRESS = {register.name: register.address for register in REGISTERS}
+STATUS_ADDRESS = _ADDRESS["status"]
+
+
+def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
+    """The whole image of one state: BLOCK_WORDS words, each 0..65535. Never raises on any numbers.
+
+    `unix_ns`: wall time of `state.t_ns`. Equal arguments give equal images.
+    """
+    image = [0] * BLOCK_WORDS
+    clamped = [fill(image, plan, state, unix_ns) for plan in PLANS[word_order].values()]
+    image[STATUS_ADDRESS] |= any(clamped) << StatusBit.CLAMPED
+    return tuple(image)
+
+
+def fill(image: list[int], plan: Plan, state: StateVector, unix_ns: int) -> bool:
+    """Encode some registers; whether one was cut that is to be told."""
+    clamped = False
+    for begin, end, read, packed, told in plan:
+        image[begin:end], cut = packed(read(state, unix_ns))
+        clamped |= cut and told
+    return clamped
+
+
+# Ages, rates and counters at their limit are no news; a position at its limit is.
+_CLAMP_TOLD = frozenset({"u", "v", "radius", "distance", "z_vision"})
+_ORDERS: tuple[WordOrder, ...] = ("big", "little")
+PLANS: dict[WordOrder, dict[Of, Plan]] = {
+    order: {
+        of: tuple(
+            (
+                register.address,
+                register.address + register.words,
+                register.read,
+                packer(register.kind, register.scale, order),
+                register.name in _CLAMP_TOLD,
+            )
+            for register in REGISTERS
+            if register.of is of
+        )
+        for of in Of
+    }
+    for order in _ORDERS
+}
+
+
+def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOrder) -> Image:
+    """What a PLC must see when the control task does not run any more: `state` is its last, `now_ns` monotonic.
+
+    Stop on, may_move and in_place off, reason GATEWAY_FAULT, no values, heartbeat as it stood.
+    """
+    return encode(fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns), unix_ns, word_order)
+
+
+def word_order_of(image: Sequence[int]) -> WordOrder:
+    """Read off `known_u32`. Raises ProtocolError if it stands in neither order: this is no image of ours."""
+    if len(image) != BLOCK_WORDS:
+        raise ProtocolError(f"an image has {BLOCK_WORDS} words, not {len(image)}")
+    address = _ADDRESS["known_u32"]
+    found, known = tuple(image[address : address + 2]), (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
+    if found == known:
+        return "big"
+    if found == known[::-1]:
+        return "little"
+    raise ProtocolError(f"registers {address} and {address + 1} do not hold 0x{KNOWN_UINT32:08X} in either word order")
+
+
+def decode(image: Sequence[int]) -> dict[str, Value]:
+    """Every register by name, in its unit; None where there is no value. Finds the word order by itself.
+
+    Raises ProtocolError for an image that is torn, of an older map version, or not one of ours.
+    """
+    order = word_order_of(image)
+    values = {
+        register.name: unpack(
+            register.kind, image[register.address : register.address + register.words], register.scale, order
+        )
+        for register in REGISTERS
+    }
+    if (version := image[_ADDRESS["map_version"]]) < MAP_VERSION:
+        raise ProtocolError(f"map version {version} lacks registers of version {MAP_VERSION}")
+    if values["seq_begin"] != values["seq_end"]:
+        raise ProtocolError(
+            f"torn image: sequence number {values['seq_begin']} at the begin, {values['seq_end']} at the end"
+        )
+    return values

@@ -1,0 +1,170 @@
+"""One Modbus/TCP client on an asyncio transport: bytes to frames to answers, with bounds on time and memory.
+
+What is read in one go is bounded by the socket's small receive buffer, what is answered in one go by TURN_FRAMES, so
+that a client that floods waits for its own answers and nobody else does. A client that does not read its answers is
+not read from. Deadlines are looked at by the listener's sweep (`limits.Limits.overdue`), not by a timer each.
+"""
+
+import asyncio
+from collections.abc import Callable
+from typing import Protocol
+
+from gateway.modbus.protocol.adu import Fault, Framer
+from gateway.modbus.protocol.answers import Access, Peer
+from gateway.modbus.protocol.request_handler import READ_FRAME_BYTES, READ_FRAME_HEAD, Desk
+from gateway.modbus.server.limits import Refusal
+
+TURN_FRAMES = 16  # frames of one connection answered before the event loop looks at the others
+WRITE_HIGH_BYTES = 16 * 1024  # answers waiting in the process beyond which a client counts as not reading
+
+
+class House(Protocol):
+    """What a connection needs of the listener it belongs to."""
+
+    desk: Desk
+    peer_of: Callable[[asyncio.Transport], Peer | None]
+
+    def welcome(self, connection: "Connection") -> bool:
+        """A new one. False: it was refused, counted, and must be cut."""
+
+    def gone(self, connection: "Connection") -> None: ...
+
+    def refused(self, connection: "Connection", why: Refusal) -> None:
+        """For the counters and the log."""
+
+
+class Connection(asyncio.Protocol):
+    """The data path. `limits.Guest` for the connection policy."""
+
+    is_plc = False
+    active_s = 0.0
+    half_since_s: float | None = None
+    blocked_since_s: float | None = None
+    answered = 0  # requests; the sweep sees by it who is active
+
+    def __init__(self, house: House) -> None:
+        self._house = house
+        self._framer = Framer()
+        self._loop = asyncio.get_running_loop()
+        self._tcp: asyncio.Transport | None = None
+        self._fast = False  # nothing waits before the next frame, and it may be answered at once
+        self._reading = True
+        self._due = False  # `_work` will be called again by the event loop
+        self._ended = False  # the client has said all it will say
+        self.peer = Peer("", Access.NONE)
+
+    @property
+    def address(self) -> str:
+        return self.peer.address
+
+    def opened(self, transport: asyncio.Transport) -> None:
+        """Raises nothing; a client that must not come in is cut."""
+        self._tcp = transport
+        peer = self._house.peer_of(transport)
+        if peer is not None:
+            self.peer = peer
+        self.active_s = self._loop.time()
+        if peer is None or not self._house.welcome(self):
+            transport.abort()
+            return
+        transport.set_write_buffer_limits(high=WRITE_HIGH_BYTES)
+        self._write = transport.write
+        self._answer = self._house.desk.answer
+        self._fast = True
+
+    def closed(self) -> None:
+        self._fast = False
+        self._tcp = None
+        self._house.gone(self)
+
+    def end(self, why: Refusal) -> None:
+        """Cut the connection, whatever it still has to send."""
+        self._house.refused(self, why)
+        self._fast = False
+        if self._tcp is not None:
+            self._tcp.abort()
+
+    def data_received(self, data: bytes) -> None:
+        # Nearly always: one whole read request and nothing else.
+        if self._fast and len(data) == READ_FRAME_BYTES and data[2:6] == READ_FRAME_HEAD:
+            self._write(self._answer(data, self.peer))
+            self.answered += 1
+            return
+        self._framer.feed(data)
+        self._work()
+
+    def eof_received(self) -> bool:
+        """True: the transport stays open for the answers that are still owed."""
+        self._ended = True
+        return self._framer.whole
+
+    def pause_writing(self) -> None:
+        self.blocked_since_s = self._loop.time()
+        self._fast = False
+        self._read(False)
+
+    def resume_writing(self) -> None:
+        self.blocked_since_s = None
+        self._work()
+
+    def _turn(self) -> None:
+        self._due = False
+        self._work()
+
+    def _work(self) -> None:
+        """Answer up to TURN_FRAMES of what has come, then let the others have their turn."""
+        if self._tcp is None or self._tcp.is_closing() or self.blocked_since_s is not None:
+            return
+        answers: list[bytes] = []
+        lost = False
+        for taken in range(TURN_FRAMES):
+            frame = self._framer.next()
+            if frame is None:
+                break
+            if taken == 0:
+                self.half_since_s = None  # whatever is half from now on is another frame
+            if isinstance(frame, bytes):
+                answers.append(self._house.desk.answer(frame, self.peer))
+            elif frame is Fault.BAD_PROTOCOL:
+                self._house.refused(self, Refusal.BAD_PROTOCOL)
+            else:
+                lost = True
+                break
+        if answers:
+            self.answered += len(answers)
+            self._tcp.write(b"".join(answers))
+        if lost:
+            self._house.refused(self, Refusal.BAD_LENGTH)
+            self._close()
+            return
+        self._go_on(self._tcp)
+
+    def _go_on(self, tcp: asyncio.Transport) -> None:
+        whole = self._framer.whole
+        if self._ended and not whole:
+            self._close()
+            return
+        if self._framer.held and not whole and self.half_since_s is None:
+            self.half_since_s = self._loop.time()
+        blocked = self.blocked_since_s is not None  # by the write just made
+        self._fast = self._framer.held == 0 and not blocked and self.peer.access is not Access.NONE
+        self._read(not whole and not blocked)
+        if whole and not blocked and not self._due:
+            self._due = True
+            self._loop.call_soon(self._turn)
+
+    def _close(self) -> None:
+        """After what is owed has been sent; the sweep cuts a client that does not take it."""
+        self._fast = False
+        if self._tcp is not None:
+            self.blocked_since_s = self._loop.time()
+            self._tcp.close()
+
+    def _read(self, on: bool) -> None:
+        if self._tcp is None or self._tcp.is_closing() or on == self._reading:
+            return
+        self._reading = on
+        if on:
+            self._tcp.resume_reading()
+        else:
+            self._tcp.pause_reading()

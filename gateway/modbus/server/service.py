@@ -1,0 +1,74 @@
+"""What listens for Modbus: plain TCP, Modbus/TCP Security, or both beside each other, on the same units."""
+
+import logging
+from asyncio import Transport
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, replace
+
+from gateway.clock import Clock
+from gateway.config import ModbusConfig
+from gateway.modbus.protocol.answers import Access, Peer, Unit
+from gateway.modbus.server import tls
+from gateway.modbus.server.limits import Limits
+from gateway.modbus.server.server import ModbusServer, PeerOf, Tls, plain_peer
+from gateway.modbus.server.traffic import ServerNow
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Listening:
+    """The ports really bound; None: not served."""
+
+    plain: int | None
+    tls: int | None
+    servers: tuple[ModbusServer, ...] = ()
+
+    @property
+    def first(self) -> int:
+        """Of plain TCP; where that is off, of TLS."""
+        return self.plain or self.tls or 0
+
+    def now(self) -> tuple[ServerNow, ...]:
+        """What each of the ports has had to do."""
+        return tuple(server.now() for server in self.servers)
+
+
+@asynccontextmanager
+async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock) -> AsyncIterator[Listening]:
+    """Listens until the block is left. Raises ConfigError and LinkError as `ModbusServer` and `tls.Contexts` do.
+
+    Where there is TLS, plain TCP only reads: whoever wants to write must show who it is.
+    """
+    for line in config.warnings():
+        log.warning("%s", line)
+    async with AsyncExitStack() as stack:
+        plain: int | None = None
+        secure: int | None = None
+        servers: list[ModbusServer] = []
+        if config.tls is not None:
+            files = tls.Contexts(config.tls, clock)
+            spoken = Tls(files.current, files.ended, config.tls.handshake_deadline_s, config.tls.handshakes_per_address)
+            peer_of = tls.Roles(config.tls).peer_of
+            server = ModbusServer(config, units, port=config.tls.port, tls=spoken, peer_of=peer_of)
+            servers.append(await stack.enter_async_context(server))
+            secure = server.port
+        if config.plain:
+            servers.append(await stack.enter_async_context(ModbusServer(config, units, peer_of=plain_peers(config))))
+            plain = servers[-1].port
+        yield Listening(plain, secure, tuple(servers))
+
+
+def plain_peers(config: ModbusConfig) -> PeerOf:
+    """Who is who on plain TCP: whoever may connect reads, and where there is no TLS, plc_addresses write."""
+    limits = Limits(config)
+
+    def peer_of(transport: Transport) -> Peer | None:
+        peer = plain_peer(transport)
+        if peer is None:
+            return None
+        may_write = config.tls is None and limits.is_plc(peer.address)
+        return replace(peer, access=Access.WRITE if may_write else Access.READ)
+
+    return peer_of

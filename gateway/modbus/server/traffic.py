@@ -1,0 +1,60 @@
+"""What a Modbus server has had to do, as a record for pages and metrics. Pure."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from gateway.modbus.server.limits import Refusal
+
+MOST_PEERS = 16  # told of; a server may have thousands
+
+
+@dataclass(frozen=True, slots=True)
+class PeerNow:
+    """One address with its open connections. `quiet_s`: since it was last answered, to a quarter of a second."""
+
+    address: str
+    is_plc: bool
+    connections: int
+    requests: int
+    quiet_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServerNow:
+    """One listening port. Counters since the start."""
+
+    tls: bool
+    port: int
+    open: int
+    connections: int
+    requests: int
+    exceptions: int
+    image_faults: int
+    refused: tuple[tuple[Refusal, int], ...]  # every reason, in the order of Refusal
+    plc_quiet_s: float | None  # since one of plc_addresses was last answered; None: never
+    peers: tuple[PeerNow, ...]  # at most MOST_PEERS, PLCs first, then those answered last
+
+
+@dataclass(frozen=True, slots=True)
+class Guest:
+    """One open connection."""
+
+    address: str
+    is_plc: bool
+    requests: int
+    quiet_s: float
+
+
+def peers(guests: Iterable[Guest]) -> tuple[PeerNow, ...]:
+    """Connections of one address taken together."""
+    found: dict[str, PeerNow] = {}
+    for guest in guests:
+        known = found.get(guest.address)
+        found[guest.address] = PeerNow(
+            guest.address,
+            guest.is_plc,
+            1 + (known.connections if known else 0),
+            guest.requests + (known.requests if known else 0),
+            min(guest.quiet_s, known.quiet_s) if known else guest.quiet_s,
+        )
+    return tuple(sorted(found.values(), key=lambda peer: (not peer.is_plc, peer.quiet_s))[:MOST_PEERS])

@@ -1,0 +1,1 @@
+"""What every server and client of the network shares."""

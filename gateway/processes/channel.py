@@ -1,0 +1,130 @@
+"""A socket between the main process and one child: whole messages, end of file when the other side is gone."""
+
+import array
+import socket
+import sys
+from collections import deque
+from typing import Generic, TypeVar
+
+from gateway.errors import ProtocolError
+from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
+from gateway.processes.notices import Failed
+
+MOST_FDS = 16  # that come with one message; the kernel closes what is more
+_FD_BYTES = socket.CMSG_SPACE(MOST_FDS * array.array("i").itemsize)
+
+Out = TypeVar("Out")
+In = TypeVar("In")
+
+
+class Link(Generic[Out, In]):
+    """One end of a SOCK_SEQPACKET pair: the kernel keeps messages whole, so nobody ever waits for half of one.
+
+    `codec` says what may come. What goes out is whatever the other side's codec takes.
+    """
+
+    def __init__(self, sock: socket.socket, codec: Codec) -> None:
+        self.sock = sock
+        self.codec = codec
+        self.ended = False
+        self._fds: deque[int] = deque()
+
+    @classmethod
+    def pair(cls, codec: Codec) -> tuple["Link[Out, In]", socket.socket]:
+        """The main process's end, never blocking, and the socket for the child."""
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours.setblocking(False)
+        return cls(ours, codec), theirs
+
+    def offer(self, message: Out, fd: int | None = None) -> bool:
+        """Send without waiting, and a descriptor with it: the other side gets its own copy (`taken_fd`).
+
+        False: the other side is gone, or has not read for hundreds of messages.
+        """
+        try:
+            if fd is None:
+                self.sock.send(self._packed(message), socket.MSG_DONTWAIT)
+            else:
+                socket.send_fds(self.sock, [self._packed(message)], [fd], socket.MSG_DONTWAIT)
+        except (BlockingIOError, BrokenPipeError, ConnectionResetError):
+            return False
+        return True
+
+    # For the main process.
+
+    def received(self, most: int | None = None) -> list[In | Failed]:
+        """Everything that has arrived, or the `most` oldest of it; sets `ended` at the end of file. Never waits.
+
+        A message that is none ends it, too: it is told as `Failed`, and nothing after it is heard. Without a limit it
+        ends with a system call that finds nothing.
+        """
+        messages: list[In | Failed] = []
+        while not self.ended and len(messages) != most:
+            try:
+                data = self.sock.recv(MAX_MESSAGE_BYTES, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                break
+            except ConnectionResetError:
+                continue  # said once, when the other side had not read all it was sent; its own last words come after
+            if not data:
+                self.ended = True
+                break
+            try:
+                messages.append(self.codec.unpacked(data))
+            except ProtocolError as error:
+                messages.append(Failed(str(error)))
+                self.ended = True
+        return messages
+
+    # For the child.
+
+    def send(self, message: Out) -> None:
+        """Send, waiting for room. Ends the process when the main process is gone."""
+        try:
+            self.sock.send(self._packed(message))
+        except (BrokenPipeError, ConnectionResetError):
+            sys.exit(0)
+
+    def receive(self) -> In:
+        """Wait for the next message. Ends the process when the main process is gone."""
+        message: In = self.codec.unpacked(self._read(0))
+        return message
+
+    def waiting(self) -> list[In]:
+        """Everything that has arrived, without waiting for more. Ends the process when the main process is gone."""
+        messages: list[In] = []
+        while True:
+            try:
+                messages.append(self.codec.unpacked(self._read(socket.MSG_DONTWAIT)))
+            except BlockingIOError:
+                return messages
+
+    def taken_fd(self) -> int | None:
+        """The descriptor that came with the oldest message that had one and was not asked for it. The caller closes it.
+
+        None: there is none; this process had too many open to take one more.
+        """
+        return self._fds.popleft() if self._fds else None
+
+    def _read(self, flags: int) -> bytes:
+        try:
+            data, ancillary, _, _ = self.sock.recvmsg(MAX_MESSAGE_BYTES, _FD_BYTES, flags | socket.MSG_CMSG_CLOEXEC)
+        except ConnectionResetError:
+            sys.exit(0)
+        if not data:
+            sys.exit(0)
+        for level, kind, content in ancillary:
+            if level == socket.SOL_SOCKET and kind == socket.SCM_RIGHTS:
+                fds = array.array("i")
+                fds.frombytes(content[: len(content) // fds.itemsize * fds.itemsize])
+                self._fds.extend(fds)
+        return data
+
+    def close(self) -> None:
+        self.sock.close()
+
+    def _packed(self, message: object) -> bytes:
+        data = self.codec.packed(message)
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise ValueError(f"a message of {len(data)} bytes; at most {MAX_MESSAGE_BYTES}")
+        return data

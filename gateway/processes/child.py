@@ -1,0 +1,74 @@
+"""The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
+
+Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD NOTES_FD CPUS. MODULE is
+the one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC` says which messages it may be
+sent, its job among them. NAME is what `top` shows. With a NOTES_FD `run` gets a third argument, the notes' end of
+`Pool`.
+"""
+
+import ctypes
+import os
+import signal
+import socket
+import sys
+from importlib import import_module
+from types import TracebackType
+from typing import Any
+
+from gateway.errors import ConfigError, GatewayError
+from gateway.processes.channel import Link
+from gateway.processes.codec import Codec
+from gateway.processes.notices import Failed
+
+PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15  # linux/prctl.h
+MAX_WORDS = 500
+
+
+def main() -> None:
+    name_of_module, name, parent, fd, notes_fd, cpus = sys.argv[1:]
+    _die_with(int(parent))
+    _name(name)
+    link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)), Codec(Failed))
+    _leave_last_words(link)
+    if cpus:
+        try:
+            os.sched_setaffinity(0, {int(cpu) for cpu in cpus.split(",")})
+        except OSError as error:
+            link.send(Failed(f"cannot run on the CPUs of `affinity`, {cpus}: {error.strerror}"))
+            sys.exit(1)
+    try:
+        module = import_module(name_of_module)
+        link.codec = module.CODEC
+        notes = [Link[Any, Any](socket.socket(fileno=int(notes_fd)), link.codec)] if notes_fd else []
+        module.run(link, link.receive(), *notes)
+    except GatewayError as error:
+        link.send(Failed(shown(str(error)), config=isinstance(error, ConfigError)))
+        sys.exit(1)
+
+
+def _die_with(parent: int) -> None:
+    """The kernel kills this process when the parent dies, even when the parent is killed without warning."""
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    if os.getppid() != parent:  # it died before the line above
+        os._exit(1)
+
+
+def _name(name: str) -> None:
+    """What `top` and `ps -o comm` show; the kernel keeps 15 characters."""
+    ctypes.CDLL(None).prctl(PR_SET_NAME, name.encode()[:15], 0, 0, 0)
+
+
+def shown(text: str) -> str:
+    """Fit for a message: a path in it need not be UTF-8, and what a driver says may be long."""
+    return text[:MAX_WORDS].encode(errors="backslashreplace").decode()
+
+
+def _leave_last_words(link: Link[Any, Any]) -> None:
+    """An unexpected exception is told to the parent, too, after its traceback has gone to stderr."""
+
+    def hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        sys.__excepthook__(kind, error, trace)  # first: the parent ends this process when it hears of it
+        sys.stderr.flush()
+        link.send(Failed(shown(f"{kind.__name__}: {error}")))
+
+    sys.excepthook = hook

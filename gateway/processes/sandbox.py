@@ -1,0 +1,67 @@
+"""Less than the gateway's rights for this process: for one that strangers talk to. For good; there is no way back.
+
+What goes: the user, where the gateway runs as root and another is named; every capability; the right to gain any; core
+dumps and debuggers; and, by `seccomp`, writing files, running programs, reaching other processes, new connections.
+What stays: descriptors that are open already, reading what the user may read, threads.
+"""
+
+import ctypes
+import os
+import pwd
+import signal
+import struct
+import sys
+from pathlib import Path
+
+from gateway.errors import ConfigError
+from gateway.processes import seccomp
+
+PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_NO_NEW_PRIVS = 1, 4, 38  # linux/prctl.h
+CAPABILITY_VERSION_3 = 0x20080522  # linux/capability.h
+
+
+def enter(user: str | None) -> list[str]:
+    """Best before any thread is started. `user`: to be become by root; None: stay. What is not in force, in words.
+
+    Raises ConfigError for a user that there is not, or who can't read the program.
+    """
+    lacking: list[str] = []
+    if (others := len(os.listdir("/proc/self/task")) - 1) and _capable():
+        lacking.append(f"{others} threads that a library has begun already keep their capabilities")
+    libc = ctypes.CDLL(None, use_errno=True)
+    if user is not None:
+        if os.geteuid() == 0:
+            _become(user, libc)
+        else:
+            lacking.append(f"hmi.run_as = {user}: only root can become another user")
+    header = struct.pack("=Ii", CAPABILITY_VERSION_3, 0)
+    if libc.capset(header, bytes(24)):
+        lacking.append(f"capabilities can't be dropped: {os.strerror(ctypes.get_errno())}")
+    libc.prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
+    libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    if why := seccomp.refuse():
+        lacking.append(why)
+    return lacking
+
+
+def _capable() -> bool:
+    status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    return any(line.startswith("CapPrm:") and int(line.split()[1], 16) for line in status.splitlines())
+
+
+def _become(user: str, libc: ctypes.CDLL) -> None:
+    try:
+        found = pwd.getpwnam(user)
+    except KeyError:
+        raise ConfigError(f"hmi.run_as = {user}: there is no such user") from None
+    needed = [path for path in map(Path, sys.path) if path.exists()]
+    parent = os.getppid()
+    os.initgroups(user, found.pw_gid)
+    os.setresgid(found.pw_gid, found.pw_gid, found.pw_gid)
+    os.setresuid(found.pw_uid, found.pw_uid, found.pw_uid)
+    libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)  # the kernel forgets it with the user
+    if os.getppid() != parent:
+        os._exit(1)
+    for path in needed:
+        if not os.access(path, os.R_OK | (os.X_OK if path.is_dir() else 0)):
+            raise ConfigError(f"hmi.run_as = {user}: can't read {path}, where the program stands")

@@ -1,0 +1,1 @@
+"""The Arduino with its HC-SR04: line protocol, arrival times, one sensor's session. Pure."""

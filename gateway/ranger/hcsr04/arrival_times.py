@@ -1,0 +1,126 @@
+"""When was a line really on the wire? Sequence numbers against arrival times. Pure; all times monotonic ns.
+
+Four rules:
+
+1. After opening, lines are a backlog until they have kept the sensor's own pace (at least half a cycle per sequence
+   number) across two pauses. A serial server hands out what it had stored in bursts; nothing in them says how old they
+   are, and the pause before a burst makes its first line look live. Lines that always come in twos are no backlog.
+2. Later, a line that comes much later than its sequence number allows was held up on the way (a network, a stopped
+   process): what it says is old and is not used, and the next one is expected by the number. If the late lines keep
+   the sensor's own pace, it was the sensor that paused, and they are live again.
+3. No line can come before its time. One that seems to, against those just before it, tells that they were late, and
+   that it may be: all of it is a backlog, and rule 1 begins anew.
+4. A sequence number that cannot have been reached in the time is a restart, not a gap; so is 0 after a hello. It may
+   itself lie in a backlog, and says nothing of how old that is: rule 1 begins anew.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from gateway.ranger.hcsr04.protocol import MAX_SEQ, PERIOD_MS
+
+LATE_NS = 150_000_000
+"""Arrival jitter that is let pass: a date is never fresher than the truth by more than this, once the pace is known."""
+PAUSES = 2
+"""So many pauses of half a cycle, with no burst behind the first, end a backlog."""
+LATE_LINES = 8
+"""So many late lines at the sensor's own pace: it paused."""
+RECENT_LINES = 8
+"""A line is compared with so many before it."""
+SLACK_NS = 1_000_000_000
+"""A sequence number may run ahead of the clock by this before it counts as a restart."""
+
+
+class Place(Enum):
+    LIVE = auto()
+    BACKLOG = auto()
+    DUPLICATE = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """What the sequence number says about one line."""
+
+    place: Place
+    end_ns: int  # the line's last bit left the ranger
+    missing: int = 0  # measurements lost before this one
+    restarted: bool = False  # the ranger began anew
+
+
+@dataclass(frozen=True, slots=True)
+class _Last:
+    seq: int
+    arrived_ns: int
+    end_ns: int
+
+
+class Pace:
+    """Follows the sequence numbers of one connection."""
+
+    def __init__(self) -> None:
+        self.period_ns = PERIOD_MS * 1_000_000
+        self._last: _Last | None = None
+        self._draining = True
+        self._anchor: _Last | None = None  # the line since which the pace has been kept
+        self._pauses = 0  # since the anchor
+        self._late_lines = 0
+        self._lag_ns = 0  # of the newest line, against an even pace since the last backlog
+        self._lags: deque[int] = deque([0], maxlen=RECENT_LINES)
+
+    def place(self, seq: int, arrived_ns: int, end_ns: int, *, after_hello: bool) -> Placed:
+        """The next line: `arrived_ns` as delivered, `end_ns` as reckoned from its place in the delivery.
+
+        `after_hello`: a hello came since the line before.
+        """
+        last = self._last
+        if last is None:
+            self._last = self._anchor = _Last(seq, arrived_ns, end_ns)
+            return Placed(Place.BACKLOG, end_ns)
+        steps = (seq - last.seq) & MAX_SEQ
+        elapsed_ns = arrived_ns - last.arrived_ns
+        reachable = steps * self.period_ns <= 1.5 * elapsed_ns + SLACK_NS
+        if not reachable or (after_hello and seq == 0 and steps != 1):
+            restarted = not self._draining
+            self._last = _Last(seq, arrived_ns, end_ns)
+            self._begin_anew(self._last)
+            return Placed(Place.BACKLOG, end_ns, restarted=restarted)
+        if steps == 0:
+            return Placed(Place.DUPLICATE, end_ns)
+        own_pace = 2 * elapsed_ns >= steps * self.period_ns
+        if self._draining:
+            self._last = _Last(seq, arrived_ns, end_ns)
+            if self._kept_pace(seq, arrived_ns):
+                self._pauses += own_pace
+            else:
+                self._anchor, self._pauses = self._last, 0
+            self._draining = self._pauses < PAUSES
+            return Placed(Place.BACKLOG if self._draining else Place.LIVE, end_ns)
+        due_ns = last.end_ns + steps * self.period_ns
+        held_up = end_ns - due_ns > LATE_NS and self._late_lines < LATE_LINES
+        if held_up:
+            self._late_lines += own_pace
+        elif end_ns - due_ns <= LATE_NS:
+            self._late_lines = 0
+        end_ns = due_ns if held_up else end_ns
+        self._last = _Last(seq, arrived_ns, end_ns)
+        self._lag_ns += end_ns - due_ns
+        self._lags.append(self._lag_ns)
+        if max(self._lags) - self._lag_ns > LATE_NS:
+            held_up = True
+            self._begin_anew(self._last)
+        return Placed(Place.BACKLOG if held_up else Place.LIVE, end_ns, missing=steps - 1)
+
+    def _begin_anew(self, line: _Last) -> None:
+        """What comes is a backlog until the pace proves otherwise."""
+        self._draining, self._anchor, self._pauses, self._late_lines = True, line, 0, 0
+        self._lag_ns = 0
+        self._lags.clear()
+        self._lags.append(0)
+
+    def _kept_pace(self, seq: int, arrived_ns: int) -> bool:
+        anchor = self._anchor
+        return (
+            anchor is not None
+            and 2 * (arrived_ns - anchor.arrived_ns) >= ((seq - anchor.seq) & MAX_SEQ) * self.period_ns
+        )

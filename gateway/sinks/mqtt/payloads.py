@@ -1,0 +1,310 @@
+"""How a state or an event becomes a message of gateway.sinks.mqtt.messages. Pure.
+
+Times are Unix time; `offset_ns` is what turns the monotonic clock into it (wall minus monotonic, ns).
+"""
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from pydantic import BaseModel
+
+from gateway.core import fusion, ne107
+from gateway.core.model import (
+    FRESH_FRAME,
+    GUIDANCE_MEANING,
+    REASON_MEANING,
+    Event,
+    EventKind,
+    Guidance,
+    Quality,
+    RangeReading,
+    Reason,
+    StateVector,
+    VisionReading,
+)
+from gateway.core.ne107 import Ne107
+from gateway.core.plc import Phase, PlcLink
+from gateway.sinks.mqtt.messages import (
+    SCHEMA_VERSION,
+    SENSORS,
+    Cause,
+    CountersPayload,
+    DeliveryPayload,
+    EventPayload,
+    GuidancePayload,
+    Life,
+    Measured,
+    Ne107Payload,
+    PicturePayload,
+    PlcPayload,
+    PredictedPayload,
+    QualityPayload,
+    RatesPayload,
+    ReasonPayload,
+    ScalePayload,
+    SensorPayload,
+    StatePayload,
+    StatusPayload,
+    WritePayload,
+)
+from gateway.sinks.mqtt.topics import Topics
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+LAST_MS = 253_402_300_799_999  # 9999-12-31T23:59:59.999Z, the last time ISO 8601 has four digits for
+MAX_DETAIL = 500
+# A change of stop is what the plant's records are kept for: dropped last.
+PRECIOUS = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
+
+
+@dataclass(frozen=True, slots=True)
+class Gateway:
+    """Who speaks: the same in every message of one start."""
+
+    topics: Topics
+    bays: tuple[str, ...]
+    version: str
+    boot: str
+
+
+def final(state: StateVector, now_ns: int) -> StateVector:
+    """The state that stays behind when the gateway ends: stop on, no value."""
+    return state if state.reason is Reason.SHUTDOWN else fusion.forced_stop(state, Reason.SHUTDOWN, now_ns)
+
+
+def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_after_ms: int) -> StatePayload:
+    vision, rng = state.vision.stats, state.range.stats
+    seen = state.vision if state.vision.quality is Quality.GOOD else None
+    return StatePayload(
+        **_measured(state, state.t_ns, gateway, offset_ns).__dict__,
+        status_topic=gateway.topics.status,
+        stale_after_ms=stale_after_ms,
+        heartbeat=state.heartbeat,
+        frame_id=state.vision.frame_id,
+        x_n=_number(seen.x_n, 6) if seen else None,
+        y_n=_number(seen.y_n, 6) if seen else None,
+        tracking=state.vision.tracking.name if state.vision.quality in FRESH_FRAME else None,
+        confidence=_number(seen.confidence, 4) if seen else None,
+        visible=_number(seen.visible, 4) if seen else None,
+        semi_minor_px=_number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,
+        tilt_deg=_number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
+        predicted=_predicted(state.vision),
+        in_place_ms=_since_ms(state, state.visit.in_place_since_ns if state.in_place else None),
+        held_ms=_since_ms(state, state.visit.covered_since_ns if state.visit.held else None),
+        scale=_scale(state, offset_ns),
+        picture=_picture(state),
+        ne107=_ne107(state),
+        guidance=_guidance(state.guidance),
+        plc=_plc(state),
+        rates=RatesPayload(
+            vision_hz=_number(vision.rate_hz, 2),
+            range_hz=_number(rng.rate_hz, 2),
+            vision_latency_ms=_number(vision.latency_ms, 2),
+        ),
+        counters=CountersPayload(
+            frames=vision.frames,
+            frames_skipped=vision.skipped,
+            frames_lost=vision.lost,
+            vision_restarts=vision.restarts,
+            camera_reopens=vision.reopens,
+            range_lines=rng.lines,
+            range_damaged=rng.damaged,
+            range_gaps=rng.gaps,
+            range_rejected=rng.rejected,
+            ranger_reopens=rng.reopens,
+        ),
+    )
+
+
+def event_payload(event: Event, number: int, gateway: Gateway, offset_ns: int) -> EventPayload:
+    """`number` counts the events of this start from 1."""
+    sensor = event.sensor if event.sensor in SENSORS else None
+    return EventPayload(
+        **_measured(event.state, event.t_ns, gateway, offset_ns).__dict__,
+        id=f"{gateway.boot}-{number}",
+        kind=event.kind,
+        sensor=sensor,
+        quality=_quality(event.quality) if sensor in ("vision", "range") else None,
+        write=_write(event),
+        detail=text(event.detail),
+    )
+
+
+def status_payload(
+    gateway: Gateway,
+    cause: Cause,
+    wall_ns: int | None = None,
+    delivery: DeliveryPayload | None = None,
+) -> StatusPayload:
+    return StatusPayload(
+        schema_version=SCHEMA_VERSION,
+        site=gateway.topics.site,
+        instance=gateway.topics.instance,
+        status=Life.ONLINE if cause == "running" else Life.OFFLINE,
+        cause=cause,
+        version=gateway.version,
+        boot=gateway.boot,
+        bays=gateway.bays,
+        timestamp_ms=None if wall_ns is None else _unix_ms(wall_ns),
+        timestamp=None if wall_ns is None else _iso(_unix_ms(wall_ns)),
+        delivery=delivery,
+    )
+
+
+def encode(payload: BaseModel) -> bytes:
+    """The bytes on the wire: compact JSON, UTF-8."""
+    return payload.model_dump_json().encode()
+
+
+def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -> Measured:
+    circle = state.vision.circle if state.vision.quality is Quality.GOOD else None
+    timestamp_ms = _unix_ms(t_ns + offset_ns)
+    return Measured(
+        schema_version=SCHEMA_VERSION,
+        site=gateway.topics.site,
+        bay=state.bay,
+        instance=gateway.topics.instance,
+        seq=state.seq,
+        timestamp_ms=timestamp_ms,
+        timestamp=_iso(timestamp_ms),
+        stop=state.stop,
+        may_move=state.may_move,
+        permit=state.may_move,
+        in_place=state.in_place,
+        held=state.visit.held,
+        moved=state.visit.moved.name,
+        phase=state.visit.phase.name,
+        reason=ReasonPayload(name=state.reason.name, code=state.reason, text=REASON_MEANING[state.reason]),
+        d=state.d,
+        u=_number(circle.u_px, 3) if circle else None,
+        v=_number(circle.v_px, 3) if circle else None,
+        radius_px=_number(circle.radius_px, 3) if circle else None,
+        distance_mm=_number(state.range.distance_mm, 2) if state.range.quality is Quality.GOOD else None,
+        z_vision_mm=_number(state.z_vision_mm, 2) if circle else None,
+        vision=_sensor(state.vision, t_ns),
+        range=_sensor(state.range, t_ns),
+    )
+
+
+def _predicted(reading: VisionReading) -> PredictedPayload | None:
+    circle = reading.predicted if reading.quality is Quality.COASTED else None
+    if circle is None:
+        return None
+    u, v, radius = (_number(number, 3) for number in (circle.u_px, circle.v_px, circle.radius_px))
+    if u is None or v is None or radius is None:
+        return None
+    return PredictedPayload(u=u, v=v, radius_px=radius)
+
+
+def _picture(state: StateVector) -> PicturePayload | None:
+    health = state.picture
+    if health is None:
+        return None
+    return PicturePayload(
+        brightness=round(health.brightness, 4),
+        clipped=round(health.clipped, 4),
+        contrast=round(health.contrast, 4),
+        sharpness=_number(health.sharpness, 4),
+        veil=_number(health.veil, 4),
+        shift_px=_number(health.shift_px, 2),
+        faults=tuple(fault.name for fault in health.faults),
+    )
+
+
+def _sensor(reading: VisionReading | RangeReading, t_ns: int) -> SensorPayload:
+    waiting = reading.quality is Quality.WAITING
+    return SensorPayload(
+        quality=_quality(reading.quality),
+        age_ms=None if waiting else round(max(0, t_ns - reading.t_ns) / NS_PER_MS, 1),
+        detail=text(reading.detail),
+    )
+
+
+def _since_ms(state: StateVector, since_ns: int | None) -> float | None:
+    return None if since_ns is None else round(max(0, state.t_ns - since_ns) / NS_PER_MS, 1)
+
+
+def _scale(state: StateVector, offset_ns: int) -> ScalePayload | None:
+    scale = state.memory.scale
+    if scale is None:
+        return None
+    px_mm, spread = _number(scale.px_mm, 1), _number(scale.spread, 4)
+    if px_mm is None or spread is None:
+        return None
+    newest_ms = min(max(0, scale.newest.date_s(offset_ns) * 1000), LAST_MS)
+    return ScalePayload(
+        px_mm=px_mm, spread=spread, visits=scale.visits, newest_ms=newest_ms, jump=_number(scale.jump, 4)
+    )
+
+
+def _ne107(state: StateVector) -> Ne107Payload:
+    signal = ne107.status(state)
+    names = tuple(found.name for found in Ne107 if found in ne107.active(state))
+    return Ne107Payload(name=signal.name, code=signal, active=names)
+
+
+def _guidance(told: Guidance) -> GuidancePayload:
+    return GuidancePayload(
+        name=told.code.name,
+        code=told.code,
+        text=GUIDANCE_MEANING[told.code],
+        amount_mm=_number(told.amount_mm, 1),
+        offset_u_px=_number(told.offset_u_px, 2),
+        offset_v_px=_number(told.offset_v_px, 2),
+        offset_mm=_number(told.offset_mm, 1),
+        closing_mm_s=_number(told.closing_mm_s, 1),
+        to_go_mm=_number(told.to_go_mm, 1),
+    )
+
+
+def _plc(state: StateVector) -> PlcPayload:
+    plc = state.plc
+    came = plc.link not in (PlcLink.UNUSED, PlcLink.WAITING)
+    return PlcPayload(
+        link=plc.link.name,
+        age_ms=round(max(0, state.t_ns - plc.beat_ns) / NS_PER_MS, 1) if came else None,
+        stop_latched=state.memory.latched,
+        recipe=plc.recipe,
+        acquisition_id=plc.acquisition,
+        results_valid=plc.phase is Phase.VALID,
+        writes=plc.writes,
+        write_conflicts=plc.conflicts,
+    )
+
+
+def _write(event: Event) -> WritePayload | None:
+    if event.writer is None:
+        return None
+    change = event.change
+    return WritePayload(
+        address=text(event.writer.address),
+        subject=text(event.writer.subject),
+        role=text(event.writer.role),
+        name=change.register if change else None,
+        old=change.old if change else None,
+        new=change.new if change else None,
+    )
+
+
+def _quality(quality: Quality) -> QualityPayload:
+    return QualityPayload(name=quality.name, code=quality)
+
+
+def _number(value: float | None, digits: int) -> float | None:
+    """JSON knows no NaN and no infinity."""
+    return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
+def text(text: str) -> str:
+    """At most MAX_DETAIL characters, all of which UTF-8 can carry (a file name from the system may hold others)."""
+    return text[:MAX_DETAIL].encode("utf-8", "replace").decode()
+
+
+def _unix_ms(unix_ns: int) -> int:
+    return min(max(0, unix_ns // NS_PER_MS), LAST_MS)
+
+
+def _iso(unix_ms: int) -> str:
+    time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(milliseconds=unix_ms)
+    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,0 +1,119 @@
+"""The written contract, made from the code: JSON Schemas, tables and examples for docs/mqtt.md. Pure.
+
+`docs/generate.py` puts them into place.
+"""
+
+import json
+from collections.abc import Callable
+from functools import partial
+
+from pydantic import BaseModel
+
+from gateway.core.model import (
+    Circle,
+    Event,
+    EventKind,
+    FusionMemory,
+    Quality,
+    RangeReading,
+    RangeStats,
+    Reason,
+    StateVector,
+    VisionReading,
+    VisionStats,
+)
+from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.sinks.mqtt import home_assistant, messages, payloads, topics
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+MODELS: dict[str, type[BaseModel]] = {
+    topics.STATUS.schema: messages.StatusPayload,
+    topics.STATE.schema: messages.StatePayload,
+    topics.EVENT.schema: messages.EventPayload,
+}
+MS = 1_000_000
+WALL_NS = 1_795_000_000_000 * MS  # 2026-11-18T09:46:40Z
+
+
+def schemas() -> dict[str, str]:
+    """File name under docs/schemas -> text. Open on purpose: a reader must bear fields it does not know."""
+    return {name: _schema(name, model) for name, model in MODELS.items()}
+
+
+def _schema(name: str, model: type[BaseModel]) -> str:
+    schema = {"$schema": DIALECT, "$id": name} | model.model_json_schema(mode="serialization")
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def events_markdown() -> str:
+    rows = (
+        f"| `{kind.value}` | {'last' if kind in payloads.PRECIOUS else 'first'} | {messages.EVENT_MEANING[kind]} |"
+        for kind in EventKind
+    )
+    return "\n".join(["| kind | dropped | meaning |", "|---|---|---|", *rows]) + "\n"
+
+
+def examples() -> dict[str, BaseModel]:
+    """One message of each kind, of a truck that has just reached its place."""
+    gateway = payloads.Gateway(topics.Topics("loading", "site1", "gateway"), ("bay1",), "0.1.0", "9f86d081884c7d65")
+    state = StateVector(
+        bay="bay1",
+        t_ns=600_000 * MS,
+        seq=41_873,
+        heartbeat=29_990,
+        vision=VisionReading(
+            t_ns=600_000 * MS - 21 * MS,
+            quality=Quality.GOOD,
+            circle=Circle(643.21, 358.875, 180.4),
+            frame_id=17_941,
+            stats=VisionStats(frames=17_940, skipped=1, rate_hz=30.0, latency_ms=11.42),
+        ),
+        range=RangeReading(
+            t_ns=600_000 * MS - 44 * MS,
+            quality=Quality.GOOD,
+            distance_mm=296.5,
+            seq=11_907,
+            stats=RangeStats(lines=11_905, damaged=2, gaps=2, rate_hz=20.0),
+        ),
+        memory=FusionMemory(
+            scale=MarkerScale(
+                px_mm=53_520.0,
+                distance_mm=292.0,
+                spread=0.011,
+                visits=17,
+                newest=ScaleSample(0, 181.9, 294.5, unix_s=1_794_996_413),
+            )
+        ),
+        d=True,
+        stop=True,
+        reason=Reason.TARGET_REACHED,
+    )
+    offset_ns = WALL_NS - state.t_ns
+    delivery = messages.DeliveryPayload(
+        published=1342,
+        failed=1,
+        reconnects=1,
+        dropped=0,
+        queued=0,
+        store=messages.StorePayload(ok=True, detail="", faults=0, recovered=0, unwritten=0),
+    )
+    return {
+        "status": payloads.status_payload(gateway, "running", WALL_NS, delivery),
+        "will": payloads.status_payload(gateway, "connection lost"),
+        "state": payloads.state_payload(state, gateway, offset_ns, stale_after_ms=2500),
+        "event": payloads.event_payload(
+            Event(EventKind.STOP_RAISED, "bay1", state.t_ns, state), 17, gateway, offset_ns
+        ),
+    }
+
+
+def _example(name: str) -> str:
+    return f"```json\n{json.dumps(examples()[name].model_dump(mode='json'), indent=2, ensure_ascii=False)}\n```\n"
+
+
+BLOCKS: dict[str, Callable[[], str]] = {
+    "topics": topics.markdown,
+    "events": events_markdown,
+    "home assistant": home_assistant.markdown,
+    **{f"example {name}": partial(_example, name) for name in ("status", "will", "state", "event")},
+}

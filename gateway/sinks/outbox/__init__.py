@@ -1,0 +1,1 @@
+"""Events wait here, on disk, until a broker has acknowledged them."""

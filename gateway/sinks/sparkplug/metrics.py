@@ -1,0 +1,146 @@
+"""The metrics of a bay and of the gateway: one table, from which births, data and docs/sparkplug.md come. Pure."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gateway.core.model import FRESH_FRAME, REASON_MEANING, Circle, PictureHealth, Quality, StateVector
+from gateway.sinks.sparkplug.wire import DataType, Metric, QualityCode, Value
+
+NODE_REBIRTH = "Node Control/Rebirth"
+BD_SEQ = "bdSeq"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """`read` gives (value, quality); None: null. `digits`: a change smaller than their last one is none."""
+
+    name: str
+    datatype: DataType
+    meaning: str
+    read: Callable[[StateVector], tuple[Value, QualityCode]]
+    unit: str = ""
+    digits: int | None = None
+
+
+def _always(read: Callable[[StateVector], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
+    return lambda state: (read(state), QualityCode.GOOD)
+
+
+def quality_code(quality: Quality) -> QualityCode:
+    """STALE: was good, and is too old or gone; BAD: never was, or is known to be wrong."""
+    if quality is Quality.GOOD:
+        return QualityCode.GOOD
+    return QualityCode.STALE if quality in (Quality.STALE, Quality.LINK_DOWN) else QualityCode.BAD
+
+
+def _of_vision(read: Callable[[StateVector, Circle], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
+    def value(state: StateVector) -> tuple[Value, QualityCode]:
+        circle = state.vision.circle if state.vision.quality is Quality.GOOD else None
+        found = None if circle is None else read(state, circle)
+        code = quality_code(state.vision.quality)
+        return found, code if found is not None or code is not QualityCode.GOOD else QualityCode.BAD
+
+    return value
+
+
+def _distance(state: StateVector) -> tuple[Value, QualityCode]:
+    return state.range.distance_mm, quality_code(state.range.quality)
+
+
+def _tracking(state: StateVector) -> tuple[Value, QualityCode]:
+    """Null where no fresh frame stands behind it: how an old position was come by is no news."""
+    quality = state.vision.quality
+    if quality in FRESH_FRAME:
+        return state.vision.tracking.name, QualityCode.GOOD
+    return None, quality_code(quality)
+
+
+def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
+    """Of the picture itself: null without a fresh frame, and where it can't be told."""
+
+    def value(state: StateVector) -> tuple[Value, QualityCode]:
+        found = None if state.picture is None else read(state.picture)
+        code = QualityCode.GOOD if state.picture is not None else quality_code(state.vision.quality)
+        return found, QualityCode.BAD if found is None and code is QualityCode.GOOD else code
+
+    return value
+
+
+def _d(state: StateVector) -> tuple[Value, QualityCode]:
+    return state.d, QualityCode.BAD if state.d is None else QualityCode.GOOD
+
+
+_B, _D, _S, _U = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.UINT32
+
+DEVICE: tuple[Row, ...] = (
+    Row("Stop", _B, "the truck must stop; also on whenever the gateway can't know", _always(lambda s: s.stop)),
+    Row("May Move", _B, "the truck may move: stop is off and nothing withholds it", _always(lambda s: s.may_move)),
+    Row("In Place", _B, "the truck stands in place: the only condition for loading", _always(lambda s: s.in_place)),
+    Row("Held", _B, "in place by the ranger alone: the marker is covered", _always(lambda s: s.visit.held)),
+    Row("Moved", _S, "since it was in place, the truck left it: NO, DISTANCE, MARKER",
+        _always(lambda s: s.visit.moved.name)),
+    Row("Visit/Phase", _S, "where the visit stands", _always(lambda s: s.visit.phase.name)),
+    Row("Permit", _B, "old name of `May Move`, for one version", _always(lambda s: s.may_move)),
+    Row("D", _B, "D(t), equation 14; null: unknowable", _d),
+    Row("Reason/Code", _U, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
+    Row("Reason/Name", _S, "the same by name", _always(lambda s: s.reason.name)),
+    Row("Reason/Text", _S, "the same in words", _always(lambda s: REASON_MEANING[s.reason])),
+    Row("Marker/U", _D, "marker centre, to the right", _of_vision(lambda s, c: c.u_px), "px", 1),
+    Row("Marker/V", _D, "marker centre, downwards", _of_vision(lambda s, c: c.v_px), "px", 1),
+    Row("Marker/Radius", _D, "marker radius R", _of_vision(lambda s, c: c.radius_px), "px", 1),
+    Row("Marker/Confidence", _D, "0 to 1; null where the method gives none",
+        _of_vision(lambda s, c: s.vision.confidence), digits=2),
+    Row("Marker/Tracking", _S, "how the position was come by; null: no fresh frame", _tracking),
+    Row("Distance", _D, "distance Z from the ranger", _distance, "mm", 0),
+    Row("Distance Vision", _D, "distance from the camera, where configured",
+        _of_vision(lambda s, c: s.z_vision_mm), "mm", 0),
+    Row("Camera/Quality", _S, "may the marker's values be used", _always(lambda s: s.vision.quality.name)),
+    Row("Camera/Rate", _D, "results a second", _always(lambda s: s.vision.stats.rate_hz), "Hz", 0),
+    Row("Picture/Brightness", _D, "mean grey level, share of white", _picture(lambda p: p.brightness), digits=2),
+    Row("Picture/Contrast", _D, "share of the grey levels in use", _picture(lambda p: p.contrast), digits=2),
+    Row("Picture/Sharpness", _D, "of the strongest edges, 0.6 in focus", _picture(lambda p: p.sharpness), digits=2),
+    Row("Picture/Veil", _D, "share of dust or haze", _picture(lambda p: p.veil), digits=2),
+    Row("Picture/Shift", _D, "how far the fixed background has moved", _picture(lambda p: p.shift_px), "px", 0),
+    Row("Picture/Status", _U, "what is wrong with it, one bit each (register picture_status)",
+        _picture(lambda p: p.status)),
+    Row("Ranger/Quality", _S, "may the distance be used", _always(lambda s: s.range.quality.name)),
+    Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
+)  # fmt: skip
+
+HISTORY = ("Stop", "May Move", "In Place", "Moved", "Permit", "Reason/Code", "Reason/Name")
+"""What is kept of a change that happened while nobody could be told."""
+
+Reading = tuple[Value, QualityCode]
+
+
+def readings(state: StateVector) -> dict[str, Reading]:
+    """Every device metric as it would be sent now."""
+    found: dict[str, Reading] = {}
+    for row in DEVICE:
+        value, quality = row.read(state)
+        if row.digits is not None and isinstance(value, float):
+            value = round(value, row.digits)
+        if isinstance(value, float) and not -1e300 < value < 1e300:  # NaN too: no number that a host could show
+            value, quality = None, QualityCode.BAD
+        found[row.name] = (value, quality)
+    return found
+
+
+def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) -> tuple[Metric, ...]:
+    """`now` as metrics, in the table's order. Births carry units."""
+    return tuple(
+        Metric(row.name, timestamp_ms, row.datatype, *_split(now[row.name]), unit=row.unit if birth else "")
+        for row in DEVICE
+        if row.name in now
+    )
+
+
+def _split(reading: Reading) -> tuple[Value, bool, QualityCode]:
+    value, quality = reading
+    return value, False, quality
+
+
+def markdown() -> str:
+    """The device metrics as a table."""
+    rows = (f"| `{r.name}` | {r.datatype.name.capitalize()} | {r.unit or '–'} | {r.meaning} |" for r in DEVICE)
+    return "\n".join(["| metric | datatype | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

@@ -1,0 +1,291 @@
+"""One Sparkplug edge node and its devices, without a socket: what happened goes in, messages come out. Pure.
+
+Sparkplug Specification 3.0.0, sections 4 to 6. A session begins with a connection whose last will is the NDEATH; births
+go out as soon as the primary host is online (at once, where none is configured); data follows by exception, and every
+message carries the next sequence number. What changed while there was no session is told afterwards as historical, and
+so is what was sent shortly before a session was lost: at QoS 0 nobody knows how much of it arrived.
+"""
+
+import json
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from gateway.core.model import StateVector
+from gateway.sinks.sparkplug import metrics
+from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading
+from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, decode, encode
+
+NAMESPACE = "spBv1.0"
+SEQ_MODULO = 256
+HISTORY_PER_MESSAGE = 50  # changes
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Section 4: every message of an edge node goes out unretained; QoS 0, but for NDEATH (1)."""
+
+    topic: str
+    payload: bytes
+    qos: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """`primary_host`: births wait for it; empty: for nobody."""
+
+    group: str
+    node: str
+    primary_host: str = ""
+
+    def topic(self, kind: str, device: str = "") -> str:
+        return "/".join([NAMESPACE, self.group, kind, self.node, *([device] if device else [])])
+
+    @property
+    def state_topic(self) -> str:
+        return f"{NAMESPACE}/STATE/{self.primary_host}"
+
+    @property
+    def subscriptions(self) -> tuple[tuple[str, int], ...]:
+        """Topic and QoS: commands to the node and its devices, and the primary host's state."""
+        wanted = [(self.topic("NCMD"), 1), (self.topic("DCMD", "#"), 1)]
+        return tuple(wanted + ([(self.state_topic, 1)] if self.primary_host else []))
+
+
+@dataclass(slots=True)
+class Stats:
+    births: int = 0
+    data: int = 0
+    rebirths: int = 0  # asked for by a host
+    refused: int = 0  # commands that were none, or that nothing here obeys
+    history_dropped: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class SparkplugNow:
+    """The edge node, for pages and metrics. Counters since the start."""
+
+    connected: bool
+    born: bool  # told to the host; not while the primary host is waited for
+    births: int
+    rebirths: int
+    data: int
+    refused: int
+    history_dropped: int
+    history_waiting: int
+
+
+@dataclass(slots=True)
+class Change:
+    """What a bay's stop became while nobody could be told."""
+
+    bay: str
+    timestamp_ms: int
+    values: dict[str, Reading]
+
+
+@dataclass(slots=True)
+class EdgeNode:
+    """See above. Times are Unix ms. A bay that is None in `states` is dead: its device has no birth, or a death."""
+
+    identity: Identity
+    version: str
+    history_limit: int = 1000
+    doubt_ms: int = 20_000  # a lost connection may have been dead for so long before it was noticed
+    stats: Stats = field(default_factory=Stats)
+    _bd_seq: int = -1
+    _seq: int = -1
+    _born: bool = False
+    _host_ms: int = -1  # timestamp of the newest STATE believed in this session
+    _told: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
+    _history: deque[Change] = field(default_factory=deque)
+    _since: list[Change] = field(default_factory=list)  # since `states` was asked; a slow link may miss some
+    _recent: deque[tuple[int, Change]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
+
+    @property
+    def born(self) -> bool:
+        return self._born
+
+    @property
+    def waiting(self) -> int:
+        """Changes kept for later."""
+        return len(self._history)
+
+    # The connection.
+
+    def will(self, bd_seq: int, now_ms: int) -> Publish:
+        """The NDEATH for the next CONNECT; begins its session. `bd_seq`: 0 to 255, one more with every CONNECT."""
+        self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
+        self._host_ms = -1  # what is retained is told anew; a host whose clock was wrong once is not deaf for ever
+        self._born = False
+        self._told.clear()
+        return self.death(now_ms)
+
+    def death(self, now_ms: int) -> Publish:
+        """NDEATH: the bdSeq alone, and no sequence number."""
+        self._born = False
+        metric = Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq)
+        return Publish(self.identity.topic("NDEATH"), encode(Payload(now_ms, (metric,))), qos=1)
+
+    def connected(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
+        """Connected and subscribed. Births, unless the primary host must be waited for."""
+        return [] if self.identity.primary_host else self._birth(states, now_ms)
+
+    def lost(self) -> None:
+        """The connection is gone; the broker tells the NDEATH."""
+        self._born = False
+        self._told.clear()
+        self._since.clear()
+        kept = [*self._history, *(change for _, change in self._recent)]
+        self._history.clear()
+        self._recent.clear()
+        for change in sorted(kept, key=lambda change: change.timestamp_ms):
+            self._keep(change)
+
+    # From the hosts.
+
+    def heard(
+        self, topic: str, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
+    ) -> tuple[list[Publish], bool]:
+        """A message that came: what to send, and whether this session must end (the primary host has gone offline)."""
+        if self.identity.primary_host and topic == self.identity.state_topic:
+            return self._host_said(payload, states, now_ms)
+        if topic == self.identity.topic("NCMD") and self._wants_rebirth(payload):
+            self.stats.rebirths += 1
+            return (self._birth(states, now_ms) if self._born else []), False
+        self.stats.refused += 1
+        return [], False
+
+    def _host_said(
+        self, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
+    ) -> tuple[list[Publish], bool]:
+        try:
+            said = json.loads(payload)
+            online, timestamp_ms = said["online"], said["timestamp"]
+        except (ValueError, TypeError, KeyError, RecursionError):
+            self.stats.refused += 1
+            return [], False
+        whole = isinstance(timestamp_ms, int) and not isinstance(timestamp_ms, bool)
+        if not isinstance(online, bool) or not whole or not 0 <= timestamp_ms < 1 << 64:
+            self.stats.refused += 1
+            return [], False
+        if timestamp_ms < self._host_ms:  # of an earlier life of the host: its broker was slow
+            return [], False
+        self._host_ms = timestamp_ms
+        if online:
+            return ([] if self._born else self._birth(states, now_ms)), False
+        if not self._born:
+            return [], False
+        return [self.death(now_ms)], True
+
+    def _wants_rebirth(self, payload: bytes) -> bool:
+        try:
+            command = decode(payload)
+        except WireError:
+            return False
+        return any(metric.name == NODE_REBIRTH and metric.value is True for metric in command.metrics)
+
+    # From the bays.
+
+    def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
+        """What has changed since it was last told; deaths and births of bays that died or came back."""
+        self._forget(now_ms)
+        if not self._born:
+            return []
+        out: list[Publish] = []
+        since, self._since = self._since, []
+        for bay, state in states.items():
+            # Changes that took each other back would be no change at all in what is told below.
+            if bay in self._told and len(missed := [change for change in since if change.bay == bay]) > 1:
+                out += self._historical(missed, now_ms)
+            if state is None:
+                if self._told.pop(bay, None) is not None:
+                    out.append(self._sequenced("DDEATH", bay, (), now_ms))
+            elif bay not in self._told:
+                out.append(self._device_birth(bay, state, now_ms))
+            else:
+                now = metrics.readings(state)
+                changed = {name: reading for name, reading in now.items() if reading != self._told[bay][name]}
+                if changed:
+                    self._told[bay] = now
+                    out.append(self._data(bay, metrics.metrics(changed, now_ms), now_ms))
+        return out
+
+    def changed(self, state: StateVector, timestamp_ms: int) -> None:
+        """`stop` of a bay changed. Kept, where nobody can be told now, or it is not certain that somebody is."""
+        now = metrics.readings(state)
+        change = Change(state.bay, timestamp_ms, {name: now[name] for name in HISTORY})
+        if not self._born:
+            self._keep(change)
+            return
+        self._since.append(change)
+        del self._since[: max(0, len(self._since) - self.history_limit)]
+        self._recent.append((timestamp_ms, change))
+        self._forget(timestamp_ms)
+
+    def _forget(self, now_ms: int) -> None:
+        """What has certainly arrived, or is too much to tell twice."""
+        while self._recent and (len(self._recent) > self.history_limit or now_ms - self._recent[0][0] > self.doubt_ms):
+            self._recent.popleft()
+
+    def _keep(self, change: Change) -> None:
+        self._history.append(change)
+        if len(self._history) > self.history_limit:
+            self._history.popleft()
+            self.stats.history_dropped += 1
+
+    def history(self, now_ms: int) -> list[Publish]:
+        """What was kept, oldest first, as historical values of devices that have a birth."""
+        if not self._born:
+            return []
+        told = [change for change in self._history if change.bay in self._told]
+        self._history = deque(change for change in self._history if change.bay not in self._told)
+        self._recent.extend((now_ms, change) for change in told)  # this link, too, may be dead already
+        self._forget(now_ms)
+        return self._historical(told, now_ms)
+
+    def _historical(self, changes: list[Change], now_ms: int) -> list[Publish]:
+        """Changes of devices that have a birth, some to a message."""
+        out: list[Publish] = []
+        for bay in dict.fromkeys(change.bay for change in changes):
+            found = [change for change in changes if change.bay == bay]
+            for n in range(0, len(found), HISTORY_PER_MESSAGE):
+                rows = (
+                    replace(metric, historical=True)
+                    for change in found[n : n + HISTORY_PER_MESSAGE]
+                    for metric in metrics.metrics(change.values, change.timestamp_ms)
+                )
+                out.append(self._data(bay, tuple(rows), now_ms))
+        return out
+
+    # Messages.
+
+    def _birth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
+        """NBIRTH with sequence number 0, then a DBIRTH for every bay that lives, then what was kept."""
+        self._seq, self._born = -1, True
+        self._told.clear()
+        self.stats.births += 1
+        node = (
+            Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq),
+            Metric(NODE_REBIRTH, now_ms, DataType.BOOLEAN, False),
+            Metric("Properties/Software", now_ms, DataType.STRING, "PLC loading gateway"),
+            Metric("Properties/Version", now_ms, DataType.STRING, self.version),
+            Metric("Properties/Bays", now_ms, DataType.STRING, ", ".join(states)),
+        )
+        out = [self._sequenced("NBIRTH", "", node, now_ms)]
+        out += [self._device_birth(bay, state, now_ms) for bay, state in states.items() if state is not None]
+        return out + self.history(now_ms)
+
+    def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Publish:
+        now = metrics.readings(state)
+        self._told[bay] = now
+        return self._sequenced("DBIRTH", bay, metrics.metrics(now, now_ms, birth=True), now_ms)
+
+    def _data(self, bay: str, found: tuple[Metric, ...], now_ms: int) -> Publish:
+        self.stats.data += 1
+        return self._sequenced("DDATA", bay, found, now_ms)
+
+    def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> Publish:
+        self._seq = (self._seq + 1) % SEQ_MODULO
+        payload = Payload(now_ms, found, self._seq)
+        return Publish(self.identity.topic(kind, bay), encode(payload, typed=kind != "DDATA"))

@@ -1,0 +1,203 @@
+"""The edge node's connection: births, data, commands, and a proper end. IO.
+
+A connection of its own beside the plain topics', because a connection has one last will, and here that is the NDEATH.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from typing import NoReturn, Protocol
+
+from gateway import __version__
+from gateway.clock import NS_PER_S, Clock
+from gateway.config import MqttConfig
+from gateway.core.model import Event, Reason, StateVector
+from gateway.errors import LinkError
+from gateway.hub import Hub
+from gateway.sinks.mqtt import credentials, payloads
+from gateway.sinks.mqtt.broker_connector import Door
+from gateway.sinks.mqtt.broker_link import Incoming, Message
+from gateway.sinks.mqtt.link_errors import plain_link_error
+from gateway.sinks.sparkplug.bd_seq import BdSeq
+from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish, SparkplugNow
+
+log = logging.getLogger(__name__)
+
+NS_PER_MS = 1_000_000
+LOOK_S = 0.1  # so often it is looked whether a host must hear of something
+
+
+class Link(Protocol):
+    """What is needed of a connection; see gateway.sinks.mqtt.broker_link.BrokerLink."""
+
+    async def publish(self, message: Message) -> None: ...
+
+    async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None: ...
+
+    def incoming(self) -> AsyncIterator[Incoming]: ...
+
+
+Connect = Callable[[Message], AbstractAsyncContextManager[Link]]
+
+
+class HostOfflineError(LinkError):
+    """The primary host has gone; the session ends, and the next one waits for it."""
+
+
+class SparkplugPublisher:
+    """One gateway as one edge node. `deliver` is a row of the task table."""
+
+    def __init__(
+        self,
+        config: MqttConfig,
+        site: str,
+        instance: str,
+        hub: Hub,
+        clock: Clock,
+        *,
+        connector: Connect | None = None,
+        bd_seq: Callable[[], int] | None = None,
+    ) -> None:
+        if config.sparkplug is None:
+            raise ValueError("no [mqtt.sparkplug] in the configuration")
+        self._config = config
+        self._settings = config.sparkplug
+        self._hub = hub
+        self._clock = clock
+        self._bd_seq = bd_seq or BdSeq(instance)
+        identity = Identity(
+            self._settings.group_id or site,
+            self._settings.edge_node_id or instance,
+            self._settings.primary_host_id or "",
+        )
+        doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
+        self.node = EdgeNode(identity, __version__, history_limit=self._settings.history, doubt_ms=doubt_ms)
+        self._broker = credentials.broker_of(config)
+        client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
+        # A proper end tells the NDEATH, too: section 6.4.25.
+        self._connect = connector or Door(config, self._broker, client_id, will_at_goodbye=True).open
+        self._urgent = asyncio.Event()
+        self._leaving = asyncio.Event()
+        self._alone = asyncio.Lock()
+        self._turn = asyncio.Lock()  # messages go out in the order of their sequence numbers
+        self._connected = False
+        hub.listen(self._note)
+
+    @property
+    def now(self) -> SparkplugNow:
+        """How the session does, and what it has done so far."""
+        stats = self.node.stats
+        return SparkplugNow(
+            connected=self._connected,
+            born=self.node.born,
+            births=stats.births,
+            rebirths=stats.rebirths,
+            data=stats.data,
+            refused=stats.refused,
+            history_dropped=stats.history_dropped,
+            history_waiting=self.node.waiting,
+        )
+
+    async def deliver(self) -> None:
+        """One session, until the link breaks or the primary host goes offline (LinkError), or after `farewell`."""
+        async with self._alone:
+            if self._leaving.is_set():
+                return
+            will = self.node.will(self._bd_seq(), self._now_ms())
+            try:
+                with plain_link_error():
+                    await self._session(will)
+            finally:
+                self._connected = False
+                self.node.lost()
+
+    async def farewell(self, timeout_s: float) -> None:
+        """NDEATH, then DISCONNECT, where there is a session. Takes at most `timeout_s` real seconds."""
+        self._leaving.set()
+        self._urgent.set()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s), self._alone:
+                pass
+
+    async def _session(self, will: Publish) -> None:
+        async with self._connect(_message(will)) as link:
+            await link.subscribe(self.node.identity.subscriptions)
+            log.info("%s: connected as Sparkplug edge node %s", self._broker, self.node.identity.node)
+            self._connected = True
+            await self._send(link, lambda: self.node.connected(self._states(), self._now_ms()))
+            offline: HostOfflineError | None = None
+            try:
+                async with asyncio.TaskGroup() as group:
+                    tasks = [group.create_task(self._listen(link)), group.create_task(self._follow(link))]
+                    await self._leaving.wait()
+                    for task in tasks:
+                        task.cancel()
+            except* HostOfflineError:
+                offline = HostOfflineError(f"primary host {self._settings.primary_host_id} is offline")
+            if self.node.born:
+                await self._send(link, lambda: [self.node.death(self._now_ms())])
+        if offline is not None:  # after a proper DISCONNECT
+            raise offline
+
+    async def _listen(self, link: Link) -> None:
+        """Commands and the primary host's state, for ever."""
+        async for message in link.incoming():
+            ends = False
+
+            def answer(said: Incoming = message) -> list[Publish]:
+                nonlocal ends
+                out, ends = self.node.heard(said.topic, said.payload, self._states(), self._now_ms())
+                return out
+
+            await self._send(link, answer)
+            if ends:
+                raise HostOfflineError
+
+    async def _follow(self, link: Link) -> NoReturn:
+        """Changes: of stop at once, of what else a host must hear of within LOOK_S, the rest once a period."""
+        while True:
+            self._urgent.clear()
+            told = self._marks()
+            await self._send(link, lambda: self.node.states(self._states(), self._now_ms()))
+            until_ns = self._clock.now_ns() + self._settings.period_s * NS_PER_S
+            while not self._urgent.is_set() and (left_ns := until_ns - self._clock.now_ns()) > 0:
+                with contextlib.suppress(TimeoutError):
+                    async with self._clock.timeout(min(left_ns / NS_PER_S, LOOK_S)):
+                        await self._urgent.wait()
+                if self._marks() != told:
+                    break
+
+    def _marks(self) -> list[tuple[object, ...] | None]:
+        """What a host must hear of soon, of each bay; None: nobody decides there."""
+        states = self._states().values()
+        return [None if s is None else (s.stop, s.may_move, s.in_place, s.visit.moved, s.reason) for s in states]
+
+    async def _send(self, link: Link, made: Callable[[], list[Publish]]) -> None:
+        """Make and send in one turn: what is numbered first goes out first."""
+        async with self._turn:
+            for publish in made():
+                await link.publish(_message(publish))
+
+    def _note(self, event: Event) -> None:
+        if event.kind in payloads.PRECIOUS:
+            self.node.changed(event.state, self._unix_ms(event.t_ns))
+            self._urgent.set()
+
+    def _states(self) -> Mapping[str, StateVector | None]:
+        """None: nothing computes this bay's state any more."""
+        now_ns = self._clock.now_ns()
+        shown = {bay: self._hub.shown(bay, now_ns) for bay in self._hub.bays}
+        return {bay: None if s.reason is Reason.GATEWAY_FAULT else s for bay, s in shown.items()}
+
+    def _now_ms(self) -> int:
+        return self._unix_ms(self._clock.now_ns())
+
+    def _unix_ms(self, t_ns: int) -> int:
+        """Never negative, which a UInt64 can't be: without a battery a wall clock may begin before 1970."""
+        return max(0, t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
+
+
+def _message(publish: Publish) -> Message:
+    return Message(publish.topic, publish.payload, retain=False, qos=publish.qos, text=False)

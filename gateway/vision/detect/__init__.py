@@ -1,0 +1,1 @@
+"""The detection methods: a frame in, a detection out. Pure."""

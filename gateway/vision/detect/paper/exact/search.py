@@ -1,0 +1,139 @@
+"""The paper's method on whole pictures, as `pipeline.detect` has it, looking closely only where red can survive.
+
+Every field of the Detection is the plain pipeline's, `candidates` too: all clusters that can hold a candidate are
+looked at, not the largest alone, which costs little and leaves nothing to be explained. `stage_ns` has other names.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from gateway.config import VisionConfig
+from gateway.core.model import Detection
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.exact import kernel as compiled
+from gateway.vision.detect.paper.exact.geometry import Box, Opening
+from gateway.vision.detect.paper.exact.kernel import Kernel
+from gateway.vision.detect.paper.exact.lattice import Lattice, scanner
+from gateway.vision.detect.paper.exact.look import Look, extent
+from gateway.vision.detect.paper.pipeline import NowNs
+from gateway.vision.detect.paper.stages import Contour, Mask
+from gateway.vision.pixels import Image
+
+STAGES = (
+    ("scan", "1-7", "where red can survive the opening: a lattice of points"),
+    ("look", "1-8", "the plain stages, in windows round what was found"),
+)
+"""As `pipeline.STAGES`; they stand in for all up to `contours`."""
+
+FEW = 10  # boxes are compared one by one in less time than numpy's calls take
+WINDOW_COST_PX = 20_000  # what a further window costs, in pixels looked at: the price of some ten calls
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Of one search of a whole picture."""
+
+    detection: Detection
+    cells: Mask  # the lattice
+    chosen: Contour | None
+
+
+class ExactSearch:
+    """A Detector; keeps nothing from picture to picture but its tables."""
+
+    def __init__(self, params: VisionConfig, now_ns: NowNs = lambda: 0, *, kernel: Kernel | None = None) -> None:
+        """`kernel`: of these very parameters."""
+        self.params = params
+        self.opening = Opening.of(params)
+        self.look = Look(params, self.opening, kernel)
+        self._now_ns = now_ns
+        self._scanner = scanner(params, self.opening, kernel)
+        self._lattice: Lattice | None = None
+
+    @staticmethod
+    def knows(params: VisionConfig) -> bool:
+        """Without an opening every red pixel survives: there is nothing to be gained."""
+        return Opening.of(params).side_px > 1
+
+    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
+        return self.find(image).detection
+
+    def find(self, image: Image) -> Found:
+        pipeline.check(image)
+        image = packed(image)
+        stamps = [("", self._now_ns())]
+
+        def seen(stage: str, _: object) -> None:
+            stamps.append((stage, self._now_ns()))
+
+        lattice = self.lattice(image)
+        cells = lattice.scan(image)
+        seen("scan", None)
+        borders = self._borders(image, lattice, cells)
+        seen("look", None)
+        chosen, detection = pipeline.conclude(borders, self.params, seen)
+        stage_ns = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
+        return Found(replace(detection, stage_ns=stage_ns), cells, chosen)
+
+    def lattice(self, image: Image) -> Lattice:
+        height, width = image.shape[:2]
+        if self._lattice is None or (self._lattice.width, self._lattice.height) != (width, height):
+            self._lattice = Lattice(self._scanner, self.opening, width, height)
+        return self._lattice
+
+    def _borders(self, image: Image, lattice: Lattice, cells: Mask) -> list[Contour]:
+        """All contours of more than S_min, in the order in which the plain pipeline has them."""
+        height, width = image.shape[:2]
+        s_min = self.params.min_area_px2
+        clusters = [box for box in lattice.clusters(cells) if box.largest_contour_px2 > s_min]
+        affordable_px = width * height + WINDOW_COST_PX
+        if len(clusters) * WINDOW_COST_PX > affordable_px:
+            return self.look.contours(image, Box(0, 0, width, height), s_min)
+        merged = _apart(clusters, self.opening, width, height)
+        windows = [self.opening.window(box, width, height) for box in merged]
+        if sum(window.pixels + WINDOW_COST_PX for window in windows) > affordable_px:
+            return self.look.contours(image, Box(0, 0, width, height), s_min)
+        found = [
+            contour
+            for box, window in zip(merged, windows, strict=True)
+            for contour in self.look.contours(image, window, s_min)
+            if box.holds(extent(contour))  # else a part of another cluster, cut by the window
+        ]
+        return in_plain_order(found)
+
+
+def of(params: VisionConfig, now_ns: NowNs = lambda: 0) -> ExactSearch:
+    """With the kernel where there is one."""
+    return ExactSearch(params, now_ns, kernel=compiled.load(params))
+
+
+def packed(image: Image) -> Image:
+    """The picture itself, or a copy where its rows are not as a camera leaves them: 3 bytes a pixel, without gaps."""
+    return image if image.strides[1:] == (3, 1) and image.strides[0] > 0 else np.ascontiguousarray(image)
+
+
+def in_plain_order(found: list[Contour]) -> list[Contour]:
+    """As OpenCV lists those of a whole picture: a contour begins with its first pixel, and the last one comes first."""
+    return sorted(found, key=lambda contour: (int(contour[0, 0, 1]), int(contour[0, 0, 0])), reverse=True)
+
+
+def _apart(boxes: list[Box], opening: Opening, width: int, height: int) -> list[Box]:
+    """Boxes whose windows meet are joined, until none do."""
+    margin = opening.reach_px + 1
+    if len(boxes) <= FEW:
+        grown = [box.grown(margin, width, height) for box in boxes]
+        if not any(a.meets(b) for a, b in combinations(grown, 2)):
+            return boxes
+    at = np.array([(box.x0, box.y0, -box.x1, -box.y1) for box in boxes], np.int64).reshape(-1, 4)
+    while len(at) > 1:
+        low, high = at[:, :2] - margin, -at[:, 2:] + margin  # not cut to the picture: that changes no meeting inside it
+        meets = np.all((low[:, None] < high[None]) & (low[None] < high[:, None]), axis=2)
+        first = np.argmax(meets, axis=1)  # the first that each one meets, itself at the latest
+        if np.array_equal(first, np.arange(len(at))):
+            break
+        joined = at.copy()
+        np.minimum.at(joined, first, at)
+        at = joined[np.unique(first)]
+    return [Box(int(x0), int(y0), int(-x1), int(-y1)) for x0, y0, x1, y1 in at]

@@ -1,0 +1,201 @@
+"""The exact search, frame after frame: near the marker's last place first, and all the rest of the frame bit by bit.
+
+What is promised, for every frame:
+
+- The circle is always that of a whole component of the plain pipeline's mask of *this* frame that passes all gates:
+  a component is taken from the window only if it lies so far inside that the window's edges can't have changed it.
+  Else, and where the window has none, the whole frame is searched in the same frame. No target is only ever told
+  after a search of the whole frame.
+- Every field but `candidates` (those of the window) and `stage_ns` is the plain pipeline's, unless a component that is
+  as large or larger and passes the gates lies elsewhere. Such a one is noticed in the ROUND-th frame after it came, at
+  the latest, if it stands that long; then the whole frame is searched.
+
+How the second is kept: each frame a share of 1/ROUND of the lattice is scanned, so that all of it has had its turn
+after ROUND frames. A red point that the last search of the whole frame did not have thereabouts calls for another
+one. Points that it had, the clutter, lie in *zones*, a step of the lattice wider than they were. What stays inside a
+zone is not larger than its box. While that is less than the marker, no zone can hide a rival; else, and where something
+that the window cuts comes close to the marker, the whole frame is searched every ROUND frames.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from gateway.config import VisionConfig
+from gateway.core.model import Detection
+from gateway.vision.detect.paper import pipeline, stages
+from gateway.vision.detect.paper.exact import kernel as compiled
+from gateway.vision.detect.paper.exact.geometry import Box
+from gateway.vision.detect.paper.exact.kernel import Kernel
+from gateway.vision.detect.paper.exact.lattice import Lattice
+from gateway.vision.detect.paper.exact.look import extent
+from gateway.vision.detect.paper.exact.search import ExactSearch, Found, in_plain_order, packed
+from gateway.vision.detect.paper.pipeline import NowNs
+from gateway.vision.detect.paper.stages import Mask
+from gateway.vision.pixels import Image
+
+ROUND = 8  # frames in which every lattice point is scanned
+SLACK_PX = 4  # the window goes so much farther than the marker is expected to,
+SLACK_ERRORS = 3  # and so many times as far as it was off the last time
+LONGEST_LEAP = 4.0  # frames may come so many times as far apart as before; a guess beyond is none
+
+STAGES = (
+    ("window", "1-8", "the plain stages, in a window round the marker's expected place"),
+    ("rescan", "1-7", "an eighth of the lattice: has anything red come elsewhere?"),
+)
+"""As `pipeline.STAGES`; a frame searched whole has the stages of the search after `window`, or after both."""
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """Where the chosen contour was."""
+
+    box: Box
+    t_ns: int
+    error_px: int  # how far its box was from where it was expected
+
+
+@dataclass(frozen=True, slots=True)
+class Clutter:
+    """What the last search of a whole frame saw besides the marker."""
+
+    unknown: Mask  # (rows, columns) uint8, 255 where a red lattice point would be news
+    largest_px2: int  # no zone can hold a larger contour
+
+
+class ExactTracker:
+    """A Detector with a memory. For one sequence of frames."""
+
+    def __init__(self, params: VisionConfig, now_ns: NowNs = lambda: 0, *, kernel: Kernel | None = None) -> None:
+        """`kernel`: of these very parameters."""
+        self.search = ExactSearch(params, now_ns, kernel=kernel)
+        self._params = params
+        self._now_ns = now_ns
+        self._marker: Marker | None = None
+        self._before: Marker | None = None
+        self._clutter: Clutter | None = None
+        self._shape: tuple[int, ...] = ()
+        self._turn = 0  # which share of the lattice is next
+        self._since_whole = 0  # frames
+
+    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
+        pipeline.check(image)
+        image = packed(image)
+        stamps = [("", self._now_ns())]
+
+        def seen(stage: str, _: object) -> None:
+            stamps.append((stage, self._now_ns()))
+
+        found = self._near(image, t_ns, seen)
+        spent = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
+        if found is not None:
+            return replace(found, stage_ns=spent)
+        whole = self._whole(image, t_ns)
+        wasted_ns = sum(ns for _, ns in spent)
+        return replace(whole, stage_ns=(("window", wasted_ns), *whole.stage_ns)) if spent else whole
+
+    def _whole(self, image: Image, t_ns: int) -> Detection:
+        found = self.search.find(image)
+        self._shape, self._since_whole = image.shape, 0
+        if found.chosen is None:
+            self._marker = self._before = None
+        else:
+            own = extent(found.chosen)
+            self._moved(own, t_ns)
+            self._clutter = self._clutter_of(self.search.lattice(image), found, own)
+        return found.detection
+
+    def _near(self, image: Image, t_ns: int, seen: pipeline.Seen) -> Detection | None:
+        """What the window tells; None where the whole frame must be searched."""
+        marker, clutter = self._marker, self._clutter
+        if marker is None or clutter is None or image.shape != self._shape:
+            return None
+        height, width = image.shape[:2]
+        opening = self.search.opening
+        expected = self._expected(t_ns, width, height)
+        window = expected.grown(SLACK_PX + SLACK_ERRORS * marker.error_px + opening.uncut_px, width, height)
+        trusted = _trusted(window, opening.uncut_px, width, height)
+        boxed = [(contour, extent(contour)) for contour in self.search.look.contours(image, window, 0.0)]
+        uncut = [contour for contour, box in boxed if trusted.holds(box)]
+        cut = [(contour, box) for contour, box in boxed if not trusted.holds(box)]
+        seen("window", None)
+        chosen, found = pipeline.conclude(in_plain_order(uncut), self._params, seen)
+        if chosen is None or any(stages.contour_area(contour) >= found.area_px2 for contour, _ in cut):
+            return None
+        own = extent(chosen)
+        near = own.grown(opening.side_px - 1, width, height)
+        self._since_whole += 1
+        hidden = clutter.largest_px2 >= found.area_px2 or any(box.meets(near) for _, box in cut)
+        due = hidden and self._since_whole >= ROUND
+        news = due or self._news(image, near, clutter)
+        seen("rescan", None)
+        if news:
+            return None
+        self._moved(own, t_ns, expected)
+        return found
+
+    def _news(self, image: Image, near: Box, clutter: Clutter) -> bool:
+        """Scan the next share of the lattice: is there red that was not known, and is not the marker?"""
+        lattice = self.search.lattice(image)
+        count = len(lattice.ys)
+        first, end = count * self._turn // ROUND, count * (self._turn + 1) // ROUND
+        self._turn = (self._turn + 1) % ROUND
+        if first == end:
+            return False
+        fresh = lattice.scan_rows(image, first, end)
+        rows, columns = lattice.inside(near)
+        fresh[max(rows.start - first, 0) : max(rows.stop - first, 0), columns] = 0
+        return bool(cv2.hasNonZero(cv2.bitwise_and(fresh, clutter.unknown[first:end])))
+
+    def _expected(self, t_ns: int, width: int, height: int) -> Box:
+        """Where the contour's box should be: each of its sides goes on as it went between the last two frames."""
+        marker, before = self._marker, self._before
+        assert marker is not None
+        if before is None:
+            return marker.box
+        was, now, share = before.box, marker.box, _leap(before.t_ns, marker.t_ns, t_ns)
+
+        def on(a: int, b: int, size: int) -> int:
+            return min(max(round(b + (b - a) * share), 0), size)
+
+        ahead = Box(
+            on(was.x0, now.x0, width), on(was.y0, now.y0, height), on(was.x1, now.x1, width), on(was.y1, now.y1, height)
+        )
+        return ahead if ahead.x0 < ahead.x1 and ahead.y0 < ahead.y1 else now
+
+    def _moved(self, box: Box, t_ns: int, expected: Box | None = None) -> None:
+        error_px = 0 if expected is None else box.farthest_side(expected)
+        self._before, self._marker = self._marker, Marker(box, t_ns, error_px)
+
+    def _clutter_of(self, lattice: Lattice, found: Found, own: Box) -> Clutter:
+        """All red lattice points but the marker's own, and a step of the lattice round each."""
+        near = own.grown(self.search.opening.side_px - 1, lattice.width, lattice.height)
+        rows, columns = lattice.inside(near)
+        others = found.cells.copy()
+        others[rows, columns] = 0
+        zones = np.asarray(cv2.dilate(others, np.ones((3, 3), np.uint8)), np.uint8)
+        largest = max((box.largest_contour_px2 for box in lattice.clusters(zones)), default=0)
+        return Clutter(np.where(zones, 0, 255).astype(np.uint8), largest)
+
+
+def _leap(before_ns: int, now_ns: int, next_ns: int) -> float:
+    """So many of the last interval lie between now and the next frame; 1 where the times say nothing of use."""
+    share = (next_ns - now_ns) / (now_ns - before_ns) if now_ns > before_ns else 1.0
+    return share if 0 < share <= LONGEST_LEAP else 1.0
+
+
+def _trusted(window: Box, uncut_px: int, width: int, height: int) -> Box:
+    """The part of a window where its own edges have changed nothing."""
+    return Box(
+        window.x0 + uncut_px if window.x0 else 0,
+        window.y0 + uncut_px if window.y0 else 0,
+        window.x1 - uncut_px if window.x1 < width else width,
+        window.y1 - uncut_px if window.y1 < height else height,
+    )
+
+
+def of(params: VisionConfig, now_ns: NowNs = lambda: 0) -> ExactTracker:
+    """With the kernel where there is one."""
+    return ExactTracker(params, now_ns, kernel=compiled.load(params))

@@ -1,0 +1,155 @@
+"""Which of the candidates, if any, is the marker. No evidence, no marker: a confident wrong answer is the worst one."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gateway.core.model import Circle, Ellipse
+from gateway.vision.detect.robust.colours import roundness
+from gateway.vision.detect.robust.evidence import Evidence
+from gateway.vision.detect.robust.rim import Rim
+
+MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
+MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
+MIN_REDNESS = 0.12  # log units in clear air; a veil makes both smaller
+MAX_BLUE, BRIGHTEST = 1.1, 250.0  # of the red: more is magenta; grey level that may be a clipped one
+BROWN, BROWN_CONTRAST = (0.18, 0.36), 0.65  # (G - B) / (R - B): paint 0.15 at most, rust 0.2 to 0.35; log units
+MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
+MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
+MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
+
+FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they speak for a disc as loudly as they can
+FULL_REDNESS = 2.0  # log units, less the veil: red paint; more is only darker
+ODDS = 80.0  # for a disc where nothing speaks against it
+POWERS = {
+    "support": 5.0,
+    "round": 3.0,
+    "coverage": 1.5,
+    "sealed": 6.0,
+    "clear": 1.5,
+    "fill": 2.0,
+    "aspect": 3.0,
+    "contrast": 2.0,
+}
+"""How much each kind of evidence weighs: a logistic regression on half of a set of pictures, in round numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a technician may set, for the picture at hand."""
+
+    min_radius_px: float
+    max_radius_px: float
+    min_confidence: float
+    possible_px: tuple[float, float] | None = None  # radii, where the ranger knows more; of a marker, not of a search
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A rim to sub-pixel and what speaks for it; `evidence` was measured on that rim."""
+
+    rim: Rim
+    evidence: Evidence
+
+    @property
+    def aspect(self) -> float:
+        return self.rim.ellipse.semi_minor_px / self.rim.ellipse.semi_major_px
+
+
+def _sharp(c: Candidate) -> bool:
+    return c.rim.blur_px <= MAX_BLUR * c.rim.ellipse.semi_minor_px and c.evidence.contrast >= MIN_STEP * c.evidence.rise
+
+
+def _not_brown(c: Candidate) -> bool:
+    """Rust and wood lie between red and orange, and their redness is weak; the hue is the same through any veil."""
+    blue, green, red = c.evidence.colour
+    hue = (green - blue) / max(red - blue, 1.0)
+    return not BROWN[0] < hue < BROWN[1] or c.evidence.contrast >= BROWN_CONTRAST * (1 - c.evidence.haze)
+
+
+def _not_magenta(bgr: tuple[float, float, float]) -> bool:
+    """Where red is as bright as it can be, nothing is said: light red that is over-exposed looks like that."""
+    return bgr[0] <= MAX_BLUE * bgr[2] or bgr[2] >= BRIGHTEST
+
+
+def _of_possible_size(c: Candidate, limits: Limits) -> bool:
+    possible = limits.possible_px
+    return possible is None or possible[0] <= c.rim.ellipse.semi_major_px <= possible[1]
+
+
+Gate = Callable[[Candidate, Limits], bool]
+
+GATES: tuple[tuple[str, Gate], ...] = (
+    ("radius", lambda c, limits: limits.min_radius_px <= c.rim.ellipse.semi_major_px <= limits.max_radius_px),
+    ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
+    ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * (1 - c.evidence.haze)),
+    ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
+    ("colour", lambda c, _: c.evidence.redness >= MIN_REDNESS * (1 - c.evidence.haze)),
+    ("colour", lambda c, _: _not_magenta(c.evidence.colour)),
+    ("brown", lambda c, _: _not_brown(c)),
+    ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
+    ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
+    ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
+    ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
+    ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
+    ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
+    ("blur", lambda c, _: _sharp(c)),
+    ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
+    ("size", _of_possible_size),
+)
+"""Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`.
+
+`size` is the last: what it refuses is a red disc, as good as a marker.
+"""
+
+
+def veto(found: Candidate, limits: Limits) -> str | None:
+    """The code of the first gate that the candidate does not pass."""
+    return next((code for code, passes in GATES if not passes(found, limits)), None)
+
+
+def promise(found: Evidence) -> float:
+    """Before the rim is known: which candidates are worth its cost."""
+    clear = found.contrast / (found.contrast + 2 * found.noise + 0.1)
+    aspect = found.ellipse.semi_minor_px / found.ellipse.semi_major_px
+    return float(found.coverage * clear * aspect * found.fill * math.sqrt(found.visible))
+
+
+def confidence(found: Candidate) -> float:
+    """0 to 1, the probability of a disc: the odds are a product of powers of shares, each 1 where nothing is amiss."""
+    e = found.evidence
+    contrast = max(e.contrast, 1e-3)
+    shares = {
+        "support": found.rim.support,
+        "round": roundness(found.rim),
+        "coverage": e.coverage,
+        "sealed": 1 - e.leak,
+        "clear": contrast / (contrast + e.noise + 0.03),
+        "fill": e.fill,
+        "aspect": min(1.0, found.aspect / FULL_ASPECT),
+        "contrast": min(1.0, contrast / (FULL_CONTRAST * (1 - e.haze))),
+    }
+    odds = float(ODDS * math.prod(share ** POWERS[name] for name, share in shares.items()))
+    return odds / (1 + odds)
+
+
+def weight(found: Candidate) -> float:
+    """Which of several discs is the marker: the surer and redder one, and of equals the larger, as in equation 9."""
+    redness = found.evidence.redness / (1 - found.evidence.haze)
+    return confidence(found) * min(FULL_REDNESS, max(0.0, redness)) * math.sqrt(found.rim.ellipse.semi_major_px)
+
+
+def circle_of(ellipse: Ellipse) -> Circle:
+    """The circle round a rim: equation 10's meaning for a disc that is seen as an ellipse."""
+    return Circle(ellipse.u_px, ellipse.v_px, ellipse.semi_major_px)
+
+
+def alike(one: Ellipse, other: Ellipse) -> bool:
+    """Whether two rims are the same one, fitted twice."""
+    reach = 0.15 * min(one.semi_minor_px, other.semi_minor_px) + 1
+    near = abs(one.u_px - other.u_px) < reach and abs(one.v_px - other.v_px) < reach
+    return (
+        near
+        and abs(one.semi_major_px - other.semi_major_px) < reach
+        and abs(one.semi_minor_px - other.semi_minor_px) < reach
+    )

@@ -1,0 +1,132 @@
+"""The robust method: candidates, evidence for each, rim to sub-pixel, decision. Pure: the clock is handed in."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from gateway.config import VisionConfig
+from gateway.core.model import Circle, Detection, Ellipse, Rejection
+from gateway.vision.detect.lens import normalise
+from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
+from gateway.vision.detect.robust.perspective import disc_pose
+from gateway.vision.detect.robust.search import Told, everywhere, where_expected
+from gateway.vision.pixels import Image
+from gateway.vision.track.distractors import SIZE
+
+NowNs = Callable[[], int]
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the whole picture, the last two beyond it
+
+SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is no rim
+
+STAGES = (
+    (
+        "expected",
+        "with a window and a prediction: the rim there, its evidence and the gates; if it passes, the only stage",
+    ),
+    ("pyramid", "the picture reduced to a half, a quarter, ..."),
+    ("candidates", "votes of redness edges for centres, octave by octave; red blobs at several thresholds"),
+    ("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
+    ("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
+    ("decision", "gates, confidence, the best one"),
+    ("normalise", "the tilted disc's own centre and equation 11, where intrinsics are given"),
+)
+"""Name in `stage_ns` and meaning; in order."""
+
+
+def detect(
+    image: Image,
+    params: VisionConfig,
+    now_ns: NowNs = lambda: 0,
+    *,
+    window: Window | None = None,
+    expected: Circle | None = None,
+    radii_px: tuple[float, float] | None = None,
+) -> Detection:
+    """The red disc in one (H, W, 3) uint8 BGR picture. `now_ns` gives the times of `stage_ns`; without it, 0.
+
+    `window` restricts the search to a part of the picture. With a window and an `expected` circle, that place is looked
+    at first, and if the marker is there nothing else is; without a window a prediction changes nothing. Coordinates are
+    always the whole picture's. A disc whose radius lies outside `radii_px` is not the marker; where there is none, the
+    best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one pixel.
+    """
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")
+    stamps = [("", now_ns())]
+
+    def done(stage: str) -> None:
+        stamps.append((stage, now_ns()))
+
+    limits = _limits(image, params, radii_px)
+    x0, y0, part = _part(image, window)
+    taken: Candidate | None = None
+    seeds = 1
+    told: list[Told] = []
+    if window is not None and expected is not None:
+        near = replace(expected, u_px=expected.u_px - x0, v_px=expected.v_px - y0)
+        taken = where_expected(part, near, limits)
+        done("expected")
+    if taken is None:
+        taken, seeds, told = everywhere(part, limits, done)
+    found = Detection(
+        circle=None,
+        candidates=seeds,
+        rejected=tuple(Rejection(Circle(c.u_px + x0, c.v_px + y0, c.radius_px), why) for _, c, why in told),
+    )
+    if taken is not None:
+        found = _filled(found, taken, x0, y0)
+    elif radii_px is not None:
+        found = replace(found, wrong_size=next((r.circle for r in found.rejected if r.why == SIZE), None))
+    if found.circle is not None and params.intrinsics is not None:
+        # The image of a tilted disc's centre is not its ellipse's centre; the ellipse stays as seen.
+        pose = None if found.ellipse is None else disc_pose(found.ellipse, params.intrinsics)
+        circle = found.circle if pose is None else replace(found.circle, u_px=pose.u_px, v_px=pose.v_px)
+        x_n, y_n = normalise(circle.u_px, circle.v_px, params.intrinsics) or (None, None)
+        found = replace(found, circle=circle, x_n=x_n, y_n=y_n)
+    done("normalise")
+    stage_ns = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
+    return replace(found, stage_ns=stage_ns)
+
+
+def _limits(image: Image, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
+    diagonal_px = math.hypot(*image.shape[:2])
+    return Limits(
+        min_radius_px=max(SMALLEST_PX, params.min_radius_share * diagonal_px),
+        max_radius_px=params.max_radius_share * diagonal_px,
+        min_confidence=params.min_confidence,
+        possible_px=radii_px,
+    )
+
+
+def _part(image: Image, window: Window | None) -> tuple[int, int, Image]:
+    """The window as far as it lies in the picture, at least one pixel of it, and its corner."""
+    if window is None:
+        return 0, 0, image
+    height, width = image.shape[:2]
+    x0, y0 = min(max(0, window[0]), width - 1), min(max(0, window[1]), height - 1)
+    return x0, y0, image[y0 : max(y0 + 1, window[3]), x0 : max(x0 + 1, window[2])]
+
+
+def _filled(found: Detection, taken: Candidate, x0: int, y0: int) -> Detection:
+    e = taken.rim.ellipse
+    ellipse = replace(e, u_px=e.u_px + x0, v_px=e.v_px + y0)
+    return replace(
+        found,
+        circle=circle_of(ellipse),
+        ellipse=ellipse,
+        area_px2=math.pi * e.semi_major_px * e.semi_minor_px,
+        circularity=_circularity(e),
+        fill=e.semi_minor_px / e.semi_major_px,
+        confidence=confidence(taken),
+        visible=taken.rim.visible,
+    )
+
+
+def _circularity(e: Ellipse) -> float:
+    """4 pi area / perimeter^2 of the ellipse (Ramanujan's perimeter, good to 1e-5 here)."""
+    a, b = e.semi_major_px, e.semi_minor_px
+    h = ((a - b) / (a + b)) ** 2
+    perimeter = math.pi * (a + b) * (1 + 3 * h / (10 + math.sqrt(4 - 3 * h)))
+    return 4 * math.pi * math.pi * a * b / perimeter**2

@@ -1,0 +1,207 @@
+"""How much speaks for a red disc at a place: the rim by edges of redness, then what is inside and outside of it.
+
+Everything works on all candidates at once, each on the level of the pyramid where its radius is some 14 to 28 px.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.core.model import Ellipse
+from gateway.vision.detect.robust import ellipses
+from gateway.vision.detect.robust.candidates import Seed
+from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, Fan, Shapes, fan
+from gateway.vision.detect.robust.redness import Level, Plane
+from gateway.vision.pixels import Image
+
+LOOK_PX = 14.0  # radius, px of its level, from which on a candidate is looked at
+WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
+CLOSE = np.arange(0.6, 1.46, 0.04, dtype=np.float32)
+HALF = 2  # samples on either side of an edge
+CORE, CORE_END = slice(1, 4), 5  # of DISC: 0.2 to 0.4 of the way to the rim; up to 0.5
+DISC = np.arange(0.1, 0.95, 0.1, dtype=np.float32)
+INSIDE = np.arange(0.72, 0.94, 0.04, dtype=np.float32)  # compared, ray by ray, with
+OUTSIDE = np.arange(1.08, 1.31, 0.04, dtype=np.float32)
+NEAR = 3  # samples of these next to the rim
+RINGS = np.concatenate([DISC, INSIDE, OUTSIDE])
+STEP = 0.3  # of the usual change of colour across the rim: so much is an edge, between two reds, too
+WHITE = 248  # grey level of the darkest channel
+SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim
+
+
+# Something in clear air is nearly black in one of the channels: a shadow, a gap, red paint in blue.
+DARKEST = 5.0  # percent of a place that are its darkest parts
+VEIL, MOST_HAZE = 220.0, 0.75  # grey level of a full veil
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Of one ellipse, in px of the whole picture."""
+
+    ellipse: Ellipse
+    coverage: float  # share of the rim in the picture that shows: red inside and not outside, or another red
+    leak: float  # share of it where the red goes on outside as if there were no rim; the rest is hidden: not red
+    visible: float  # share of the whole rim that is red inside and not outside
+    contrast: float  # median fall of redness across the rim, log units
+    rise: float  # redness of the core less that outside: much more than the contrast where there is no rim but a glow
+    noise: float  # scatter of that fall from ray to ray where the rim shows, log units
+    fill: float  # share of the inside that is nearer to the inside's redness than to the outside's
+    hollow: float  # share of the rays that are not red near the centre: 1 for a ring or the letter O
+    redness: float  # median inside, log units
+    haze: float  # 0 to MOST_HAZE: share of veil over the place, by the darkest of its parts
+    colour: tuple[float, float, float]  # median BGR inside
+
+
+def gather(levels: Sequence[Level], seeds: Sequence[Seed]) -> list[Evidence | None]:
+    """For each seed, in order; None where no rim fits the edges round it."""
+    if not seeds:
+        return []
+    which = _levels_of(levels, np.array([seed.radius_px for seed in seeds]))
+    round_ones = np.array([(s.u_px, s.v_px, s.radius_px, s.radius_px, 0.0) for s in seeds], np.float64)
+    start = _to_levels(levels, which, round_ones)
+    radius = start[:, 2]
+    points, weight = _edges(fan(levels, which, start, WIDE), WIDE, start)
+    circle = ellipses.circles_by_consensus(points, weight, 0.08 * radius + 0.5)
+    near = np.hypot(circle[:, 0] - start[:, 0], circle[:, 1] - start[:, 1]) < radius
+    near &= (circle[:, 2] > 0.4 * radius) & (circle[:, 2] < 2 * radius)  # false for NaN
+    shapes = np.stack([*circle.T, circle[:, 2], np.zeros(len(seeds))], axis=1)
+    shapes[~near] = np.nan
+    for _ in range(2):
+        shapes = _closer(levels, which, shapes)
+    return measure(levels, which, shapes)
+
+
+def of_ellipses(levels: Sequence[Level], rims: Sequence[Ellipse]) -> list[Evidence | None]:
+    """For each rim that is already known, in order."""
+    if not rims:
+        return []
+    rows = [(e.u_px, e.v_px, e.semi_major_px, e.semi_minor_px, e.angle_rad) for e in rims]
+    shapes = np.array(rows, np.float64)
+    which = _levels_of(levels, shapes[:, 3])
+    return measure(levels, which, _to_levels(levels, which, shapes))
+
+
+def _levels_of(levels: Sequence[Level], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
+    octave = np.floor(np.log2(np.maximum(radius_px / LOOK_PX / levels[0].factor, 1e-9)))
+    return np.clip(octave, 0, len(levels) - 1).astype(np.intp)
+
+
+def _to_levels(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
+    factor = np.array([level.factor for level in levels], np.float64)[which, None]
+    return np.hstack([(shapes[:, :2] - (factor - 1) / 2) / factor, shapes[:, 2:4] / factor, shapes[:, 4:]])
+
+
+def _closer(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
+    """Each shape fitted anew to the edges near it; NaN stays NaN."""
+    good = np.isfinite(shapes).all(axis=1)
+    result = np.full_like(shapes, np.nan)
+    if good.any():
+        old = shapes[good]
+        points, weight = _edges(fan(levels, which[good], old, CLOSE), CLOSE, old)
+        new = ellipses.ellipses_by_weights(points, weight, old, 0.14 * old[:, 3] + 0.7)
+        new[~(new[:, 3] > 0.3 * old[:, 3]) | ~(new[:, 2] < 3 * old[:, 2])] = np.nan
+        result[good] = new
+    return result
+
+
+def _edges(rays: Fan, shares: Plane, shapes: Shapes) -> tuple[ellipses.Floats, ellipses.Floats]:
+    """The strongest fall of redness on each ray: points (K, RAYS, 2) px, and their weights, 0 where there is none."""
+    step = _fall(rays)
+    at = step.argmax(axis=2)[..., None]
+    left, height, right = (np.take_along_axis(step, at + n, axis=2)[..., 0] for n in (-1, 0, 1))
+    bend = np.minimum(left - 2 * height + right, -1e-9)
+    shift = np.clip(0.5 * (left - right) / bend, -0.5, 0.5)
+    share = shares[at[..., 0]] + shift * (shares[1] - shares[0])
+    usual = masked_median(height, height > 0)[:, None]
+    weight = np.clip(height / (usual + 1e-6), 0, 1.5)
+    weight = np.where((weight > 0.25) & (usual > 0.02), weight, 0)
+    u, v, along, across, turn = (column[:, None] for column in shapes.T)
+    cos, sin = np.cos(turn), np.sin(turn)
+    x, y = along * COS * share, across * SIN * share
+    points = np.stack([u + x * cos - y * sin, v + x * sin + y * cos], axis=2)
+    return points, np.asarray(weight, np.float64)
+
+
+def _fall(rays: Fan) -> Plane:
+    """Mean of HALF samples before minus mean of HALF samples after each sample; 0 near the ends and outside."""
+    total = np.cumsum(rays.red, axis=2)
+    size = rays.red.shape[2]
+    at = np.arange(HALF + 1, size - HALF)
+    before = total[..., at - 1] - total[..., at - 1 - HALF]
+    after = total[..., at + HALF] - total[..., at]
+    fall = np.zeros_like(rays.red)
+    fall[..., at] = np.where(rays.seen[..., at + HALF], (before - after) / HALF, 0)
+    return fall
+
+
+def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> list[Evidence | None]:
+    """What speaks for each rim, px of its level; None for NaN and where hardly any of the rim is in the picture."""
+    result: list[Evidence | None] = [None] * len(shapes)
+    good = np.nonzero(np.isfinite(shapes).all(axis=1))[0]
+    if not good.size:
+        return result
+    rays = fan(levels, which[good], shapes[good], RINGS)
+    n, m = DISC.size, DISC.size + INSIDE.size
+    used = np.asarray(rays.seen[..., m:].all(axis=2), np.bool_)
+    within, beyond = np.median(rays.red[..., n:m], axis=2), np.median(rays.red[..., m:], axis=2)
+    gap = within - beyond
+    contrast = masked_median(gap, used)
+    around = masked_median(beyond, used)
+    red_from = (around + SHOWN * contrast)[:, None]
+    red_within = np.asarray(within > red_from, np.bool_)
+    # Just outside: a square's corner, a fold or a tube goes on there, though farther out it may have ended.
+    red_beyond = np.asarray(np.median(rays.red[..., m : m + NEAR], axis=2) > red_from, np.bool_)
+    steps = _steps(rays.bgr[..., m - NEAR : m, :], rays.bgr[..., m : m + NEAR, :])
+    falls = np.asarray((gap > SHOWN * contrast[:, None]) & (contrast[:, None] > 0), np.bool_)
+    shown = used & red_within & ~red_beyond & falls
+    edged = np.asarray(steps > STEP * masked_median(steps, shown)[:, None], np.bool_)
+    leak = used & red_within & red_beyond & ~edged
+    seen = shown | (used & red_within & red_beyond & edged)
+    noise = 1.48 * masked_median(np.abs(gap - contrast[:, None]), shown)
+    red_enough = rays.red[..., :n] > red_from[..., None]
+    inner_redness = masked_median(within, used & red_within)
+    hollow = (red_enough[..., CORE].mean(axis=2) < 0.5).mean(axis=1)
+    core = np.median(rays.red[..., :CORE_END], axis=(1, 2))
+    # A highlight, or what the exposure washed out, says nothing of the colour.
+    white = rays.bgr[..., :n, :].min(axis=3) >= WHITE
+    area = np.where(rays.seen[..., :n] & ~white, DISC, 0)
+    fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)
+    for row, k in enumerate(good):
+        if np.count_nonzero(used[row]) < RAYS // 6:
+            continue
+        colour = np.median(rays.bgr[row, :, :n][rays.seen[row, :, :n]], axis=0)
+        factor = levels[which[k]].factor
+        u, v, major, minor, angle = (float(value) for value in shapes[k])
+        result[k] = Evidence(
+            ellipse=Ellipse(
+                u * factor + (factor - 1) / 2, v * factor + (factor - 1) / 2, major * factor, minor * factor, angle
+            ),
+            coverage=float(seen[row].sum() / used[row].sum()),
+            leak=float(leak[row].sum() / used[row].sum()),
+            visible=float(seen[row].sum() / RAYS),
+            contrast=float(contrast[row]),
+            rise=float(core[row] - around[row]),
+            noise=float(noise[row]),
+            fill=float(fill[row]),
+            hollow=float(hollow[row]),
+            redness=float(inner_redness[row]),
+            haze=min(MOST_HAZE, float(np.percentile(rays.bgr[row].min(axis=2)[rays.seen[row]], DARKEST)) / VEIL),
+            colour=(float(colour[0]), float(colour[1]), float(colour[2])),
+        )
+    return result
+
+
+def _steps(inside: Image, outside: Image) -> Plane:
+    """(K, RAYS): Euclidean change of colour, grey levels, between the means of samples (K, RAYS, n, 3)."""
+    change = inside.mean(axis=2, dtype=np.float32) - outside.mean(axis=2, dtype=np.float32)
+    return np.asarray(np.sqrt((change * change).sum(axis=2)), np.float32)
+
+
+def masked_median(values: Plane, mask: NDArray[np.bool_]) -> Plane:
+    """(K,): of the values of each row where the mask is set (the lower of two in the middle); 0 where it is nowhere."""
+    count = mask.sum(axis=1)
+    ordered = np.sort(np.where(mask, values, np.inf), axis=1)
+    middle = ordered[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
+    return np.asarray(np.where(count > 0, middle, 0), np.float32)

@@ -1,0 +1,55 @@
+"""Pictures sampled along fans of rays from a centre outwards, for many candidates at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.vision.detect.robust.redness import Level, Plane, redness
+from gateway.vision.pixels import Image
+
+RAYS = 48
+ANGLES = np.arange(RAYS, dtype=np.float32) * np.float32(2 * np.pi / RAYS)
+COS, SIN = np.cos(ANGLES), np.sin(ANGLES)
+
+Shapes = NDArray[np.float64]  # (K, 5): u, v, two semi-axes (px of the candidate's level), angle of the first (rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Fan:
+    """All (K, RAYS, S)."""
+
+    red: Plane  # redness
+    seen: NDArray[np.bool_]  # whether the sample lies in the picture
+    bgr: Image  # with a fourth axis of 3
+
+
+def fan(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes, shares: Plane) -> Fan:
+    """Samples of K ellipses, each on the level `which` (K,) says, at `shares` (S,) of the way from centre to rim.
+
+    A ray's angle is the parameter of the ellipse, so that each ray meets the rim at share 1.
+    """
+    u, v, along, across, turn = (column[:, None] for column in shapes.T.astype(np.float32))
+    cos, sin = np.cos(turn), np.sin(turn)
+    x, y = along * COS, across * SIN
+    du, dv = x * cos - y * sin, x * sin + y * cos  # (K, RAYS)
+    map_u = u[..., None] + du[..., None] * shares
+    map_v = v[..., None] + dv[..., None] * shares
+    seen = np.empty(map_u.shape, np.bool_)
+    bgr = np.empty((*map_u.shape, 3), np.uint8)
+    for number in np.unique(which):
+        mine = np.nonzero(which == number)[0]
+        bgr[mine], seen[mine] = _sampled(levels[number].bgr, map_u[mine], map_v[mine])
+    return Fan(redness(bgr), seen, bgr)
+
+
+def _sampled(picture: Image, map_u: Plane, map_v: Plane) -> tuple[Image, NDArray[np.bool_]]:
+    height, width = picture.shape[:2]
+    seen = (map_u >= -0.5) & (map_u <= width - 0.5) & (map_v >= -0.5) & (map_v <= height - 0.5)
+    flat = (-1, map_u.shape[-1])
+    taken = cv2.remap(
+        picture, map_u.reshape(flat), map_v.reshape(flat), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(taken, np.uint8).reshape(*map_u.shape, 3), seen

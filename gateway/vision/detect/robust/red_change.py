@@ -1,0 +1,61 @@
+"""Is there something red in the picture that wasn't there a moment ago? A cheap look at a sparse picture. Pure."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.core.model import Circle
+from gateway.vision.detect.robust.decision import FULL_REDNESS
+from gateway.vision.detect.robust.redness import redness
+from gateway.vision.pixels import Image
+
+SPARSE_PX = 400  # diagonal of the sparse picture
+LEAST_RED = 0.15  # log(R/G): a marker behind much dust still has this
+AS_RED = 0.5  # what comes is news if it is at least so red, compared with what is followed
+OWN = 1.25  # what lies within so many radii of what is followed is part of it
+SMALLEST_PX = 12  # area of a red spot in the sparse picture that is looked at: a disc of radius 2
+GROWN_PX = 6  # a known spot may have moved so far in the sparse picture since the last look
+
+
+@dataclass(frozen=True, slots=True)
+class Spots:
+    """Boxes round red spots in the sparse picture, (n, 4) int32: x0, y0, x1, y1, the last two beyond it."""
+
+    boxes: NDArray[np.int32]
+    faint: bool = False  # there is anything red at all, even if it is much less red than what is followed
+
+    def news(self, before: "Spots") -> bool:
+        """Is there a spot that none of those before has become, whether it grew, shrank or moved a little?"""
+        x0, y0, x1, y1 = (self.boxes[:, None, k] for k in range(4))
+        was_x0, was_y0, was_x1, was_y1 = (before.boxes[None, :, k] for k in range(4))
+        meet = (x0 < was_x1 + GROWN_PX) & (was_x0 - GROWN_PX < x1) & (y0 < was_y1 + GROWN_PX) & (was_y0 - GROWN_PX < y1)
+        return bool((~meet.any(axis=1)).any())
+
+
+def spots(image: Image, followed: Circle) -> Spots:
+    """The red spots of a (H, W, 3) uint8 BGR picture that are not `followed` itself."""
+    height, width = image.shape[:2]
+    step = max(1, min(int(np.hypot(height, width) // SPARSE_PX), height, width))
+    sparse = np.ascontiguousarray(image[step // 2 :: step, step // 2 :: step])
+    red = cv2.blur(redness(sparse), (3, 3))
+    at, radius = sparse_place(followed, step)
+    inside = np.zeros(red.shape, np.uint8)
+    cv2.circle(inside, at, max(1, round(0.7 * radius)), 255, -1)
+    redness_of_it = float(cv2.mean(red, inside)[0])
+    cv2.circle(red, at, round(OWN * radius) + 1, 0.0, -1)
+    # Paint redder than FULL_REDNESS speaks no louder for a marker, so it sets no higher bar for others either.
+    mask = (red > max(LEAST_RED, AS_RED * min(FULL_REDNESS, redness_of_it))).astype(np.uint8)
+    faint = int(np.count_nonzero(red > LEAST_RED)) >= SMALLEST_PX
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    kept = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX]
+    boxes = np.column_stack([kept[:, 0], kept[:, 1], kept[:, 0] + kept[:, 2], kept[:, 1] + kept[:, 3]])
+    return Spots(boxes.astype(np.int32), faint)
+
+
+def sparse_place(circle: Circle, step: int) -> tuple[tuple[int, int], float]:
+    """Centre and radius in a picture of every `step`-th pixel from the middle of the first step on."""
+    far = 1e6  # OpenCV draws with 32 bit
+    u, v = (min(max((at - step // 2) / step, -far), far) for at in (circle.u_px, circle.v_px))
+    return (round(u), round(v)), min(circle.radius_px / step, far)

@@ -1,0 +1,134 @@
+"""The robust search that knows where to look first, and searches the whole frame when that is not enough.
+
+Every measurement comes out of the same evidence, the same gates and the same refinement at full resolution, whether
+the search was in a window or in the whole frame; the window only leaves out candidates that lie elsewhere. So that a
+track can't hold on to a wrong thing, the whole frame is searched, too
+
+- at once, in the same frame, when the window holds nothing, or nothing that the track's gate admits;
+- when something red has come into the picture elsewhere: a cheap look tells, every LOOK frames, LOOK_NS after the last
+  one at the latest, and after a long gap;
+- every WHOLE frames, if anything else in it is nearly as red as the marker; every FAINT frames, if anything is red at
+  all.
+
+Where window and whole frame then disagree, the whole frame's answer stands, as it would without tracking. Only what
+that search did not even hear of may stand against it, with more evidence.
+"""
+
+import math
+from dataclasses import replace
+
+from gateway.config import VisionConfig
+from gateway.core.model import Circle, Detection
+from gateway.vision.detect.paper.pipeline import NowNs
+from gateway.vision.detect.robust.detect import Window, detect
+from gateway.vision.detect.robust.red_change import Spots, spots
+from gateway.vision.pixels import Image
+from gateway.vision.track.distractors import RED_DISC
+from gateway.vision.track.kalman_filter import Prediction
+
+LOOK, WHOLE, FAINT = 8, 64, 128  # frames; each a multiple of the one before
+LOOK_NS = 300_000_000  # a slow camera's truck is no slower
+ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
+SAME_PLACE = 0.5  # of two circles: their centres are closer than so many radii
+
+
+class NearSearch:
+    """A `follow.Search` that counts its frames."""
+
+    def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
+        self._params = params
+        self._now_ns = now_ns
+        self._near = 0  # frames in a row that were searched in a window only
+        self._spots: Spots | None = None  # other red things, when they were last looked at
+        self._looked_ns = self._t_ns = 0  # when that was, and the frame at hand
+        self._radii_px: tuple[float, float] | None = None  # possible in the frame at hand
+
+    def __call__(
+        self,
+        image: Image,
+        t_ns: int,
+        expected: Prediction | None,
+        radii_px: tuple[float, float] | None = None,
+    ) -> Detection:
+        self._t_ns, self._radii_px = t_ns, radii_px
+        if expected is None or not _possible(expected.circle, radii_px):
+            return self._remembered(image, self._whole(image))
+        window = window_round(expected, image.shape[1], image.shape[0])
+        found = detect(image, self._params, self._now_ns, window=window, expected=expected.circle, radii_px=radii_px)
+        if found.circle is None or not expected.admits(found.circle):
+            return self._also_whole(image, found)
+        self._near += 1
+        if self._near % LOOK == 0 or abs(t_ns - self._looked_ns) >= LOOK_NS or not expected.useful:
+            start_ns = self._now_ns()
+            contested = self._contested(image, found.circle)
+            found = replace(found, stage_ns=(*found.stage_ns, ("rivals", self._now_ns() - start_ns)))
+            if contested:
+                return self._also_whole(image, found)
+        return found
+
+    def _whole(self, image: Image) -> Detection:
+        self._near = 0
+        return detect(image, self._params, self._now_ns, radii_px=self._radii_px)
+
+    def _also_whole(self, image: Image, before: Detection) -> Detection:
+        """`before`: what the window gave; its time is told, too."""
+        whole = self._whole(image)
+        spent_ns = sum(ns for _, ns in before.stage_ns)
+        better = self._remembered(image, _better(whole, before))
+        return replace(better, stage_ns=(("window", spent_ns), *whole.stage_ns))
+
+    def _remembered(self, image: Image, found: Detection) -> Detection:
+        """The whole frame has been searched: the red things that are in it now have been heard."""
+        self._spots = None if found.circle is None else spots(image, found.circle)
+        self._looked_ns = self._t_ns
+        return found
+
+    def _contested(self, image: Image, followed: Circle) -> bool:
+        """Has something red come, or has what is there not been heard for long?"""
+        before, self._spots = self._spots, spots(image, followed)
+        self._looked_ns = self._t_ns
+        due = (self._near % WHOLE == 0 and len(self._spots.boxes) > 0) or (
+            self._near % FAINT == 0 and self._spots.faint
+        )
+        return before is None or due or self._spots.news(before)
+
+
+def _possible(circle: Circle, radii_px: tuple[float, float] | None) -> bool:
+    return radii_px is None or radii_px[0] <= circle.radius_px <= radii_px[1]
+
+
+def _better(whole: Detection, held: Detection) -> Detection:
+    """The search of the whole frame may have overlooked what was found in the window; it passed the same gates."""
+    if held.circle is None or _heard(whole, held.circle):
+        return whole
+    return whole if _rank(whole) >= _rank(held) else held
+
+
+def _heard(whole: Detection, held: Circle) -> bool:
+    """Has the search of the whole frame chosen it, or refused a good red disc there?"""
+    others = (rejected.circle for rejected in whole.rejected if rejected.why in RED_DISC)
+    chosen = () if whole.circle is None else (whole.circle,)
+    return any(same_place(circle, held) for circle in (*chosen, *others))
+
+
+def _rank(found: Detection) -> float:
+    """Nearly what the search chooses by among the candidates of one frame; redness is not told of a detection."""
+    return 0.0 if found.circle is None else (found.confidence or 0.0) * math.sqrt(found.circle.radius_px)
+
+
+def window_round(expected: Prediction, width: int, height: int) -> Window:
+    """Round the prediction, as far as the gate reaches, but no farther than what is near: beyond, all must be searched.
+
+    With the surroundings of an admitted circle, cut to the picture; at least one pixel.
+    """
+    largest_px = min(expected.largest_px, expected.circle.radius_px + expected.near_px)
+    half = min(expected.reach_px, expected.near_px) + ROUND_RIM * largest_px + 2
+    u, v = expected.circle.u_px, expected.circle.v_px
+    x0, y0 = (min(max(0, math.floor(at - half)), size - 1) for at, size in ((u, width), (v, height)))
+    x1, y1 = (max(min(math.ceil(at + half) + 1, size), low + 1) for at, size, low in ((u, width, x0), (v, height, y0)))
+    return x0, y0, x1, y1
+
+
+def same_place(one: Circle, other: Circle) -> bool:
+    apart = math.hypot(one.u_px - other.u_px, one.v_px - other.v_px)
+    return apart < SAME_PLACE * max(one.radius_px, other.radius_px)

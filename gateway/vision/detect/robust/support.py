@@ -1,0 +1,145 @@
+"""Robust fit of an ellipse to offsets along its normals. Pure.
+
+With the support function (see `conic`) the fit is linear: offset_i = du cos phi + dv sin phi + (m / h_i) (x +
+y cos 2 phi + z sin 2 phi), all in px, and its residuals are distances to the rim, not algebraic ones. So there is no
+bias towards small or flat ellipses, which the usual conic fits have.
+"""
+
+from math import hypot
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.vision.detect.robust.conic import Oval
+from gateway.vision.detect.robust.normal_profiles import Floats, directions
+
+_TUKEY = 4.0  # some 90 % efficient for Gaussian residuals
+_QUANTILE_40 = 0.5244  # of the absolute values of a standard Gaussian
+_NO_CUT = 1e30
+_FEWEST = 8
+_RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
+
+
+class Fit(NamedTuple):
+    oval: Oval
+    weights: Floats  # (count,): the robust weight times the given one
+    residuals_px: Floats  # (count,)
+    scale_px: float  # robust sigma of the residuals
+    cut_px: float  # residuals beyond this had no say
+    step_px: float  # how far the rim moved, at most
+
+
+def design(oval: Oval, support: Floats) -> Floats:
+    """(5, count): how the offset along every normal answers to (du, dv, x, y, z)."""
+    look = directions(len(support))
+    rows = np.empty((5, len(support)))
+    rows[:2] = look.normal
+    np.multiply(look.waves, oval.mean_px / support, out=rows[2:])
+    return rows
+
+
+def fit(
+    oval: Oval,
+    support: Floats,
+    offsets_px: Floats,
+    weights: Floats,
+    start: Floats,
+    *,
+    smallest_scale_px: float,
+    largest_scale_px: float,
+    rounds: int,
+    doubt: float,
+) -> Fit | None:
+    """Tukey's biweight by reweighted least squares from the parameters `start` (5,), or None where rays don't suffice.
+
+    `weights` are the rays' precisions (0: unusable). `doubt`: an ellipticity of so many (squared) sigma is taken for
+    noise and the rim for a circle; larger ones are shrunk by less and less. A marker seen straight on is the rule, and
+    the semi-major axis of a noisy circle's free fit is always too long.
+    """
+    usable = weights > 0
+    if np.count_nonzero(usable) < _FEWEST:
+        return None
+    matrix = design(oval, support)
+    change: NDArray[Any] = start
+    residuals = offsets_px - change @ matrix
+    ridge = _RIDGE * float(weights.sum())
+    cut = _NO_CUT
+    for turn in range(rounds):
+        if turn < 2:  # then it stands still, and the last rounds only settle the weights
+            scale = min(max(_scale(np.abs(residuals[usable]), cut), smallest_scale_px), largest_scale_px)
+            cut = _TUKEY * scale
+        heft = residuals * (1.0 / cut)
+        heft *= heft
+        np.subtract(1.0, heft, out=heft)
+        np.maximum(heft, 0.0, out=heft)
+        heft *= heft
+        heft *= weights
+        weighted = matrix * heft
+        information = weighted @ matrix.T
+        information[3, 3] += ridge
+        information[4, 4] += ridge
+        solved, column = cv2.solve(information, (weighted @ offsets_px)[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
+        if not solved:
+            return None
+        change = column.ravel()
+        moves = change @ matrix
+        residuals = offsets_px - moves
+    if doubt > 0:
+        change = _toward_circle(oval, change, information, heft, residuals, doubt)
+        moves = change @ matrix
+        residuals = offsets_px - moves
+    moved = _moved(oval, change)
+    if moved is None:
+        return None
+    return Fit(moved, heft, residuals, scale, cut, float(np.abs(moves).max()))
+
+
+def _scale(sizes: Floats, cut: float) -> float:
+    """Robust sigma of residuals from their absolute values, of those only that the last round did not reject.
+
+    The 40 % quantile rather than the median: half as sensitive to the third of the rim that may be hidden.
+    """
+    if cut < _NO_CUT:
+        sizes = sizes[sizes < cut]
+    if not len(sizes):
+        return 0.0
+    at = int(0.4 * len(sizes))
+    return float(np.partition(sizes, at)[at]) / _QUANTILE_40
+
+
+def _toward_circle(
+    oval: Oval, change: Floats, information: Floats, heft: Floats, residuals: Floats, doubt: float
+) -> Floats:
+    """Shrink the ellipticity by what noise alone explains, and move the other parameters as the data then ask."""
+    if doubt <= 0:
+        return change
+    rays = float(heft.sum()) ** 2 / float(heft @ heft)  # so many equal ones weigh as much
+    if rays <= 6:
+        return change
+    variance = float(heft @ np.square(residuals)) / (rays - 5)
+    ellipticity = change[3:] + np.array((oval.beta, oval.gamma)) * (0.5 / oval.mean_px)
+    solved, answer = cv2.solve(information[:3, :3], information[:3, 3:], flags=cv2.DECOMP_CHOLESKY)
+    if not solved:
+        return change
+    precision = information[3:, 3:] - information[3:, :3] @ answer  # of the two, whatever the other three are
+    evidence = float(ellipticity @ precision @ ellipticity) / max(variance, 1e-12)
+    away = ellipticity * min(1.0, doubt / evidence if evidence > 0 else 1.0)
+    # The other three go where they fit best, given the shrunken two.
+    return np.concatenate([change[:3] + answer @ away, change[3:] - away])
+
+
+def _moved(oval: Oval, change: Floats) -> Oval | None:
+    """The ellipse after the change; None where that is no ellipse. To second order for a circle, to first otherwise."""
+    du, dv, x, y, z = (float(value) for value in change)
+    twice = 2 * oval.mean_px
+    wave = hypot(y, z)
+    moved = Oval(
+        oval.u + du,
+        oval.v + dv,
+        oval.alpha + twice * x + x * x + wave * wave / 2,
+        oval.beta + twice * y,
+        oval.gamma + twice * z,
+    )
+    return moved if moved.real and oval.mean_px + x > 0 else None

@@ -1,0 +1,72 @@
+"""The HTML report of a calibration. Pure."""
+
+from collections.abc import Sequence
+
+from gateway.vision.offline.calibration import picture
+from gateway.vision.offline.calibration.boards import Board
+from gateway.vision.offline.calibration.solve import Calibration
+from gateway.vision.offline.reports.page import Cell, figure, page, plain, table, tile
+
+
+def html(board: Board, found: Calibration, snippet: str, facts: Sequence[str], without_board: Sequence[str]) -> str:
+    """`snippet`: the TOML; `without_board`: names of pictures in which the board was not found."""
+    lens, sigma = found.lens, dict(found.sigma)
+    steepest = max(view.tilt_deg for view in found.views)
+    tiles = [
+        tile(f"{found.rms_px:.3f} px", "reprojection error, rms", "good" if found.rms_px <= 0.5 else "bad"),
+        tile(str(len(found.views)), f"views used; {len(without_board)} without the board"),
+        tile(f"{lens.fx:.1f} px", f"fx, ± {sigma['fx']:.2g}"),
+        tile(f"{lens.fy:.1f} px", f"fy, ± {sigma['fy']:.2g}"),
+        tile(f"{100 * (found.coverage > 0).mean():.0f} %", "of the frame covered"),
+        tile(f"{steepest:.0f}°", "steepest view"),
+    ]
+    body = [f"<h1>Camera calibration, {found.size_px[0]} × {found.size_px[1]} px</h1>"]
+    body += [f'<p class="soft">{plain(fact)}</p>' for fact in (str(board), *facts)]
+    body.append(f'<h2>In short</h2><div class="tiles">{"".join(tiles)}</div>')
+    if found.warnings:
+        items = "".join(f"<li>{plain(said)}</li>" for said in found.warnings)
+        body.append(f'<p><strong class="warn">Look at this first:</strong></p><ul class="notes">{items}</ul>')
+    body.append(f"<h2>For the configuration</h2><pre>{plain(snippet)}</pre>")
+    body.append("<h2>Coverage and residuals</h2>")
+    body.append(figure(picture.frame_map(found), "Every point used, coloured by view; darker cells hold more points."))
+    charts = (
+        figure(
+            picture.residual_cloud(found), "All residuals. A round cloud about 0 is noise; a streak is motion blur."
+        ),
+        figure(picture.by_view(found), "Reprojection error of each view; dotted: of all."),
+    )
+    body.append(f'<div class="charts">{"".join(charts)}</div>')
+    body.append("<h2>Parameters</h2>" + _parameters(found) + "<h2>Views</h2>" + _views(found, without_board))
+    return page("Camera calibration", body, "Made by gateway calibrate. Pixel centres lie at integers.")
+
+
+def _parameters(found: Calibration) -> str:
+    lens = found.lens
+    values = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
+    rows: list[tuple[str, Sequence[Cell]]] = [
+        ("", [name, f"{value:.6g}", f"{sigma:.2g}", f"{100 * sigma / abs(value):.2g} %" if value else "–"])
+        for (name, sigma), value in zip(found.sigma, values, strict=True)
+    ]
+    return table(("parameter", "value", "standard<br>deviation", "share"), rows)
+
+
+def _views(found: Calibration, without_board: Sequence[str]) -> str:
+    rows: list[tuple[str, Sequence[Cell]]] = [
+        (
+            "",
+            [
+                str(n),
+                (plain(view.name), "left"),
+                f"{view.rms_px:.3f}",
+                f"{view.largest_px:.3f}",
+                f"{view.tilt_deg:.0f}°",
+                f"{view.distance_mm:.0f}",
+            ],
+        )
+        for n, view in enumerate(found.views, start=1)
+    ]
+    rows += [
+        ("", ["", (plain(name), "left"), (f"{rms:.3f}", "bad"), ("left out", "bad")]) for name, rms in found.rejected
+    ]
+    rows += [("", ["", (plain(name), "left"), ("no board", "bad")]) for name in without_board]
+    return table(("", "picture", "rms, px", "largest, px", "tilt", "distance, mm"), rows)

@@ -1,0 +1,291 @@
+"""The HTML report of an evaluation: figures, charts, the worst cases drawn, every picture in a table. Pure."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from gateway.core.model import Tracking
+from gateway.vision.offline.evaluation import casebook, plots
+from gateway.vision.offline.evaluation.labels import Label
+from gateway.vision.offline.evaluation.result import Result, SeriesOf
+from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Figures, Outcome, Verdict, badness
+from gateway.vision.offline.reports.page import Cell, figure, page, plain, table, tile
+from gateway.vision.pixels import Image
+
+Look = Callable[[Label], Image]
+ALL_FRAMES = "(all frames)"  # a sequence without a name
+SHOWN = frozenset((Verdict.FALSE, Verdict.WRONG, Verdict.MISSED, Verdict.LOOSE, Verdict.CLOSE))
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What stands above and below the figures, as plain text."""
+
+    title: str
+    facts: tuple[str, ...]  # settings, date, version
+    unmet: tuple[str, ...] | None = None  # of --require; None: nothing was required
+    notes: tuple[str, ...] = ()
+
+
+def html(
+    results: Sequence[Result],
+    about: About,
+    series: SeriesOf,
+    look: Look,
+    reasons: Mapping[str, str],
+    *,
+    worst: int = 12,
+    advance: Callable[[], None] = lambda: None,
+) -> str:
+    """The whole page. `look` gives the picture of a label again; `worst` cases of each method are drawn."""
+    body = [f"<h1>{plain(about.title)}</h1>", *(f'<p class="soft">{plain(fact)}</p>' for fact in about.facts)]
+    body += _verdict_of_gate(about.unmet)
+    for result in results:
+        body.append(f"<h2>Method {plain(result.method)}</h2>" if len(results) > 1 else "<h2>In short</h2>")
+        body.append(_tiles(result))
+    body.append("<h2>By part of the set</h2>")
+    body += [_parts(result, named=len(results) > 1) for result in results]
+    body.append(_how_to_read(about.notes))
+    body += _charts(results, series)
+    for result in results:
+        body += _followed(result, series)
+    body += _constancy(results)
+    for result in results:
+        body += _cases(result, worst, look, reasons, advance, named=len(results) > 1)
+    for result in results:
+        body.append(_all(result, named=len(results) > 1))
+    return page(about.title, body, "Made by gateway evaluate. Pixel centres lie at integers; u to the right, v down.")
+
+
+def _verdict_of_gate(unmet: tuple[str, ...] | None) -> list[str]:
+    if unmet is None:
+        return []
+    if not unmet:
+        return ['<p><strong class="good">Every requirement is met.</strong></p>']
+    items = "".join(f"<li>{plain(line)}</li>" for line in unmet)
+    return [f'<p><strong class="bad">Not everything required is met:</strong></p><ul class="notes">{items}</ul>']
+
+
+def _tiles(result: Result) -> str:
+    f = result.whole
+    tiles = []
+    if f.with_marker:
+        interval = f"95 % interval {share(f.detected_low)} to {share(f.detected_high)}"
+        tiles = [
+            tile(share(f.detected_share), f"detected, {f.on_target} of {f.with_marker}; {interval}"),
+            tile(share(f.close_share), "within 5 % of centre and radius"),
+            tile(str(f.wrong), "wrong: an answer elsewhere", "bad" if f.wrong else "good"),
+        ]
+    if f.without:
+        tiles.append(
+            tile(f"{f.false} of {f.without}", "false: an answer where no marker is", "bad" if f.false else "good")
+        )
+    if f.on_target:
+        tiles += [
+            tile(f"{number(f.centre_median_px)} px", f"centre error, median; 95 % below {number(f.centre_p95_px)} px"),
+            tile(
+                f"{number(f.radius_median_pct)} %",
+                f"radius error, median; 95 % below {number(f.radius_p95_pct)} %; bias {number(f.radius_bias_pct)} %",
+            ),
+        ]
+    tiles.append(tile(f"{number(f.ms_median)} ms", f"time a picture, median; 95 % below {number(f.ms_p95)} ms"))
+    return f'<div class="tiles">{"".join(tiles)}</div>'
+
+
+_HEADS = (
+    "part", "pictures", "detected", "within 5 %", "wrong", "missed", "false", "centre, px<br>median", "<br>p95",
+    "radius, %<br>median", "<br>p95", "<br>bias", "ms<br>median",
+)  # fmt: skip
+
+
+def _parts(result: Result, *, named: bool) -> str:
+    rows = [("whole", _part("whole set", result.whole))]
+    rows += [("half", _part(plain(name), part)) for name, part in result.halves.items()]
+    rows += [("", _part(plain(name), part)) for name, part in result.groups.items()]
+    return (f"<h3>{plain(result.method)}</h3>" if named else "") + table(_HEADS, rows)
+
+
+def _part(name: str, f: Figures) -> list[Cell]:
+    return [
+        name,
+        str(f.pictures),
+        share(f.detected_share),
+        share(f.close_share),
+        _alarm(f.wrong if f.with_marker else None),
+        str(f.missed) if f.with_marker else "–",
+        _alarm(f.false if f.without else None),
+        number(f.centre_median_px),
+        number(f.centre_p95_px),
+        number(f.radius_median_pct),
+        number(f.radius_p95_pct),
+        number(f.radius_bias_pct),
+        number(f.ms_median),
+    ]
+
+
+def _alarm(count: int | None) -> Cell:
+    return "–" if count is None else (str(count), "bad" if count else "good")
+
+
+def _how_to_read(notes: Sequence[str]) -> str:
+    words = "".join(f"<li><b>{verdict}</b>: {plain(VERDICT_MEANING[verdict])}</li>" for verdict in Verdict)
+    more = "".join(f"<li>{plain(note)}</li>" for note in notes)
+    return (
+        f'<details><summary>How to read the figures</summary><ul class="notes">{words}'
+        "<li>“On the target” is within 25 % of the true radius, centre and radius each; “detected” counts these. "
+        "Errors are those of answers on the target.</li>"
+        "<li>R is the radius of the circle round the rim (equation 10). It is compared with the label's semi-major "
+        "axis a where it has one, else with r. Bias above 0: R is too large, and the stop comes early.</li>"
+        f"<li>The 95 % interval says how far the rate of other pictures of the same kind may lie off.</li>{more}"
+        "</ul></details>"
+    )
+
+
+def _charts(results: Sequence[Result], series: SeriesOf) -> list[str]:
+    drawn = (
+        (plots.centre_errors(results), "How many pictures have a centre error below x. A curve that ends below 100 % "
+         "has missed the rest."),
+        (plots.radius_errors(results), "Radius error of answers on the target; the ends hold what lies beyond."),
+        (plots.radius_against_truth(results), "Radius error against size; dotted: ± 5 %. Rest the mouse on a point for "
+         "its file."),
+        (plots.r_times_z(results, series), "R times Z is constant for a pinhole camera; dotted: ± 1 %."),
+    )  # fmt: skip
+    figures = [figure(svg, caption) for svg, caption in drawn if svg]
+    return ["<h2>Errors</h2>", f'<div class="charts">{"".join(figures)}</div>'] if figures else []
+
+
+def _followed(result: Result, series: SeriesOf) -> list[str]:
+    if not result.sequences:
+        return []
+    heads = (
+        "sequence",
+        "frames",
+        "acquired after",
+        "detected since",
+        "within 5 %",
+        "wrong",
+        "coasted",
+        "centre p95, px",
+    )
+    rows: list[tuple[str, Sequence[Cell]]] = []
+    for found in result.sequences:
+        name = plain(found.series or ALL_FRAMES)
+        if found.after is None:
+            rows.append(("", [name, str(found.frames), ("never", "bad"), *["–"] * 5]))
+            continue
+        f = found.after
+        rows.append(
+            (
+                "",
+                [
+                    name,
+                    str(found.frames),
+                    f"{found.acquired_after} frames",
+                    share(f.detected_share),
+                    share(f.close_share),
+                    _alarm(f.wrong),
+                    str(f.coasted),
+                    number(f.centre_p95_px),
+                ],
+            )
+        )
+    body = [f"<h2>Followed from frame to frame: {plain(result.method)}</h2>", table(heads, rows)]
+    for found in result.sequences:
+        svg = plots.sequence(result, found.series, series)
+        if svg:
+            body.append(
+                figure(svg, f"{plain(found.series or ALL_FRAMES)}: centre error by frame; marks at the top: no answer.")
+            )
+    return body
+
+
+def _constancy(results: Sequence[Result]) -> list[str]:
+    heads = ("series", "method", "pictures", "median R Z,<br>px cm", "typical<br>deviation", "largest", "of the labels",
+             "best offset<br>of Z", "largest<br>with it")  # fmt: skip
+    rows: list[tuple[str, Sequence[Cell]]] = []
+    for result in results:
+        for part in result.constancy:
+            shift = "–" if part.offset_cm is None else f"{part.offset_cm:+.1f} cm"
+            with_it = "–" if part.largest_with_offset_pct is None else f"{part.largest_with_offset_pct:.2f} %"
+            cells = [
+                plain(part.series or "(all)"),
+                plain(result.method),
+                str(part.pictures),
+                f"{part.median_px_cm:.0f}",
+            ]
+            cells += [f"{part.typical_pct:.2f} %", f"{part.largest_pct:.2f} %", f"{part.label_largest_pct:.2f} %"]
+            rows.append(("", [*cells, shift, with_it]))
+    if not rows:
+        return []
+    words = (
+        "<p>Deviation of R Z from its series' median. “Of the labels” is what the labelled radius itself gives: the "
+        "part that lies in the tape measure and in the labels. A tape that does not start at the lens's centre of "
+        "projection shifts every Z; the best offset is the shift that makes R Z most constant.</p>"
+    )
+    return ["<h2>R times Z</h2>", words, table(heads, rows)]
+
+
+def _cases(
+    result: Result,
+    worst: int,
+    look: Look,
+    reasons: Mapping[str, str],
+    advance: Callable[[], None],
+    *,
+    named: bool,
+) -> list[str]:
+    chosen = worst_of(result.outcomes, worst)
+    if not chosen:
+        return []
+    cards = []
+    for outcome in chosen:
+        cards.append(casebook.card(outcome, look(outcome.label), reasons))
+        advance()
+    key = (
+        '<p class="soft">Truth: <b style="color:#0077b6">blue, solid</b>. Answer: <b style="color:#9a7b00">yellow, '
+        "dashed</b>. Refused candidates: white, dotted.</p>"
+    )
+    title = f"<h2>The worst {len(cards)} {f'of method {plain(result.method)}' if named else 'cases'}</h2>"
+    return [title, key, f'<div class="cases">{"".join(cards)}</div>']
+
+
+def worst_of(outcomes: Iterable[Outcome], most: int) -> list[Outcome]:
+    """The worst first, some of every kind of fault; pictures rightly found empty are not among them."""
+    kinds: dict[Verdict, list[Outcome]] = defaultdict(list)
+    for outcome in sorted((o for o in outcomes if o.verdict in SHOWN), key=badness):
+        kinds[outcome.verdict].append(outcome)
+    bad = [kinds.pop(verdict, []) for verdict in (Verdict.FALSE, Verdict.WRONG, Verdict.MISSED)]
+    turns = [outcome for turn in zip_longest(*bad) for outcome in turn if outcome is not None]
+    rest = [outcome for members in kinds.values() for outcome in members]
+    return sorted((turns + rest)[:most], key=badness)
+
+
+def _all(result: Result, *, named: bool) -> str:
+    heads = ("file", "group", "verdict", "u", "v", "R", "centre error,<br>px", "radius error,<br>%", "confidence", "ms")
+    rows: list[tuple[str, Sequence[Cell]]] = []
+    for o in result.outcomes:
+        circle = o.detection.circle
+        values = (circle.u_px, circle.v_px, circle.radius_px) if circle else ()
+        place = [f"{value:.2f}" for value in values] or ["–"] * 3
+        radius = "–" if o.radius_share is None else f"{100 * o.radius_share:+.2f}"
+        coasted = " (coasted)" if o.detection.tracking is Tracking.COASTED else ""
+        bad = o.verdict in (Verdict.FALSE, Verdict.WRONG, Verdict.MISSED)
+        verdict = (f"{o.verdict}{coasted}", "left bad" if bad else "left")
+        group = (plain(o.label.group or ""), "left")
+        more = (number(o.centre_px), radius, number(o.detection.confidence), number(o.took_ns / 1e6))
+        rows.append(("", [plain(o.label.file), group, verdict, *place, *more]))
+    of = f" of method {plain(result.method)}" if named else ""
+    return f"<details><summary>Every picture{of}</summary>{table(heads, rows)}</details>"
+
+
+def share(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f} %".replace("100.0", "100")
+
+
+def number(value: float | None) -> str:
+    """Three significant digits, as far as they mean something."""
+    if value is None:
+        return "–"
+    size = abs(value)
+    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:.2f}"

@@ -1,0 +1,1 @@
+"""The vision processes: which there are, what they do, and who watches them."""

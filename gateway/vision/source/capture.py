@@ -1,0 +1,121 @@
+"""Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the camera process only."""
+
+import os
+from typing import Any
+
+import cv2
+from numpy.typing import NDArray
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.errors import LinkError
+from gateway.vision.pixels import bgr8
+from gateway.vision.source.contract import Frame
+from gateway.vision.source.frame_time import FrameTime
+
+# Read by OpenCV when a stream is opened. Setting it replaces OpenCV's own default, so TCP must be said again. Without
+# `nobuffer` and `low_delay` FFmpeg holds back several frames. An operator's own setting wins (RTSP over UDP, say).
+FFMPEG_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
+
+
+class CaptureSource:
+    """A live source: frames come when they come, and the newest is the one that counts.
+
+    `late_s`: one whose frames have been later than that for as long is lost. Opened again, it begins without a backlog.
+    """
+
+    lossless = False
+    may_repeat = False
+    finite = False
+
+    def __init__(
+        self, capture: cv2.VideoCapture, label: str, clock: Clock, frame_time: FrameTime, late_s: float
+    ) -> None:
+        self._capture = capture
+        self._label = label
+        self._clock = clock
+        self._frame_time = frame_time
+        self._late_ns = round(late_s * NS_PER_S)
+        self._late_since_ns: int | None = None
+
+    def read(self) -> Frame:
+        if not self._capture.grab():
+            raise LinkError(f"{self._label}: lost: it gave no further frame")
+        arrival_ns = self._clock.now_ns()  # before the conversion to BGR, which takes its time
+        t_capture_ns = self._frame_time.taken_ns(arrival_ns, self._capture.get(cv2.CAP_PROP_POS_MSEC))
+        self._check_lateness(arrival_ns - t_capture_ns, arrival_ns)
+        ok, image = self._capture.retrieve()
+        if not ok or image is None:
+            raise LinkError(f"{self._label}: lost: a frame could not be decoded")
+        return frame_of(image, t_capture_ns, self._label)
+
+    def _check_lateness(self, late_ns: int, arrival_ns: int) -> None:
+        if late_ns <= self._late_ns:
+            self._late_since_ns = None
+        elif self._late_since_ns is None:
+            self._late_since_ns = arrival_ns
+        elif arrival_ns - self._late_since_ns > self._late_ns:
+            raise LinkError(f"{self._label}: its frames come {late_ns / NS_PER_S:.1f} s late")
+
+    def close(self) -> None:
+        self._capture.release()
+
+
+def frame_of(image: NDArray[Any], t_capture_ns: int, label: str) -> Frame:
+    """What a driver handed over, as a frame. Raises LinkError for what is no picture."""
+    try:
+        return Frame(bgr8(image), t_capture_ns)
+    except ValueError as error:
+        raise LinkError(f"{label}: {error}") from error
+
+
+def open_camera(
+    device: int | str,
+    clock: Clock,
+    *,
+    label: str,
+    width_px: int | None,
+    height_px: int | None,
+    fps: float | None,
+    frame_time: FrameTime,
+    late_s: float,
+) -> CaptureSource:
+    """A V4L2 camera. Raises LinkError when there is no such camera, or another program has it."""
+    capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
+    if not capture.isOpened():
+        raise LinkError(f"{label}: cannot be opened: missing, busy, or no permission (group video)")
+    wishes = (
+        (cv2.CAP_PROP_FRAME_WIDTH, width_px),
+        (cv2.CAP_PROP_FRAME_HEIGHT, height_px),
+        (cv2.CAP_PROP_FPS, fps),
+    )
+    for key, wish in wishes:
+        if wish is not None:
+            capture.set(key, wish)  # a driver may give something else without an error: the first frame is looked at
+    return CaptureSource(capture, label, clock, frame_time, late_s)
+
+
+def open_stream(
+    url: str,
+    clock: Clock,
+    *,
+    label: str,
+    open_timeout_s: float,
+    read_timeout_s: float,
+    frame_time: FrameTime,
+    late_s: float,
+) -> CaptureSource:
+    """A stream. Raises LinkError when the server cannot be reached, refuses, or sends nothing that FFmpeg understands.
+
+    The dispatcher's deadlines hold whatever FFmpeg does with its own time limits. `url` may hold a password; `label`
+    stands in the messages.
+    """
+    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
+    parameters = [
+        *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(open_timeout_s * 1000)),
+        *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(read_timeout_s * 1000)),
+        *(cv2.CAP_PROP_N_THREADS, 1),  # FFmpeg's frame threads each hold a frame back
+    ]
+    capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, parameters)
+    if not capture.isOpened():
+        raise LinkError(f"{label}: cannot be opened: no answer, refused, or not a video stream")
+    return CaptureSource(capture, label, clock, frame_time, late_s)

@@ -1,0 +1,71 @@
+"""What every frame of a source must pass before anybody looks at it, whatever the source: its size, and that it is new.
+
+Thresholds, aim point and intrinsics are pixels of one picture size: at half of it R is half as large, and D never 1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gateway.errors import LinkError
+from gateway.vision.source.contract import Frame
+from gateway.vision.source.freshness import TILES, Changes, FrozenFrameDetector, Look
+
+SizePx = tuple[int, int]
+"""Width and height, px."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRules:
+    """What the configuration asks of every frame; None: any size, as long as it stays the same."""
+
+    width_px: int | None = None
+    height_px: int | None = None
+    lens_px: SizePx | None = None  # the picture size that the intrinsics hold for
+    frozen_s: float = 2.0  # 0: equal pictures are new ones
+    repeats_age: bool = True
+
+
+class FrameChecks:
+    """One opened source. `in_force_px`: the size of the frames before it was opened; None: this is the first time."""
+
+    def __init__(self, label: str, rules: FrameRules, in_force_px: SizePx | None, *, may_repeat: bool) -> None:
+        self._label = label
+        self._rules = rules
+        self._in_force_px = in_force_px
+        self._size_px: SizePx | None = None  # of this opening
+        self._frozen = None if may_repeat or not rules.frozen_s else FrozenFrameDetector(rules.frozen_s)
+
+    def passed(self, frame: Frame) -> Changes | None:
+        """When each tile of the picture last changed; None: not to be shown yet. Raises LinkError."""
+        height, width = frame.image.shape[:2]
+        self._check_size((width, height))
+        if self._frozen is not None:
+            match self._frozen.look(frame.image, frame.t_capture_ns):
+                case Look.UNPROVEN:
+                    return None
+                case Look.FROZEN:
+                    frozen_s = self._rules.frozen_s
+                    raise LinkError(f"{self._label}: frozen: the picture has not changed for {frozen_s:g} s")
+            if self._rules.repeats_age:
+                return self._frozen.changed_ns
+        return np.full(TILES, frame.t_capture_ns, np.int64)
+
+    def _check_size(self, size_px: SizePx) -> None:
+        if size_px == self._size_px:
+            return
+        rules = self._rules
+        if size_px != (rules.width_px or size_px[0], rules.height_px or size_px[1]):
+            self._wrong(size_px, f"camera.width_px and height_px ask for {_px(rules.width_px, rules.height_px)}")
+        if rules.lens_px is not None and size_px != rules.lens_px:
+            self._wrong(size_px, f"vision.intrinsics hold for {_px(*rules.lens_px)}")
+        if (before_px := self._size_px or self._in_force_px) not in (None, size_px):
+            self._wrong(size_px, f"they were {_px(*before_px)}: set camera.width_px and height_px to the right size")
+        self._size_px = size_px
+
+    def _wrong(self, size_px: SizePx, why: str) -> None:
+        raise LinkError(f"{self._label}: its frames are {_px(*size_px)}; {why}")
+
+
+def _px(width: int | None, height: int | None) -> str:
+    return f"{width or 'any'} x {height or 'any'} px"

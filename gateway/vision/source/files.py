@@ -1,0 +1,146 @@
+"""Videos, pictures and folders of pictures, at their own pace or as fast as vision can. Camera process only."""
+
+import logging
+from pathlib import Path
+
+import cv2
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.errors import LinkError
+from gateway.vision.offline import inputs
+from gateway.vision.pixels import PICTURE_SUFFIXES, natural_key
+from gateway.vision.source.capture import frame_of
+from gateway.vision.source.contract import Frame, Source
+
+log = logging.getLogger(__name__)
+
+VIDEO_FPS = 25.0  # for a file that does not say its own, or says nonsense
+
+
+def open_file(path: Path, clock: Clock, *, label: str, fps: float, fast: bool, loop: bool) -> Source:
+    """What the path is at this moment decides. Raises LinkError when there is nothing there that can be read.
+
+    `fps` is the pace of pictures; a video has its own. `fast` leaves every pace out.
+    """
+    try:
+        if path.is_dir():
+            pictures = sorted((p for p in path.iterdir() if _is_picture(p)), key=natural_key)
+            if not pictures:
+                raise LinkError(f"{label}: no pictures in this folder")
+            return FolderSource(pictures, label, clock, fps=fps, fast=fast, loop=loop)
+        if not path.exists():
+            raise LinkError(f"{label}: no such file or folder")
+    except OSError as error:
+        raise LinkError(f"{label}: cannot be read: {error.strerror}") from error
+    if _is_picture(path) and path.suffix.lower() != ".gif":  # FFmpeg plays an animated GIF at its own rate
+        return FolderSource([path], label, clock, fps=fps, fast=fast, loop=loop)
+    return VideoSource(path, label, clock, fast=fast, loop=loop)
+
+
+def _is_picture(path: Path) -> bool:
+    return path.suffix.lower() in PICTURE_SUFFIXES
+
+
+class Pace:
+    """Spaces frames `period_s` apart without drift; after a delay it goes on from now instead of rushing."""
+
+    def __init__(self, period_s: float, clock: Clock) -> None:
+        self._period_ns = int(period_s * NS_PER_S)
+        self._clock = clock
+        self._due_ns: int | None = None
+
+    def wait(self) -> None:
+        now_ns = self._clock.now_ns()
+        due_ns = now_ns if self._due_ns is None else self._due_ns
+        if due_ns > now_ns:
+            self._clock.block((due_ns - now_ns) / NS_PER_S)
+        self._due_ns = max(due_ns + self._period_ns, now_ns)
+
+
+class FolderSource:
+    """Pictures in the order given, of a file that holds several the first.
+
+    One that cannot be read is skipped with a warning; none at all is a lost source.
+    """
+
+    may_repeat = True
+
+    def __init__(self, pictures: list[Path], label: str, clock: Clock, *, fps: float, fast: bool, loop: bool) -> None:
+        self.lossless = fast
+        self.finite = not loop
+        self._pictures = pictures
+        self._label = label
+        self._clock = clock
+        self._loop = loop
+        self._pace = None if fast else Pace(1 / fps, clock)
+        self._next = 0
+        self._given = 0  # in this round
+
+    def read(self) -> Frame:
+        while True:
+            if self._next == len(self._pictures):
+                self._begin_again()
+            path = self._pictures[self._next]
+            self._next += 1
+            try:
+                image = next(inputs.read(path)).image
+            except inputs.InputError as error:
+                log.warning("%s: %s; skipped", path, error)
+                continue
+            self._given += 1
+            if self._pace:
+                self._pace.wait()
+            return Frame(image, self._clock.now_ns())
+
+    def _begin_again(self) -> None:
+        if self._given == 0:
+            raise LinkError(f"{self._label}: no picture here can be read")
+        if not self._loop:
+            if self._pace:
+                self._pace.wait()  # the last picture has its full time, too
+            raise LinkError(f"{self._label}: ended")
+        self._next = self._given = 0
+
+    def close(self) -> None:
+        pass
+
+
+class VideoSource:
+    """A video file through FFmpeg, at the rate it says of itself."""
+
+    may_repeat = True
+
+    def __init__(self, path: Path, label: str, clock: Clock, *, fast: bool, loop: bool) -> None:
+        self.lossless = fast
+        self.finite = not loop
+        self._path = path
+        self._label = label
+        self._clock = clock
+        self._loop = loop
+        self._capture = self._open()
+        fps = self._capture.get(cv2.CAP_PROP_FPS)
+        self._pace = None if fast else Pace(1 / (fps if 0.1 <= fps <= 1000 else VIDEO_FPS), clock)
+
+    def _open(self) -> cv2.VideoCapture:
+        try:
+            capture = inputs.open_video(self._path)
+        except inputs.InputError as error:
+            raise LinkError(f"{self._label}: {error}") from error
+        if not capture.isOpened():
+            raise LinkError(f"{self._label}: neither a video nor a picture that can be read")
+        return capture
+
+    def read(self) -> Frame:
+        ok, image = self._capture.read()
+        if not ok and self._loop:
+            self.close()
+            self._capture = self._open()  # seeking to 0 is not exact in every container; opening is
+            ok, image = self._capture.read()
+        if self._pace:
+            self._pace.wait()  # at the end, too: the last frame has its full time
+        if not ok or image is None:
+            raise LinkError(f"{self._label}: ended")
+        return frame_of(image, self._clock.now_ns(), self._label)
+
+    def close(self) -> None:
+        self._capture.release()

@@ -1,0 +1,105 @@
+"""Is a picture new? A dead encoder or driver can repeat one picture for ever, each time with a fresh stamp. Pure.
+
+A real sensor has noise: no part of two frames of it is equal to the last bit. What is equal was taken at the same
+moment, so it is as old as its first sight. The picture is looked at in tiles, for a clock that is burnt into a dead
+picture goes on: a place in it (the marker, or the whole) is as new as the moment since which at least half of its
+tiles have changed.
+"""
+
+from enum import Enum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.core.model import Circle
+from gateway.vision.pixels import Image
+
+TILES = (12, 16)  # rows and columns of tiles
+ROWS = 5  # of pixels that are compared in each tile: 0.02 ms at VGA, 0.04 ms at 1080p
+NS_PER_S = 1_000_000_000
+
+Changes = NDArray[np.int64]
+"""(12, 16): the capture time of the frame in which each tile last changed, ns."""
+
+
+class Look(Enum):
+    LIVE = auto()
+    UNPROVEN = auto()  # nothing has changed since the source was opened: not to be shown yet
+    FROZEN = auto()
+
+
+class FrozenFrameDetector:
+    """One opened source, whose frames come in order and have one size. `frozen_s`: unchanged for so long is frozen."""
+
+    def __init__(self, frozen_s: float) -> None:
+        self._frozen_ns = round(frozen_s * NS_PER_S)
+        self._sample: NDArray[np.uint8] | None = None  # the rows compared, (12 * ROWS, bytes of a row)
+        self._first_ns = 0
+        self.changed_ns: Changes = np.zeros(TILES, np.int64)
+
+    def look(self, image: Image, t_ns: int) -> Look:
+        """The verdict on the frame of `t_ns`; afterwards `changed_ns` holds for this frame.
+
+        A source opened again must change once before it is believed.
+        """
+        height, width = image.shape[:2]
+        last, sample = self._sample, image.reshape(height, -1).take(_edges(height, TILES[0] * ROWS), axis=0)
+        self._sample = sample
+        if last is None:
+            self._first_ns = t_ns
+            self.changed_ns = np.full(TILES, t_ns, np.int64)
+            return Look.UNPROVEN
+        changed = _by_tile(np.bitwise_or, sample ^ last, 3 * _edges(width, TILES[1])) != 0
+        if 2 * np.count_nonzero(changed) < changed.size:
+            changed = _with_flat(changed, sample, width)
+        self.changed_ns = np.where(changed, t_ns, self.changed_ns)
+        seen_ns = _half_changed_ns(self.changed_ns)
+        if t_ns - seen_ns > self._frozen_ns:
+            return Look.FROZEN
+        return Look.UNPROVEN if seen_ns == self._first_ns else Look.LIVE
+
+
+def seen_ns(changed_ns: Changes, width_px: int, height_px: int, circle: Circle | None) -> int:
+    """How new what was found is: by the tiles that the disc touches, or by all of them where there is none."""
+    if circle is None:
+        return _half_changed_ns(changed_ns)
+    du = _distance(circle.u_px, _edges(width_px, TILES[1]), width_px)
+    dv = _distance(circle.v_px, _edges(height_px, TILES[0]), height_px)
+    distance: NDArray[np.float64] = np.hypot(dv[:, None], du[None, :])
+    touched = np.less_equal(distance, circle.radius_px)
+    if not touched.any():  # beyond the picture's edge
+        touched = np.equal(distance, distance.min())
+    return _half_changed_ns(changed_ns[touched])
+
+
+def _half_changed_ns(changed_ns: Changes) -> int:
+    """The latest moment since which at least half of these tiles have changed."""
+    place = changed_ns.size // 2
+    return int(np.partition(changed_ns, place, axis=None)[place])
+
+
+def _with_flat(changed: NDArray[np.bool_], sample: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
+    """A tile of one colour (clipped at black or white) has no noise, so it can't tell: it follows the rest."""
+    pixels = sample.reshape(len(sample), width, 3)
+    columns = _edges(width, TILES[1])
+    darkest, brightest = (_by_tile(ufunc, pixels, columns) for ufunc in (np.minimum, np.maximum))
+    flat = np.equal(darkest, brightest).all(axis=-1) & ~changed
+    telling = changed.size - int(np.count_nonzero(flat))
+    return changed | flat if 2 * int(np.count_nonzero(changed)) >= max(1, telling) else changed
+
+
+def _by_tile(ufunc: np.ufunc, sample: NDArray[np.uint8], columns: NDArray[np.intp]) -> NDArray[np.uint8]:
+    """`ufunc` over the sampled rows and the columns of each tile."""
+    rows = ufunc.reduce(sample.reshape(TILES[0], ROWS, *sample.shape[1:]), axis=1)
+    return np.asarray(ufunc.reduceat(rows, columns, axis=1))
+
+
+def _edges(length: int, parts: int) -> NDArray[np.intp]:
+    """Where each of the parts begins."""
+    return np.arange(parts) * length // parts
+
+
+def _distance(place: float, begins: NDArray[np.intp], length: int) -> NDArray[np.float64]:
+    """From a place to each part, 0 within it."""
+    ends = np.append(begins[1:], length)
+    return np.asarray(np.maximum(0.0, np.maximum(begins - place, place - ends)), np.float64)

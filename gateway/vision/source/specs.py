@@ -1,0 +1,153 @@
+"""Which source `camera.url` names: a camera, a stream, or a path.
+
+The main process chooses, the camera process opens: OpenCV is loaded there and not here.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+from gateway.clock import Clock
+from gateway.errors import ConfigError
+from gateway.vision.source.contract import Source, SourceSpec
+from gateway.vision.source.frame_time import ArrivalTime, BufferTime, PresentationTime
+
+if TYPE_CHECKING:  # the camera process need not load the configuration's checker
+    from gateway.config import CameraConfig
+
+LATE_S = 1.0  # unless configured
+STREAM_SCHEMES = ("rtsp", "rtsps", "http", "https")
+FOLDER_FPS = 10.0  # pace of an image folder unless configured
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSpec:
+    """A V4L2 camera by index or device path; sizes and rate are asked for, the driver may give others (`checks`)."""
+
+    device: int | str
+    width_px: int | None = None
+    height_px: int | None = None
+    fps: float | None = None
+    by_arrival: bool = False  # frames are stamped when they arrive; else with the driver's buffer time
+    late_s: float = LATE_S
+
+    @property
+    def label(self) -> str:
+        return f"camera {self.device}"
+
+    def open(self, clock: Clock) -> Source:
+        from gateway.vision.source.capture import open_camera  # noqa: PLC0415 - OpenCV stays out of the main process
+
+        return open_camera(
+            self.device,
+            clock,
+            label=self.label,
+            width_px=self.width_px,
+            height_px=self.height_px,
+            fps=self.fps,
+            frame_time=ArrivalTime() if self.by_arrival else BufferTime(),
+            late_s=self.late_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StreamSpec:
+    """An RTSP or HTTP stream. The URL may hold a password: it is in no label, no repr and no command line."""
+
+    url: str = field(repr=False)
+    open_timeout_s: float
+    read_timeout_s: float
+    by_arrival: bool = False  # else by presentation time
+    late_s: float = LATE_S
+
+    @property
+    def label(self) -> str:
+        parts = urlsplit(self.url)
+        return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
+
+    def open(self, clock: Clock) -> Source:
+        from gateway.vision.source.capture import open_stream  # noqa: PLC0415 - as above
+
+        return open_stream(
+            self.url,
+            clock,
+            label=self.label,
+            open_timeout_s=self.open_timeout_s,
+            read_timeout_s=self.read_timeout_s,
+            frame_time=ArrivalTime() if self.by_arrival else PresentationTime(),
+            late_s=self.late_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FileSpec:
+    """A video, a picture or a folder of pictures; which of them is seen when it is opened, for it may come and go."""
+
+    path: str
+    fps: float = FOLDER_FPS
+    fast: bool = False
+    loop: bool = False
+
+    @property
+    def label(self) -> str:
+        return self.path.encode(errors="backslashreplace").decode()  # a name need not be UTF-8, a message must
+
+    def open(self, clock: Clock) -> Source:
+        from gateway.vision.source.files import open_file  # noqa: PLC0415 - as above
+
+        return open_file(Path(self.path), clock, label=self.label, fps=self.fps, fast=self.fast, loop=self.loop)
+
+
+def source_spec(config: "CameraConfig") -> SourceSpec:
+    """The source that `camera.url` names: camera index, /dev/..., stream URL, else a path.
+
+    Raises ConfigError for what could never work: an unknown scheme, a URL without a host, a pace slower than the
+    deadline. Nothing is opened: a missing file or device is a LinkError later, for it may come back.
+    """
+    url = config.url.strip()
+    if config.fps is not None and config.pace == "realtime" and 1 / config.fps >= config.deadline_s:
+        raise ConfigError(
+            f"camera.fps = {config.fps:g} is one frame in {1 / config.fps:g} s, "
+            f"but camera.deadline_s = {config.deadline_s:g} takes that for a stall"
+        )
+    if "\0" in url:
+        raise ConfigError("camera.url: a NUL is part of no address and no path")
+    by_arrival = config.frame_time == "arrival"
+    number = re.fullmatch("[0-9]{1,9}", url)  # a longer one is a path
+    if number or url.startswith("/dev/"):
+        device = int(url) if number else url
+        return CameraSpec(
+            device, config.width_px, config.height_px, config.fps, by_arrival=by_arrival, late_s=config.deadline_s
+        )
+    if "://" in url:
+        _check_stream(url)
+        # FFmpeg gives up opening just before the deadline, because its reason is the better message. It must not give
+        # up reading before the deadline: it then hands out the frame it was holding back, which is old but looks new.
+        return StreamSpec(
+            url,
+            open_timeout_s=0.9 * config.open_deadline_s,
+            read_timeout_s=2 * config.deadline_s,
+            by_arrival=by_arrival or (config.frame_time == "auto" and not url.lower().startswith("rtsp")),
+            late_s=config.deadline_s,
+        )
+    try:
+        path = Path(url).expanduser()
+    except RuntimeError as error:
+        raise ConfigError(f"camera.url = {url}: there is no such user") from error
+    return FileSpec(str(path), fps=config.fps or FOLDER_FPS, fast=config.pace == "fast", loop=config.loop)
+
+
+def _check_stream(url: str) -> None:
+    """The URL itself stays out of the messages: it may hold a password."""
+    scheme = url.partition("://")[0]
+    if scheme.lower() not in STREAM_SCHEMES:
+        raise ConfigError(f"camera.url: scheme {scheme}:// is unknown; known: {', '.join(STREAM_SCHEMES)}, or a path")
+    try:
+        parts = urlsplit(url)
+        host, _port = parts.hostname, parts.port
+    except ValueError as error:
+        raise ConfigError(f"camera.url: not a usable {scheme}:// address") from error
+    if not host:
+        raise ConfigError(f"camera.url: {scheme}:// needs a host")

@@ -1,0 +1,1 @@
+"""How frames and messages pass between the processes."""

@@ -1,0 +1,53 @@
+"""A request's body is read before anybody works on it: whole, in time, and not longer than its row allows. IO."""
+
+from starlette.types import Message, Receive, Scope
+
+from gateway.clock import Clock
+from gateway.web.auth.access import Rule
+from gateway.web.auth.origins import header
+from gateway.web.auth.refusals import RefusalError
+
+BODY_S = 10.0  # a body must have arrived within this
+CLOSE = {"Connection": "close"}  # or what still comes would be taken for the next request
+
+
+async def whole_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock) -> Receive:
+    """A `receive` that has it all. Raises RefusalError (413, 408, 400)."""
+    if scope["type"] != "http":
+        return receive
+    too_long = RefusalError(413, "too_long", f"at most {rule.body_bytes} bytes", headers=CLOSE, told=True)
+    try:
+        length = header(scope["headers"], b"content-length")
+    except ValueError:
+        raise too_long from None
+    if length is not None and not (length.isdigit() and len(length) < 10 and int(length) <= rule.body_bytes):
+        raise too_long
+    if rule.method != "POST":
+        return receive  # what comes without a length is not read by any route
+    body = bytearray()
+    try:
+        async with clock.timeout(BODY_S):
+            while (message := await receive())["type"] == "http.request":
+                body += message.get("body", b"")
+                if len(body) > rule.body_bytes:
+                    raise too_long
+                if not message.get("more_body", False):
+                    return _again(bytes(body), receive)
+    except TimeoutError:
+        said = f"the request was not there within {BODY_S:g} s"
+        raise RefusalError(408, "slow", said, headers=CLOSE) from None
+    raise RefusalError(400, "gone", "the caller went away")
+
+
+def _again(body: bytes, receive: Receive) -> Receive:
+    """`receive` that gives the whole body at once, and then goes on as before."""
+    first = True
+
+    async def whole() -> Message:
+        nonlocal first
+        if first:
+            first = False
+            return {"type": "http.request", "body": body, "more_body": False}
+        return await receive()
+
+    return whole

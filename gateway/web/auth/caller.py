@@ -1,0 +1,39 @@
+"""Who asks: what the guard has found out, for the routes behind it. Pure."""
+
+from collections.abc import Mapping, MutableMapping
+from dataclasses import dataclass
+from typing import Any
+
+from gateway.core.plc import Writer
+from gateway.web.auth.access import Level
+from gateway.web.auth.sessions import Session
+
+_KEY = "gateway.core.visitor"
+NOBODY = "without login"
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """`name` is empty without a login. `csrf` must come back in X-CSRF-Token with all that changes anything."""
+
+    name: str
+    level: Level
+    address: str  # of the peer, without port
+    csrf: str
+    session: Session | None = None
+
+    @property
+    def writer(self) -> Writer:
+        """As orders to the main process and events name it."""
+        return Writer(self.address, self.name or NOBODY, self.level.role)
+
+
+def visitor_of(scope: Mapping[str, Any]) -> Visitor:
+    """Of a request or WebSocket (its `scope`) behind the guard. Raises KeyError where there is no guard."""
+    found: Visitor = scope[_KEY]
+    return found
+
+
+def with_visitor(scope: MutableMapping[str, Any], visitor: Visitor) -> dict[str, Any]:
+    """The scope that the application gets."""
+    return {**scope, _KEY: visitor}

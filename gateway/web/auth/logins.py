@@ -1,0 +1,163 @@
+"""Logging in and out, and whom a request comes from: by cookie, by HTTP Basic, or nobody. One event loop, no locks."""
+
+import base64
+import binascii
+import hmac
+import secrets
+from collections import Counter, OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.config.sections.hmi import HmiConfig, HmiUser
+from gateway.net import rate_limit
+from gateway.web.auth.access import Level, Rule
+from gateway.web.auth.audit_log import Told, What, shown
+from gateway.web.auth.caller import Visitor
+from gateway.web.auth.login_throttle import Throttle
+from gateway.web.auth.origins import Headers, header
+from gateway.web.auth.passwords import BusyError, Passwords
+from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.sessions import Session, Sessions
+
+MAX_COOKIES = 4096  # characters of the header
+MAX_BASIC = 1024
+PROGRAM_S = 300  # so long a program that logged in by HTTP Basic is known without checking its password again
+MAX_PROGRAMS = 64
+CHALLENGE = {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'}
+
+Tell = Callable[[Told], None]
+
+
+class Logins:
+    """`tell` is called for each login, failure, refusal and change, not more often than people bear."""
+
+    def __init__(self, config: HmiConfig, clock: Clock, tell: Tell, *, instance: str = "gateway") -> None:
+        self.config = config
+        self.counts: Counter[str] = Counter()  # of what was told or would have been, by What
+        self.cookie = f"__Host-{instance}-session" if config.tls else f"{instance}-session"  # ports share cookies
+        self.on_end: Callable[[str], None] = lambda _: None  # a session's key, when it ends
+        self.sessions = Sessions(
+            lifetime_ns=round(config.session_hours * 3600 * NS_PER_S),
+            idle_ns=round(config.session_idle_minutes * 60 * NS_PER_S),
+            ended=self._ended,
+        )
+        self.passwords = Passwords(config.users)
+        self._anonymous = Level.of(config.without_login)
+        self._throttle = Throttle()
+        self._clock = clock
+        self._tell = tell
+        self._buckets: dict[What, rate_limit.Bucket] = {}
+        self._strangers_csrf = secrets.token_urlsafe(32)  # no secret between strangers; foreign pages can't read it
+        self._secret = secrets.token_bytes(32)
+        self._programs: OrderedDict[bytes, tuple[HmiUser, int]] = OrderedDict()
+
+    def close(self) -> None:
+        self.passwords.close()
+
+    async def login(self, address: str, name: str, password: str, old: Session | None = None) -> tuple[str, Session]:
+        """A new session and its id; `old` ends. Raises RefusalError (401, 429, 503)."""
+        user = await self._checked(address, name, password)
+        if old is not None:
+            self.sessions.close(old.key)
+        opened = self.sessions.open(user.name, self._level(user), self._clock.now_ns())
+        self.told(Told(What.LOGIN, user.name, address, f"as {user.role}"))
+        return opened
+
+    def logout(self, visitor: Visitor) -> None:
+        """Ends the session and all that hangs on it. Without one: nothing to do."""
+        if visitor.session is not None:
+            self.sessions.close(visitor.session.key)
+            self.told(Told(What.LOGOUT, visitor.name, visitor.address, "by itself"))
+
+    async def visitor(self, headers: Headers, rule: Rule, address: str) -> Visitor:
+        """Who asks. A cookie that is no good (any more) is none. Raises RefusalError for HTTP Basic that is no good."""
+        session = self._by_cookie(headers)
+        if session is not None:
+            return Visitor(session.user, session.level, address, session.csrf, session)
+        stranger = Visitor("", self._anonymous, address, self._strangers_csrf)
+        if not rule.for_programs:
+            return stranger
+        user = await self._by_basic(headers, address)
+        return stranger if user is None else replace(stranger, name=user.name, level=self._level(user))
+
+    def left_s(self, session: Session) -> float:
+        """Until the session is over, whatever happens."""
+        return self.sessions.left_ns(session, self._clock.now_ns()) / NS_PER_S
+
+    def see(self, session: Session) -> None:
+        """Its page has just said something."""
+        self.sessions.see(session.key, self._clock.now_ns())
+
+    def told(self, told: Told) -> None:
+        """Counts it, and tells it unless too much is told already."""
+        self.counts[told.what.value] += 1
+        bucket, untold = rate_limit.take(self._buckets.get(told.what, rate_limit.Bucket()), self._clock.now_ns())
+        self._buckets[told.what] = bucket
+        if untold is not None:
+            self._tell(replace(told, untold=untold))
+
+    def _ended(self, key: str) -> None:
+        self.on_end(key)
+
+    def _level(self, user: HmiUser) -> Level:
+        return max(self._anonymous, Level.of(user.role))
+
+    def _by_cookie(self, headers: Headers) -> Session | None:
+        """Looks at every cookie of our name: whoever can plant another beside ours must not be able to hide it."""
+        now_ns = self._clock.now_ns()
+        for key, line in headers:
+            if key != b"cookie" or len(line) > MAX_COOKIES:
+                continue
+            for pair in line.decode("latin-1").split(";"):
+                name, _, value = pair.partition("=")
+                if name.strip() == self.cookie and (found := self.sessions.find(value.strip(), now_ns)) is not None:
+                    return found
+        return None
+
+    async def _by_basic(self, headers: Headers, address: str) -> HmiUser | None:
+        try:
+            said = header(headers, b"authorization")
+            if said is None:
+                return None
+            scheme, _, text = said.partition(" ")
+            if scheme.lower() != "basic" or len(text) > MAX_BASIC:
+                raise ValueError("not Basic")
+            name, colon, password = base64.b64decode(text.strip(), validate=True).decode().partition(":")
+            if not colon:
+                raise ValueError("no colon")
+        except (ValueError, binascii.Error):
+            raise RefusalError(401, "basic", "HTTP Basic, with name and password", headers=CHALLENGE) from None
+        now_ns = self._clock.now_ns()
+        mark = hmac.digest(self._secret, said.encode(), "sha256")
+        user, until_ns = self._programs.get(mark, (None, 0))
+        if user is None or until_ns <= now_ns:
+            first = user is None
+            try:
+                user = await self._checked(address, name, password)
+            except RefusalError as refusal:
+                self._programs.pop(mark, None)
+                refusal.headers |= CHALLENGE if refusal.status == 401 else {}
+                raise
+            if first:
+                self.told(Told(What.LOGIN, user.name, address, f"a program, as {user.role}"))
+            self._programs[mark] = (user, self._clock.now_ns() + PROGRAM_S * NS_PER_S)
+            while len(self._programs) > MAX_PROGRAMS:
+                self._programs.popitem(last=False)
+        return user
+
+    async def _checked(self, address: str, name: str, password: str) -> HmiUser:
+        wait_s = self._throttle.try_(address, name, self._clock.now_ns())
+        if wait_s:
+            self.told(Told(What.LOGIN_THROTTLED, shown(name), address, f"{wait_s} s to wait"))
+            said = f"too many failed logins; try again in {wait_s} s"
+            raise RefusalError(429, "throttled", said, headers={"Retry-After": str(wait_s)})
+        try:
+            user = await self.passwords.check(name, password)
+        except BusyError as error:
+            raise RefusalError(503, "busy", str(error), headers={"Retry-After": "1"}) from None
+        if user is None:
+            self.told(Told(What.LOGIN_FAILED, shown(name), address, "wrong name or password"))
+            raise RefusalError(401, "login", "wrong name or password")
+        self._throttle.right(address, name, self._clock.now_ns())
+        return user

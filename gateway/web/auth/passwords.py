@@ -1,0 +1,112 @@
+"""Passwords of the pages' users: argon2id hashes, made by `gateway password` and checked at login. IO: a thread.
+
+The memory and passes are the smallest that OWASP recommends (m=19 MiB, t=2, p=1): a check takes some tens of
+milliseconds of one core, on a thread of its own, one at a time, so that a crowd at the login takes nothing away from
+the pictures. A user that there is not costs the same check as one that there is.
+"""
+
+import asyncio
+import unicodedata
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from argon2 import PasswordHasher, extract_parameters
+from argon2.exceptions import VerifyMismatchError
+
+from gateway.config.sections.hmi import HmiUser
+from gateway.errors import GatewayError
+
+MEMORY_KIB, PASSES, LANES = 19_456, 2, 1
+MIN_LENGTH, MAX_LENGTH = 10, 256  # characters
+MAX_WAITING = 8  # checks, the running one included
+COMMON = ("password", "passwort", "12345", "qwert", "gateway", "admin", "letmein", "technician", "silo", "cement")
+MIN_DIFFERENT = 5
+
+
+class BusyError(GatewayError):
+    """Too many logins are being checked already."""
+
+
+def weakness(password: str, name: str = "") -> str | None:
+    """Why a password is no good, in words for the one who typed it; None: it will do."""
+    plain = normal(password)
+    if len(plain) < MIN_LENGTH:
+        return f"has {len(plain)} characters; at least {MIN_LENGTH} are needed. Three or four words are easy to keep"
+    if len(plain) > MAX_LENGTH:
+        return f"has {len(plain)} characters; at most {MAX_LENGTH} are taken"
+    if not plain.isprintable():
+        return "holds a character that cannot be typed into the login page"
+    if len(set(plain)) < MIN_DIFFERENT:
+        return f"uses {len(set(plain))} different characters; at least {MIN_DIFFERENT} are needed"
+    folded = plain.casefold()
+    for word in (*COMMON, *([name.casefold()] if name else [])):
+        if word in folded and len(folded) - len(word) < MIN_LENGTH - 3:
+            return f"is little more than {word!r}, which is tried first"
+    return None
+
+
+def hashed(password: str) -> str:
+    """The text for `password_hash`, another each time. Takes some tens of milliseconds."""
+    return PasswordHasher(time_cost=PASSES, memory_cost=MEMORY_KIB, parallelism=LANES).hash(normal(password))
+
+
+def normal(password: str) -> str:
+    """An ü is one letter or two, by keyboard; it is the same password."""
+    return unicodedata.normalize("NFC", password)
+
+
+class Passwords:
+    """Checks logins. `close` when done with it."""
+
+    def __init__(self, users: Iterable[HmiUser]) -> None:
+        self._users: Mapping[str, HmiUser] = {user.name: user for user in users}
+        self._nobody = _decoy([user.password_hash for user in self._users.values()])
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="passwords")
+        self._waiting = 0
+        self.checks = 0  # since the start
+
+    async def check(self, name: str, password: str) -> HmiUser | None:
+        """The user, if there is one of this name with this password. Raises BusyError when too many wait."""
+        if self._waiting >= MAX_WAITING:
+            raise BusyError("too many logins at the same time; try again")
+        user = self._users.get(name)
+        known = self._nobody if user is None else user.password_hash
+        self._waiting += 1
+        self.checks += 1
+        job = self._thread.submit(_fits, known, password)
+        loop = asyncio.get_running_loop()
+        job.add_done_callback(lambda done: self._done(done, loop))
+        return user if await asyncio.wrap_future(job) and user is not None else None
+
+    def close(self) -> None:
+        """Waits for the running check."""
+        self._thread.shutdown(cancel_futures=True)
+
+    def _done(self, job: Future[bool], loop: asyncio.AbstractEventLoop) -> None:
+        """Counted when the thread is done with it, not when the asking page has gone. Called on either thread."""
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(self._one_less)
+
+    def _one_less(self) -> None:
+        self._waiting -= 1
+
+
+def _fits(known: str, password: str) -> bool:
+    if len(password) > MAX_LENGTH:
+        return False
+    try:
+        return PasswordHasher().verify(known, normal(password).encode("utf-8", "surrogatepass"))
+    except VerifyMismatchError:
+        return False
+
+
+def _decoy(hashes: list[str]) -> str:
+    """A hash that no password fits, as dear to check as the dearest of `hashes`."""
+    made = [extract_parameters(known) for known in hashes]
+    dearest = max(made, key=lambda found: found.memory_cost * found.time_cost, default=None)
+    memory, passes, lanes = (
+        (MEMORY_KIB, PASSES, LANES)
+        if dearest is None
+        else (dearest.memory_cost, dearest.time_cost, dearest.parallelism)
+    )
+    return f"$argon2id$v=19$m={memory},t={passes},p={lanes}${'A' * 22}${'A' * 43}"

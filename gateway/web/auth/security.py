@@ -1,0 +1,252 @@
+"""The guard before the pages: an ASGI application around theirs. Whatever does not pass it reaches no route.
+
+In this order: the Host header (DNS rebinding), the row of the table `access`, the Origin of what changes anything and
+of WebSockets, who asks, whether they may, the token against forged requests, the length of the body. Every answer,
+refusals too, carries the headers of `headers`. When a session ends, so do its WebSockets and its waiting requests.
+"""
+
+import asyncio
+import hmac
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from starlette.responses import Response
+from starlette.routing import BaseRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+from gateway.clock import Clock
+from gateway.errors import GatewayError
+from gateway.web.auth.access import RULES, Level, Rule, find
+from gateway.web.auth.audit_log import Told, What, shown
+from gateway.web.auth.bodies import whole_body
+from gateway.web.auth.caller import Visitor, with_visitor
+from gateway.web.auth.headers import cache_control, security_headers
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.origins import called_rightly, header, same_origin
+from gateway.web.auth.refusals import RefusalError, answer_to, to_login
+from gateway.web.auth.route_check import without_rule
+
+REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
+ENDED = 4401  # close code of a WebSocket whose session has ended
+FOREIGN = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or another origin of this one
+SECRET_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
+
+
+def protected(app: ASGIApp, routes: Sequence[BaseRoute], logins: Logins, clock: Clock) -> "Guard":
+    """`app` behind its guard. Raises GatewayError for a route that nobody has said anything about in `access`."""
+    if missing := without_rule(routes):
+        raise GatewayError(f"these routes have no row in gateway/web/auth/access.py: {', '.join(missing)}")
+    return Guard(app, logins, clock)
+
+
+class Guard:
+    """`counts`: refusals by code, since the start."""
+
+    def __init__(self, app: ASGIApp, logins: Logins, clock: Clock, rules: Sequence[Rule] = RULES) -> None:
+        self._app = app
+        self._logins = logins
+        self._clock = clock
+        self._rules = rules
+        self._config = logins.config
+        self._hosts = self._config.hosts
+        self._scheme = "https" if self._config.tls else "http"
+        self._headers = security_headers(self._config)
+        self._names = {name for name, _ in self._headers} | {b"server", b"cache-control"}
+        self._open: dict[str, set[asyncio.Timeout]] = {}  # by session: what ends with it
+        self.counts: Counter[str] = Counter()
+        logins.on_end = self._end
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        outgoing = _Outgoing(self, scope, send)
+        address = scope["client"][0] if scope.get("client") else "?"
+        visitor: Visitor | None = None
+        try:
+            authority = self._authority(scope)
+            rule = self._rule(scope)
+            self._from_our_page(scope, rule, authority)
+            visitor = await self._logins.visitor(scope["headers"], rule, address)
+            self._may(rule, visitor)
+            if rule.method == "POST":
+                self._not_forged(scope, visitor)
+            receive = await whole_body(scope, receive, rule, self._clock)
+        except RefusalError as refusal:
+            await self._refuse(scope, receive, outgoing, refusal, visitor, address)
+            return
+        await self._serve(scope, receive, outgoing, rule, visitor)
+
+    def dress(self, path: str, headers: Iterable[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
+        """An answer's headers with ours, which hold against the application's own."""
+        kept = [(name, value) for name, value in headers if name.lower() not in self._names]
+        return [*kept, *self._headers, (b"cache-control", cache_control(path))]
+
+    def _authority(self, scope: Scope) -> str:
+        try:
+            authority = header(scope["headers"], b"host")
+        except ValueError:
+            authority = None
+        if authority is None or not called_rightly(authority, self._hosts, self._scheme):
+            said = f"the pages are not called {shown(authority or '(nothing)')}; hmi.allowed_hosts names what they are"
+            raise RefusalError(400, "host", said, told=True)
+        return authority
+
+    def _rule(self, scope: Scope) -> Rule:
+        path: str = scope["path"]
+        web_socket = scope["type"] == "websocket"
+        method = "WS" if web_socket else scope["method"]
+        found = find(method, path, self._rules)
+        if found.rule is not None and (found.rule.method == "WS") == web_socket and not SECRET_PATH.search(path):
+            return found.rule
+        allow = ", ".join(sorted({method for method in found.methods if method != "WS"}))
+        if allow and not web_socket:
+            raise RefusalError(405, "method", "not this way", headers={"Allow": allow})
+        raise RefusalError(404, "unknown", "there is no such page")
+
+    def _from_our_page(self, scope: Scope, rule: Rule, authority: str) -> None:
+        headers = scope["headers"]
+        if rule.method != "GET":
+            try:
+                origin = header(headers, b"origin")
+            except ValueError:
+                origin = None
+            if not same_origin(origin, authority, self._scheme):
+                said = "only the gateway's own pages may ask for this (Origin)"
+                raise RefusalError(403, "origin", said, told=True)
+        elif not rule.page:
+            fetched = {name: value for name, value in headers if name in (b"sec-fetch-site", b"sec-fetch-dest")}
+            followed = fetched.get(b"sec-fetch-dest") == b"document"  # a link, which shows nothing to who set it
+            if fetched.get(b"sec-fetch-site") in FOREIGN and not followed:
+                raise RefusalError(403, "origin", "not for the pages of others", told=True)
+
+    def _may(self, rule: Rule, visitor: Visitor) -> None:
+        changes = rule.method == "POST" and rule.least > Level.OPEN
+        if not visitor.name and (
+            visitor.level < rule.least or (changes and visitor.level < Level.TECHNICIAN)
+        ):  # without a login one may look; who changes something is somebody
+            raise RefusalError(401, "login", f"needs a login as {rule.least.role}", headers=_challenge(rule))
+        if visitor.level < rule.least:
+            said = f"{visitor.name} is {visitor.level.role}; this needs {rule.least.role}"
+            raise RefusalError(403, "role", said, told=not rule.page)
+
+    def _not_forged(self, scope: Scope, visitor: Visitor) -> None:
+        try:
+            token = header(scope["headers"], b"x-csrf-token") or ""
+        except ValueError:
+            token = ""
+        if not hmac.compare_digest(token.encode(), visitor.csrf.encode()):
+            said = "the X-CSRF-Token is missing or is not that of this login; /api/session tells it"
+            raise RefusalError(403, "csrf", said, told=bool(token))
+
+    async def _refuse(
+        self,
+        scope: Scope,
+        receive: Receive,
+        outgoing: "_Outgoing",
+        refusal: RefusalError,
+        visitor: Visitor | None,
+        address: str,
+    ) -> None:
+        self.counts[refusal.code] += 1
+        if refusal.told:
+            who = visitor.name if visitor is not None else ""
+            what = f"{scope.get('method', 'WS')} {shown(scope['path'])}: {refusal}"
+            self._logins.told(Told(What.REFUSED, who, address, what))
+        response: Response | WebSocketClose = answer_to(scope, refusal)
+        if refusal.code in ("login", "role") and scope["type"] == "http":
+            rule = find(scope["method"], scope["path"], self._rules).rule
+            if rule is not None and rule.page:
+                response = to_login(scope, need=rule.least.role)
+        await response(scope, receive, outgoing)
+
+    async def _serve(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", rule: Rule, visitor: Visitor) -> None:
+        session = visitor.session
+        limits = [REQUEST_S] if scope["type"] == "http" else []
+        if session is not None:
+            limits.append(self._logins.left_s(session))
+
+        async def heard() -> Message:
+            message = await receive()
+            if session is not None and message["type"] == "websocket.receive":
+                self._logins.see(session)
+            return message
+
+        try:
+            async with self._clock.timeout(min(limits)) if limits else asyncio.timeout(None) as until:
+                with self._ending_with(visitor, until, rule):
+                    await self._app(with_visitor(scope, visitor), heard, outgoing)
+        except TimeoutError:
+            if not until.expired():
+                raise
+            await self._cut(scope, receive, outgoing, over=session is not None)
+        finally:  # whatever went wrong: it may have been done before that
+            changes = rule.method == "POST" and rule.least > Level.OPEN and not rule.tries
+            if changes and not 400 <= outgoing.status < 500:
+                what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
+                self._logins.told(Told(What.CHANGED, visitor.name, visitor.address, shown(what)))
+
+    async def _cut(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", *, over: bool) -> None:
+        self.counts["ended" if over else "slow"] += 1
+        if outgoing.begun:
+            if scope["type"] == "websocket" and not outgoing.closed:
+                await outgoing({"type": "websocket.close", "code": ENDED, "reason": "the login has ended"})
+            return
+        refusal = (
+            RefusalError(401, "login", "the login has ended")
+            if over
+            else RefusalError(503, "slow", f"not done within {REQUEST_S:g} s")
+        )
+        await answer_to(scope, refusal)(scope, receive, outgoing)
+
+    @contextmanager
+    def _ending_with(self, visitor: Visitor, until: asyncio.Timeout, rule: Rule) -> Iterator[None]:
+        if visitor.session is None or rule.method == "POST":  # what was allowed and has begun is not left half done
+            yield
+            return
+        key = visitor.session.key
+        mine = self._open.setdefault(key, set())
+        mine.add(until)
+        try:
+            yield
+        finally:
+            mine.discard(until)
+            if not mine:
+                self._open.pop(key, None)
+
+    def _end(self, key: str) -> None:
+        """The session of this key is over: so is everything that it has open for looking."""
+        now_s = asyncio.get_running_loop().time()
+        for until in self._open.pop(key, ()):
+            if not until.expired():
+                until.reschedule(now_s)
+
+
+class _Outgoing:
+    """`send` with our headers; remembers whether an answer has begun, and with which status."""
+
+    def __init__(self, guard: Guard, scope: Scope, send: Send) -> None:
+        self._guard = guard
+        self._path: str = scope["path"]
+        self._send = send
+        self.begun = False
+        self.closed = False
+        self.status = 500
+
+    async def __call__(self, message: MutableMapping[str, Any]) -> None:
+        if message["type"] in ("http.response.start", "websocket.http.response.start"):
+            self.begun, self.status = True, message["status"]
+            message = {**message, "headers": self._guard.dress(self._path, message.get("headers", ()))}
+        elif message["type"] in ("websocket.accept", "websocket.close"):
+            self.begun = True
+            self.closed = message["type"] == "websocket.close"
+        await self._send(message)
+
+
+def _challenge(rule: Rule) -> dict[str, str]:
+    """Programs are told how; a page's script must not make the browser ask for a password in its own window."""
+    return {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'} if rule.path == "/metrics" else {}

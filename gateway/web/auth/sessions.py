@@ -1,0 +1,100 @@
+"""Who is logged in. Ids are random and made here, never taken from a browser; nothing is kept on disk. Pure.
+
+A session ends after its lifetime, after its idle time, by logging out, or when the same user opens too many others.
+Kept are hashes of the ids: whoever reads this memory can't use what is in it.
+"""
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from hashlib import sha256
+
+from gateway.web.auth.access import Level
+
+MAX_SESSIONS = 256
+MAX_PER_USER = 8
+ID_BYTES = 32
+MAX_ID_LENGTH = 64  # characters of a cookie worth looking at
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """`key` names the session without opening it; `csrf` must come back in a header with all that changes anything."""
+
+    key: str
+    user: str
+    level: Level
+    csrf: str
+    opened_ns: int
+    seen_ns: int
+
+
+class Sessions:
+    """At most MAX_SESSIONS; `ended(key)` is called for each that ends, for whatever reason."""
+
+    def __init__(
+        self,
+        *,
+        lifetime_ns: int,
+        idle_ns: int,
+        ended: Callable[[str], None] = lambda _: None,
+        token: Callable[[int], str] = secrets.token_urlsafe,
+    ) -> None:
+        self._lifetime_ns = lifetime_ns
+        self._idle_ns = idle_ns
+        self._ended = ended
+        self._token = token
+        self._open: dict[str, Session] = {}
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def open(self, user: str, level: Level, now_ns: int) -> tuple[str, Session]:
+        """A new session and its id, which only the browser keeps."""
+        self.sweep(now_ns)
+        own = [session for session in self._open.values() if session.user == user]
+        if len(own) >= MAX_PER_USER:
+            self.close(min(own, key=lambda session: session.seen_ns).key)
+        if len(self._open) >= MAX_SESSIONS:
+            self.close(min(self._open.values(), key=lambda session: session.seen_ns).key)
+        identity = self._token(ID_BYTES)
+        session = Session(_key(identity), user, level, self._token(ID_BYTES), now_ns, now_ns)
+        self._open[session.key] = session
+        return identity, session
+
+    def find(self, identity: str, now_ns: int) -> Session | None:
+        """The session of this id, if it goes on; it counts as seen."""
+        return self.see(_key(identity), now_ns) if 0 < len(identity) <= MAX_ID_LENGTH else None
+
+    def see(self, key: str, now_ns: int) -> Session | None:
+        """The same by its key: an open page is no idle one."""
+        session = self._open.get(key)
+        if session is None:
+            return None
+        if self._over(session, now_ns):
+            self.close(key)
+            return None
+        session = replace(session, seen_ns=max(now_ns, session.seen_ns))
+        self._open[key] = session
+        return session
+
+    def left_ns(self, session: Session, now_ns: int) -> int:
+        """Until its lifetime is over, whatever happens."""
+        return max(0, session.opened_ns + self._lifetime_ns - now_ns)
+
+    def close(self, key: str) -> None:
+        """Ends it; one that there is not is no fault."""
+        if self._open.pop(key, None) is not None:
+            self._ended(key)
+
+    def sweep(self, now_ns: int) -> None:
+        """Ends all that are over, seen again or not."""
+        for key in [key for key, session in self._open.items() if self._over(session, now_ns)]:
+            self.close(key)
+
+    def _over(self, session: Session, now_ns: int) -> bool:
+        return now_ns - session.opened_ns >= self._lifetime_ns or now_ns - session.seen_ns >= self._idle_ns
+
+
+def _key(identity: str) -> str:
+    return sha256(identity.encode("utf-8", "surrogatepass")).hexdigest()

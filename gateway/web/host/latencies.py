@@ -1,0 +1,61 @@
+"""How long frames took, as histograms: one for each bay and stage, and one for capture to result. Pure."""
+
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gateway.core.model import FRESH_FRAME, VisionReading
+
+NS_PER_S = 1_000_000_000
+BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+_BOUNDS_NS = tuple(round(bound_s * NS_PER_S) for bound_s in BOUNDS_S)
+MOST_STAGES = 32  # of one bay; a method has a dozen
+WHOLE = ""  # the name under which capture to result stands
+
+
+@dataclass(frozen=True, slots=True)
+class Histogram:
+    """`counts[n]`: frames up to BOUNDS_S[n] and beyond the bound before; the last one: beyond all of them."""
+
+    bay: str
+    stage: str  # WHOLE: from capture to result
+    counts: tuple[int, ...]
+    sum_s: float
+
+
+class Latencies:
+    """`note` costs a few microseconds a frame and never raises."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, dict[str, list[int]]] = {}  # bay -> stage -> counts, then the sum in ns
+
+    def noting(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
+        """`emit` that notes what passes, afterwards: the decision does not wait for it."""
+        rows = self._rows.setdefault(bay, {})
+
+        def both(reading: VisionReading) -> None:
+            emit(reading)
+            if reading.stage_ns and reading.quality in FRESH_FRAME:
+                _note(rows, WHOLE, round(reading.stats.latency_ms * 1e6))
+                for stage, took_ns in reading.stage_ns:
+                    _note(rows, stage, took_ns)
+
+        return both
+
+    def histograms(self) -> tuple[Histogram, ...]:
+        """As it stands now, since the start."""
+        return tuple(
+            Histogram(bay, stage, tuple(row[:-1]), row[-1] / NS_PER_S)
+            for bay, rows in self._rows.items()
+            for stage, row in rows.items()
+        )
+
+
+def _note(rows: dict[str, list[int]], stage: str, took_ns: int) -> None:
+    row = rows.get(stage)
+    if row is None:
+        if len(rows) >= MOST_STAGES:
+            return
+        row = rows[stage] = [0] * (len(_BOUNDS_NS) + 2)
+    row[bisect_left(_BOUNDS_NS, took_ns)] += 1
+    row[-1] += took_ns

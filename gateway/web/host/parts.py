@@ -1,0 +1,90 @@
+"""How the gateway's parts do, gathered in the main process for the pages and for the alarms. Never waits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from gateway.alarms.monitor import Watch
+from gateway.alarms.table import Signs
+from gateway.bay_file import BayFiles
+from gateway.config import GatewayConfig
+from gateway.config.strict.placed_error import without_password
+from gateway.core.model import VisionReading
+from gateway.hub import Hub
+from gateway.modbus.server.traffic import ServerNow
+from gateway.sinks.mqtt.publisher import MqttPublisher
+from gateway.sinks.sparkplug.publisher import SparkplugPublisher
+from gateway.supervisor import TaskRecord
+from gateway.web.host.latencies import Latencies
+from gateway.web.ipc.messages import LinksNow, TaskNow
+
+PLC_QUIET_S = 5.0  # ten times the slowest poll that is any use; the alarm's own on-delay comes on top
+MOST_ALARMS = 100  # told of; the rest is counted
+MAX_ERROR = 120
+
+
+@dataclass(slots=True)
+class Parts:
+    """`modbus` and `tasks` are set once there are any. `boot`: a random number of this start, in the events' ids."""
+
+    config: GatewayConfig
+    hub: Hub
+    boot: str = ""
+    publisher: MqttPublisher | None = None
+    sparkplug: SparkplugPublisher | None = None
+    latencies: Latencies = field(default_factory=Latencies)
+    bay_files: BayFiles | None = None
+    modbus: Callable[[], tuple[ServerNow, ...]] = tuple
+    tasks: dict[str, TaskRecord] = field(default_factory=dict)
+
+    def noting(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
+        """`emit`, and a note of how long the frame took, if there is anybody to tell."""
+        return self.latencies.noting(bay, emit) if self.config.hmi.enabled else emit
+
+    def links(self, watch: Watch) -> LinksNow:
+        """For the pages, about once a second."""
+        mqtt = self.config.mqtt
+        return LinksNow(
+            tasks=tuple(
+                TaskNow(name, row.running, row.starts, row.link_errors, row.crashes, row.last_error[:MAX_ERROR])
+                for name, row in self.tasks.items()
+            ),
+            broker=None if mqtt is None else without_password(mqtt.url),
+            delivery=None if self.publisher is None else self.publisher.stats,
+            broker_connected=self.publisher is not None and self.publisher.connected,
+            sparkplug=None if self.sparkplug is None else self.sparkplug.now,
+            modbus=self.modbus(),
+            events_dropped=self.hub.dropped,
+            alarms=watch.standing(MOST_ALARMS),
+            changes=watch.changes(),
+            latencies=self.latencies.histograms(),
+        )
+
+    def signs(self) -> Signs:
+        """For the alarms, about once a second."""
+        delivery = None if self.publisher is None else self.publisher.stats
+        store = None if delivery is None else delivery.store
+        session = None if self.sparkplug is None else self.sparkplug.now
+        crashed = {name: row for name, row in self.tasks.items() if row.crashes}
+        return Signs(
+            broker_connected=None if self.publisher is None else self.publisher.connected,
+            sparkplug_connected=None if session is None else session.connected and session.born,
+            plc_reads=self._plc_reads(),
+            store_fault="" if store is None or store.ok else store.detail or "cannot be written",
+            events_lost=self.hub.dropped
+            + (0 if delivery is None else delivery.dropped)
+            + (0 if session is None else session.history_dropped),
+            crashes=sum(row.crashes for row in crashed.values()),
+            crashed=", ".join(f"{name}: {row.last_error}" for name, row in self.tasks.items() if row.crashes)[
+                :MAX_ERROR
+            ],
+            bay_file_fault="" if self.bay_files is None else self.bay_files.fault,
+            bay_file_damaged=""
+            if self.bay_files is None
+            else ", ".join(f"{bay}: {why}" for bay, why in self.bay_files.damaged.items())[:MAX_ERROR],
+        )
+
+    def _plc_reads(self) -> bool | None:
+        if not self.config.modbus.plc_addresses:
+            return None
+        quiet = [server.plc_quiet_s for server in self.modbus()]
+        return any(quiet_s is not None and quiet_s < PLC_QUIET_S for quiet_s in quiet)

@@ -1,0 +1,214 @@
+"""What the main process and the web process say to each other. Pure.
+
+The web process pulls: it asks for the newest, and gets one answer. So nothing ever piles up, and a page that is slow,
+stalled or hostile costs the main process nothing. Orders are the few things that a signed-in person may ask for.
+"""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated
+
+from msgspec import Meta
+
+from gateway.alarms.records import Change, Deed, Standing
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig, VisionConfig
+from gateway.core.model import Event, FunctionCheck, StateVector
+from gateway.core.plc import Writer
+from gateway.modbus.server.traffic import ServerNow
+from gateway.processes.codec import Codec, Message
+from gateway.processes.notices import Failed
+from gateway.sinks.mqtt.messages import DeliveryPayload
+from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.vision.transport.ring import RingSpec
+from gateway.web.host.latencies import Histogram
+
+MAX_STATES = 6  # in one answer, which must fit into one message of the link
+MAX_EVENTS = 4
+
+
+class About(Message, frozen=True):
+    """The web process's job: what it is told at its start and what never changes."""
+
+    config: GatewayConfig  # without the broker's password
+    clock: SystemClock
+    rings: dict[str, RingSpec]  # of frames, by bay; none of them can be written by the web process
+    sockets: tuple[int, ...] = ()  # listening, inherited
+    source: str = ""  # name of the configuration's file, to be shown; empty: none of the operator's own
+    boot: str = ""  # random number of this start of the gateway
+
+
+# From the web process.
+
+
+class Ask(Message, frozen=True):
+    """The newest of these bays (at most MAX_STATES), and the events after number `after` (at most MAX_EVENTS)."""
+
+    number: int
+    bays: Annotated[tuple[str, ...], Meta(max_length=MAX_STATES)]
+    after: int = 0
+    links: bool = True  # are the links wanted, too?
+
+
+class Check(Message, frozen=True):
+    """Begin or end a function check."""
+
+    bay: str
+    mode: FunctionCheck
+
+
+class Apply(Message, frozen=True):
+    """Let these settings go live; only while a function check is on.
+
+    `over`: what whoever asks takes to be in force; refused where it is not. None: whatever is.
+    """
+
+    bay: str
+    vision: VisionConfig
+    over: VisionConfig | None = None
+
+
+class Order(Message, frozen=True):
+    """Something that a person wants done. `who` has been checked; the main process tells it as an event."""
+
+    number: int
+    who: Writer
+    what: Check | Apply | Deed
+
+
+class ReadFile(Message, frozen=True):
+    """What does the configuration's file say for this bay?"""
+
+    bay: str
+
+
+class PlanFile(Message, frozen=True):
+    """What would saving these settings change in the file?"""
+
+    bay: str
+    vision: VisionConfig
+
+
+class SaveFile(Message, frozen=True):
+    """Save them, if the file is still the one of this digest."""
+
+    bay: str
+    vision: VisionConfig
+    digest: str
+
+
+class FileOrder(Message, frozen=True):
+    """About the configuration's file, which only the main process reads and writes. `who` as in `Order`."""
+
+    number: int
+    who: Writer
+    what: ReadFile | PlanFile | SaveFile
+
+
+# To the web process.
+
+
+@dataclass(frozen=True, slots=True)
+class BayNow:
+    """One bay as of the answer. `image`: the holding registers as a PLC would read them now, 16 bit words."""
+
+    state: StateVector
+    image: tuple[int, ...]
+    vision: VisionConfig  # the settings in force
+
+
+@dataclass(frozen=True, slots=True)
+class TaskNow:
+    """A row of the supervisor's table."""
+
+    name: str
+    running: bool
+    starts: int
+    link_errors: int
+    crashes: int
+    last_error: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinksNow:
+    """How the gateway's parts and its links to others do."""
+
+    tasks: tuple[TaskNow, ...] = ()
+    broker: str | None = None  # its address without a password; None: there is none
+    delivery: DeliveryPayload | None = None
+    broker_connected: bool = False
+    sparkplug: SparkplugNow | None = None  # None: not configured
+    modbus: tuple[ServerNow, ...] = ()
+    events_dropped: int = 0  # by queues of the main process
+    alarms: Standing = field(default_factory=Standing)
+    changes: tuple[Change, ...] = ()  # of alarms, the newest few
+    latencies: tuple[Histogram, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """An event with its place in the row of all since the gateway's start; a gap: some were dropped."""
+
+    number: int
+    event: Event
+
+
+class Answer(Message, frozen=True):
+    """To an `Ask`. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
+
+    number: int
+    now_ns: int
+    wall_ns: int
+    bays: tuple[BayNow, ...]
+    links: LinksNow | None = None  # None: not asked for
+    events: tuple[Numbered, ...] = ()
+    newest_event: int = 0
+
+
+class InFile(Message, frozen=True):
+    """To `ReadFile`. `why_not`: why saving would fail, in words; empty: nothing known speaks against it."""
+
+    vision: VisionConfig
+    why_not: str
+
+
+class Planned(Message, frozen=True):
+    """To `PlanFile`. `diff` is for people, without passwords. `why_not` as above: it is then what to do by hand."""
+
+    diff: str
+    changes: tuple[str, ...]  # keys
+    digest: str  # of the file as it was read
+    why_not: str
+
+
+class Saved(Message, frozen=True):
+    """To `SaveFile`. The file as it was stands in `backup`."""
+
+    changes: tuple[str, ...]
+    backup: str
+
+
+class FileError(StrEnum):
+    """What kind of thing is wrong with a `FileOrder`."""
+
+    NONE = "none"
+    WRONG = "wrong"  # the file, or what is wanted of it
+    CHANGED = "changed"  # by somebody else, since it was shown
+
+
+class Done(Message, frozen=True):
+    """To an `Order` or a `FileOrder`. `why` tells what is wrong with it; empty: it was carried out."""
+
+    number: int
+    why: str = ""
+    error: FileError = FileError.NONE
+    result: InFile | Planned | Saved | None = None
+
+
+FromHmi = Ask | Order | FileOrder
+ToHmi = About | Answer | Done
+
+FROM_WEB = Codec(FromHmi | Failed)
+"""Whoever gets hold of the web process, which talks to strangers' browsers, gets no further than these few records.
+Whether what is in them makes sense is for `feed` to see."""
+TO_WEB = Codec(ToHmi, compressed=True)

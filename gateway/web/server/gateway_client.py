@@ -1,0 +1,323 @@
+"""The web process's end of the link: pulls the newest from the main process, for everybody who looks. IO.
+
+At most ten times a second while somebody watches, once a second otherwise. What is pulled once serves all viewers.
+"""
+
+import asyncio
+import contextlib
+import itertools
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from gateway.alarms.records import Deed
+from gateway.clock import NS_PER_S, Clock
+from gateway.config import VisionConfig
+from gateway.core.plc import Writer
+from gateway.core.shown import shown
+from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.modbus.registers import register_map as registers
+from gateway.processes.channel import Link
+from gateway.processes.notices import Failed
+from gateway.vision.transport.ring import Ring, Snapshot
+from gateway.web.host.config_file import ChangedOnDiskError
+from gateway.web.ipc.messages import (
+    MAX_STATES,
+    About,
+    Answer,
+    Apply,
+    Ask,
+    BayNow,
+    Check,
+    Done,
+    FileError,
+    FileOrder,
+    FromHmi,
+    InFile,
+    LinksNow,
+    Numbered,
+    Order,
+    PlanFile,
+    Planned,
+    ReadFile,
+    Saved,
+    SaveFile,
+    ToHmi,
+)
+
+WATCHED_S = 0.1
+IDLE_S = 1.0
+ANSWER_S = 5.0  # the main process answers within milliseconds; after this it is taken for hung
+ORDER_S = 5.0
+YOUNG_S = 1.5  # what a program asks for is at most so old, where the main process answers
+FRESH_WAIT_S = 3.0
+KEPT_EVENTS = 1000
+URGENT_SHARE = MAX_STATES - 2  # of one answer; the rest goes round among all bays
+
+
+class RefusedError(GatewayError):
+    """The main process did not carry out an order; the text says why."""
+
+
+_RAISED = {FileError.NONE: RefusedError, FileError.WRONG: ConfigError, FileError.CHANGED: ChangedOnDiskError}
+Result = TypeVar("Result", InFile, Planned, Saved)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What is known of one bay. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
+
+    number: int  # of the answer that brought it
+    now: BayNow
+    now_ns: int
+    wall_ns: int
+
+
+class Desk:
+    """Newest answers, events and orders. One event loop, no locks. `pace` is real time, `clock` the gateway's."""
+
+    def __init__(self, about: About, link: Link[FromHmi, ToHmi], pace: Clock, clock: Clock | None = None) -> None:
+        self.about = about
+        self.clock: Clock = clock or about.clock
+        self.events: deque[Numbered] = deque(maxlen=KEPT_EVENTS)
+        self.newest_event = 0
+        self.events_missed = 0
+        self.links = LinksNow()
+        self.links_ns: int | None = None  # the gateway's clock when it told them
+        self.answered_ns = 0  # the gateway's clock at the newest answer
+        self.answers = 0
+        self._link = link
+        self._pace = pace
+        self._links_ns = 0
+        self._names = tuple(bay.name for bay in about.config.bays)
+        self._seen: dict[str, Seen] = {}
+        self._changed = asyncio.Event()
+        self._watched: Counter[str] = Counter()
+        self._wanted = asyncio.Event()  # somebody began to watch
+        self._heard = asyncio.Event()
+        self._urgent: Counter[str] = Counter()
+        self._turn = 0
+        self._orders: dict[int, asyncio.Future[Done]] = {}
+        self._ordered = 0
+        self._rings = {bay: Ring(spec, writable=False) for bay, spec in about.rings.items()}
+
+    @property
+    def bays(self) -> tuple[str, ...]:
+        return self._names
+
+    @property
+    def watchers(self) -> int:
+        return self._watched.total()
+
+    def seen(self, bay: str) -> Seen | None:
+        """The newest that is known; without values, if the main process has not vouched for it for YOUNG_S.
+
+        None: nothing yet. Raises KeyError for no such bay.
+        """
+        if bay not in self._names:
+            raise KeyError(bay)
+        seen = self._seen.get(bay)
+        if seen is None:
+            return None
+        state = shown(seen.now.state, self.clock.now_ns() - int(YOUNG_S * NS_PER_S))
+        if state is seen.now.state:
+            return seen
+        state = replace(state, t_ns=seen.now.state.t_ns)  # as old as it is
+        image = registers.encode(state, seen.wall_ns, self.about.config.modbus.word_order)
+        return replace(seen, now=replace(seen.now, state=state, image=image))
+
+    @contextmanager
+    def watching(self, *bays: str, urgent: bool = True) -> Iterator[None]:
+        """While inside, these bays are pulled at the quick pace; if not `urgent` (an overview), in turns."""
+        counted = (self._watched, self._urgent) if urgent else (self._watched,)
+        for counter in counted:
+            counter.update(bays)
+        self._wanted.set()
+        try:
+            yield
+        finally:
+            for counter in counted:
+                counter.subtract(bays)
+
+    async def newer(self, bay: str, number: int, seconds: float) -> Seen | None:
+        """The newest of `bay` from an answer after `number`; waits at most so long. None: none came."""
+        try:
+            async with asyncio.timeout(seconds):
+                while (seen := self.seen(bay)) is None or seen.number <= number:
+                    await self._changed.wait()
+                return seen
+        except TimeoutError:
+            return None
+
+    async def next(self, number: int, seconds: float) -> int:
+        """The number of the newest answer, if possible one after `number`; waits at most so long for it."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                while self.answers <= number:
+                    await self._changed.wait()
+        return self.answers
+
+    def snapshot(self, bay: str, seq: int | None = None) -> Snapshot | None:
+        """A copy of frame `seq` of a bay's camera, or of its newest."""
+        return self._rings[bay].snapshot(seq)
+
+    async def order(self, what: Check | Apply | Deed, who: Writer) -> None:
+        """Have it done. Raises RefusedError with the reason, LinkError when the main process does not answer."""
+        await self._have_done(Order(self._next_order(), who, what))
+        if isinstance(what, Deed):
+            await self.links_anew()
+
+    async def in_file(self, bay: str, who: Writer) -> InFile:
+        """What the configuration's file says. Raises ConfigError, and as `order` does."""
+        return await self._of_file(ReadFile(bay), InFile, who)
+
+    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> Planned:
+        """What saving would change. Raises ConfigError, and as `order` does."""
+        return await self._of_file(PlanFile(bay, vision), Planned, who)
+
+    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> Saved:
+        """Have written what `plan` has shown. Raises ChangedOnDiskError, ConfigError, and as `order` does."""
+        return await self._of_file(SaveFile(bay, vision, digest), Saved, who)
+
+    async def _of_file(self, what: ReadFile | PlanFile | SaveFile, kind: type[Result], who: Writer) -> Result:
+        done = await self._have_done(FileOrder(self._next_order(), who, what))
+        if not isinstance(done.result, kind):
+            raise LinkError("the gateway has answered something else")
+        return done.result
+
+    def _next_order(self) -> int:
+        self._ordered += 1
+        return self._ordered
+
+    async def _have_done(self, order: Order | FileOrder) -> Done:
+        future: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
+        self._orders[order.number] = future
+        try:
+            if not self._link.offer(order):
+                raise LinkError("the gateway does not take orders")
+            async with asyncio.timeout(ORDER_S):
+                done = await future
+        except TimeoutError:
+            raise LinkError(f"the gateway has not answered within {ORDER_S:g} s") from None
+        finally:
+            del self._orders[order.number]
+        if done.why:
+            raise _RAISED[done.error](done.why)
+        return done
+
+    async def links_anew(self) -> None:
+        """Ask for links and alarms now, and wait for them for a while: who has just changed one wants to see it."""
+        told_ns, self._links_ns = self.links_ns, 0
+        self._wanted.set()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(IDLE_S):
+                while self.links_ns == told_ns:
+                    await self._changed.wait()
+
+    async def fresh(self, *bays: str) -> None:
+        """Wait for a while until what is known of these bays is young. Of many, each is pulled in its turn."""
+        with contextlib.suppress(TimeoutError), self.watching(*bays, urgent=False):
+            async with asyncio.timeout(FRESH_WAIT_S):
+                while not all(self._young(bay) for bay in bays):
+                    await self._changed.wait()
+
+    def _young(self, bay: str) -> bool:
+        seen = self._seen.get(bay)
+        return seen is not None and self.clock.now_ns() - seen.now_ns <= YOUNG_S * NS_PER_S
+
+    async def keep(self) -> None:
+        """Pull for ever. Raises LinkError when the main process is gone or answers no more."""
+        loop = asyncio.get_running_loop()
+        self._link.sock.setblocking(False)
+        loop.add_reader(self._link.sock, self._receive)
+        try:
+            for number in itertools.count(1):
+                await self._pull(number)
+                self._wanted.clear()
+                pace_s = self._pace_s()
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(pace_s):  # whoever begins to watch is served at once
+                        await (self._wanted.wait() if pace_s == IDLE_S else asyncio.Event().wait())
+        finally:
+            loop.remove_reader(self._link.sock)
+
+    @property
+    def _last_event(self) -> int:
+        return self.events[-1].number if self.events else 0
+
+    async def _pull(self, number: int) -> None:
+        self._heard.clear()
+        if not self._link.offer(Ask(number, self._due(), self._last_event, self._links_due())):
+            raise LinkError("the gateway is gone")
+        try:
+            async with asyncio.timeout(ANSWER_S):
+                while self.answers < number:
+                    await self._heard.wait()
+                    self._heard.clear()
+        except TimeoutError:
+            raise LinkError(f"the gateway has not answered within {ANSWER_S:g} s") from None
+
+    def _links_due(self) -> bool:
+        """About once a second is enough for how the parts do."""
+        now_ns = self._pace.now_ns()
+        if now_ns < self._links_ns:
+            return False
+        self._links_ns = now_ns + round(IDLE_S * NS_PER_S * 0.9)
+        return True
+
+    def _pace_s(self) -> float:
+        if self.newest_event > self._last_event and self.answers < KEPT_EVENTS:
+            return 0.0  # a process that has just begun catches up with the list of events
+        if not self.watchers:
+            return IDLE_S
+        return WATCHED_S / max(1, -(-len(self._hurried()) // URGENT_SHARE))
+
+    def _hurried(self) -> list[str]:
+        return [bay for bay in self._names if self._urgent[bay] > 0]
+
+    def _due(self) -> tuple[str, ...]:
+        """Who is asked for now: those that somebody needs at once, and a share of all, so that each has its turn."""
+        self._turn += 1
+        hurried = _share(self._hurried(), self._turn, URGENT_SHARE)
+        others = _share(self._names, self._turn, MAX_STATES - len(hurried))
+        return tuple(dict.fromkeys([*hurried, *others]))
+
+    def _receive(self) -> None:
+        for message in self._link.received():
+            match message:
+                case Answer():
+                    self._take(message)
+                case Failed(why):
+                    raise SystemExit(why)
+                case Done(number=number) if (waiting := self._orders.get(number)) and not waiting.done():
+                    waiting.set_result(message)
+        if self._link.ended:
+            raise SystemExit(0)  # the main process is gone, and the pages with it
+
+    def _take(self, answer: Answer) -> None:
+        for now in answer.bays:
+            self._seen[now.state.bay] = Seen(answer.number, now, answer.now_ns, answer.wall_ns)
+        for row in answer.events:
+            if row.number > self._last_event:
+                if self.events:
+                    self.events_missed += row.number - self._last_event - 1
+                self.events.append(row)
+        if answer.links is not None:
+            self.links = answer.links
+            self.links_ns = answer.now_ns
+        self.newest_event = answer.newest_event
+        self.answered_ns = answer.now_ns
+        self.answers = answer.number
+        self._heard.set()
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+
+def _share(names: Sequence[str], turn: int, size: int) -> Sequence[str]:
+    """So many of the names, others with every turn, each as often as the next."""
+    if len(names) <= size:
+        return names
+    begin = turn * size % len(names)
+    return [*names[begin:], *names[:begin]][:size]

@@ -1,0 +1,97 @@
+"""Does the gateway work, as a watchdog should see it? Made from what the desk knows; asks nobody.
+
+`failing` means that restarting the gateway may help: a bay's control task does not tick, nobody serves registers, or
+the main process does not answer. Everything else that is broken is `degraded`: the gateway does what it is there for,
+it says stop and why. A watchdog that restarts it because a camera is unplugged would only add an outage to the fault.
+
+Anybody may ask, without a login: no address, no path and no detail stands in an answer.
+"""
+
+from collections.abc import Iterator
+
+from gateway.clock import NS_PER_S
+from gateway.core.model import DEAD, QUALITY_MEANING, Reason, StateVector
+from gateway.core.ne107 import NE107_MEANING, Ne107, active
+from gateway.web.ipc.messages import LinksNow
+from gateway.web.server.gateway_client import Desk, Seen
+from gateway.web.server.models import HealthReason, HealthStatus, HealthView
+
+SILENT_S = 3.0  # the main process answers once a second at least
+FRESH_S = 3.0  # a bay's state, as told by the main process; of many bays each has its turn
+_RANK: dict[HealthStatus, int] = {"ok": 0, "degraded": 1, "failing": 2}
+
+
+def health(desk: Desk, *, verbose: bool = False) -> HealthView:
+    """The verdict now."""
+    parts = [*_main(desk)]
+    for bay in desk.bays:
+        parts += _bay(desk, bay, desk.seen(bay))
+    parts += _links(desk.links)
+    reasons = sorted((part for part in parts if part.status != "ok"), key=lambda part: -_RANK[part.status])
+    worst = max((part.status for part in parts), key=lambda status: _RANK[status], default="failing")
+    return HealthView(status=worst, reasons=tuple(reasons), parts=tuple(parts) if verbose else None)
+
+
+def status_code(view: HealthView) -> int:
+    """Of the answer."""
+    return 503 if view.status == "failing" else 200
+
+
+def _reason(part: str, status: HealthStatus, text: str) -> HealthReason:
+    return HealthReason(part=part, status=status, text=text)
+
+
+def _main(desk: Desk) -> Iterator[HealthReason]:
+    if desk.answers == 0:
+        yield _reason("main", "failing", "the main process has not answered yet")
+    elif desk.clock.now_ns() - desk.answered_ns > SILENT_S * NS_PER_S:
+        yield _reason("main", "failing", f"the main process has not answered for {SILENT_S:g} s")
+    else:
+        yield _reason("main", "ok", "the main process answers")
+
+
+def _bay(desk: Desk, bay: str, seen: Seen | None) -> Iterator[HealthReason]:
+    if seen is None:
+        yield _reason(f"{bay}.control", "failing", "nothing is known of this bay yet")
+        return
+    state = seen.now.state
+    if desk.clock.now_ns() - seen.now_ns > FRESH_S * NS_PER_S:
+        yield _reason(f"{bay}.control", "failing", "nothing new is known of this bay")
+    elif state.reason is Reason.GATEWAY_FAULT:
+        yield _reason(f"{bay}.control", "failing", "the control task does not tick; the registers say stop")
+        return
+    else:
+        yield _reason(f"{bay}.control", "ok", "the control task ticks")
+    yield from _parts_of_a_bay(bay, state)
+
+
+def _parts_of_a_bay(bay: str, state: StateVector) -> Iterator[HealthReason]:
+    for sensor, quality in (("vision", state.vision.quality), ("range", state.range.quality)):
+        yield _reason(f"{bay}.{sensor}", "degraded" if quality in DEAD else "ok", QUALITY_MEANING[quality])
+    if state.memory.disagree:
+        yield _reason(f"{bay}.cross_check", "degraded", "camera and ranger contradict each other")
+    if state.plc.missed:
+        yield _reason(f"{bay}.plc", "degraded", "the PLC's heartbeat is required and does not come")
+    if Ne107.MAINTENANCE_REQUIRED in active(state):
+        yield _reason(f"{bay}.maintenance", "degraded", NE107_MEANING[Ne107.MAINTENANCE_REQUIRED])
+
+
+def _links(links: LinksNow) -> Iterator[HealthReason]:
+    if not links.modbus:
+        yield _reason("modbus", "failing", "no Modbus server listens")
+    for server in links.modbus:
+        name = "modbus_tls" if server.tls else "modbus"
+        yield _reason(name, "ok", f"{server.open} connected")
+    if links.delivery is not None:
+        connected, store = links.broker_connected, links.delivery.store
+        yield _reason("mqtt", "ok" if connected else "degraded", "connected" if connected else "no connection")
+        if store is not None:
+            yield _reason("event_store", "ok" if store.ok else "degraded", "ok" if store.ok else "cannot be written")
+    if links.sparkplug is not None:
+        born = links.sparkplug.connected and links.sparkplug.born
+        yield _reason("sparkplug", "ok" if born else "degraded", "session open" if born else "no session")
+    for task in links.tasks:
+        # One that has done all it had to do has no error.
+        broken = not task.running and bool(task.last_error)
+        verdict: HealthStatus = "ok" if not broken else "failing" if task.name.endswith(".control") else "degraded"
+        yield _reason(f"task {task.name}", verdict, "is being started again" if broken else "in order")

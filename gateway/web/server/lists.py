@@ -1,0 +1,259 @@
+"""Alarms, links, events and registers, made from what the desk knows. Asks nobody."""
+
+from collections import Counter
+from collections.abc import Iterable
+
+from gateway.alarms.records import Alarm, Change
+from gateway.alarms.states import AlarmState
+from gateway.alarms.table import KINDS
+from gateway.clock import NS_PER_MS
+from gateway.config import BayConfig
+from gateway.errors import ProtocolError
+from gateway.modbus.registers.register_map import REGISTERS, decode
+from gateway.modbus.registers.row import Register
+from gateway.modbus.server.traffic import ServerNow
+from gateway.sinks.mqtt import payloads
+from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.web.ipc.messages import LinksNow
+from gateway.web.server.gateway_client import Desk
+from gateway.web.server.models import (
+    PRIORITY_NAME,
+    AlarmChangeView,
+    AlarmSummary,
+    AlarmsView,
+    AlarmView,
+    BitView,
+    EventsView,
+    EventView,
+    LinksView,
+    ModbusView,
+    MqttView,
+    PeerView,
+    RegistersView,
+    RegisterView,
+    SparkplugView,
+    TaskView,
+)
+
+HIDDEN = frozenset({AlarmState.NORMAL, AlarmState.SHELVED, AlarmState.SUPPRESSED, AlarmState.OUT_OF_SERVICE})
+MS_PER_S = 1000
+
+
+def unix_ms(desk: Desk, t_ns: int) -> int:
+    """Unix time of a time of the gateway's clock."""
+    return max(0, t_ns + desk.clock.wall_ns() - desk.clock.now_ns()) // NS_PER_MS
+
+
+# Alarms.
+
+
+def alarm_view(desk: Desk, alarm: Alarm) -> AlarmView:
+    kind = KINDS[alarm.kind]
+    until_ns, raised_ns = alarm.shelved_until_ns, alarm.raised_ns
+    return AlarmView(
+        id=alarm.id,
+        kind=alarm.kind,
+        bay=alarm.bay,
+        title=kind.title,
+        priority=PRIORITY_NAME[kind.priority],
+        state=alarm.state,
+        active=alarm.active,
+        since_ms=unix_ms(desk, alarm.since_ns),
+        raised_ms=None if raised_ns is None else unix_ms(desk, raised_ns),
+        occurrences=alarm.occurrences,
+        detail=alarm.detail,
+        who=alarm.who,
+        note=alarm.note,
+        shelved_until_ms=None if until_ns is None else unix_ms(desk, until_ns),
+        meaning=kind.meaning,
+        consequence=kind.consequence,
+        causes=kind.causes,
+        action=kind.action,
+        respond_min=kind.respond_min,
+    )
+
+
+def alarm_summary(desk: Desk) -> AlarmSummary:
+    standing = desk.links.alarms
+    count = Counter(dict(standing.counts))
+    shown = [alarm for alarm in standing.alarms if alarm.state not in HIDDEN]
+    return AlarmSummary(
+        unacknowledged=count[AlarmState.UNACKNOWLEDGED]
+        + count[AlarmState.RETURNED]
+        + count[AlarmState.LATCHED_UNACKNOWLEDGED],
+        active=count[AlarmState.UNACKNOWLEDGED] + count[AlarmState.ACKNOWLEDGED],
+        latched=count[AlarmState.LATCHED_UNACKNOWLEDGED] + count[AlarmState.LATCHED_ACKNOWLEDGED],
+        shelved=count[AlarmState.SHELVED],
+        suppressed=count[AlarmState.SUPPRESSED],
+        out_of_service=count[AlarmState.OUT_OF_SERVICE],
+        by_bay=dict(Counter(alarm.bay for alarm in shown if alarm.bay is not None)),
+        first=alarm_view(desk, shown[0]) if shown else None,
+        newest_change=standing.newest_change,
+    )
+
+
+def alarms_view(desk: Desk) -> AlarmsView:
+    standing = desk.links.alarms
+    return AlarmsView(
+        server_time_ms=max(0, desk.clock.wall_ns()) // NS_PER_MS,
+        summary=alarm_summary(desk),
+        alarms=tuple(alarm_view(desk, alarm) for alarm in standing.alarms),
+        omitted=standing.omitted,
+        changes=tuple(_change_view(desk, change) for change in desk.links.changes),
+    )
+
+
+def _change_view(desk: Desk, change: Change) -> AlarmChangeView:
+    return AlarmChangeView(
+        number=change.number,
+        time_ms=unix_ms(desk, change.t_ns),
+        id=change.id,
+        title=KINDS[change.kind].title,
+        bay=change.bay,
+        cue=change.cue,
+        before=change.before,
+        after=change.after,
+        detail=change.detail,
+        who=change.who,
+        note=change.note,
+    )
+
+
+# Links.
+
+
+def links_view(desk: Desk) -> LinksView:
+    links = desk.links
+    known_ns = desk.links_ns
+    return LinksView(
+        age_ms=None if known_ns is None else round(max(0, desk.clock.now_ns() - known_ns) / NS_PER_MS, 1),
+        modbus=tuple(_modbus_view(server) for server in links.modbus),
+        mqtt=_mqtt_view(links),
+        sparkplug=None if links.sparkplug is None else _sparkplug_view(links.sparkplug),
+        tasks=tuple(
+            TaskView(
+                name=task.name,
+                running=task.running,
+                starts=task.starts,
+                link_errors=task.link_errors,
+                crashes=task.crashes,
+                last_error=task.last_error,
+            )
+            for task in links.tasks
+            if not task.running or task.starts > 1
+        ),
+        events_dropped=links.events_dropped,
+    )
+
+
+def _modbus_view(server: ServerNow) -> ModbusView:
+    return ModbusView(
+        transport="tls" if server.tls else "tcp",
+        port=server.port,
+        open=server.open,
+        connections=server.connections,
+        requests=server.requests,
+        exceptions=server.exceptions,
+        image_faults=server.image_faults,
+        refused={why.name.lower(): count for why, count in server.refused if count},
+        plc_quiet_ms=None if server.plc_quiet_s is None else round(MS_PER_S * server.plc_quiet_s),
+        peers=tuple(
+            PeerView(
+                address=peer.address,
+                plc=peer.is_plc,
+                connections=peer.connections,
+                requests=peer.requests,
+                quiet_ms=round(MS_PER_S * peer.quiet_s),
+            )
+            for peer in server.peers
+        ),
+    )
+
+
+def _mqtt_view(links: LinksNow) -> MqttView | None:
+    if links.broker is None or links.delivery is None:
+        return None
+    delivery = links.delivery
+    return MqttView(
+        broker=links.broker,
+        connected=links.broker_connected,
+        published=delivery.published,
+        failed=delivery.failed,
+        reconnects=delivery.reconnects,
+        dropped=delivery.dropped,
+        queued=delivery.queued,
+        store=delivery.store,
+    )
+
+
+def _sparkplug_view(session: SparkplugNow) -> SparkplugView:
+    return SparkplugView(
+        connected=session.connected,
+        born=session.born,
+        births=session.births,
+        rebirths=session.rebirths,
+        data=session.data,
+        refused=session.refused,
+        history_dropped=session.history_dropped,
+        history_waiting=session.history_waiting,
+    )
+
+
+# Events.
+
+
+def events_view(desk: Desk, gateway: payloads.Gateway, bay: str | None, after: int, most: int) -> EventsView:
+    """The oldest `most` of those after number `after`. `bay` None: of all."""
+    offset_ns = desk.clock.wall_ns() - desk.clock.now_ns()
+    rows = [row for row in desk.events if row.number > after and bay in (None, row.event.bay)][:most]
+    return EventsView(
+        newest=desk.newest_event,
+        events=tuple(
+            EventView(number=row.number, event=payloads.event_payload(row.event, row.number, gateway, offset_ns))
+            for row in rows
+        ),
+    )
+
+
+# Registers.
+
+
+def registers_view(desk: Desk, config: BayConfig) -> RegistersView | None:
+    """None: nothing known yet, or only an image that is none. Words and values come from one image."""
+    seen = desk.seen(config.name)
+    if seen is None:
+        return None
+    image = seen.now.image
+    try:
+        values = decode(image)
+    except ProtocolError:
+        return None
+    return RegistersView(
+        bay=config.name,
+        unit_id=config.unit_id,
+        word_order=desk.about.config.modbus.word_order,
+        age_ms=round(max(0, desk.clock.now_ns() - seen.now.state.t_ns) / NS_PER_MS, 1),
+        registers=tuple(_register_view(register, values[register.name], image) for register in REGISTERS),
+    )
+
+
+def _register_view(register: Register, value: float | None, image: Iterable[int]) -> RegisterView:
+    words = tuple(image)[register.address : register.address + register.words]
+    named = register.codes.get(int(value)) if register.codes is not None and value is not None else None
+    bits = register.bits or {}
+    return RegisterView(
+        address=register.address,
+        words=words,
+        name=register.name,
+        type=register.kind.name,
+        unit=register.unit,
+        scale=register.scale,
+        value=value,
+        text=None if named is None else named[0],
+        bits=tuple(
+            BitView(bit=bit, name=name, on=value is not None and bool(int(value) >> bit & 1))
+            for bit, (name, _) in bits.items()
+        ),
+        meaning=register.meaning,
+        writable=register.writable,
+    )

@@ -1,0 +1,111 @@
+"""What moves on the pages: one JSON text after another over a WebSocket, each sent when the page is ready for it. IO.
+
+The page answers every text when it has drawn it, and only then gets the next, which is the newest there is. So a page
+that stalls has no backlog: what it missed is not sent at all.
+"""
+
+import asyncio
+import contextlib
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from gateway.web.server.gateway_client import Desk
+
+WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages of now
+SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
+TAKEN_S = 30.0  # a page that has not answered for so long is let go
+TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
+MAX_ANSWER = 64  # characters: "next", or whatever else is as short
+
+Render = Callable[[Desk, tuple[str, ...]], str]
+
+
+@dataclass(slots=True)
+class Counts:
+    """Since the web process began."""
+
+    open: int = 0
+    opened: int = 0
+    sent: int = 0
+    refused: int = 0
+    let_go: int = 0
+
+
+@dataclass(slots=True)
+class Live:
+    """One kind of view, for any number of pages: what they share is rendered once."""
+
+    desk: Desk
+    render: Render
+    most: int
+    most_of_one: int  # for one address
+    urgent: bool = True
+    counts: Counts = field(default_factory=Counts)
+    _open: Counter[str] = field(default_factory=Counter)  # by address
+    _made: dict[tuple[str, ...], tuple[int, int, str]] = field(default_factory=dict)
+
+    async def serve(self, page: WebSocket) -> None:
+        """Serve one page until it goes. `?bay=` (several; none: all) says what it shows."""
+        with contextlib.suppress(WebSocketDisconnect, OSError):  # at any moment, also while it is told to go
+            await self._admit(page)
+
+    async def _admit(self, page: WebSocket) -> None:
+        asked = tuple(dict.fromkeys(page.query_params.getlist("bay")))
+        await page.accept()
+        if any(bay not in self.desk.bays for bay in asked):
+            await page.close(UNKNOWN_BAY, "no such bay")
+            return
+        address = page.client.host if page.client is not None else ""
+        if (why := self._full(address)) is not None:
+            self.counts.refused += 1
+            await page.close(TOO_MANY, f"too many pages are open: {why}")
+            return
+        self.counts.open += 1
+        self.counts.opened += 1
+        self._open[address] += 1
+        bays = asked or self.desk.bays
+        try:
+            with self.desk.watching(*bays, urgent=self.urgent and len(bays) == 1):
+                await self._serve(page, bays)
+        except TimeoutError:
+            self.counts.let_go += 1
+            await page.close(BAD_ANSWER, "no answer")
+        finally:
+            self.counts.open -= 1
+            self._open[address] -= 1
+            if not self._open[address]:
+                del self._open[address]
+
+    def _full(self, address: str) -> str | None:
+        """The key of the limit that is reached; None: one more may come from there."""
+        if self.counts.open >= self.most:
+            return "hmi.max_viewers"
+        return "hmi.viewers_per_address" if self._open[address] >= self.most_of_one else None
+
+    async def _serve(self, page: WebSocket, bays: tuple[str, ...]) -> None:
+        number = 0
+        while True:
+            number = await self.desk.next(number, WAIT_S)
+            await page.send_text(self._rendered(bays))
+            self.counts.sent += 1
+            async with asyncio.timeout(TAKEN_S):
+                message = await page.receive()
+            if message["type"] == "websocket.disconnect":
+                raise WebSocketDisconnect(message.get("code", 1005))
+            text = message.get("text")
+            if text is None or len(text) > MAX_ANSWER:  # anybody may send anything, binary frames too
+                await page.close(BAD_ANSWER, "not an answer")
+                return
+
+    def _rendered(self, bays: tuple[str, ...]) -> str:
+        number, made_ns, text = self._made.get(bays, (-1, 0, ""))
+        now_ns = self.desk.clock.now_ns()
+        if number != self.desk.answers or now_ns - made_ns > SHARED_NS:
+            if len(self._made) > 2 * len(self.desk.bays) + 16:  # anybody may ask for any mixture
+                self._made.clear()
+            text = self.render(self.desk, bays)
+            self._made[bays] = (self.desk.answers, now_ns, text)
+        return text

@@ -1,0 +1,162 @@
+"""The families of the gateway's parts: links, tasks, alarms, pages, processes. Pure."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+
+from gateway.alarms.states import AlarmState
+from gateway.alarms.table import KINDS
+from gateway.clock import NS_PER_S
+from gateway.modbus.server.traffic import ServerNow
+from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
+from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.web.host.process_usage import Usage
+from gateway.web.ipc.messages import TaskNow
+from gateway.web.server.health import health
+from gateway.web.server.live import Counts
+from gateway.web.server.metrics.family import Family, Form, Known, Labelled, Value
+
+STATUSES = ("ok", "degraded", "failing")
+
+
+def _modbus(name: str, form: Form, help: str, read: Callable[[ServerNow], Value]) -> Family:
+    def rows(known: Known) -> Iterator[Labelled]:
+        return (((_transport(server),), read(server)) for server in known.desk.links.modbus)
+
+    return Family(f"modbus_{name}", form, help, rows, ("transport",))
+
+
+def _transport(server: ServerNow) -> str:
+    return "tls" if server.tls else "tcp"
+
+
+def _refusals(known: Known) -> Iterator[Labelled]:
+    for server in known.desk.links.modbus:
+        for why, count in server.refused:
+            yield (_transport(server), why.name.lower()), count
+
+
+def _peers(known: Known) -> Iterator[Labelled]:
+    for server in known.desk.links.modbus:
+        for peer in server.peers:
+            yield (_transport(server), peer.address, "yes" if peer.is_plc else "no"), peer.quiet_s
+
+
+def _mqtt(name: str, form: Form, help: str, read: Callable[[DeliveryPayload], Value]) -> Family:
+    def rows(known: Known) -> list[Labelled]:
+        delivery = known.desk.links.delivery
+        return [] if delivery is None else [((), read(delivery))]
+
+    return Family(f"mqtt_{name}", form, help, rows)
+
+
+def _store(name: str, form: Form, help: str, read: Callable[[StorePayload], Value]) -> Family:
+    return _mqtt(f"store_{name}", form, help, lambda d: None if d.store is None else read(d.store))
+
+
+def _sparkplug(name: str, form: Form, help: str, read: Callable[[SparkplugNow], Value]) -> Family:
+    def rows(known: Known) -> list[Labelled]:
+        session = known.desk.links.sparkplug
+        return [] if session is None else [((), read(session))]
+
+    return Family(f"sparkplug_{name}", form, help, rows)
+
+
+def _task(name: str, form: Form, help: str, read: Callable[[TaskNow], Value]) -> Family:
+    def rows(known: Known) -> Iterator[Labelled]:
+        return (((task.name,), read(task)) for task in known.desk.links.tasks)
+
+    return Family(f"task_{name}", form, help, rows, ("task",))
+
+
+def _viewers(name: str, form: Form, help: str, read: Callable[[Counts], Value]) -> Family:
+    def rows(known: Known) -> Iterator[Labelled]:
+        return (((page,), read(counts)) for page, counts in known.pages.viewers.items())
+
+    return Family(name, form, help, rows, ("page",))
+
+
+def _process(name: str, form: Form, help: str, read: Callable[[Usage], Value]) -> Family:
+    def rows(known: Known) -> Iterator[Labelled]:
+        return (((one.name,), read(one)) for one in known.processes)
+
+    return Family(f"process_{name}", form, help, rows, ("process",))
+
+
+def _whole(name: str, form: Form, help: str, read: Callable[[Known], Value]) -> Family:
+    return Family(name, form, help, lambda known: [((), read(known))])
+
+
+def _alarms(known: Known) -> Iterator[Labelled]:
+    counts = Counter(dict(known.desk.links.alarms.counts))
+    return (((state.value,), counts[state]) for state in AlarmState)
+
+
+def _announced(known: Known) -> Iterator[Labelled]:
+    counts = Counter(dict(known.desk.links.alarms.announced))
+    return (((kind,), counts[kind]) for kind in KINDS)
+
+
+def _health(known: Known) -> Iterable[Labelled]:
+    return [((), STATUSES.index(health(known.desk).status))]
+
+
+def _links_age(known: Known) -> Value:
+    known_ns = known.desk.links_ns
+    return None if known_ns is None else max(0, known.desk.clock.now_ns() - known_ns) / NS_PER_S
+
+
+PARTS: tuple[Family, ...] = (
+    Family("health", "state set", "as /healthz says", _health, (), STATUSES),
+    _whole("links_age_seconds", "gauge", "of all that is told here of links, tasks and alarms", _links_age),
+    _modbus("connections_open", "gauge", "clients connected now", lambda s: s.open),
+    _modbus("connections", "counter", "clients let in", lambda s: s.connections),
+    _modbus("requests", "counter", "whole frames", lambda s: s.requests),
+    _modbus("exceptions", "counter", "requests answered with a Modbus exception", lambda s: s.exceptions),
+    _modbus("image_faults", "counter", "of the exceptions: no registers could be had", lambda s: s.image_faults),
+    Family("modbus_refusals", "counter", "connections not let in or cut, frames discarded", _refusals,
+           ("transport", "reason")),
+    _modbus("plc_quiet_seconds", "gauge", "since one of modbus.plc_addresses was answered; no sample: never",
+            lambda s: s.plc_quiet_s),
+    Family("modbus_peer_quiet_seconds", "gauge", "since this client was answered; a long list is cut", _peers,
+           ("transport", "address", "plc")),
+    Family("mqtt_connected", "gauge", "1: there is a connection to the broker",
+           lambda k: [] if k.desk.links.delivery is None else [((), k.desk.links.broker_connected)]),
+    _mqtt("published", "counter", "messages the broker has acknowledged", lambda d: d.published),
+    _mqtt("failed", "counter", "messages it has not", lambda d: d.failed),
+    _mqtt("reconnects", "counter", "connections after the first", lambda d: d.reconnects),
+    _mqtt("events_dropped", "counter", "events given up because the outbox was full", lambda d: d.dropped),
+    _mqtt("outbox_events", "gauge", "events that wait for their acknowledgement", lambda d: d.queued),
+    _store("ok", "gauge", "1: the file of the outbox can be written", lambda s: s.ok),
+    _store("faults", "counter", "times it began to fail", lambda s: s.faults),
+    _store("unwritten_events", "gauge", "events that only memory holds", lambda s: s.unwritten),
+    _sparkplug("connected", "gauge", "1: connected and subscribed", lambda s: s.connected),
+    _sparkplug("born", "gauge", "1: births were sent in this session", lambda s: s.born),
+    _sparkplug("births", "counter", "NBIRTHs", lambda s: s.births),
+    _sparkplug("rebirths", "counter", "births that a host asked for", lambda s: s.rebirths),
+    _sparkplug("data_messages", "counter", "DDATA and NDATA", lambda s: s.data),
+    _sparkplug("commands_refused", "counter", "commands that nothing obeys", lambda s: s.refused),
+    _sparkplug("history_dropped", "counter", "changes of stop given up", lambda s: s.history_dropped),
+    _sparkplug("history_waiting", "gauge", "changes of stop to be told later", lambda s: s.history_waiting),
+    _whole("event_queues_dropped", "counter", "events that queues inside of the gateway had no room for",
+           lambda k: k.desk.links.events_dropped),
+    _whole("events", "counter", "events of all bays", lambda k: k.desk.newest_event),
+    _task("running", "gauge", "1: the task runs", lambda t: t.running),
+    _task("starts", "counter", "its starts; the first one is one", lambda t: t.starts),
+    _task("link_errors", "counter", "starts that ended with a lost link", lambda t: t.link_errors),
+    _task("crashes", "counter", "starts that ended with an error nobody foresaw", lambda t: t.crashes),
+    Family("alarms", "gauge", "alarms by their state (docs/alarms.md)", _alarms, ("state",)),
+    Family("alarm_announcements", "counter", "times an alarm was announced, by kind", _announced, ("kind",)),
+    _viewers("viewers", "gauge", "live pages open now", lambda c: c.open),
+    _viewers("views_opened", "counter", "live pages opened", lambda c: c.opened),
+    _viewers("views_sent", "counter", "texts sent to live pages", lambda c: c.sent),
+    _viewers("views_refused", "counter", "live pages refused: too many", lambda c: c.refused),
+    _viewers("views_let_go", "counter", "live pages that did not answer", lambda c: c.let_go),
+    _whole("pictures_encoded", "counter", "JPEGs made for the pages", lambda k: k.pages.pictures_encoded),
+    _whole("page_events_missed", "counter", "events that the web process has not been told of",
+           lambda k: k.desk.events_missed),
+    Family("page_refusals", "counter", "requests that the guard refused",
+           lambda k: [((code,), count) for code, count in k.pages.refusals.items()], ("code",)),
+    _process("instances", "gauge", "processes of this name", lambda u: u.processes),
+    _process("cpu_seconds", "counter", "processor time, user and system", lambda u: u.cpu_s),
+    _process("resident_memory_bytes", "gauge", "memory in use", lambda u: u.memory_bytes),
+)  # fmt: skip

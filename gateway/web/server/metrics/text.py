@@ -1,0 +1,94 @@
+"""The text of /metrics, in the form that the asker prefers, and the tables for the documentation. Pure."""
+
+from collections.abc import Iterable, Iterator
+from itertools import accumulate
+
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    InfoMetricFamily,
+    Metric,
+    StateSetMetricFamily,
+)
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.registry import Collector
+
+from gateway import __version__
+from gateway.web.host.latencies import BOUNDS_S, WHOLE
+from gateway.web.server.metrics.bays import BAYS
+from gateway.web.server.metrics.family import PREFIX, Family, Known
+from gateway.web.server.metrics.parts import PARTS
+
+FAMILIES = (*BAYS, *PARTS)
+LATENCY = ("bay_vision_latency_seconds", "capture to result, every frame with a result")
+STAGE = ("bay_vision_stage_seconds", "each stage of vision, every frame with a result")
+INFO = ("info", "version, site and instance")
+
+
+class Gateway(Collector):
+    """Everything that is known, once."""
+
+    def __init__(self, known: Known) -> None:
+        self._known = known
+
+    def collect(self) -> Iterable[Metric]:
+        config = self._known.desk.about.config
+        about = {"version": __version__, "site": config.site, "instance": config.instance}
+        yield InfoMetricFamily(PREFIX.rstrip("_"), INFO[1], value=about)
+        for family in FAMILIES:
+            yield _metric(family, self._known)
+        yield from _histograms(self._known)
+
+
+def text(known: Known, accept: str = "") -> tuple[bytes, str]:
+    """Body and content type; `accept` is the request's header: OpenMetrics for those who ask for it."""
+    encode, content_type = choose_encoder(accept)
+    return encode(Gateway(known)), content_type
+
+
+def _metric(family: Family, known: Known) -> Metric:
+    name = PREFIX + family.name
+    match family.form:
+        case "gauge":
+            gauge = GaugeMetricFamily(name, family.help, labels=family.labels)
+            for labels, value in family.read(known):
+                if value is not None:
+                    gauge.add_metric(labels, float(value))
+            return gauge
+        case "counter":
+            counter = CounterMetricFamily(name, family.help, labels=family.labels)
+            for labels, value in family.read(known):
+                if value is not None:
+                    counter.add_metric(labels, float(value))
+            return counter
+        case "state set":
+            states = StateSetMetricFamily(name, family.help, labels=family.labels)
+            for labels, value in family.read(known):
+                states.add_metric(labels, {state: n == value for n, state in enumerate(family.states)})
+            return states
+
+
+def _histograms(known: Known) -> Iterator[Metric]:
+    whole = HistogramMetricFamily(PREFIX + LATENCY[0], LATENCY[1], labels=["bay"])
+    stages = HistogramMetricFamily(PREFIX + STAGE[0], STAGE[1], labels=["bay", "stage"])
+    bounds = [f"{bound_s:g}" for bound_s in BOUNDS_S] + ["+Inf"]
+    for row in known.desk.links.latencies:
+        buckets = list(zip(bounds, map(float, accumulate(row.counts)), strict=True))
+        if row.stage == WHOLE:
+            whole.add_metric([row.bay], buckets, row.sum_s)
+        else:
+            stages.add_metric([row.bay, row.stage], buckets, row.sum_s)
+    return iter((whole, stages))
+
+
+def markdown() -> str:
+    """Every family, for docs/hmi-api.md."""
+    rows = [f"| `{PREFIX}{INFO[0]}` | info | | {INFO[1]} |"]
+    for family in FAMILIES:
+        name = family.name + ("_total" if family.form == "counter" else "")
+        labels = ", ".join(f"`{label}`" for label in family.labels)
+        rows.append(f"| `{PREFIX}{name}` | {family.form} | {labels} | {family.help} |")
+    rows.append(f"| `{PREFIX}{LATENCY[0]}` | histogram | `bay` | {LATENCY[1]} |")
+    rows.append(f"| `{PREFIX}{STAGE[0]}` | histogram | `bay`, `stage` | {STAGE[1]} |")
+    return "\n".join(["| name | form | labels | meaning |", "|---|---|---|---|", *rows]) + "\n"

@@ -1,0 +1,373 @@
+"""What the pages and programs are told as JSON: the models. Pure.
+
+State and events are those of MQTT (sinks/mqtt/messages), so that a field has one name in the whole product. Units
+in the names; null: not known now. Ages are those at sending: who shows them adds the time since.
+"""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gateway.alarms.records import MAX_NOTE, SHELVE_MOST_MIN
+from gateway.alarms.states import AlarmState, Cue
+from gateway.alarms.table import Priority
+from gateway.sinks.mqtt.messages import Count, EventPayload, StatePayload, StorePayload
+
+FROZEN = ConfigDict(frozen=True)
+PriorityName = Literal["low", "medium", "high"]
+PRIORITY_NAME: dict[Priority, PriorityName] = {
+    Priority.LOW: "low",
+    Priority.MEDIUM: "medium",
+    Priority.HIGH: "high",
+}
+
+
+class ThresholdsView(BaseModel):
+    """Equation 14's thresholds as they are in force, a recipe's changes included."""
+
+    model_config = FROZEN
+    radius_threshold_px: float = Field(description="R_th: D = 1 needs a marker at least so large")
+    distance_threshold_mm: float = Field(description="Z_th: D = 1 needs a distance at most so long")
+    radius_hysteresis_px: float
+    distance_hysteresis_mm: float
+    recipe: Count = Field(description="id of the recipe in force; 0: the configuration as it is")
+    recipe_name: str | None = Field(description="its name; null for 0")
+
+
+class AimView(BaseModel):
+    """Where the marker should be."""
+
+    model_config = FROZEN
+    u_px: float | None = Field(description="null: no guidance to the side is configured")
+    v_px: float | None
+    tolerance_px: float
+    mirrored: bool = Field(description="the camera faces the driver")
+
+
+class DeadlinesView(BaseModel):
+    """When a sensor's value is too old."""
+
+    model_config = FROZEN
+    vision_ms: float
+    range_ms: float
+    plc_ms: float | None = Field(description="of the PLC's heartbeat; null: none is required")
+
+
+class BayView(BaseModel):
+    """One bay, now."""
+
+    model_config = FROZEN
+    bay: str
+    unit_id: int = Field(description="Modbus unit id")
+    state: StatePayload | None = Field(description="as on MQTT; null: nothing known yet, which means stop")
+    age_ms: float | None = Field(description="of the state, when this was sent")
+    thresholds: ThresholdsView
+    aim: AimView
+    deadlines: DeadlinesView
+    function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
+    method: str | None = Field(description="how the marker is looked for; null: nothing known yet")
+    stage_ms: dict[str, float] = Field(description="time of each stage of vision in the newest frame; empty: no result")
+
+
+class DriverView(BaseModel):
+    """What the driver's display needs, and nothing else."""
+
+    model_config = FROZEN
+    bay: str
+    code: str = Field(description="guidance, by name; a display shows FAULT as STOP")
+    text: str
+    stop: bool
+    amount_mm: float | None
+    closing_mm_s: float | None
+    to_go_mm: float | None
+    age_ms: float | None = Field(description="of the state, when this was sent; null: nothing known, which means STOP")
+
+
+class PeerView(BaseModel):
+    """One address that is connected by Modbus."""
+
+    model_config = FROZEN
+    address: str
+    plc: bool = Field(description="one of modbus.plc_addresses")
+    connections: Count
+    requests: Count = Field(description="answered on these connections")
+    quiet_ms: float = Field(description="since it was last answered; known to a quarter of a second")
+
+
+class ModbusView(BaseModel):
+    """One listening Modbus port."""
+
+    model_config = FROZEN
+    transport: Literal["tcp", "tls"]
+    port: int
+    open: Count = Field(description="connected now")
+    connections: Count = Field(description="let in since the start")
+    requests: Count
+    exceptions: Count = Field(description="of the requests: answered with a Modbus exception")
+    image_faults: Count = Field(description="of the exceptions: no registers could be had")
+    refused: dict[str, int] = Field(description="connections and frames refused, by reason")
+    plc_quiet_ms: float | None = Field(description="since one of plc_addresses was last answered; null: never")
+    peers: tuple[PeerView, ...] = Field(description="the busiest first; a long list is cut")
+
+
+class MqttView(BaseModel):
+    """The link to the MQTT broker, since the start of the gateway."""
+
+    model_config = FROZEN
+    broker: str = Field(description="its address, without a password")
+    connected: bool
+    published: Count
+    failed: Count
+    reconnects: Count
+    dropped: Count = Field(description="events given up because the outbox was full")
+    queued: Count = Field(description="events that wait")
+    store: StorePayload | None = Field(description="null: events are kept in memory only")
+
+
+class SparkplugView(BaseModel):
+    """The Sparkplug session, since the start of the gateway."""
+
+    model_config = FROZEN
+    connected: bool
+    born: bool = Field(description="false: waiting for the primary host, or not connected")
+    births: Count
+    rebirths: Count = Field(description="asked for by a host")
+    data: Count = Field(description="DDATA and NDATA made")
+    refused: Count = Field(description="commands that were none, or that nothing obeys")
+    history_dropped: Count
+    history_waiting: Count
+
+
+class TaskView(BaseModel):
+    """One row of the supervisor's table."""
+
+    model_config = FROZEN
+    name: str
+    running: bool
+    starts: Count
+    link_errors: Count
+    crashes: Count
+    last_error: str
+
+
+class LinksView(BaseModel):
+    """How the gateway's links to others do."""
+
+    model_config = FROZEN
+    age_ms: float | None = Field(description="of this knowledge, when it was sent; null: nothing known yet")
+    modbus: tuple[ModbusView, ...]
+    mqtt: MqttView | None = Field(description="null: no broker is configured")
+    sparkplug: SparkplugView | None = Field(description="null: not configured")
+    tasks: tuple[TaskView, ...] = Field(description="those that do not run, or did not always")
+    events_dropped: Count = Field(description="by queues inside of the gateway")
+
+
+class AlarmView(BaseModel):
+    """One alarm (docs/alarms.md)."""
+
+    model_config = FROZEN
+    id: str
+    kind: str = Field(description="row of the table in docs/alarms.md")
+    bay: str | None = Field(description="null: of the gateway itself")
+    title: str
+    priority: PriorityName
+    state: AlarmState
+    active: bool = Field(description="its cause holds")
+    since_ms: Count = Field(description="Unix time, ms, of the newest change of its state")
+    raised_ms: Count | None = Field(description="Unix time, ms, when it was last announced; null: never")
+    occurrences: Count = Field(description="times announced since the start; name it when you acknowledge")
+    detail: str = Field(description="in words, for people; never to be parsed")
+    who: str = Field(description="who did the newest deed on it")
+    note: str = Field(description="and why")
+    shelved_until_ms: Count | None = Field(description="Unix time, ms; null: not shelved")
+    meaning: str
+    consequence: str
+    causes: tuple[str, ...]
+    action: str = Field(description="what to do")
+    respond_min: Count = Field(description="within so many minutes")
+
+
+class AlarmSummary(BaseModel):
+    """How many alarms of the whole gateway there are, and which one to look at first."""
+
+    model_config = FROZEN
+    unacknowledged: Count = Field(description="states unacknowledged, returned and latched_unacknowledged")
+    active: Count = Field(description="states unacknowledged and acknowledged")
+    latched: Count = Field(description="both latched states")
+    shelved: Count
+    suppressed: Count
+    out_of_service: Count
+    by_bay: dict[str, int] = Field(description="alarms that are shown (neither normal nor hidden), by bay, if any")
+    first: AlarmView | None = Field(description="the most important of those that are shown; null: none")
+    newest_change: Count = Field(description="number of the newest change; grows with each")
+
+
+class AlarmChangeView(BaseModel):
+    """One step of one alarm."""
+
+    model_config = FROZEN
+    number: Count
+    time_ms: Count = Field(description="Unix time, ms")
+    id: str
+    title: str
+    bay: str | None
+    cue: Cue = Field(description="what happened")
+    before: AlarmState
+    after: AlarmState
+    detail: str
+    who: str
+    note: str
+
+
+class AlarmsView(BaseModel):
+    """All alarms but the normal ones, the most important first."""
+
+    model_config = FROZEN
+    server_time_ms: Count
+    summary: AlarmSummary
+    alarms: tuple[AlarmView, ...]
+    omitted: Count = Field(description="so many more stand that had no room here")
+    changes: tuple[AlarmChangeView, ...] = Field(description="the newest, the oldest of them first")
+
+
+class LiveView(BaseModel):
+    """What the operator's page shows, live."""
+
+    model_config = FROZEN
+    server_time_ms: Count
+    bays: tuple[BayView, ...]
+    alarms: AlarmSummary
+    links: LinksView
+    events_newest: Count = Field(description="number of the newest event; grows with each")
+
+
+class EventView(BaseModel):
+    """One event with its place in the row of all."""
+
+    model_config = FROZEN
+    number: Count = Field(description="of all bays, from 1 since the start of the gateway; a gap: not kept")
+    event: EventPayload = Field(description="as on MQTT")
+
+
+class EventsView(BaseModel):
+    """What happened, the oldest first."""
+
+    model_config = FROZEN
+    newest: Count = Field(description="number of the newest event there is")
+    events: tuple[EventView, ...]
+
+
+class BitView(BaseModel):
+    """One named bit of a register."""
+
+    model_config = FROZEN
+    bit: Count
+    name: str
+    on: bool
+
+
+class RegisterView(BaseModel):
+    """One row of the register map, as a PLC would read it now."""
+
+    model_config = FROZEN
+    address: Count
+    words: tuple[Count, ...] = Field(description="16 bit, as they are read, in the configured word order")
+    name: str
+    type: str
+    unit: str
+    scale: float = Field(description="of an integer: units per count")
+    value: float | None = Field(description="in the unit; null: no value, the PLC reads the type's own word for that")
+    text: str | None = Field(description="name of the code; null: this register holds none")
+    bits: tuple[BitView, ...] = Field(description="empty: this register holds none")
+    meaning: str
+    writable: bool = Field(description="by the PLC, where writes are on")
+
+
+class RegistersView(BaseModel):
+    """The whole block of one bay, from one image."""
+
+    model_config = FROZEN
+    bay: str
+    unit_id: int
+    word_order: Literal["big", "little"]
+    age_ms: float | None
+    registers: tuple[RegisterView, ...]
+
+
+HealthStatus = Literal["ok", "degraded", "failing"]
+
+
+class HealthReason(BaseModel):
+    """One thing that is wrong."""
+
+    model_config = FROZEN
+    part: str = Field(description="`bay1.control`, `bay1.vision`, `modbus`, `mqtt` ...")
+    status: HealthStatus
+    text: str
+
+
+class HealthView(BaseModel):
+    """`/healthz`. `failing` comes with 503: a restart may help. `degraded` with 200: it does not."""
+
+    model_config = FROZEN
+    status: HealthStatus
+    reasons: tuple[HealthReason, ...] = Field(description="what is not ok; empty where all is")
+    parts: tuple[HealthReason, ...] | None = Field(description="every part; null unless asked for with ?verbose")
+
+
+class CircleView(BaseModel):
+    """A circle in the picture, px."""
+
+    model_config = FROZEN
+    u: float
+    v: float
+    radius_px: float
+
+
+class EllipseView(BaseModel):
+    """The rim of a tilted disc; `angle_rad` from +u towards +v to the major axis."""
+
+    model_config = FROZEN
+    u: float
+    v: float
+    semi_major_px: float
+    semi_minor_px: float
+    angle_rad: float
+
+
+class FrameView(BaseModel):
+    """What was seen in one picture, in its own pixels."""
+
+    model_config = FROZEN
+    frame_id: int
+    quality: str
+    tracking: str
+    circle: CircleView | None
+    ellipse: EllipseView | None
+    predicted: CircleView | None = Field(description="not measured: where it should be")
+    confidence: float | None
+
+
+class AcknowledgeBody(BaseModel):
+    """Of a deed on an alarm."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    occurrence: Count | None = Field(None, description="`occurrences` as it was seen; refused if it has grown since")
+    note: str = Field("", max_length=MAX_NOTE, description="why; kept with the deed")
+
+
+class ShelveBody(AcknowledgeBody):
+    """Put an alarm aside for a while."""
+
+    minutes: float = Field(ge=1, le=SHELVE_MOST_MIN, description="then it comes back by itself")
+
+
+class Problem(BaseModel):
+    """What went wrong: problem details after RFC 9457."""
+
+    model_config = FROZEN
+    type: str = Field("about:blank", description="`about:blank`: the status says it all")
+    title: str = Field(description="of the status")
+    status: int
+    detail: str = Field(description="in words, for people")
+    error: str = Field(description="a short code, for programs")

@@ -1,0 +1,120 @@
+"""Pictures of a bay's camera for the pages: made when somebody asks, once for everybody who asks. IO.
+
+The frame and its reading belong together: as soon as the newest reading is known, its own frame is copied out of the
+ring, by number. Where it has gone meanwhile, the newest frame is shown without a reading rather than with a wrong one.
+"""
+
+import asyncio
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import cv2
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.core.model import VisionReading
+from gateway.errors import GatewayError
+from gateway.vision.pixels import Image
+from gateway.vision.transport.ring import Snapshot
+from gateway.web.server.gateway_client import Desk
+
+WAIT_S = 5.0  # for a newer frame; then the page is told that there is none, and asks again
+JPEG_QUALITY = 80
+PAUSE_S = 0.01
+MIN_WIDTH_PX = 16
+
+
+class UnencodableError(GatewayError):
+    """OpenCV could not make a picture file of a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One frame as JPEG. `reading`: what was seen in this very frame; None: not known."""
+
+    jpeg: bytes
+    seq: int
+    t_capture_ns: int
+    width_px: int  # of the frame, not of the JPEG
+    height_px: int
+    reading: VisionReading | None
+
+
+@dataclass(slots=True)
+class _Held:
+    """The newest frame that was copied, and the JPEGs made of it, by width."""
+
+    frame: Snapshot
+    reading: VisionReading | None
+    copied_ns: int
+    jpegs: dict[int, bytes] = field(default_factory=dict)
+
+
+class Pictures:
+    """Encodes on one thread of its own; every size of a frame is encoded once. `pace` is real time."""
+
+    def __init__(
+        self, desk: Desk, pace: Clock, *, max_hz: float, max_width_px: int, thread: Executor | None = None
+    ) -> None:
+        self._desk = desk
+        self._pace = pace
+        self._min_ns = round(NS_PER_S / max_hz)
+        self._max_width_px = max_width_px
+        self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="pictures")
+        self._turns = {bay: asyncio.Lock() for bay in desk.bays}
+        self._held: dict[str, _Held] = {}
+        self.encoded = 0
+
+    async def newer(self, bay: str, after: int | None, width_px: int) -> Picture | None:
+        """The newest frame, if it is another than `after`; waits for one. None: none came in time.
+
+        A frame is shown as long as it is the newest one copied within the pace; never one from before a silence.
+        """
+        width_px = max(MIN_WIDTH_PX, min(width_px, self._max_width_px))
+        try:
+            async with asyncio.timeout(WAIT_S):
+                with self._desk.watching(bay):
+                    async with self._turns[bay]:
+                        held = await self._fresh(bay, after)
+                        return await self._picture(held, width_px)
+        except TimeoutError:
+            return None
+
+    async def _fresh(self, bay: str, after: int | None) -> _Held:
+        number = self._desk.answers  # what was known before is of no use: its frame has gone
+        while True:
+            held = self._held.get(bay)
+            young = held is not None and self._pace.now_ns() - held.copied_ns < self._min_ns
+            if held is not None and young and held.frame.seq != after:
+                return held
+            if young or (seen := await self._desk.newer(bay, number, WAIT_S)) is None:
+                await asyncio.sleep(PAUSE_S)
+                continue
+            number = seen.number
+            reading: VisionReading | None = seen.now.state.vision
+            frame = self._desk.snapshot(bay, seen.now.state.vision.frame_id)
+            if frame is None:
+                frame, reading = self._desk.snapshot(bay), None
+            if frame is not None and (held is None or frame.seq != held.frame.seq):
+                self._held[bay] = _Held(frame, reading, self._pace.now_ns())
+
+    async def _picture(self, held: _Held, width_px: int) -> Picture:
+        frame = held.frame
+        if (jpeg := held.jpegs.get(width_px)) is None:
+            loop = asyncio.get_running_loop()
+            jpeg = await loop.run_in_executor(self._thread, encoded, frame.image, width_px)
+            held.jpegs[width_px] = jpeg
+            self.encoded += 1
+        height, width = frame.image.shape[:2]
+        return Picture(jpeg, frame.seq, frame.t_capture_ns, width, height, held.reading)
+
+
+def encoded(image: Image, width_px: int) -> bytes:
+    """JPEG, made smaller to `width_px` where it is wider. Raises UnencodableError."""
+    height, width = image.shape[:2]
+    if width > width_px:
+        size = (width_px, max(1, round(height * width_px / width)))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
+    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise UnencodableError("this frame can't be made a JPEG")
+    return data.tobytes()

@@ -1,0 +1,76 @@
+"""The web process: the desk that pulls, and the server that shows. Ends when the main process does. IO.
+
+Strangers talk to it, so it gives away what it does not need before it hears the first of them: see `sandbox`.
+"""
+
+import asyncio
+import logging
+import os
+import socket
+
+import cv2
+import uvicorn
+
+from gateway import event_loop
+from gateway.clock import SystemClock
+from gateway.processes import sandbox
+from gateway.processes.channel import Link
+from gateway.web.auth import slow_clients, tls
+from gateway.web.auth.audit_log import CAUTION, Told
+from gateway.web.auth.logins import Logins
+from gateway.web.ipc.messages import TO_WEB, About, FromHmi, ToHmi
+from gateway.web.server.app import app, site_of
+from gateway.web.server.gateway_client import Desk
+
+log = logging.getLogger(__name__)
+
+CODEC = TO_WEB
+
+NICE = 10  # whoever looks at pages must not take the processor from the camera and the PLC
+GRACE_S = 1  # of open connections at the end
+MAX_TEXT = 4096  # of one WebSocket message from a page
+
+
+def run(link: Link[FromHmi, ToHmi], about: About) -> None:
+    """Until the main process is gone. Raises LinkError when it answers no more."""
+    os.nice(NICE)
+    cv2.setNumThreads(1)
+    logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
+    log.setLevel(logging.INFO)  # who logged in and who changed something is always told
+    for line in sandbox.enter(about.config.hmi.run_as):
+        log.warning("hmi: not everything can be taken from the web process here: %s", line)
+    event_loop.run(_serve(about, link))
+
+
+async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:
+    pace = SystemClock()
+    desk = Desk(about, link, pace)
+    config = about.config.hmi
+    for line in config.warnings():
+        log.warning("%s", line)
+    context = tls.server_context(config)
+    logins = Logins(config, pace, _log, instance=about.config.instance)
+    site = site_of(desk, pace)
+    server = uvicorn.Server(
+        uvicorn.Config(
+            app(site, logins, pace),
+            **slow_clients.settings(context),
+            ws_max_size=MAX_TEXT,
+            limit_concurrency=4 * config.max_viewers + 64,
+            timeout_graceful_shutdown=GRACE_S,
+        )
+    )
+    sockets = [socket.socket(fileno=fd) for fd in about.sockets]
+    with site.workshop:
+        async with asyncio.TaskGroup() as group:
+            pulling = group.create_task(desk.keep(), name="desk")
+            fresh = None if context is None else group.create_task(tls.keep_fresh(context, config, pace), name="tls")
+            await server.serve(sockets)
+            pulling.cancel()
+            if fresh is not None:
+                fresh.cancel()
+    logins.close()
+
+
+def _log(told: Told) -> None:
+    log.log(logging.WARNING if told.what in CAUTION else logging.INFO, "hmi: %s", told)

@@ -1,0 +1,163 @@
+"""What moves on the pages, made from what the desk knows: live view, driver's display, frame. Asks nobody."""
+
+from gateway import __version__
+from gateway.clock import NS_PER_MS
+from gateway.config import BayConfig, GatewayConfig
+from gateway.core.interlock import Recipe
+from gateway.core.model import GUIDANCE_MEANING, Circle, Ellipse, GuidanceCode, VisionReading
+from gateway.sinks.mqtt import payloads
+from gateway.sinks.mqtt.topics import Topics
+from gateway.web.server import lists
+from gateway.web.server.gateway_client import Desk, Seen
+from gateway.web.server.models import (
+    AimView,
+    BayView,
+    CircleView,
+    DeadlinesView,
+    DriverView,
+    EllipseView,
+    FrameView,
+    LiveView,
+    ThresholdsView,
+)
+
+STALE_AFTER_MS = 500
+
+
+def gateway_of(desk: Desk) -> payloads.Gateway:
+    """As the messages name it."""
+    config = desk.about.config
+    return payloads.Gateway(Topics("hmi", config.site, config.instance), desk.bays, __version__, desk.about.boot)
+
+
+def bay_view(desk: Desk, config: BayConfig) -> BayView:
+    seen = desk.seen(config.name)
+    number = 0 if seen is None else seen.now.state.plc.recipe
+    recipe = _in_force(desk.about.config, config, number)
+    fusion, guidance = recipe.fusion, recipe.guidance
+    names = {row.id: row.name for row in desk.about.config.recipes}
+    handshake = desk.about.config.modbus.handshake if desk.about.config.modbus.writes else None
+    required = handshake is not None and handshake.heartbeat_required
+    return BayView(
+        bay=config.name,
+        unit_id=config.unit_id,
+        state=None
+        if seen is None
+        else payloads.state_payload(
+            seen.now.state, gateway_of(desk), seen.wall_ns - seen.now_ns, stale_after_ms=STALE_AFTER_MS
+        ),
+        age_ms=age_ms(desk, seen),
+        thresholds=ThresholdsView(
+            radius_threshold_px=fusion.radius_threshold_px,
+            distance_threshold_mm=fusion.distance_threshold_mm,
+            radius_hysteresis_px=fusion.radius_hysteresis_px,
+            distance_hysteresis_mm=fusion.distance_hysteresis_mm,
+            recipe=number,
+            recipe_name=names.get(number),
+        ),
+        aim=AimView(
+            u_px=guidance.aim_u_px,
+            v_px=guidance.aim_v_px,
+            tolerance_px=guidance.tolerance_px,
+            mirrored=guidance.mirrored,
+        ),
+        deadlines=DeadlinesView(
+            vision_ms=1000 * fusion.vision_deadline_s,
+            range_ms=1000 * fusion.range_deadline_s,
+            plc_ms=1000 * handshake.heartbeat_deadline_s if handshake is not None and required else None,
+        ),
+        function_check="OFF" if seen is None else seen.now.state.function_check.name,
+        method=None if seen is None else seen.now.vision.method,
+        stage_ms={}
+        if seen is None
+        else {stage: round(took_ns / NS_PER_MS, 3) for stage, took_ns in seen.now.state.vision.stage_ns},
+    )
+
+
+def age_ms(desk: Desk, seen: Seen | None) -> float | None:
+    """Of the state, now. Never negative: two clocks of one machine may differ by a reading."""
+    if seen is None:
+        return None
+    return round(max(0, desk.clock.now_ns() - seen.now.state.t_ns) / NS_PER_MS, 1)
+
+
+def live_json(desk: Desk, bays: tuple[str, ...]) -> str:
+    """For `Live`: all that the operator's page shows of these bays."""
+    return LiveView(
+        server_time_ms=max(0, desk.clock.wall_ns()) // NS_PER_MS,
+        bays=tuple(bay_view(desk, bay) for bay in desk.about.config.bays if bay.name in bays),
+        alarms=lists.alarm_summary(desk),
+        links=lists.links_view(desk),
+        events_newest=desk.newest_event,
+    ).model_dump_json()
+
+
+def driver_view(desk: Desk, bay: str) -> DriverView:
+    """Nothing known: FAULT, and stop."""
+    seen = desk.seen(bay)
+    if seen is None:
+        return DriverView(
+            bay=bay,
+            code=GuidanceCode.FAULT.name,
+            text=GUIDANCE_MEANING[GuidanceCode.FAULT],
+            stop=True,
+            amount_mm=None,
+            closing_mm_s=None,
+            to_go_mm=None,
+            age_ms=None,
+        )
+    told = payloads.state_payload(seen.now.state, gateway_of(desk), 0, STALE_AFTER_MS).guidance
+    return DriverView(
+        bay=bay,
+        code=told.name,
+        text=told.text,
+        stop=seen.now.state.stop,
+        amount_mm=told.amount_mm,
+        closing_mm_s=told.closing_mm_s,
+        to_go_mm=told.to_go_mm,
+        age_ms=age_ms(desk, seen),
+    )
+
+
+def driver_json(desk: Desk, bays: tuple[str, ...]) -> str:
+    """For `Live`: the driver's display of the first of these bays."""
+    return driver_view(desk, bays[0]).model_dump_json()
+
+
+def frame_view(reading: VisionReading) -> FrameView:
+    return FrameView(
+        frame_id=reading.frame_id,
+        quality=reading.quality.name,
+        tracking=reading.tracking.name,
+        circle=_circle(reading.circle),
+        ellipse=_ellipse(reading.ellipse),
+        predicted=_circle(reading.predicted),
+        confidence=reading.confidence,
+    )
+
+
+def frame_json(reading: VisionReading) -> str:
+    """Compact, for a header: ASCII, no line breaks."""
+    return frame_view(reading).model_dump_json()
+
+
+def _in_force(gateway: GatewayConfig, bay: BayConfig, number: int) -> Recipe:
+    """What the bay decides by now; a recipe that is not known here changes nothing."""
+    recipe = next((recipe for recipe in gateway.recipes if recipe.id == number), None)
+    return Recipe(bay.fusion, bay.guidance) if recipe is None else Recipe.of(bay, recipe)
+
+
+def _circle(found: Circle | None) -> CircleView | None:
+    return None if found is None else CircleView(u=found.u_px, v=found.v_px, radius_px=found.radius_px)
+
+
+def _ellipse(rim: Ellipse | None) -> EllipseView | None:
+    if rim is None:
+        return None
+    return EllipseView(
+        u=rim.u_px,
+        v=rim.v_px,
+        semi_major_px=rim.semi_major_px,
+        semi_minor_px=rim.semi_minor_px,
+        angle_rad=rim.angle_rad,
+    )

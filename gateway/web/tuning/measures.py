@@ -1,0 +1,111 @@
+"""What a row of detections says in sum: how many, how still, how far from another setting's, how long. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.clock import NS_PER_MS, NS_PER_S
+from gateway.core.model import Circle, Detection
+
+FEWEST = 5  # frames that can be judged, for a spread
+_SIGMA = 1.4826  # from the median of absolute values to sigma, for a Gaussian
+
+
+@dataclass(frozen=True, slots=True)
+class Jitter:
+    """Robust sigma of what is not smooth motion, px; frame to frame."""
+
+    u_px: float
+    v_px: float
+    radius_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """Of the frames in which both found something: median and largest distance of the centres, median of R less R."""
+
+    frames: int
+    centre_px: float
+    centre_largest_px: float
+    radius_px: float  # signed
+    radius_largest_px: float  # of the absolute values
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Medians, ms. `stages` in the order in which they ran."""
+
+    total_ms: float
+    stages: tuple[tuple[str, float], ...]
+
+
+def found_share(found: Sequence[Detection]) -> float:
+    return sum(one.circle is not None for one in found) / len(found) if found else 0.0
+
+
+def jitter(times_ns: Sequence[int], found: Sequence[Detection]) -> Jitter | None:
+    """Each of five frames in a row against the cubic through its four neighbours. None: too few to say.
+
+    What a truck does in five frames is as good as a cubic, sway and brakes included; what is left is the method's own
+    noise, sqrt(1 + the sum of the squared weights of the neighbours) times.
+    """
+    left: list[NDArray[np.float64]] = []
+    rows = [(t, one.circle) for t, one in zip(times_ns, found, strict=True)]
+    for five in zip(rows, rows[1:], rows[2:], rows[3:], rows[4:], strict=False):
+        circles = [circle for _, circle in five if circle is not None]
+        t_s = np.array([(t - five[2][0]) / NS_PER_S for t, _ in five])
+        if len(circles) < 5 or not (np.diff(t_s) > 0).all():
+            continue
+        seen = np.array([_numbers(circle) for circle in circles])
+        weights = _cubic_at_0(t_s[[0, 1, 3, 4]])
+        left.append((seen[2] - weights @ seen[[0, 1, 3, 4]]) / np.sqrt(1 + weights @ weights))
+    if len(left) < FEWEST:
+        return None
+    u, v, radius = (float(value) for value in _SIGMA * np.median(np.abs(np.array(left)), axis=0))
+    return Jitter(u, v, radius)
+
+
+def _cubic_at_0(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4,): weights of values at four times by which the cubic through them is at time 0 (Lagrange)."""
+    return np.array([np.prod(np.delete(t_s, n) / (np.delete(t_s, n) - t_s[n])) for n in range(4)])
+
+
+def apart(found: Sequence[Detection], other: Sequence[Detection]) -> Apart | None:
+    """How far `found` lies from `other`, frame by frame. None: never both."""
+    pairs = [(a.circle, b.circle) for a, b in zip(found, other, strict=True)]
+    both = np.array([_numbers(a) - _numbers(b) for a, b in pairs if a is not None and b is not None])
+    if not len(both):
+        return None
+    centres = np.hypot(both[:, 0], both[:, 1])
+    return Apart(
+        frames=len(both),
+        centre_px=float(np.median(centres)),
+        centre_largest_px=float(centres.max()),
+        radius_px=float(np.median(both[:, 2])),
+        radius_largest_px=float(np.abs(both[:, 2]).max()),
+    )
+
+
+def times(found: Sequence[Detection]) -> Times:
+    """At least one detection. A stage that a frame did without took no time in it: the stages add up to the whole."""
+    names = dict.fromkeys(stage for one in found for stage, _ in one.stage_ns)
+    rows = [dict(one.stage_ns) for one in found]
+    medians = ((name, float(np.median([row.get(name, 0) for row in rows])) / NS_PER_MS) for name in names)
+    total = float(np.median([_total_ns(one) for one in found])) / NS_PER_MS
+    return Times(total, tuple((name, ms) for name, ms in medians if ms > 0))
+
+
+def time_ratio(found: Sequence[Detection], other: Sequence[Detection]) -> float:
+    """Median over pairs that ran one after the other: a busy machine slows both."""
+    ratios = [_total_ns(a) / max(_total_ns(b), 1) for a, b in zip(found, other, strict=True)]
+    return float(np.median(ratios))
+
+
+def _total_ns(one: Detection) -> int:
+    return sum(ns for _, ns in one.stage_ns)
+
+
+def _numbers(circle: Circle) -> NDArray[np.float64]:
+    return np.array((circle.u_px, circle.v_px, circle.radius_px))

@@ -1,0 +1,150 @@
+"""`[vision]` of one bay in the configuration's file: what a change makes of the file, and profiles to carry. Pure.
+
+A key is changed where its value comes from: in the bay's own table, or in the shared `[vision]`. Where several bays
+share `[vision]` and one of them is to differ, its own table gets the key.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from gateway.config import GatewayConfig, VisionConfig, parse
+from gateway.config.strict.toml_file import merge
+from gateway.errors import ConfigError
+from gateway.web.tuning import parameter_schema as tuned
+from gateway.web.tuning.redact import redacted
+from gateway.web.tuning.toml_edit import with_keys
+
+MAX_PROFILE_CHARS = 64 * 1024
+MAX_LINE_CHARS = 400  # a dotted key takes the TOML reader time by the square of its length
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A changed file, checked but not written. `text` equals `former` where there is nothing to change."""
+
+    former: str
+    text: str
+    diff: str  # unified; passwords masked
+    changes: Mapping[str, Any]
+
+
+def in_file(text: str, bay: str, *, source: str) -> VisionConfig:
+    """What the file says for `bay`. Raises ConfigError."""
+    found, index = _bay_of(_parsed(text, source), bay, source)
+    return found.bays[index].vision
+
+
+def propose(text: str, bay: str, wanted: VisionConfig, *, source: str) -> Proposal:
+    """The file's text with `wanted` for `bay`, and no other meaning changed. Raises ConfigError.
+
+    `text` as it stands in the file, its line ends and byte order mark included.
+    """
+    document = _document(text, source)
+    before, index = _bay_of(_parsed(text, source), bay, source)
+    changes = tuned.changes(before.bays[index].vision, wanted)
+    changed, expected = text, document
+    for place, keys in _places(document, index, changes):
+        changed = with_keys(changed, place, keys, source=source)
+        expected = _with(expected, place, keys)
+    _check(changed, expected, before, index, changes, source)
+    return Proposal(text, changed, _diff(text, changed, source), changes)
+
+
+def export(bay: str, settings: VisionConfig, *, site: str, wall_ns: int) -> str:
+    """A profile: the tuned keys of `[vision]` with a word on where they come from."""
+    at = datetime.fromtimestamp(wall_ns // NS_PER_S, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    head = (
+        f"# Vision profile of {site}, bay {bay}, exported {at} UTC.\n"
+        "# To be imported on a bay's tuning page, or pasted into [vision] of a configuration file.\n"
+    )
+    return with_keys(head, ("vision",), {key: getattr(settings, key) for key in tuned.TUNED}, source="profile")
+
+
+def imported(text: str, base: VisionConfig, *, source: str) -> VisionConfig:
+    """`base` with what a profile says over it. Raises ConfigError: file, line, key, value and what is allowed."""
+    if len(text) > MAX_PROFILE_CHARS:
+        raise ConfigError(f"{source}: more than {MAX_PROFILE_CHARS} characters; a profile is a few lines")
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > MAX_LINE_CHARS:
+            raise ConfigError(f"{source}:{number}: a line of {len(line)} characters; at most {MAX_LINE_CHARS}")
+    document = _document(text, source)
+    others = [key for key in document if key != "vision"]
+    if others:
+        raise ConfigError(f"{source}: {', '.join(others)}: a profile holds [vision] and nothing else")
+    given = document.get("vision")
+    if not isinstance(given, dict) or not given:
+        raise ConfigError(f"{source}: there is no [vision] with keys in it")
+    return tuned.checked(given, base, source=source, text=text.removeprefix("\ufeff"))
+
+
+def _places(
+    document: Mapping[str, Any], index: int, changes: Mapping[str, Any]
+) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
+    """Which keys are to be set in which table."""
+    bays = document.get("bays", [])
+    own = bays[index].get("vision", {}) if bays else {}
+    nobody_else = len(bays) == 1 and "vision" in document  # reads the shared table
+    apart = {key: value for key, value in changes.items() if bays and (key in own or not nobody_else)}
+    together = {key: value for key, value in changes.items() if key not in apart}
+    if together:
+        yield ("vision",), together
+    if apart:
+        yield ("bays", index, "vision"), apart
+
+
+def _with(document: Mapping[str, Any], place: tuple[str | int, ...], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The parsed document as it must read after the change."""
+    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in keys.items()}
+    if place == ("vision",):
+        return merge(document, {"vision": plain})
+    bays = list(document["bays"])
+    bays[int(place[1])] = merge(bays[int(place[1])], {"vision": plain})
+    return {**document, "bays": bays}
+
+
+def _check(
+    text: str, expected: Mapping[str, Any], before: GatewayConfig, index: int, changes: Mapping[str, Any], source: str
+) -> None:
+    """The changed text by the gateway's own reader: it must say the wanted, and nothing else may have changed."""
+    after = _parsed(text, source)
+    bays = list(before.bays)
+    bays[index] = bays[index].model_copy(update={"vision": bays[index].vision.model_copy(update=dict(changes))})
+    if _document(text, source) != expected or after != before.model_copy(update={"bays": tuple(bays)}):
+        raise ConfigError(f"{source}: its layout cannot be changed by a program; change {', '.join(changes)} by hand")
+
+
+def _parsed(text: str, source: str) -> GatewayConfig:
+    return parse(_document(text, source), source=source, text=text.removeprefix("\ufeff"))
+
+
+def _document(text: str, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text.removeprefix("\ufeff"))
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{source}: not valid TOML: {error}") from error
+
+
+def _bay_of(config: GatewayConfig, bay: str, source: str) -> tuple[GatewayConfig, int]:
+    names = [found.name for found in config.bays]
+    if bay not in names:
+        raise ConfigError(f"{source}: no bay {bay}; there is: {', '.join(names)}")
+    return config, names.index(bay)
+
+
+def _diff(former: str, text: str, source: str) -> str:
+    """Unified, as people read it. Lines near the change may hold a password; nobody needs it here."""
+    try:
+        old, new = (redacted(side.removeprefix("\ufeff"), source=source) for side in (former, text))
+    except ConfigError:
+        return f"--- {source}\n(its layout can't be shown without the passwords in it)\n" if former != text else ""
+    lines = list(difflib.unified_diff(_lines(old), _lines(new), source, f"{source} (new)", lineterm=""))
+    return "\n".join(lines) + "\n" if lines else ""
+
+
+def _lines(text: str) -> list[str]:
+    return text.removesuffix("\n").replace("\r", "").split("\n")

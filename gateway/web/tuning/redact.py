@@ -1,0 +1,88 @@
+"""A configuration's text as people may see it: without passwords, whichever way TOML has of writing them. Pure.
+
+What is a password the sections say, as for `gateway check --full`: a field without `repr` is one, and any address may
+hold one. The text is read, not searched: quoted keys, tables in one line and escapes make no difference.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping, MutableMapping, MutableSequence
+from typing import Any
+
+import tomlkit
+from pydantic.fields import FieldInfo
+from tomlkit.exceptions import TOMLKitError
+
+from gateway.config import BayConfig, GatewayConfig
+from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.section import inner_model
+from gateway.errors import ConfigError
+
+HIDDEN = "***"
+_FIELDS = {**BayConfig.model_fields, **GatewayConfig.model_fields}  # the shared sections stand at the top
+# In a comment nothing has a name that the sections know.
+_REMARK = re.compile(r"(?i)(#.*?(?:pass|pwd|secret|token|hash)[^=:]*[=:]).*$")
+_LOGIN = re.compile(r"://[^\s]*@")
+_QUERY = re.compile(r"(?i)([?&][^=&\s]*(?:pass|pwd|secret|token|key)[^=&\s]*=)[^&#\"'\s]*")
+_HASH = re.compile(r"\$argon2[^\s\"']*")
+
+
+def redacted(text: str, *, source: str) -> str:
+    """`text` is one that the gateway reads. Raises ConfigError where nobody can vouch for the result."""
+    try:
+        document = tomlkit.parse(text)
+        _hide(document, _FIELDS)
+        shown = tomlkit.dumps(document)
+        same = tomllib.loads(shown) == _plainly(tomllib.loads(text), _FIELDS)
+    except (TOMLKitError, ValueError, KeyError, IndexError, TypeError, RecursionError) as error:
+        raise ConfigError(f"{source}: can't be shown without its passwords") from error
+    if not same:
+        raise ConfigError(f"{source}: can't be shown without its passwords")
+    return "\n".join(map(_remark, shown.split("\n")))
+
+
+def _hide(table: MutableMapping[str, Any], fields: Mapping[str, FieldInfo]) -> None:
+    """In place; comments and layout stay."""
+    for key in list(table):
+        value, info = table[key], fields.get(key)
+        if info is None or not info.repr:
+            table[key] = HIDDEN
+        elif isinstance(value, MutableMapping):
+            _hide(value, _inside(info))
+        elif isinstance(value, MutableSequence):
+            for n, item in enumerate(value):
+                if isinstance(item, MutableMapping):
+                    _hide(item, _inside(info))
+                elif isinstance(item, str) and (shown := without_password(item)) != item:
+                    value[n] = shown
+        elif isinstance(value, str) and (shown := without_password(value)) != value:
+            table[key] = shown
+
+
+def _plainly(value: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> dict[str, Any]:
+    """The same of the values alone: what the shown text must say."""
+
+    def shown(one: Any, info: FieldInfo) -> Any:
+        match one:
+            case dict():
+                return _plainly(one, _inside(info))
+            case list():
+                return [shown(item, info) for item in one]
+            case str():
+                return without_password(one)
+        return one
+
+    return {
+        key: shown(one, fields[key]) if key in fields and fields[key].repr else HIDDEN for key, one in value.items()
+    }
+
+
+def _inside(info: FieldInfo) -> Mapping[str, FieldInfo]:
+    model = inner_model(info.annotation)
+    return {} if model is None else model.model_fields
+
+
+def _remark(line: str) -> str:
+    return _HASH.sub(
+        HIDDEN, _REMARK.sub(rf"\1 {HIDDEN}", _QUERY.sub(rf"\1{HIDDEN}", _LOGIN.sub(f"://{HIDDEN}@", line)))
+    )

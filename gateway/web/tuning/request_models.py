@@ -1,0 +1,86 @@
+"""What the tuning page may ask for: the bodies of its POSTs, checked strictly. Pure."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gateway.web.tuning.profile import MAX_PROFILE_CHARS
+from gateway.web.tuning.snapshots import LONGEST_S
+from gateway.web.tuning.stages import LARGEST_PX, WIDTH_PX
+
+Name = Annotated[str, Field(pattern=r"^[sr][0-9]{1,9}$")]
+Tab = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
+Vision = Annotated[dict[str, Any], Field(max_length=64)]
+
+
+class Asked(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class CheckAsked(Asked):
+    """Begin or end a function check."""
+
+    mode: Literal["off", "may_move_off", "may_move_kept", "permit_off", "permit_kept"]
+
+
+class RecordAsked(Asked):
+    """Keep the frames of the next seconds."""
+
+    seconds: float = Field(3.0, ge=0.2, le=LONGEST_S)
+
+
+class FrameAsked(Asked):
+    """Exactly one of: a frozen frame, a recording (with the number of a frame in it), the newest frame there is."""
+
+    snapshot: Name | None = None
+    recording: Name | None = None
+    live: bool = False
+    frame: int = Field(0, ge=0, le=10_000)
+    tab: Tab = Field("tab", description="tells one page from another: a newer wish of the same takes back the older")
+
+    @model_validator(mode="after")
+    def _one(self) -> "FrameAsked":
+        if (self.snapshot is not None) + (self.recording is not None) + self.live != 1:
+            raise ValueError("one of snapshot, recording, live")
+        return self
+
+
+class TrialAsked(FrameAsked):
+    """Try these settings; keys that are left out are as in force."""
+
+    vision: Vision
+    timed: bool = Field(False, description="often enough to tell the time, and with a look at the exposure")
+    width_px: int = Field(WIDTH_PX, ge=80, le=LARGEST_PX)
+
+
+class PickAsked(FrameAsked):
+    """What is there in the picture, and which ranges would admit it."""
+
+    u_px: float = Field(ge=-1, le=20_000)
+    v_px: float = Field(ge=-1, le=20_000)
+    size_px: int = Field(9, ge=1, le=201)
+    mode: Literal["replace", "widen"] = "replace"
+    vision: Vision
+
+
+class SettingsAsked(Asked):
+    """Settings to go live, to be compared with the file, or to be exported."""
+
+    vision: Vision
+
+
+class ApplyAsked(SettingsAsked):
+    over: Vision | None = Field(None, description="what the page takes to be in force; refused where it is not")
+
+
+class SaveAsked(SettingsAsked):
+    digest: str = Field(pattern=r"^[0-9a-f]{64}$", description="of the file whose difference was shown")
+
+
+class ImportAsked(Asked):
+    text: str = Field(max_length=MAX_PROFILE_CHARS)
+    name: str = Field("profile", max_length=200, description="of the file, for messages")
+
+
+class Nothing(Asked):
+    """An empty body."""

@@ -1,0 +1,290 @@
+"""What technicians do at the bays, whoever asks over which wire: freeze, record, try, go live, write back. asyncio.
+
+Pictures are worked on by the bench's one thread; the file is read and written on another; nothing here blocks the loop.
+"""
+
+import asyncio
+import itertools
+from collections import OrderedDict, defaultdict, deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from types import TracebackType
+from typing import Protocol, Self, TypeVar, TypeVarTuple
+
+from gateway.clock import NS_PER_S, Clock
+from gateway.config import VisionConfig
+from gateway.core.model import FunctionCheck
+from gateway.core.plc import Writer
+from gateway.errors import LinkError
+from gateway.vision.offline.tuning import exposure
+from gateway.vision.offline.tuning.exposure import Light
+from gateway.vision.transport.ring import Snapshot
+from gateway.web.ipc.messages import About, Apply, Check, InFile, Planned, Saved
+from gateway.web.server.gateway_client import Seen
+from gateway.web.server.pictures import encoded as jpeg
+from gateway.web.tuning import eyedropper, profile, stages, trial
+from gateway.web.tuning.eyedropper import Mode, Picked
+from gateway.web.tuning.remarks import Remark, remarks
+from gateway.web.tuning.snapshots import LONGEST_S, Recorder, Store, Taken
+from gateway.web.tuning.stages import Panel
+from gateway.web.tuning.trial import Known, Result
+from gateway.web.tuning.trial_thread import Bench, BusyError
+
+KEPT_TRIALS = 24  # whose pictures may still be fetched
+KEPT_UNDO = 20  # of a bay
+FIRST_S = 10.0  # the main process has told of a bay within this
+NEWER_S = 3.0  # and of new settings within this
+LOOK_S = 0.02  # between two looks for a new frame while recording
+TRIES = 10  # to copy the newest frame
+NO_FRAME = "there is no frame: the camera has given none"
+RECORDERS = 2  # at the same time: each fills memory of its own
+LIGHTS = 5  # frames of a recording that are looked at for exposure
+
+
+T = TypeVar("T")
+Ts = TypeVarTuple("Ts")
+
+
+class Desk(Protocol):
+    """What the workshop needs of gateway.web.server.gateway_client."""
+
+    about: About
+
+    @property
+    def clock(self) -> Clock: ...
+
+    def seen(self, bay: str) -> Seen | None: ...
+
+    async def newer(self, bay: str, number: int, seconds: float) -> Seen | None: ...
+
+    def snapshot(self, bay: str, seq: int | None = None) -> Snapshot | None: ...
+
+    async def order(self, what: Check | Apply, who: Writer) -> None: ...
+
+    async def in_file(self, bay: str, who: Writer) -> InFile: ...
+
+    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> Planned: ...
+
+    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> Saved: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A trial with all that the page shows of it."""
+
+    number: int
+    result: Result
+    in_force: VisionConfig  # what it was compared with
+    remarks: tuple[Remark, ...]
+    panels: tuple[Panel, ...]
+    lights: tuple[Light, ...]  # empty: not asked for
+    shown: int  # the panels are of this frame of those that were given
+    width_px: int
+    height_px: int
+
+
+class Workshop:
+    """One for the web process. `pace` is real time. To be closed: `with`.
+
+    `thread`: for pictures and for texts; by default the bench has one of its own, and texts take the loop's.
+    """
+
+    def __init__(self, desk: Desk, pace: Clock, thread: Executor | None = None) -> None:
+        self.desk = desk
+        self.store = Store()
+        self.bench = Bench(thread)
+        self._texts = thread
+        self._pace = pace
+        self._known = Known()
+        self._numbers = itertools.count(1)
+        self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
+        self._undo: dict[str, deque[VisionConfig]] = {}
+        self._changing: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)  # by bay: one change at a time
+        self._recorders = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bench.close()
+
+    @property
+    def file(self) -> str:
+        """Name of the configuration's file, which the main process reads and writes; empty: there is none."""
+        return self.desk.about.source
+
+    async def in_force(self, bay: str) -> VisionConfig:
+        """Raises LinkError where the main process has not told of it."""
+        seen = self.desk.seen(bay) or await self.desk.newer(bay, 0, FIRST_S)
+        if seen is None:
+            raise LinkError("the gateway has not told of this bay yet")
+        return seen.now.vision
+
+    def function_check(self, bay: str) -> FunctionCheck:
+        seen = self.desk.seen(bay)
+        return FunctionCheck.OFF if seen is None else seen.now.state.function_check
+
+    # Pictures.
+
+    async def freeze(self, bay: str) -> Taken:
+        """Raises LinkError where there is no frame."""
+        frame = await self.newest(bay)
+        if frame is None:
+            raise LinkError(NO_FRAME)
+        return self.store.still(bay, frame, self.desk.clock.wall_ns())
+
+    async def newest(self, bay: str) -> Snapshot | None:
+        """Asked for a few times: a copy fails where the camera writes over the frame meanwhile."""
+        for _ in range(TRIES):
+            if (frame := self.desk.snapshot(bay)) is not None:
+                return frame
+            await self._pace.sleep(LOOK_S)
+        return None
+
+    async def record(self, bay: str, seconds: float) -> Taken:
+        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes, BusyError."""
+        if self._recorders >= RECORDERS:
+            raise BusyError("others are recording just now; try again in a moment")
+        self._recorders += 1
+        try:
+            recorder = await self._recorded(bay, seconds)
+        finally:
+            self._recorders -= 1
+        if not recorder.frames:
+            raise LinkError(NO_FRAME)
+        return self.store.recording(bay, recorder.frames, self.desk.clock.wall_ns(), full=recorder.full)
+
+    async def _recorded(self, bay: str, seconds: float) -> Recorder:
+        recorder = Recorder()
+        begun_ns = self._pace.now_ns()
+        until_ns = begun_ns + round(min(seconds, LONGEST_S) * NS_PER_S)
+        while self._pace.now_ns() < until_ns and not recorder.full:
+            frame = self.desk.snapshot(bay)
+            if frame is not None and frame.seq != recorder.newest:
+                recorder.offer(frame)
+            await self._pace.sleep(LOOK_S)
+        return recorder
+
+    async def picture(self, who: str, frame: Snapshot, width_px: int) -> bytes:
+        return await self.bench.work(f"picture {who}", lambda _: jpeg(frame.image, width_px))
+
+    # Trials.
+
+    async def try_(
+        self,
+        who: str,
+        bay: str,
+        frames: Sequence[Snapshot],
+        settings: VisionConfig,
+        *,
+        shown: int,
+        timed: bool,
+        width_px: int,
+        whole: bool = False,
+    ) -> Tried:
+        """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError.
+
+        Not `timed`: a look at the one frame, for a slider that is being moved. `whole`: the frame itself is among the
+        pictures, for who can't fetch it otherwise.
+        """
+        in_force = await self.in_force(bay)
+        if not timed:
+            frames = [frames[shown]]
+        number = next(self._numbers)
+
+        def work(wanted: Callable[[], bool]) -> tuple[Tried, dict[str, tuple[bytes, str]]]:
+            sides = (settings, in_force, self._known, self._pace.now_ns)
+            result = trial.run(frames, *sides, wanted=wanted) if timed else trial.look(frames[0], *sides, wanted)
+            at = min(shown, result.frames - 1) if timed else 0
+            image = frames[at].image
+            # The whole frame's candidates, even where a tracked search looked at a window of it only.
+            found = self._known.of(frames[at], settings)
+            panels = stages.panels(image, settings, found, width_px)
+            if whole:
+                panels = (stages.whole(image, width_px), *panels)
+            said = remarks(frames, settings, in_force, result)
+            lights = _lights(frames, result) if timed else ()
+            height, width = image.shape[:2]
+            tried = Tried(number, result, in_force, tuple(said), panels, lights, at if timed else shown, width, height)
+            return tried, {panel.name: stages.encoded(panel) for panel in panels}
+
+        tried, pictures = await self.bench.work(who, work)
+        self._pictures[number] = bay, pictures
+        while len(self._pictures) > KEPT_TRIALS:
+            self._pictures.popitem(last=False)
+        return tried
+
+    def panel(self, bay: str, number: int, name: str) -> tuple[bytes, str] | None:
+        """A picture of a trial and its media type; None: there is none (any more)."""
+        of, pictures = self._pictures.get(number, ("", {}))
+        return pictures.get(name) if of == bay else None
+
+    async def pick(
+        self, who: str, frame: Snapshot, at: tuple[float, float], size_px: int, settings: VisionConfig, mode: Mode
+    ) -> Picked:
+        """Takes back a trial that `who` has under way: settings change now. Raises ValueError beside the picture."""
+        self.bench.withdraw(who)
+        return await self.bench.work(
+            f"pick {who}", lambda _: eyedropper.pick(frame.image, *at, size_px, settings, mode)
+        )
+
+    # Settings.
+
+    async def check(self, bay: str, mode: FunctionCheck, who: Writer) -> FunctionCheck:
+        """Begin or end a function check. Raises RefusedError, LinkError."""
+        await self._order(bay, Check(bay, mode), who)
+        return self.function_check(bay)
+
+    async def apply(
+        self, bay: str, settings: VisionConfig, who: Writer, over: VisionConfig | None = None
+    ) -> VisionConfig:
+        """Let settings go live, `over` those that are taken to be in force. What was can still be gone back to.
+
+        Raises RefusedError, where something else is in force, too; LinkError.
+        """
+        async with self._changing[bay]:
+            before = await self.in_force(bay)
+            await self._order(bay, Apply(bay, settings, over), who)
+            if before != settings:
+                self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
+            return await self.in_force(bay)
+
+    async def undo(self, bay: str, who: Writer) -> VisionConfig | None:
+        """Back to what was in force before the newest `apply`. None: there was none. Of two at the same time the second
+        goes one step further back."""
+        async with self._changing[bay]:
+            kept = self._undo.get(bay)
+            if not kept:
+                return None
+            await self._order(bay, Apply(bay, kept[-1]), who)
+            kept.pop()
+            return await self.in_force(bay)
+
+    def undo_steps(self, bay: str) -> int:
+        return len(self._undo.get(bay, ()))
+
+    async def _order(self, bay: str, what: Check | Apply, who: Writer) -> None:
+        """Done, and told by the main process, so that whoever asks next is told the new state."""
+        await self.desk.order(what, who)
+        seen = self.desk.seen(bay)
+        await self.desk.newer(bay, seen.number if seen else 0, NEWER_S)
+
+    # The file.
+
+    async def imported(self, bay: str, text: str, name: str) -> VisionConfig:
+        """What is in force with the profile `text` over it. Raises ConfigError, LinkError."""
+        return await self._off(partial(profile.imported, text, await self.in_force(bay), source=name))
+
+    def _off(self, work: Callable[[*Ts], T], *args: *Ts) -> "asyncio.Future[T]":
+        """On a thread: reading a long text may take its time."""
+        return asyncio.get_running_loop().run_in_executor(self._texts, work, *args)
+
+
+def _lights(frames: Sequence[Snapshot], result: Result) -> tuple[Light, ...]:
+    count = result.frames
+    chosen = sorted({round(n * (count - 1) / max(1, LIGHTS - 1)) for n in range(LIGHTS)})
+    return tuple(exposure.measure(frames[n].image, result.reference[n].circle) for n in chosen)

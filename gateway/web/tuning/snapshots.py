@@ -1,0 +1,137 @@
+"""Frames that a technician has frozen, and short recordings: a bounded store of copies. Pure but for what it keeps.
+
+Per bay the newest few of each kind are kept, and of all together no more bytes than allowed: the oldest go first.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from gateway.clock import NS_PER_S
+from gateway.vision.transport.ring import Snapshot
+
+STILLS = 8  # of a bay
+RECORDINGS = 2
+LONGEST_S = 5.0
+RATE_HZ = 10.0  # of a recording, at most
+STORE_BYTES = 256 << 20  # of all bays
+RECORDING_BYTES = 96 << 20
+_AHEAD = 0.1  # of the period: a frame that comes so much early is on time
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """One frozen frame, or the frames of a recording in order. `name` is what the page calls it by."""
+
+    name: str
+    bay: str
+    frames: tuple[Snapshot, ...]
+    wall_ns: int  # Unix time when it was taken
+    full: bool = False  # a recording that ended early: no more memory
+
+    @property
+    def recorded(self) -> bool:
+        return self.name.startswith("r")
+
+    @property
+    def bytes(self) -> int:
+        return sum(frame.image.nbytes for frame in self.frames)
+
+    @property
+    def seconds(self) -> float:
+        return (self.frames[-1].t_capture_ns - self.frames[0].t_capture_ns) / NS_PER_S
+
+
+class Store:
+    """What has been taken. Names are never used again."""
+
+    def __init__(self, limit_bytes: int = STORE_BYTES) -> None:
+        self._limit_bytes = limit_bytes
+        self._kept: dict[str, Taken] = {}
+        self._numbers = itertools.count(1)
+        self.dropped = 0  # made room for others
+
+    def still(self, bay: str, frame: Snapshot, wall_ns: int) -> Taken:
+        return self._keep(Taken(f"s{next(self._numbers)}", bay, (frame,), wall_ns), STILLS)
+
+    def recording(self, bay: str, frames: Sequence[Snapshot], wall_ns: int, *, full: bool = False) -> Taken:
+        """At least one frame."""
+        taken = Taken(f"r{next(self._numbers)}", bay, tuple(frames), wall_ns, full)
+        return self._keep(taken, RECORDINGS)
+
+    def get(self, bay: str, name: str) -> Taken | None:
+        found = self._kept.get(name)
+        return found if found is not None and found.bay == bay else None
+
+    def of(self, bay: str) -> list[Taken]:
+        """Oldest first."""
+        return [taken for taken in self._kept.values() if taken.bay == bay]
+
+    @property
+    def bytes(self) -> int:
+        return sum(taken.bytes for taken in self._kept.values())
+
+    def _keep(self, taken: Taken, most: int) -> Taken:
+        self._kept[taken.name] = taken
+        alike = [old.name for old in self.of(taken.bay) if old.recorded == taken.recorded]
+        for name in alike[:-most]:
+            self._drop(name)
+        for name in list(self._kept):
+            if self.bytes <= self._limit_bytes or name == taken.name:
+                break
+            self._drop(name)
+        return taken
+
+    def _drop(self, name: str) -> None:
+        del self._kept[name]
+        self.dropped += 1
+
+
+class Recorder:
+    """Which frames of the running picture go into a recording: new ones, not too many a second, not too much memory."""
+
+    def __init__(self, rate_hz: float = RATE_HZ, limit_bytes: int = RECORDING_BYTES) -> None:
+        self._period_ns = round(NS_PER_S / rate_hz)
+        self._limit_bytes = limit_bytes
+        self._frames: list[Snapshot] = []
+        self._bytes = 0
+
+    @property
+    def frames(self) -> Sequence[Snapshot]:
+        return tuple(self._frames)
+
+    @property
+    def newest(self) -> int | None:
+        return self._frames[-1].seq if self._frames else None
+
+    @property
+    def full(self) -> bool:
+        """The next frame, if it is as large as the newest, would go beyond the limit."""
+        return bool(self._frames) and self._bytes + self._frames[-1].image.nbytes > self._limit_bytes
+
+    def offer(self, frame: Snapshot) -> bool:
+        """Whether it was taken."""
+        if self._frames:
+            before = self._frames[-1]
+            early_ns = frame.t_capture_ns - before.t_capture_ns - self._period_ns
+            if frame.seq == before.seq or early_ns < -_AHEAD * self._period_ns or self.full:
+                return False
+        self._frames.append(frame)
+        self._bytes += frame.image.nbytes
+        return True
+
+
+def named(taken: Sequence[Taken]) -> Iterator[dict[str, object]]:
+    """For the page's list."""
+    for one in taken:
+        height, width = one.frames[0].image.shape[:2]
+        yield {
+            "name": one.name,
+            "kind": "recording" if one.recorded else "snapshot",
+            "frames": len(one.frames),
+            "seconds": round(one.seconds, 3),
+            "width_px": width,
+            "height_px": height,
+            "taken_ms": one.wall_ns // 1_000_000,
+            "full": one.full,
+        }

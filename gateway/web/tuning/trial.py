@@ -1,0 +1,183 @@
+"""Settings tried on frozen frames, beside the settings in force and the robust method as it is shipped. Pure.
+
+The clock and the question whether to go on are handed in. A trial runs the very detectors that the bay's vision
+process runs, the tried and those in force in turn, so that the ratio of their times holds on a busy machine, too. In a
+recording each follows the marker as it would live; a single frame is looked at by itself, a few times.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from gateway.clock import NS_PER_S
+from gateway.config import VisionConfig
+from gateway.core.model import Detection
+from gateway.errors import GatewayError
+from gateway.vision.detect import registry
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.paper.pipeline import NowNs
+from gateway.vision.pixels import Image
+from gateway.vision.transport.ring import Snapshot
+from gateway.web.tuning import measures
+from gateway.web.tuning.measures import Apart, Jitter, Times
+
+REPEATS = 9  # of a single frame, where the time is asked for
+LIMIT_S = 12.0
+LIKELY = 0.5  # confidence from which on the robust method's answer may stand as a reference
+
+
+class EndedError(GatewayError):
+    """The trial was given up: somebody wants another one, or nobody this one any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """What one setting makes of the frames."""
+
+    found: tuple[Detection, ...]  # one a frame
+    found_share: float
+    jitter: Jitter | None
+    times: Times
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """`reference`: the robust method with its shipped gates; without a circle where it is not sure."""
+
+    frames: int  # looked at: fewer than given where the time ran out
+    tried: Side
+    in_force: Side
+    reference: tuple[Detection, ...]
+    from_in_force: Apart | None
+    from_reference: Apart | None
+    time_ratio: float  # of the tried to those in force
+    timed: bool  # often enough for times to be worth a look
+    cut_short: bool
+
+
+class Known:
+    """Answers about single frames, kept for the frames at hand: a slider asks for the same ones again and again."""
+
+    KEPT = 512
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, int, VisionConfig], Detection] = {}
+
+    def of(self, frame: Snapshot, settings: VisionConfig, now_ns: NowNs = lambda: 0) -> Detection:
+        """By itself: without tracking."""
+        alone = settings.model_copy(update={"tracking": False})
+        key = (frame.seq, frame.t_capture_ns, alone)
+        if key not in self._known:
+            while len(self._known) >= self.KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = _plainly(frame.image, alone, now_ns)
+        return self._known[key]
+
+    def reference(self, frame: Snapshot, lens: VisionConfig) -> Detection:
+        """The robust method's, without a circle where it is not sure. `lens`: whose intrinsics count."""
+        return self.of(frame, shipped(lens))
+
+
+def _plainly(image: Image, alone: VisionConfig, now_ns: NowNs) -> Detection:
+    """The paper's method by its plain pipeline: the same to the bit, and nothing is prepared for frames to come."""
+    if alone.method == "paper":
+        return pipeline.detect(image, alone, now_ns)
+    return registry.detector(alone, now_ns)(image, 0)
+
+
+def shipped(lens: VisionConfig) -> VisionConfig:
+    """The robust method as it is shipped. With a lens it tells the tilted disc's own centre, the paper's never does."""
+    return VisionConfig(
+        method="robust",
+        tracking=False,
+        min_confidence=LIKELY,
+        intrinsics=lens.intrinsics if lens.method == "robust" else None,
+    )
+
+
+def look(
+    frame: Snapshot,
+    tried: VisionConfig,
+    in_force: VisionConfig,
+    known: Known,
+    now_ns: NowNs,
+    wanted: Callable[[], bool] = lambda: True,
+) -> Result:
+    """One frame, once: for a slider that is being moved. Its times are those of single looks, perhaps long ago.
+
+    Raises EndedError as soon as `wanted` says no.
+    """
+    found: list[Detection] = []
+    for settings in (tried, in_force, shipped(tried)):
+        if not wanted():
+            raise EndedError("given up for a newer one")
+        found.append(known.of(frame, settings, now_ns))
+    left, right, reference = found
+    return _result([left], [right], [reference], [frame.t_capture_ns], timed=False, cut_short=False)
+
+
+def run(
+    frames: Sequence[Snapshot],
+    tried: VisionConfig,
+    in_force: VisionConfig,
+    known: Known,
+    now_ns: NowNs,
+    *,
+    wanted: Callable[[], bool] = lambda: True,
+    limit_s: float = LIMIT_S,
+) -> Result:
+    """At least one frame; a single one is looked at REPEATS times. Raises EndedError as soon as `wanted` says no."""
+    until_ns = now_ns() + round(limit_s * NS_PER_S)
+    alone = len(frames) == 1
+    runs = [frames[0]] * REPEATS if alone else list(frames)
+    ours, theirs = (_detector(settings, now_ns, alone=alone) for settings in (tried, in_force))
+    if alone:  # tables are made and memory is fetched in the first run
+        ours(frames[0].image, 0), theirs(frames[0].image, 0)
+    left: list[Detection] = []
+    right: list[Detection] = []
+    references: list[Detection] = []
+    for n, frame in enumerate(runs):
+        if not wanted():
+            raise EndedError("given up for a newer one")
+        pair = (left, ours), (right, theirs)
+        for found, detector in pair if n % 2 == 0 else reversed(pair):
+            found.append(detector(frame.image, frame.t_capture_ns))
+        if not alone or n == 0:
+            references.append(known.reference(frame, tried))
+        if now_ns() > until_ns:
+            break
+    at = [frame.t_capture_ns for frame in runs[: len(references)]]
+    timed = len(left) >= measures.FEWEST
+    return _result(left, right, references, at, timed=timed, cut_short=len(left) < len(runs))
+
+
+def _result(
+    left: Sequence[Detection],
+    right: Sequence[Detection],
+    references: Sequence[Detection],
+    times_ns: Sequence[int],
+    *,
+    timed: bool,
+    cut_short: bool,
+) -> Result:
+    frames = len(references)
+    return Result(
+        frames=frames,
+        tried=_side(left, frames, times_ns),
+        in_force=_side(right, frames, times_ns),
+        reference=tuple(references),
+        from_in_force=measures.apart(left[:frames], right[:frames]),
+        from_reference=measures.apart(left[:frames], references),
+        time_ratio=measures.time_ratio(left, right),
+        timed=timed,
+        cut_short=cut_short,
+    )
+
+
+def _detector(settings: VisionConfig, now_ns: NowNs, *, alone: bool) -> Callable[[Image, int], Detection]:
+    return registry.detector(settings.model_copy(update={"tracking": settings.tracking and not alone}), now_ns)
+
+
+def _side(found: Sequence[Detection], frames: int, times_ns: Sequence[int]) -> Side:
+    """`found` has more entries than there are frames where a single one was looked at several times."""
+    told = tuple(found[:frames])
+    return Side(told, measures.found_share(told), measures.jitter(times_ns, told), measures.times(found))

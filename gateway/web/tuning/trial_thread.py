@@ -1,0 +1,84 @@
+"""The one thread on which pictures are worked on for technicians: the newest wish wins, and nothing piles up.
+
+Every visitor has one place in the queue. Whoever asks again while the own wish waits or runs takes it back: the old one
+ends as soon as it notices, and whoever waited for it is told so.
+"""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import TypeVar
+
+from gateway.errors import GatewayError
+from gateway.web.tuning.trial import EndedError
+
+WAITING = 8  # visitors
+
+T = TypeVar("T")
+
+
+class BusyError(GatewayError):
+    """Too many people are at the workbench."""
+
+
+class Wish:
+    """Something that is to be worked on. Read by the thread, written by the event loop."""
+
+    def __init__(self) -> None:
+        self._wanted = True
+
+    def wanted(self) -> bool:
+        return self._wanted
+
+    def withdraw(self) -> None:
+        self._wanted = False
+
+
+class Bench:
+    """One event loop, one thread: `thread`, or its own."""
+
+    def __init__(self, thread: Executor | None = None) -> None:
+        self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="workbench")
+        self._turn = asyncio.Lock()
+        self._wishes: dict[str, Wish] = {}
+        self.done = 0
+        self.withdrawn = 0
+
+    async def work(self, who: str, what: Callable[[Callable[[], bool]], T]) -> T:
+        """Do `what` on the thread; it is handed a question that it asks now and then: is this still wanted?
+
+        Raises EndedError when `who` asked for something newer meanwhile, BusyError when too many others wait.
+        """
+        if who in self._wishes:
+            self._wishes.pop(who).withdraw()
+        elif len(self._wishes) >= WAITING:
+            raise BusyError("too many people are trying settings just now; try again in a moment")
+        wish = self._wishes[who] = Wish()
+        try:
+            async with self._turn:
+                if not wish.wanted():
+                    raise EndedError("given up for a newer one")
+                # If the waiting is cancelled, the thread hears below that nobody wants it; the next queues behind it.
+                result = await asyncio.get_running_loop().run_in_executor(self._thread, what, wish.wanted)
+            if not wish.wanted():
+                raise EndedError("given up for a newer one")
+        except EndedError:
+            self.withdrawn += 1
+            raise
+        finally:
+            wish.withdraw()
+            if self._wishes.get(who) is wish:
+                del self._wishes[who]
+        self.done += 1
+        return result
+
+    def withdraw(self, who: str) -> None:
+        """Take back what `who` has waiting or running, if anything."""
+        if who in self._wishes:
+            self._wishes.pop(who).withdraw()
+
+    def close(self) -> None:
+        """Takes back what runs or waits, and ends the thread, which may take as long as one look at a picture."""
+        for wish in self._wishes.values():
+            wish.withdraw()
+        self._thread.shutdown(wait=True, cancel_futures=True)
