@@ -8,7 +8,7 @@ from playwright.sync_api import Page, Route
 
 from gateway.web.auth.headers import CONTENT_SECURITY_POLICY
 
-STATIC = Path(__file__).parents[2] / "gateway" / "hmi" / "static"
+STATIC = Path(__file__).parents[2] / "gateway" / "web" / "static"
 HOST = "127.0.0.1:9"  # nobody listens there: every request is answered below
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 PAGES = {"driver": "driver.html", "login": "login.html", "": "index.html"}

@@ -13,7 +13,7 @@ import pytest
 from gateway import config
 from gateway.cli.main import main
 from gateway.vision.offline.calibration.boards import parse
-from tests.unit.board_pictures import POSES, Camera, shot
+from tests.unit.vision.board_pictures import POSES, Camera, shot
 
 SPEC = "checkerboard:8x6:18mm"
 

@@ -10,7 +10,7 @@ from gateway.core.model import Circle, EventKind, Quality, RangeReading, Reason,
 from tests.e2e.brokers import Mosquitto, Received, Subscriber
 from tests.e2e.mqtt_plant import Plant
 from tests.node_function import run_function
-from tests.unit.test_scada_grafana import PANELS, extracted, kind_of, shown
+from tests.unit.sinks.test_scada_grafana import PANELS, extracted, kind_of, shown
 
 FLOW = Path(__file__).parents[2] / "docs" / "scada" / "node-red-loading-bays.json"
 

@@ -11,7 +11,7 @@ from gateway.config import GatewayConfig
 from gateway.errors import LinkError
 from gateway.web.host import service
 from gateway.web.ipc.messages import About
-from tests.unit.hmi_desk import plant
+from tests.unit.web.gateway_client import plant
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ from gateway.core.model import Quality, VisionReading
 from gateway.web.auth.logins import Logins
 from gateway.web.server import openapi
 from gateway.web.server.app import app, site_of
-from tests.unit.hmi_desk import plant
-from tests.unit.hmi_guard import PASSWORD, USERS
-from tests.unit.hmi_links import full
+from tests.unit.web.auth import PASSWORD, USERS
+from tests.unit.web.gateway_client import plant
+from tests.unit.web.links import full
 
 HURRY_S = 60.0
 EXAMPLES = 12

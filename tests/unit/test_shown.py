@@ -26,7 +26,7 @@ from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.web.ipc.messages import Ask
 from gateway.web.server import views
-from tests.unit.hmi_desk import Plant, plant
+from tests.unit.web.gateway_client import Plant, plant
 from tests.virtual_time import LoopClock, run
 
 MS = 1_000_000

@@ -1,0 +1,188 @@
+"""Messages between processes are data: whatever the bytes, only the records of the schema come out, and at once."""
+
+import ast
+import contextlib
+import itertools
+import pickle
+import resource
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gateway
+from gateway.config import VisionConfig
+from gateway.core.model import FunctionCheck
+from gateway.core.plc import Writer
+from gateway.errors import ProtocolError
+from gateway.processes import child
+from gateway.processes.codec import COMPRESSED, MAX_MESSAGE_BYTES, MAX_UNPACKED_BYTES, Codec, record_of, record_packed
+from gateway.processes.notices import Failed
+from gateway.vision.transport.messages import FROM_CHILDREN
+from gateway.web.ipc.messages import FROM_WEB, Apply, Ask, Check, LinksNow, Order
+from tests.unit.web.links import full
+
+ANNA = Writer("127.0.0.1", "anna", "technician")
+GOOD = Codec.packed(Ask(1, ("bay1",), 7, links=True))
+NESTED = b"\x91" * (MAX_MESSAGE_BYTES - 1) + b"\xc0"
+
+
+def tuples(depth: int) -> object:
+    """2 to the `depth` elements, in a few bytes of a pickle: whoever hashes it is busy for good."""
+    made: object = ()
+    for _ in range(depth):
+        made = (made, made)
+    return made
+
+
+HOSTILE: dict[str, bytes] = {
+    "nothing": b"",
+    "tuples in tuples that a hash never gets to the end of": pickle.dumps(("Ask", 1, (tuples(45),))),
+    "a class to be written into": b"\x80\x04cgateway.model\nFunctionCheck\nN}\x8c\x0aPERMIT_OFFK\x00s\x86b.",
+    "a function to be called": b"\x80\x04cposix\nsystem\n\x8c\x04true\x85R.",
+    "lists in lists": NESTED,
+    "lists in lists in the place of a name": b"\x95\xa3Ask\x01" + NESTED,
+    "maps in maps, as deep as a message can": b"\x81" * MAX_MESSAGE_BYTES,
+    "maps whose keys are lists": b"\x95\xa3Ask\x01\x81\x92\x01\x02\x03\x00\xc3",
+    "four thousand million names, it says": b"\x95\xa3Ask\x01\xdd\xff\xff\xff\xff",
+    "a text of four gigabytes, it says": b"\x95\xa3Ask\x01\x91\xdb\xff\xff\xff\xff",
+    "more bays than are answered": Codec.packed(["Ask", 1, ["bay1"] * 7, 0, True]),
+    "another type than the field's": Codec.packed(["Ask", "1", ["bay1"], 0, True]),
+    "a field too many": Codec.packed(["Ask", 1, ["bay1"], 0, True, {"function_check": 0}]),
+    "a record of another kind": Codec.packed(["Answer", 1, 2, 3, []]),
+    "a number that is no mode": Codec.packed(["Order", 1, ANNA, ["Check", "bay1", 3]]),
+    "a reading in the place of a mode": Codec.packed(["Order", 1, ANNA, ["Check", "bay1", {"t_ns": 1, "quality": 0}]]),
+    "settings out of their range": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", '{"deadline_s": 1e9}', None]]),
+    "settings with a key of their own": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", '{"__class__": 1}', None]]),
+    "settings as lists in lists": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", "[" * 60_000, None]]),
+    "settings as a map": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", {"method": "paper"}, None]]),
+    "something compressed": COMPRESSED + zlib.compress(GOOD),
+    "a whole message and more": GOOD + GOOD,
+    "half a message": GOOD[:-3],
+}
+
+
+@pytest.fixture
+def little_memory() -> Iterator[None]:
+    """Half a gigabyte more than there is now, for whatever believes a length that lies."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (512 << 20), before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+@pytest.mark.parametrize("codec", [FROM_WEB, FROM_CHILDREN], ids=["from the web process", "from a vision process"])
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.timeout(10)
+def test_a_message_made_to_harm_is_refused_and_nothing_else_happens(
+    codec: Codec, name: str, little_memory: None
+) -> None:
+    modes = dict(vars(FunctionCheck))
+    with pytest.raises(ProtocolError, match="not a message that is taken here"):
+        codec.unpacked(HOSTILE[name])
+    assert dict(vars(FunctionCheck)) == modes
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
+    with contextlib.suppress(ProtocolError):
+        FROM_WEB.unpacked(data)
+
+
+def test_any_byte_may_be_another() -> None:
+    data = Codec.packed(Order(1, ANNA, Check("bay1", FunctionCheck.PERMIT_OFF)))
+    taken = 0
+    for place, byte in itertools.product(range(len(data)), range(256)):
+        try:
+            order = FROM_WEB.unpacked(data[:place] + bytes([byte]) + data[place + 1 :])
+        except ProtocolError:
+            continue
+        taken += 1
+        assert type(order) is Order
+        assert type(order.what) is Check
+        assert (type(order.number), type(order.who), type(order.what.mode)) == (int, Writer, FunctionCheck)
+    assert 256 < taken < 10_000  # other letters in names, another number, another mode
+
+
+def test_what_is_wrong_with_settings_is_told_without_what_was_written() -> None:
+    data = Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", '{"coast_s": "rtsp://anna:secret@camera"}', None]])
+    with pytest.raises(ProtocolError) as refused:
+        FROM_WEB.unpacked(data)
+    assert "secret" not in str(refused.value)
+    assert refused.value.__cause__ is None
+
+
+def test_settings_keep_which_keys_were_set() -> None:
+    order = Order(2, ANNA, Apply("bay1", VisionConfig(method="paper", coast_s=0.3), VisionConfig()))
+    again = FROM_WEB.unpacked(Codec.packed(order))
+    assert again == order
+    assert again.what.vision.model_fields_set == {"method", "coast_s"}
+
+
+def test_a_message_that_would_not_fit_is_compressed_and_a_bomb_is_refused() -> None:
+    names = tuple(f"bay{n}" for n in range(20_000))
+    reader = Codec(tuple[str, ...], compressed=True)
+    packed = Codec.packed(names)
+    assert packed.startswith(COMPRESSED)
+    assert len(packed) < MAX_MESSAGE_BYTES
+    assert reader.unpacked(packed) == names
+    with pytest.raises(ProtocolError):
+        reader.unpacked(COMPRESSED + zlib.compress(b"\xc6\x7f\xff\xff\xff" + bytes(2 * MAX_UNPACKED_BYTES)))
+    with pytest.raises(ProtocolError):
+        reader.unpacked(COMPRESSED + b"no zlib")
+
+
+def test_a_number_of_numpy_s_is_a_number() -> None:
+    numbers = (np.float64(1.5), np.int64(3), np.bool_(True))
+    again = Codec(tuple[float, int, bool]).unpacked(Codec.packed(numbers))
+    assert (again, [type(one) for one in again]) == ((1.5, 3, True), [float, int, bool])
+    with pytest.raises(NotImplementedError, match="ndarray is no data"):
+        Codec.packed(np.zeros(1))
+
+
+def test_last_words_with_a_path_that_is_no_utf_8_are_a_message_all_the_same() -> None:
+    words = Failed(child.shown("LinkError: /films/\udcfc.avi: gone"))
+    assert FROM_WEB.unpacked(Codec.packed(words)) == Failed(r"LinkError: /films/\udcfc.avi: gone")
+    assert len(child.shown("x" * 10_000)) == child.MAX_WORDS
+
+
+def test_what_is_no_data_is_a_bug_here() -> None:
+    with pytest.raises(NotImplementedError, match="object is no data"):
+        Codec.packed(object())
+
+
+def test_all_that_the_web_process_is_told_comes_out_as_it_went_in() -> None:
+    links = full()
+    assert record_of(LinksNow, record_packed(links)) == links
+
+
+CODE_IN_MESSAGES = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "copyreg", "multiprocessing", "pickletools"}
+
+
+def imported(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        match node:
+            case ast.Import(names=names):
+                yield from (name.name for name in names)
+            case ast.ImportFrom(module=str(module)):
+                yield module
+            case ast.Call(
+                func=ast.Name(id="__import__") | ast.Attribute(attr="import_module"), args=[ast.Constant(value)]
+            ):
+                yield str(value)
+
+
+def test_no_module_of_the_gateway_imports_what_makes_code_of_bytes() -> None:
+    root = Path(gateway.__file__).parent
+    found = {
+        f"{path.relative_to(root)}: {name}"
+        for path in root.rglob("*.py")
+        for name in imported(path)
+        if name.split(".")[0] in CODE_IN_MESSAGES
+    }
+    assert found == set()

@@ -1,0 +1,78 @@
+"""Asks the programs' side without a socket and without the guard: a desk, a main process's side, one request."""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import quote
+
+from starlette.applications import Starlette
+from starlette.types import ASGIApp, Message
+
+from gateway.web.auth.access import Level
+from gateway.web.auth.caller import Visitor, with_visitor
+from gateway.web.server import api, openapi
+from gateway.web.server.metrics.family import Pages
+from tests.unit.web.gateway_client import Plant
+from tests.virtual_time import AtOnce
+
+ANNA = Visitor("anna", Level.TECHNICIAN, "10.0.0.7", "token")
+
+
+@dataclass(frozen=True)
+class Said:
+    """One answer."""
+
+    status: int
+    headers: dict[str, str]
+    body: bytes
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+
+@dataclass
+class Caller:
+    """Asks as `visitor`."""
+
+    app: ASGIApp
+    visitor: Visitor = ANNA
+
+    async def get(self, path: str, query: str = "", headers: dict[str, str] | None = None) -> Said:
+        return await self.ask("GET", path, query, headers=headers)
+
+    async def post(self, path: str, body: object = None) -> Said:
+        return await self.ask("POST", path, body=b"" if body is None else json.dumps(body).encode())
+
+    async def ask(
+        self, method: str, path: str, query: str = "", *, body: bytes = b"", headers: dict[str, str] | None = None
+    ) -> Said:
+        scope = {
+            "type": "http",
+            "http_version": "1.1",
+            "method": method,
+            "scheme": "http",
+            "path": path,
+            "raw_path": quote(path).encode(),
+            "query_string": query.encode(),
+            "headers": [(name.lower().encode(), value.encode()) for name, value in (headers or {}).items()],
+            "client": (self.visitor.address, 1),
+            "server": ("localhost", 80),
+        }
+        told: list[Message] = []
+
+        async def receive() -> Message:
+            return {"type": "http.request", "body": body, "more_body": False}
+
+        async def send(message: Any) -> None:
+            told.append(message)
+
+        await self.app(with_visitor(scope, self.visitor), receive, send)
+        start = told[0]
+        headers_told = {name.decode(): value.decode() for name, value in start["headers"]}
+        return Said(start["status"], headers_told, b"".join(message.get("body", b"") for message in told[1:]))
+
+
+def caller(made: Plant, pages: Pages | None = None) -> Caller:
+    told = pages or Pages()
+    return Caller(Starlette(routes=api.routes(made.desk, lambda: told, openapi.document(), thread=AtOnce())))

@@ -1,0 +1,712 @@
+"""Who gets through to the pages. Every row of the table is tried by everybody; then the attacks, one by one."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
+
+from gateway.errors import GatewayError
+from gateway.web.auth.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
+from gateway.web.auth.audit_log import What
+from gateway.web.auth.bodies import BODY_S
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.route_check import calls, without_rule
+from gateway.web.auth.security import ENDED, REQUEST_S, protected
+from tests.unit.web.auth import HOST, ORIGIN, PASSWORD, Browser, example, house
+from tests.virtual_time import LoopClock, run
+
+NEEDS = {"driver": Level.DRIVER, "viewer": Level.VIEWER, "technician": Level.TECHNICIAN, "none": Level.OPEN}
+WHO = [("", "none"), ("", "driver"), ("", "viewer"), ("vera", "none"), ("vera", "driver"), ("tom", "none")]
+
+
+def virtual(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+    """The test in virtual time."""
+
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        async def whole() -> None:
+            await test(*args, **kwargs)
+
+        run(whole())
+
+    wrapped.__name__ = getattr(test, "__name__", "test")
+    wrapped.__doc__ = test.__doc__
+    return wrapped
+
+
+def expected(rule: Rule, name: str, without_login: str) -> int:
+    """By hand, from the roles' meaning: 401 asks for a login, 403 says that it is the wrong one, 303 shows the way."""
+    level = max(NEEDS[without_login], {"": Level.OPEN, "vera": Level.VIEWER, "tom": Level.TECHNICIAN}[name])
+    good = 101 if rule.method == "WS" else 200
+    if rule.path in ("/api/login", "/api/logout", "/api/session") or rule.least is Level.OPEN:
+        return 400 if rule.path == "/api/login" else good  # an empty login is no login
+    if rule.method == "POST" and not name:
+        return 401
+    if level >= rule.least:
+        return good
+    if rule.page:
+        return 303
+    return 403 if name else 401
+
+
+async def tried(browser: Browser, rule: Rule) -> int:
+    if rule.method == "WS":
+        socket = await browser.socket(example(rule))
+        assert socket.status is not None
+        if socket.status == 101:
+            assert socket.data == 1
+            await socket.leave()
+        else:
+            assert socket.data == 0
+        return socket.status
+    answer = await (browser.post(example(rule)) if rule.method == "POST" else browser.get(example(rule)))
+    if answer.status in (401, 403):
+        assert answer.json["error"] in ("login", "role")
+        assert "who" not in answer.text
+    if answer.status == 303:
+        assert answer.headers["location"].startswith(f"/login?next={example(rule)}&need=")
+    return answer.status
+
+
+@pytest.mark.parametrize(("name", "without_login"), WHO)
+def test_every_address_by_everybody(name: str, without_login: str) -> None:
+    async def whole() -> None:
+        for rule in RULES:
+            browser = Browser(house(without_login))
+            if name:
+                assert (await browser.login(name)).status == 200
+            else:
+                browser.csrf = (await browser.get("/api/session")).json["csrf"]
+            assert (rule.path, await tried(browser, rule)) == (rule.path, expected(rule, name, without_login))
+
+    run(whole())
+
+
+def test_what_technicians_do_is_closed_to_all_others() -> None:
+    """The table itself, read by a person: a row that slips to a lower level is seen here."""
+    technician = {(rule.method, rule.path) for rule in RULES if rule.least is Level.TECHNICIAN}
+    posts = {rule.path for rule in RULES if rule.method == "POST"}
+    opened = {rule.path for rule in RULES if rule.least is Level.OPEN}
+    assert {("POST", path) for path in posts if path.startswith("/api/bays/")} <= technician
+    assert ("GET", "/tune/{bay}") in technician
+    assert opened == {
+        "/login", "/static/{path:path}", "/favicon.ico", "/healthz", "/api/session", "/api/login", "/api/logout",
+    }  # fmt: skip
+    assert {rule.path for rule in RULES if rule.least is Level.DRIVER} == {"/driver", "/driver/{bay}", "/api/driver"}
+
+
+@virtual
+async def test_everybody_is_technician_where_loopback_says_so() -> None:
+    browser = Browser(house("technician", host="127.0.0.1", users=()), host="127.0.0.1:8080")
+    browser.csrf = (await browser.get("/api/session")).json["csrf"]
+    answer = await browser.post("/api/bays/north/profile/apply", {"a": 1})
+    assert answer.status == 200
+    assert answer.json == {
+        "who": "",
+        "role": "technician",
+        "body": '{"a": 1}',
+        "by": "10.0.0.99 (without login, role technician)",
+    }
+    assert (await browser.post("/api/bays/north/profile/apply", {}, {"x-csrf-token": "-"})).status == 403
+
+
+@virtual
+async def test_a_viewer_without_login_looks_and_touches_nothing() -> None:
+    browser = Browser(house("viewer"))
+    browser.csrf = (await browser.get("/api/session")).json["csrf"]
+    assert (await browser.get("/api/alarms")).status == 200
+    assert (await browser.post("/api/alarms/7/acknowledge")).status == 401
+    await browser.login("vera")
+    answer = await browser.post("/api/alarms/7/acknowledge")
+    assert (answer.status, answer.json["by"]) == (200, "10.0.0.99 (vera, role viewer)")
+
+
+@virtual
+async def test_the_way_to_the_login_is_not_bent() -> None:
+    """What was asked for stands in one parameter, whatever it holds."""
+    browser = Browser(house())
+    answer = await browser.get('/?a=b&need=none#x"<\r\n')
+    assert answer.status == 303
+    assert answer.headers["location"] == "/login?next=/%3Fa%3Db%26need%3Dnone%23x%22%3C%0D%0A&need=viewer"
+
+
+# A route that nobody has thought about
+
+
+async def _nothing(_: Any) -> Any:
+    raise AssertionError("no one should get here")
+
+
+@pytest.mark.parametrize(
+    ("route", "said"),
+    [
+        (Route("/api/new", _nothing), "GET /api/new"),
+        (Route("/api/state", _nothing, methods=["GET", "DELETE"]), "DELETE /api/state"),
+        (Route("/api/bays/{bay}/{anything}", _nothing), "GET /api/bays/{bay}/{anything}"),
+        (Route("/api/bays/{bay:path}/state", _nothing), "GET /api/bays/{bay:path}/state"),
+        (WebSocketRoute("/api/state", _nothing), "WS /api/state"),
+        (Mount("/other", StaticFiles(directory=".")), "GET /other/{path:path}"),
+        (Mount("/api", routes=[Route("/new", _nothing)]), "GET /api/new"),
+    ],
+)
+def test_a_route_without_a_row_is_no_start(route: Any, said: str) -> None:
+    assert without_rule([route]) == [said]
+
+    async def build() -> None:
+        logins = Logins(house().config, LoopClock(), print)
+        with pytest.raises(GatewayError, match="these routes have no row in "):
+            protected(Starlette(routes=[route]), [route], logins, LoopClock())
+
+    run(build())
+
+
+def test_names_of_parameters_and_kinds_do_not_matter() -> None:
+    assert without_rule([Route("/api/alarms/{id:int}/acknowledge", _nothing, methods=["POST"])]) == []
+    assert list(calls([Mount("/static", StaticFiles(directory="."))])) == [("GET", "/static/{path:path}")]
+    assert without_rule([Mount("/static", StaticFiles(directory="."))]) == []
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/nothing", 404),
+        ("GET", "/driver/", 404),
+        ("GET", "/api/bays/north/south/state", 404),
+        ("GET", "/api/bays//state", 404),
+        ("GET", "//evil.example/", 404),
+        ("POST", "/", 405),
+        ("DELETE", "/api/state", 405),
+        ("OPTIONS", "/api/state", 405),
+        ("TRACE", "/login", 405),
+        ("GET", "/api/login", 405),
+        ("GET", "/api/live", 404),
+        ("WS", "/api/live", 404),
+        ("WS", "/api/driver", 404),
+        ("HEAD", "/api/state", 200),
+        ("GET", "/static/../app.py", 404),
+        ("GET", "/static/a/../../../etc/passwd", 404),
+        ("GET", "/static/..\\..\\app.py", 404),
+        ("GET", "/static/./api.js", 404),
+        ("GET", "/static/a\0.js", 404),
+        ("GET", "/driver/a\nb", 404),
+        ("GET", "/static/..js", 200),  # a name as good as any
+    ],
+)
+def test_what_there_is_not(method: str, path: str, status: int) -> None:
+    async def whole() -> None:
+        browser = Browser(house("viewer"))
+        answer = await browser.get(path, method=method)
+        assert answer.status == status
+        if status == 405:
+            assert answer.headers["allow"] in ("GET", "POST")
+
+    run(whole())
+
+
+@given(st.text(max_size=60))
+@settings(max_examples=300)
+def test_no_path_slips_past_its_row(text: str) -> None:
+    """Whatever the row lets through to the files below /static has no way up."""
+    found = find("GET", "/static/" + text)
+    assert found.rule is not None
+    assert found.rule.path == "/static/{path:path}"
+    tricked = find("GET", "/driver/" + text).rule
+    assert tricked is None or "/" not in text
+
+
+# The attacks
+
+
+@virtual
+async def test_dns_rebinding() -> None:
+    browser = Browser(house("viewer"))
+    for host in ("evil.example", "evil.example:8080", "10.0.0.5.evil.example", "10.0.0.6", "", "10.0.0.5, evil", "-"):
+        answer = await browser.get("/api/state", {"host": host})
+        assert (host, answer.status) == (host, 400)
+        assert answer.json["error"] == "host"
+    assert (await browser.get("/api/state", {"host": "10.0.0.5"})).status == 200
+    assert (await browser.get("/api/state", {"host": "10.0.0.5:9999"})).status == 200  # through a tunnel
+    twice = [(b"host", b"10.0.0.5"), (b"host", b"evil.example")]
+    assert (await browser.raw("GET", "/api/state", twice, [b""])).status == 400
+    socket = await browser.socket("/api/live", {"host": "evil.example", "origin": "http://evil.example"})
+    assert (socket.status, socket.data) == (400, 0)
+    assert set(browser.house.what()) == {What.REFUSED}
+    assert "the pages are not called evil.example" in str(browser.house.told[0])
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["-", "null", "http://evil.example", "https://10.0.0.5:8080", "http://10.0.0.5", "http://10.0.0.5:8081",
+     "http://10.0.0.5:8080/", "http://10.0.0.5:8080@evil.example", "http://evil.example:8080", "10.0.0.5:8080", ""],
+)  # fmt: skip
+def test_another_sites_page_changes_and_hears_nothing(origin: str) -> None:
+    async def whole() -> None:
+        browser = Browser(house("viewer"))
+        await browser.login("tom")
+        answer = await browser.post("/api/bays/north/profile/save", {}, {"origin": origin})
+        assert (answer.status, answer.json["error"]) == (403, "origin")
+        socket = await browser.socket("/api/live", {"origin": origin})
+        assert (socket.status, socket.data) == (403, 0)
+        assert (await browser.post("/api/bays/north/profile/save")).status == 200
+        assert browser.house.what() == [What.LOGIN, What.REFUSED, What.REFUSED, What.CHANGED]
+
+    run(whole())
+
+
+@virtual
+async def test_origin_twice_is_no_origin() -> None:
+    browser = Browser(house("technician", host="127.0.0.1"), host="127.0.0.1")
+    headers = [(b"host", b"127.0.0.1"), (b"origin", b"http://127.0.0.1"), (b"origin", b"http://evil.example")]
+    assert (await browser.raw("POST", "/api/bays/north/freeze", headers, [b""])).status == 403
+
+
+@pytest.mark.parametrize("token", ["-", "", "x" * 43, "another's", "strangers", "before"])
+def test_forged_requests(token: str) -> None:
+    async def whole() -> None:
+        built = house("driver")
+        other, browser = Browser(built), Browser(built)
+        await other.login("tom")
+        strangers = (await browser.get("/api/session")).json["csrf"]
+        await browser.login("tom")
+        before = browser.csrf
+        await browser.login("tom")
+        real = browser.csrf
+        assert len({strangers, before, real, other.csrf}) == 4
+        forged = {"another's": other.csrf, "strangers": strangers, "before": before}.get(token, token)
+        answer = await browser.post("/api/bays/north/profile/apply", {}, {"x-csrf-token": forged})
+        assert (answer.status, answer.json["error"]) == (403, "csrf")
+        assert What.CHANGED not in built.what()
+        assert (await browser.post("/api/bays/north/profile/apply")).status == 200
+
+    run(whole())
+
+
+@virtual
+async def test_a_login_is_not_forged_either() -> None:
+    browser = Browser(house())
+    answer = await browser.post("/api/login", {"name": "tom", "password": PASSWORD}, {"x-csrf-token": "-"})
+    assert answer.status == 403
+    answer = await browser.post("/api/login", {"name": "tom", "password": PASSWORD}, {"origin": "http://evil.example"})
+    assert answer.status == 403
+    assert browser.cookies == {}
+
+
+@virtual
+async def test_a_session_is_not_planted() -> None:
+    """Session fixation: an id that the attacker knows never becomes the victim's."""
+    built = house()
+    attacker, victim = Browser(built), Browser(built, address="10.0.0.7")
+    await attacker.login("vera")
+    planted = attacker.cookies["g1-session"]
+    victim.cookies["g1-session"] = planted
+    assert (await victim.get("/api/session")).json["name"] == "vera"
+    await victim.login("tom")
+    assert victim.cookies["g1-session"] != planted
+    assert (await attacker.get("/api/session")).json["role"] == "driver"  # and the planted one has ended
+    victim.cookies = {"g1-session": "chosen-by-the-attacker"}
+    await victim.login("tom")
+    assert victim.cookies["g1-session"] != "chosen-by-the-attacker"
+
+
+@virtual
+async def test_brute_force_at_speed() -> None:
+    browser = Browser(house())
+    browser.csrf = (await browser.get("/api/session")).json["csrf"]
+    answers = [await browser.post("/api/login", {"name": "tom", "password": f"guess {n:04}"}) for n in range(500)]
+    assert [answer.status for answer in answers] == [401] * 10 + [429] * 490
+    assert answers[-1].headers["retry-after"] == "60"
+    assert browser.house.logins.passwords.checks == 10
+    assert (await browser.login("tom")).status == 429  # not even the right one
+    assert browser.house.what().count(What.LOGIN_FAILED) == 10
+    assert browser.house.what().count(What.LOGIN_THROTTLED) == 20  # told, but not five hundred times
+    await asyncio.sleep(60)
+    assert (await browser.login("tom")).status == 200
+    last = browser.house.told[-1]
+    assert (last.what, last.who, last.address) == (What.LOGIN, "tom", "10.0.0.99")
+
+
+@virtual
+async def test_brute_force_all_at_once() -> None:
+    browser = Browser(house())
+    browser.csrf = (await browser.get("/api/session")).json["csrf"]
+    logins = [browser.post("/api/login", {"name": "tom", "password": f"guess {n:04}"}) for n in range(100)]
+    answers = await asyncio.gather(*logins)
+    assert sorted(answer.status for answer in answers) == [401] * 10 + [429] * 90
+
+
+@virtual
+async def test_who_types_the_right_password_is_never_held_up() -> None:
+    browser = Browser(house())
+    for _ in range(30):
+        assert (await browser.login("tom")).status == 200
+    program = Browser(browser.house, address="10.0.0.8")
+    for _ in range(30):
+        assert (await program.get("/metrics", basic("vera", PASSWORD))).status == 200
+        await asyncio.sleep(301)  # so that each is checked anew
+
+
+@virtual
+async def test_a_stranger_who_guesses_does_not_lock_the_technician_out() -> None:
+    built = house()
+    technician = Browser(built)
+    await technician.login("tom")
+    for n in range(100):
+        stranger = Browser(built, address=f"10.1.0.{n}")
+        await stranger.login("tom", f"guess {n:04}")
+    assert (await Browser(built, address="10.1.0.200").login("tom")).status == 429
+    assert (await technician.login("tom")).status == 200
+
+
+@virtual
+async def test_nothing_tells_whether_a_user_exists() -> None:
+    browser = Browser(house())
+    known, unknown = await browser.login("tom", "wrong password"), await browser.login("tim", "wrong password")
+    assert (known.status, known.text) == (unknown.status, unknown.text) == (401, unknown.text)
+
+
+@pytest.mark.parametrize(
+    ("path", "limit"), [("/api/login", LOGIN_BYTES), ("/api/bays/north/trial", BODY_BYTES), ("/api/state", 0)]
+)
+def test_huge_bodies(path: str, limit: int) -> None:
+    async def whole() -> None:
+        browser = Browser(house())
+        await browser.login("tom")
+        cookie = f"g1-session={browser.cookies['g1-session']}".encode()
+        headers = [
+            (b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"cookie", cookie),
+            (b"x-csrf-token", browser.csrf.encode()),
+        ]  # fmt: skip
+        method = "GET" if path == "/api/state" else "POST"
+        told = str(limit + 1).encode()
+        for length in (told, b"99999999999999999999", b"-1", b"1_0", b"0x10", b""):
+            answer = await browser.raw(method, path, [*headers, (b"content-length", length)], [b""])
+            assert (length, answer.status) == (length, 413)
+        two = [(b"content-length", b"0"), (b"content-length", b"7")]
+        assert (await browser.raw(method, path, [*headers, *two], [b""])).status == 413
+        if method == "POST":
+            grown = [b"x" * 1024] * (limit // 1024) + [b"x"]  # of untold length
+            answer = await browser.raw(method, path, headers, grown)
+            assert (answer.status, answer.headers["connection"]) == (413, "close")
+            fits = await browser.raw(method, path, headers, grown[:-1])
+            assert fits.status != 413
+
+    run(whole())
+
+
+@virtual
+async def test_a_body_that_never_comes() -> None:
+    browser = Browser(house())
+    browser.csrf = (await browser.get("/api/session")).json["csrf"]
+    headers = [(b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"x-csrf-token", browser.csrf.encode())]
+    before_s = asyncio.get_running_loop().time()
+
+    async def silent() -> Any:
+        await asyncio.Event().wait()
+
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    await browser.house.guard({**browser.scope("http", "/api/login", headers), "method": "POST"}, silent, send)
+    assert sent[0]["status"] == 408
+    assert asyncio.get_running_loop().time() - before_s == pytest.approx(BODY_S)
+
+
+@virtual
+async def test_a_body_arrives_whole_however_it_is_cut() -> None:
+    browser = Browser(house())
+    await browser.login("tom")
+    cookie = f"g1-session={browser.cookies['g1-session']}".encode()
+    headers = [(b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"cookie", cookie),
+               (b"x-csrf-token", browser.csrf.encode())]  # fmt: skip
+    answer = await browser.raw("POST", "/api/bays/north/trial", headers, [b"a", b"", b"bc", b"d"])
+    assert answer.json["body"] == "abcd"
+
+
+@virtual
+async def test_other_sites_embed_nothing() -> None:
+    browser = Browser(house("viewer"))
+    for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 200), ("none", 200)):
+        for path in ("/api/bays/north/picture", "/metrics", "/static/lib/api.js"):
+            assert (site, (await browser.get(path, {"sec-fetch-site": site})).status) == (site, status)
+    followed = {"sec-fetch-site": "cross-site", "sec-fetch-dest": "document"}  # a link on the plant's wiki
+    assert (await browser.get("/metrics", followed)).status == 200
+    assert (await browser.get("/", {"sec-fetch-site": "cross-site"})).status == 200
+
+
+# Sessions, as pages notice them
+
+
+@pytest.mark.parametrize("name", ["vera", "tom"])
+def test_logging_out_ends_what_is_open(name: str) -> None:
+    async def whole() -> None:
+        built = house()
+        browser, other = Browser(built), Browser(built)
+        await browser.login(name)
+        await other.login(name)
+        socket, others = await browser.socket("/api/live"), await other.socket("/api/live")
+        await socket.say()
+        assert (socket.status, socket.data, socket.closed) == (101, 2, None)
+        waiting = asyncio.get_running_loop().create_task(browser.get("/api/bays/north/picture?wait_s=5"))
+        await asyncio.sleep(1)
+        before_s = asyncio.get_running_loop().time()
+        cookies = dict(browser.cookies)
+        assert (await browser.post("/api/logout")).status == 200
+        await socket.settle()
+        assert (socket.closed, socket.task.done()) == (ENDED, True)
+        answer = await waiting
+        assert (answer.status, answer.json["error"]) == (401, "login")
+        assert asyncio.get_running_loop().time() - before_s < 0.1
+        assert browser.cookies == {}
+        browser.cookies = cookies  # a thief's copy is worth nothing
+        assert (await browser.get("/api/state")).status == 401
+        await others.say()
+        assert (others.data, others.closed) == (2, None)
+        await others.leave()
+        assert built.what()[-1] is What.LOGOUT
+        assert built.guard._open == {}
+
+    run(whole())
+
+
+@virtual
+async def test_a_session_is_over_after_its_time_however_busy_its_page() -> None:
+    browser = Browser(house(session_hours=1.0, session_idle_minutes=10.0))
+    assert (await browser.login("vera")).json["expires_in_s"] == 3600
+    socket = await browser.socket("/api/live")
+    for _ in range(7):
+        await asyncio.sleep(500)
+        await socket.say()
+    assert (socket.data, socket.closed) == (8, None)
+    assert (await browser.get("/api/session")).json["expires_in_s"] == 100
+    await asyncio.sleep(101)
+    assert (socket.closed, socket.task.done()) == (ENDED, True)
+    assert (await browser.get("/api/session")).json["name"] is None
+
+
+@virtual
+async def test_an_idle_session_ends() -> None:
+    browser = Browser(house(session_idle_minutes=10.0))
+    await browser.login("vera")
+    socket = await browser.socket("/api/live")
+    await asyncio.sleep(599)
+    await socket.say()  # an open page is not idle
+    await asyncio.sleep(599)
+    assert (await browser.get("/api/session")).json["name"] == "vera"
+    await asyncio.sleep(601)
+    assert (await browser.get("/api/session")).json["name"] is None
+    await socket.settle()
+    assert socket.closed == ENDED
+
+
+@virtual
+async def test_what_a_technician_began_is_not_left_half_done() -> None:
+    browser = Browser(house())
+    await browser.login("tom")
+    saving = asyncio.get_running_loop().create_task(browser.post("/api/bays/north/profile/save?wait_s=5"))
+    await asyncio.sleep(1)
+    await browser.post("/api/logout")
+    assert (await saving).status == 200
+    assert browser.house.told[-1].what is What.CHANGED
+    assert str(browser.house.told[-1]) == "changed: tom at 10.0.0.99: /api/bays/north/profile/save: 200"
+
+
+@pytest.mark.parametrize(("answers", "said"), [(True, "500"), (False, "no answer")])
+def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str) -> None:
+    """A fault in the software after the settings have gone live: somebody has changed something all the same."""
+    done: list[str] = []
+
+    async def acts_and_breaks(request: Request) -> Response:
+        done.append(request.url.path)
+        raise KeyError("a bug")
+
+    @virtual
+    async def scene() -> None:
+        built = house()
+        inner = Starlette(routes=[Route("/api/bays/{bay}/profile/apply", acts_and_breaks, methods=["POST"])])
+
+        async def app(scope: Scope, receive: Receive, send: Send) -> None:
+            if scope["path"].endswith("apply") and not answers:
+                done.append(scope["path"])
+                raise KeyError("a bug")
+            await (inner if scope["path"].endswith("apply") else good)(scope, receive, send)
+
+        good, built.guard._app = built.guard._app, app
+        browser = Browser(built)
+        await browser.login("tom")
+        with pytest.raises(KeyError):
+            await browser.post("/api/bays/north/profile/apply")
+        assert done == ["/api/bays/north/profile/apply"]
+        assert str(built.told[-1]) == f"changed: tom at 10.0.0.99: /api/bays/north/profile/apply: {said}"
+
+    scene()
+
+
+@virtual
+async def test_no_request_lasts_for_ever() -> None:
+    browser = Browser(house("viewer"))
+    before_s = asyncio.get_running_loop().time()
+    assert (await browser.get("/api/state?wait_s=1000")).status == 503
+    assert asyncio.get_running_loop().time() - before_s == pytest.approx(REQUEST_S)
+
+
+# What every answer says
+
+
+@pytest.mark.parametrize("tls", [False, True])
+def test_headers_of_every_answer(tls: bool) -> None:
+    async def whole() -> None:
+        files: dict[str, Any] = {"tls_cert": "a.pem", "tls_key": "a.key", "port": 443} if tls else {}
+        built = house(**files)
+        browser = Browser(built, scheme="https" if tls else "http")
+        answers = [await browser.get(path) for path in ("/login", "/nothing", "/api/state", "/static/a.js", "/tune/a")]
+        answers.append(await browser.post("/api/login", {}))
+        answers.append(await browser.get("/login", {"host": "evil.example"}))
+        login = await browser.login("tom")
+        assert [a.status for a in answers] == [200, 404, 401, 200, 303, 403, 400]
+        for answer in [*answers, login]:
+            said = answer.headers
+            assert said["content-security-policy"].split("; ") == [
+                "default-src 'self'", "img-src 'self' blob: data:", "connect-src 'self'", "object-src 'none'",
+                "base-uri 'none'", "form-action 'self'", "frame-ancestors 'none'",
+            ]  # fmt: skip
+            assert said["x-content-type-options"] == "nosniff"
+            assert said["x-frame-options"] == "DENY"
+            assert said["referrer-policy"] == "same-origin"
+            assert "camera=()" in said["permissions-policy"]
+            assert said["cross-origin-resource-policy"] == "same-origin"
+            assert said.get("cross-origin-opener-policy") == ("same-origin" if tls else None)
+            assert said.get("strict-transport-security") == ("max-age=2592000" if tls else None)
+        assert [a.headers["cache-control"] for a in answers[:4]] == ["no-store", "no-store", "no-store", "no-cache"]
+        cookie = login.headers["set-cookie"]
+        name, _, flags = cookie.partition("=")
+        assert name == ("__Host-g1-session" if tls else "g1-session")
+        flags = flags.partition("; ")[2].lower()
+        assert set(flags.split("; ")) == {
+            "httponly", "samesite=strict", "path=/", "max-age=43200", *(["secure"] if tls else []),
+        }  # fmt: skip
+
+    run(whole())
+
+
+def test_hsts_only_where_the_pages_are_the_hosts_web_site() -> None:
+    async def whole() -> None:
+        browser = Browser(house(tls_cert="a", tls_key="b", port=8443), scheme="https")
+        assert "strict-transport-security" not in (await browser.get("/login")).headers
+
+    run(whole())
+
+
+# HTTP Basic, for programs
+
+
+def basic(name: str, password: str) -> dict[str, str]:
+    from base64 import b64encode
+
+    return {"authorization": "Basic " + b64encode(f"{name}:{password}".encode()).decode()}
+
+
+@virtual
+async def test_a_program_logs_in_with_every_request_and_costs_one_check() -> None:
+    program = Browser(house("none"))
+    for _ in range(20):
+        assert (await program.get("/metrics", basic("vera", PASSWORD))).json["who"] == "vera"
+        await asyncio.sleep(10)
+    assert program.house.logins.passwords.checks == 1
+    await asyncio.sleep(300)
+    assert (await program.get("/metrics", basic("vera", PASSWORD))).status == 200
+    assert program.house.logins.passwords.checks == 2
+    assert program.house.what() == [What.LOGIN]
+    assert program.cookies == {}
+
+
+@virtual
+async def test_where_programs_may_not() -> None:
+    program = Browser(house("none"))
+    good = basic("tom", PASSWORD)
+    program.csrf = (await program.get("/api/session")).json["csrf"]
+    assert (await program.get("/api/bays/north/profile", good)).status == 200
+    assert (await program.get("/api/bays/north/profile", basic("vera", PASSWORD))).status == 403
+    assert (await program.post("/api/bays/north/profile/save", {}, good)).status == 401
+    assert (await program.get("/tune/north", good)).status == 303
+    assert (await program.socket("/api/live", good)).status == 401
+    bare = await program.get("/metrics")
+    assert (bare.status, bare.headers["www-authenticate"]) == (401, 'Basic realm="gateway", charset="UTF-8"')
+    assert "www-authenticate" not in (await program.get("/api/state")).headers  # or browsers would ask by themselves
+
+
+@pytest.mark.parametrize(
+    "said", ["Basic", "Basic !!!", "Basic dG9t", "Bearer abc", "Basic \xe4", "Basic " + "A" * 2000, "Basic /w==", ""]
+)
+def test_basic_that_is_none(said: str) -> None:
+    async def whole() -> None:
+        answer = await Browser(house("none")).get("/metrics", {"authorization": said})
+        assert (answer.status, answer.json["error"]) == (401, "basic")
+        assert answer.headers["www-authenticate"].startswith("Basic ")
+
+    run(whole())
+
+
+@virtual
+async def test_basic_is_throttled_as_the_login_is() -> None:
+    program = Browser(house("none"))
+    wrong = [(await program.get("/metrics", basic("tom", f"guess {n}"))).status for n in range(30)]
+    assert wrong == [401] * 10 + [429] * 20
+    assert program.house.logins.passwords.checks == 10
+
+
+@virtual
+async def test_a_wrong_password_is_never_served_from_memory() -> None:
+    program = Browser(house("none"))
+    assert (await program.get("/metrics", basic("tom", PASSWORD))).status == 200
+    assert (await program.get("/metrics", basic("tom", PASSWORD + "x"))).status == 401
+    assert (await program.get("/metrics", basic("vera", "guess"))).status == 401
+
+
+# Wild input
+
+
+texts = st.text(st.characters(max_codepoint=255), max_size=200)
+
+
+@given(cookie=texts, host=texts, origin=texts, token=texts, authorization=texts)
+@settings(max_examples=200)
+def test_no_header_opens_a_door_or_breaks_it(
+    cookie: str, host: str, origin: str, token: str, authorization: str
+) -> None:
+    async def whole() -> None:
+        built = house("none")
+        browser = Browser(built)
+        wild = {"cookie": cookie, "authorization": authorization}
+        assert (await browser.get("/api/state", wild)).status == 401
+        assert (await browser.get("/api/state", {**wild, "host": host})).status in (400, 401)
+        posted = {**wild, "origin": origin, "x-csrf-token": token}
+        assert (await browser.post("/api/bays/north/freeze", {}, posted)).status in (401, 403)
+        assert (await browser.post("/api/login", {}, {**posted, "origin": ORIGIN})).status == 403
+        assert built.told == [] or set(built.what()) <= {What.REFUSED, What.LOGIN_FAILED}
+        assert all(str(told).isprintable() for told in built.told)
+
+    run(whole())
+
+
+@given(st.lists(st.tuples(st.sampled_from(["g1-session", "other", " g1-session ", "", "G1-SESSION"]), texts)))
+@settings(max_examples=100)
+def test_a_cookie_beside_ours_does_not_hide_it(others: list[tuple[str, str]]) -> None:
+    async def whole() -> None:
+        browser = Browser(house("none"))
+        await browser.login("vera")
+        ours = f"g1-session={browser.cookies['g1-session']}"
+        before = "; ".join(f"{name}={value.replace(';', '')}" for name, value in others)
+        answer = await browser.get("/api/session", {"cookie": f"{before}; {ours}" if before else ours})
+        assert answer.json["name"] == ("vera" if len(before) < 4000 else None)
+
+    run(whole())

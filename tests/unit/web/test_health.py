@@ -1,0 +1,193 @@
+"""/healthz: a restart is asked for only where it may help."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from gateway.config import GatewayConfig, ModbusConfig
+from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, Tick, VisionReading
+from gateway.sinks.mqtt.messages import DeliveryPayload
+from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.web.ipc.messages import LinksNow, TaskNow
+from gateway.web.server.health import health, status_code
+from gateway.web.server.models import HealthView
+from tests.unit.web.gateway_client import Plant, plant
+from tests.unit.web.links import full, store
+from tests.unit.web.programs import caller
+from tests.virtual_time import run
+
+
+def loading(made: Plant) -> None:
+    now_ns = made.desk.clock.now_ns()
+    made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7))
+    made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
+
+
+async def judged(
+    made: Plant, happens: Callable[[Plant], object] = lambda _: None, *, verbose: bool = False
+) -> HealthView:
+    await asyncio.sleep(1.2)
+    loading(made)
+    happens(made)
+    await made.desk.links_anew()
+    return health(made.desk, verbose=verbose)
+
+
+def told(view: HealthView) -> list[tuple[str, str]]:
+    return [(reason.part, reason.status) for reason in view.reasons]
+
+
+def test_all_is_well() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            made.links = full()
+            view = await judged(made, verbose=True)
+            assert (view.status, view.reasons, status_code(view)) == ("ok", (), 200)
+            assert view.parts is not None
+            assert {part.part for part in view.parts} >= {
+                "main", "bay1.control", "bay1.vision", "bay1.range", "modbus", "modbus_tls", "mqtt", "event_store",
+                "sparkplug", "task bay1.control",
+            }  # fmt: skip
+            assert all(part.status == "ok" for part in view.parts)
+
+    run(scene())
+
+
+def of(quality: Quality, sensor: str) -> Callable[[Plant], None]:
+    def happens(made: Plant) -> None:
+        now_ns = made.desk.clock.now_ns() + 1
+        if sensor == "vision":
+            made.controls["bay1"].on_vision(VisionReading(now_ns, quality, detail="rtsp://10.0.0.3/secret"))
+        else:
+            made.controls["bay1"].on_range(RangeReading(now_ns, quality, detail="/dev/ttyACM0"))
+
+    return happens
+
+
+@pytest.mark.parametrize("quality", [Quality.LINK_DOWN, Quality.PROCESS_FAULT])
+def test_a_broken_camera_is_degraded_and_no_reason_to_restart(quality: Quality) -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            made.links = full()
+            view = await judged(made, of(quality, "vision"), verbose=True)
+            assert (view.status, status_code(view)) == ("degraded", 200)
+            assert told(view) == [("bay1.vision", "degraded")]
+            assert "rtsp" not in view.model_dump_json()  # anybody may ask
+
+    run(scene())
+
+
+@pytest.mark.parametrize(
+    ("quality", "wrong"),
+    [(Quality.LINK_DOWN, True), (Quality.STUCK, True), (Quality.WRONG_VERSION, True), (Quality.NO_ECHO, False),
+     (Quality.TOO_FAR, False), (Quality.UNSTABLE, False)],
+)  # fmt: skip
+def test_a_broken_ranger_is_degraded_an_empty_bay_is_not(quality: Quality, wrong: bool) -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            made.links = full()
+            view = await judged(made, of(quality, "range"))
+            assert told(view) == ([("bay1.range", "degraded")] if wrong else [])
+
+    run(scene())
+
+
+def test_a_control_task_that_does_not_tick_fails() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            made.links = full()
+            await asyncio.sleep(1.2)
+            loading(made)
+            control = made.controls["bay1"]
+            step = control._step
+            control._step = lambda seen, *more, **named: None if isinstance(seen, Tick) else step(seen, *more, **named)  # type: ignore[method-assign]
+            await asyncio.sleep(2)
+            view = health(made.desk)
+            assert (view.status, status_code(view)) == ("failing", 503)
+            assert told(view) == [("bay1.control", "failing")]
+            said = await caller(made).get("/healthz")
+            assert (said.status, said.json["status"], said.json["parts"]) == (503, "failing", None)
+
+    run(scene())
+
+
+def test_a_silent_main_process_fails() -> None:
+    async def scene() -> None:
+        async with plant(keep=False) as made:
+            assert told(health(made.desk))[0] == ("main", "failing")
+        async with plant() as made:
+            made.links = full()
+            await judged(made)
+            made.answering = False
+            await asyncio.sleep(3.5)
+            view = health(made.desk)
+            assert view.status == "failing"
+            assert ("main", "failing") in told(view)
+            assert ("bay1.control", "failing") in told(view)
+            made.answering = True
+
+    run(scene())
+
+
+DELIVERY = DeliveryPayload(published=0, failed=0, reconnects=0, dropped=0, queued=0, store=store())
+
+
+@pytest.mark.parametrize(
+    ("links", "part", "status"),
+    [
+        (full(modbus=()), "modbus", "failing"),
+        (full(broker_connected=False), "mqtt", "degraded"),
+        (full(delivery=DELIVERY.model_copy(update={"store": store(ok=False)})), "event_store", "degraded"),
+        (full(sparkplug=SparkplugNow(True, False, 0, 0, 0, 0, 0, 0)), "sparkplug", "degraded"),
+        (full(tasks=(TaskNow("bay1.vision", False, 2, 1, 0, "lost"),)), "task bay1.vision", "degraded"),
+        (full(tasks=(TaskNow("bay1.control", False, 2, 0, 1, "KeyError()"),)), "task bay1.control", "failing"),
+    ],
+)
+def test_links(links: LinksNow, part: str, status: str) -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            made.links = links
+            view = await judged(made)
+            assert told(view) == [(part, status)]
+            assert view.status == status
+
+    run(scene())
+
+
+def test_a_task_that_has_done_its_work_is_in_order() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            made.links = full(tasks=(TaskNow("trials", False, 1, 0, 0, ""),))
+            assert (await judged(made)).status == "ok"
+
+    run(scene())
+
+
+def test_disagreement_wear_and_a_lost_plc_are_degraded() -> None:
+    async def scene() -> None:
+        async with plant(config=GatewayConfig(modbus=ModbusConfig(writes=True, plc_addresses=("10.0.0.9",)))) as made:
+            made.links = full()
+            await asyncio.sleep(3)  # no heartbeat came
+            state = made.hub.state("bay1")
+
+            def happens(made: Plant) -> None:
+                memory = FusionMemory(disagree=True, wear=1, wear_ns=state.t_ns)
+                made.hub.publish(replace(made.hub.state("bay1"), memory=memory))
+
+            view = await judged(made, happens)
+            assert told(view) == [(f"bay1.{part}", "degraded") for part in ("cross_check", "plc", "maintenance")]
+
+    run(scene())
+
+
+def test_verbose_is_asked_for_by_name() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            made.links = full()
+            await judged(made)
+            assert (await caller(made).get("/healthz")).json["parts"] is None
+            assert len((await caller(made).get("/healthz", "verbose")).json["parts"]) > 8
+
+    run(scene())

@@ -1,0 +1,272 @@
+"""/metrics: what Prometheus' own parsers make of it, and the conventions for names."""
+
+import asyncio
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import pytest
+from prometheus_client import parser
+from prometheus_client.core import Metric
+from prometheus_client.openmetrics import parser as openmetrics_parser
+
+from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
+from gateway.core.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
+from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.web.host.latencies import BOUNDS_S, MOST_STAGES, WHOLE, Latencies
+from gateway.web.host.process_usage import Usage
+from gateway.web.ipc.messages import LinksNow
+from gateway.web.server.live import Counts
+from gateway.web.server.metrics.bays import BAYS
+from gateway.web.server.metrics.family import PREFIX, Known, Pages
+from gateway.web.server.metrics.parts import PARTS
+from gateway.web.server.metrics.text import FAMILIES, markdown, text
+from tests.unit.web.gateway_client import Plant, plant
+from tests.unit.web.links import full
+from tests.unit.web.programs import caller
+from tests.virtual_time import run
+
+OPENMETRICS = "application/openmetrics-text; version=1.0.0"
+PAGES = Pages({"live": Counts(open=2, opened=3, sent=40)}, 12, {"csrf": 1})
+PROCESSES = (Usage("main", 1, 12.5, 1 << 20), Usage("gw-worker-bay1", 2, 3.0, 1 << 22))
+
+
+@dataclass
+class Told:
+    """The samples by name and labels."""
+
+    families: dict[str, Metric]
+
+    def value(self, name: str, **labels: str) -> float | None:
+        found = [
+            sample.value
+            for family in self.families.values()
+            for sample in family.samples
+            if sample.name == PREFIX + name and all(sample.labels.get(k) == v for k, v in labels.items())
+        ]
+        assert len(found) <= 1, (name, labels)
+        return found[0] if found else None
+
+    def holds(self, name: str, bay: str) -> list[str]:
+        """The state, or states, of a set that are 1."""
+        samples = self.families[PREFIX + name].samples
+        return [s.labels[PREFIX + name] for s in samples if s.labels.get("bay") == bay and s.value == 1]
+
+
+def parsed(body: bytes) -> Told:
+    families = list(parser.text_string_to_metric_families(body.decode()))
+    assert len({family.name for family in families}) == len(families)
+    samples = [(s.name, tuple(sorted(s.labels.items()))) for family in families for s in family.samples]
+    assert len(set(samples)) == len(samples), "a sample stands twice"
+    return Told({family.name: family for family in families})
+
+
+def loading(made: Plant) -> None:
+    now_ns = made.desk.clock.now_ns()
+    stats = VisionStats(frames=8, skipped=2, rate_hz=29.5, latency_ms=11.0)
+    health = PictureHealth(0.5, 0.01, 0.4, 0.6, 0.2, None, status=1 << PictureFault.DUSTY)
+    made.controls["bay1"].on_vision(
+        VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, stats=stats, picture=health)
+    )
+    made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
+
+
+async def told(made: Plant, links: LinksNow | None = None) -> Told:
+    made.links = full() if links is None else links
+    await asyncio.sleep(1.2)
+    loading(made)
+    await made.desk.links_anew()
+    body, content_type = text(Known(made.desk, PAGES, PROCESSES))
+    assert content_type.startswith("text/plain; version=")
+    return parsed(body)
+
+
+NOT_KNOWN = {
+    "bay_plc_heartbeat_age_seconds",  # writes are off
+    "bay_vision_distance_meters",  # no cross-check
+    "bay_closing_speed_meters_per_second",  # of one distance
+    "bay_scale_pixel_meters",  # no visit yet
+    "bay_scale_spread_ratio",
+    "bay_scale_visits",
+    "bay_scale_jump_ratio",
+    "bay_picture_shift_pixels",  # a marker is in sight
+}
+
+
+def test_everything_is_told_and_parsed() -> None:
+    async def scene() -> None:
+        async with plant(bays=2) as made:
+            now = await told(made)
+            for family in FAMILIES:  # with everything there, every family has a sample, but for what is not known
+                name = PREFIX + family.name
+                empty = not now.families[name].samples
+                assert empty == (family.name in NOT_KNOWN), name
+            assert now.value("info", site="site1", instance="gateway") == 1
+            assert (now.value("bay_stop", bay="bay1"), now.value("bay_permit", bay="bay1")) == (0, 1)
+            assert (now.value("bay_distance_meters", bay="bay1"), now.value("bay_radius_pixels", bay="bay1")) == (
+                0.9,
+                100,
+            )
+            assert now.value("bay_frames_total", bay="bay1") == 8
+            assert now.value("bay_frames_skipped_total", bay="bay1") == 2
+            assert now.value("bay_decision", bay="bay1") == 0
+            assert now.value("modbus_requests_total", transport="tcp") == 1000
+            assert now.value("modbus_refusals_total", transport="tcp", reason="idle") == 2
+            assert now.value("modbus_plc_quiet_seconds", transport="tcp") == 0.25
+            assert now.value("modbus_plc_quiet_seconds", transport="tls") is None
+            assert now.value("mqtt_outbox_events") == 7
+            assert now.value("mqtt_connected") == 1
+            assert now.value("sparkplug_data_messages_total") == 44
+            assert now.value("task_starts_total", task="mqtt.deliver") == 4
+            assert now.value("event_queues_dropped_total") == 5
+            assert now.value("viewers", page="live") == 2
+            assert now.value("pictures_encoded_total") == 12
+            assert now.value("page_refusals_total", code="csrf") == 1
+            assert now.value("process_cpu_seconds_total", process="main") == 12.5
+            assert now.value("process_resident_memory_bytes", process="gw-worker-bay1") == 1 << 22
+            assert now.value("process_instances", process="gw-worker-bay1") == 2
+            assert now.value("alarms", state="normal") == 2 * len(BAY_ALARMS) + len(GATEWAY_ALARMS)
+            assert now.value("bay_picture_veil_ratio", bay="bay1") == 0.2
+            assert now.value("bay_picture_fault", bay="bay1", fault="dusty") == 1
+            assert now.value("bay_picture_fault", bay="bay1", fault="dark") == 0
+
+    run(scene())
+
+
+def test_what_is_not_known_has_no_sample() -> None:
+    async def scene() -> None:
+        async with plant(bays=2) as made:
+            now = await told(made, LinksNow())
+            # bay2 has seen nothing yet
+            for name in ("bay_radius_pixels", "bay_distance_meters", "bay_decision", "bay_vision_age_seconds"):
+                assert now.value(name, bay="bay1") is not None, name
+                assert now.value(name, bay="bay2") is None, name
+            for name in ("mqtt_connected", "mqtt_published_total", "sparkplug_connected", "modbus_requests_total"):
+                assert now.value(name) is None, name
+            assert now.holds("bay_tracking", "bay2") == []
+        async with plant(keep=False) as made:
+            body, _ = text(Known(made.desk, Pages()))
+            early = parsed(body)
+            assert early.value("bay_stop") is None
+            assert early.value("links_age_seconds") is None
+            assert early.value("health", **{f"{PREFIX}health": "failing"}) == 1
+
+    run(scene())
+
+
+def test_what_was_learned_of_the_marker() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            scale = MarkerScale(56_000.0, 280.0, 0.02, 12, ScaleSample(0, 225.0, 280.0), jump=0.125)
+            state = made.hub.state("bay1")
+            made.hub.publish(replace(state, memory=replace(state.memory, scale=scale)))
+            now = await told(made)
+            rows = ("pixel_meters", "spread_ratio", "visits", "jump_ratio")
+            assert [now.value(f"bay_scale_{row}", bay="bay1") for row in rows] == [56.0, 0.02, 12, 0.125]
+
+    run(scene())
+
+
+def test_of_a_state_set_one_holds() -> None:
+    async def scene() -> None:
+        async with plant(bays=2) as made:
+            now = await told(made)
+            assert now.holds("bay_reason", "bay1") == ["none"]
+            assert now.holds("bay_reason", "bay2") == ["starting"]
+            assert now.holds("bay_vision_quality", "bay1") == ["good"]
+            assert now.holds("bay_function_check", "bay1") == ["off"]
+            for family in BAYS:
+                if family.form == "state set" and family.name != "bay_tracking":
+                    assert len(now.holds(family.name, "bay1")) == len(now.holds(family.name, "bay2")) == 1, family.name
+
+    run(scene())
+
+
+def test_histograms_add_up() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            now = await told(made)
+            name = "bay_vision_latency_seconds"
+            buckets = [now.value(f"{name}_bucket", le=f"{bound_s:g}") for bound_s in BOUNDS_S]
+            assert buckets == [1, 1, *([3] * (len(BOUNDS_S) - 2))]
+            assert now.value(f"{name}_bucket", le="+Inf") == now.value(f"{name}_count") == 3
+            assert now.value(f"{name}_sum") == 0.0123
+            assert now.value("bay_vision_stage_seconds_count", stage="fit") == 3
+
+    run(scene())
+
+
+def test_names_keep_the_conventions() -> None:
+    """prometheus.io/docs/practices/naming, and what promtool's linter looks for."""
+    for family in FAMILIES:
+        assert re.fullmatch(r"[a-z][a-z0-9_]*[a-z0-9]", family.name), family.name
+        assert not re.search(r"_(total|count|sum|bucket|info)$", family.name), family.name
+        assert not re.search(r"_(ms|mm|s|hz|px|milliseconds|kb|mb|percent)(_|$)", family.name), family.name
+        assert "gauge" not in family.name
+        assert family.help, family.name
+        assert all(re.fullmatch(r"[a-z_]+", label) and label not in ("le", "quantile") for label in family.labels)
+        assert (family.form == "state set") == bool(family.states), family.name
+        assert family.name.startswith("bay_") == ("bay" in family.labels), family.name
+    assert len({family.name for family in FAMILIES}) == len(FAMILIES) == len(BAYS) + len(PARTS)
+
+
+def test_openmetrics_for_those_who_ask() -> None:
+    async def scene() -> None:
+        async with plant(bays=2) as made:
+            made.links = full()
+            await asyncio.sleep(1.2)
+            said = await caller(made, PAGES).get("/metrics", headers={"Accept": OPENMETRICS})
+            assert said.status == 200
+            assert said.headers["content-type"].startswith("application/openmetrics-text")
+            parse: Callable[[str], Iterator[Metric]] = openmetrics_parser.text_string_to_metric_families
+            families = list(parse(said.body.decode()))
+            kinds = {family.name: family.type for family in families}
+            assert kinds[PREFIX + "bay_reason"] == "stateset"
+            assert kinds[PREFIX + "bay_frames"] == "counter"
+            assert kinds[PREFIX + "bay_vision_latency_seconds"] == "histogram"
+            plain = await caller(made, PAGES).get("/metrics")
+            assert plain.headers["content-type"].startswith("text/plain")
+            processes = {s.labels["process"] for s in parsed(plain.body).families[PREFIX + "process_instances"].samples}
+            assert "main" in processes  # of whoever has started the tests, but real
+
+    run(scene())
+
+
+def test_the_page_names_every_family() -> None:
+    page = markdown()
+    assert all(f"`{PREFIX}{family.name}" in page for family in FAMILIES)
+    assert f"`{PREFIX}bay_frames_total` | counter | `bay`" in page
+
+
+class TestLatencies:
+    def reading(
+        self, latency_ms: float, *stages: tuple[str, int], quality: Quality = Quality.NO_TARGET
+    ) -> VisionReading:
+        return VisionReading(0, quality, stats=VisionStats(latency_ms=latency_ms), stage_ns=stages)
+
+    def test_frames_fall_into_their_buckets(self) -> None:
+        latencies, passed = Latencies(), list[VisionReading]()
+        emit = latencies.noting("bay1", passed.append)
+        for latency_ms in (0.5, 1.0, 1.001, 30, 999, 1001):
+            emit(self.reading(latency_ms, ("hsv", 1_500_000)))
+        assert len(passed) == 6
+        whole, stage = latencies.histograms()
+        assert (whole.bay, whole.stage, whole.counts) == ("bay1", WHOLE, (2, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1))
+        assert whole.sum_s == pytest.approx(2.032501)
+        assert (stage.stage, stage.counts[1]) == ("hsv", 6)
+        assert stage.sum_s == pytest.approx(0.009)
+
+    def test_what_is_no_result_is_not_noted(self) -> None:
+        latencies, passed = Latencies(), list[VisionReading]()
+        emit = latencies.noting("bay1", passed.append)
+        emit(self.reading(5.0))
+        emit(self.reading(5.0, ("hsv", 1), quality=Quality.PROCESS_FAULT))
+        assert len(passed) == 2
+        assert latencies.histograms() == ()
+
+    def test_stages_without_end_are_bounded(self) -> None:
+        latencies = Latencies()
+        emit = latencies.noting("bay1", lambda _: None)
+        for n in range(100):
+            emit(self.reading(5.0, (f"stage {n}", 1)))
+        assert len(latencies.histograms()) == MOST_STAGES

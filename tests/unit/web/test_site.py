@@ -1,0 +1,130 @@
+"""The real pages behind their guard: every address there is, called by those who may not."""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import pytest
+from starlette.applications import Starlette
+
+from gateway.config import GatewayConfig, HmiConfig
+from gateway.web.auth.access import Level, find
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.route_check import calls
+from gateway.web.auth.security import ENDED, Guard
+from gateway.web.server import app
+from gateway.web.server.gateway_client import Desk
+from tests.unit.web.auth import USERS, Browser, House, QuickPasswords
+from tests.unit.web.gateway_client import plant
+from tests.virtual_time import LoopClock, run
+
+
+@dataclass
+class RealHouse(House):
+    """With the web process's own application."""
+
+    desk: Desk | None = None
+
+    def __post_init__(self) -> None:
+        assert self.desk is not None
+        clock = LoopClock()
+        self.logins = Logins(self.config, clock, self.told.append, instance="g1")
+        self.logins.passwords = QuickPasswords(self.config.users)
+        made = app.app(app.site_of(self.desk, clock), self.logins, clock)
+        assert isinstance(made, Guard)
+        self.guard = made
+
+    def addresses(self) -> list[tuple[str, str]]:
+        """Method and an example of a path."""
+        application = self.guard._app
+        assert isinstance(application, Starlette)
+        return [
+            (method, re.sub(r"\{\w+:path\}", "driver.js", path).replace("{bay}", "bay1"))
+            for method, path in calls(application.routes)
+        ]
+
+
+@asynccontextmanager
+async def site(without_login: str = "none") -> AsyncIterator[RealHouse]:
+    config = HmiConfig.model_validate({"host": "10.0.0.5", "without_login": without_login, "users": USERS})
+    async with plant(config=GatewayConfig(hmi=config)) as made:
+        yield RealHouse(config, desk=made.desk)
+
+
+async def status(browser: Browser, method: str, path: str) -> int | None:
+    if method == "WS":
+        return (await browser.socket(path)).status
+    path = re.sub(r"\{\w+\}", "1", path)
+    return (await (browser.post(path) if method == "POST" else browser.get(path, method=method))).status
+
+
+def test_every_address_is_closed_to_those_it_is_not_for() -> None:
+    async def whole() -> None:
+        async with site() as real:
+            addresses = real.addresses()
+            assert len(addresses) > 25  # the list is really theirs
+            stranger, viewer = Browser(real), Browser(real, address="10.0.0.8")
+            stranger.csrf = (await stranger.get("/api/session")).json["csrf"]
+            await viewer.login("vera")
+            tried = 0
+            for method, path in addresses:
+                rule = find(method, path).rule
+                assert rule is not None, f"{method} {path} has no row"
+                if rule.least > Level.OPEN:
+                    expected = 303 if rule.page else 401
+                    assert (method, path, await status(stranger, method, path)) == (method, path, expected)
+                if rule.least is Level.TECHNICIAN:
+                    tried += 1
+                    expected = 303 if rule.page else 403
+                    assert (method, path, await status(viewer, method, path)) == (method, path, expected)
+            assert tried > 8
+
+    run(whole())
+
+
+def test_the_real_live_page_ends_with_its_login() -> None:
+    async def whole() -> None:
+        async with site() as real:
+            browser = Browser(real)
+            await browser.login("vera")
+            socket = await browser.socket("/api/live")
+            async with asyncio.timeout(30):
+                while not socket.data:  # noqa: ASYNC110
+                    await asyncio.sleep(0.1)
+            assert real.desk is not None
+            assert real.desk.watchers == 1
+            await browser.post("/api/logout")
+            await socket.settle()
+            assert (socket.closed, socket.task.done()) == (ENDED, True)
+            assert real.desk.watchers == 0
+
+    run(whole())
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/static/../web.py", "/static/../../../pyproject.toml", "/static//etc/passwd", "/static/lib/../../web.py",
+     "/static/\\..\\web.py", "/static/./../web.py", "/static/", "/static/lib", "/static/web.py"],
+)  # fmt: skip
+def test_no_file_but_the_pages_own(path: str) -> None:
+    async def whole() -> None:
+        async with site() as real:
+            answer = await Browser(real).get(path)
+            assert answer.status == 404
+            assert "import" not in answer.text
+
+    run(whole())
+
+
+def test_the_pages_own_files() -> None:
+    async def whole() -> None:
+        async with site() as real:
+            answer = await Browser(real).get("/static/driver.js")
+            assert (answer.status, answer.headers["cache-control"]) == (200, "no-cache")
+            assert "javascript" in answer.headers["content-type"]
+            again = await Browser(real).get("/static/driver.js", {"if-none-match": answer.headers["etag"]})
+            assert (again.status, again.text) == (304, "")
+
+    run(whole())

@@ -1,0 +1,115 @@
+"""What moves on the pages is what its description says, whatever is known."""
+
+import asyncio
+import json
+from typing import Any
+
+import jsonschema
+
+from gateway.core.model import Circle, Ellipse, Quality, RangeReading, Tracking, VisionReading
+from gateway.web.ipc.messages import LinksNow
+from gateway.web.server import openapi, views
+from tests.unit.web.gateway_client import Plant, plant
+from tests.unit.web.links import full
+from tests.virtual_time import run
+
+COMPONENTS = openapi.document()["components"]
+
+
+def fits(text: str, model: str) -> Any:
+    """The parsed text, with no field that the description does not have."""
+    schema = {"$ref": f"#/components/schemas/{model}", "components": COMPONENTS}
+    told = json.loads(text)
+    jsonschema.Draft202012Validator(schema).validate(told)
+    assert set(told) == set(COMPONENTS["schemas"][model]["properties"])
+    return told
+
+
+def loading(made: Plant, bay: str = "bay1") -> None:
+    now_ns = made.desk.clock.now_ns()
+    stages = (("hsv", 1_250_000), ("fit", 400_000))
+    made.controls[bay].on_vision(
+        VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, stage_ns=stages)
+    )
+    made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
+
+
+def test_the_live_view_of_some_bays() -> None:
+    async def scene() -> None:
+        async with plant(bays=3) as made:
+            made.links = full()
+            await asyncio.sleep(1.2)
+            loading(made, "bay2")
+            await made.desk.links_anew()
+            told = fits(views.live_json(made.desk, ("bay2", "bay3")), "LiveView")
+            assert [bay["bay"] for bay in told["bays"]] == ["bay2", "bay3"]
+            first = told["bays"][0]
+            assert first["stage_ms"] == {"hsv": 1.25, "fit": 0.4}
+            assert first["state"]["guidance"]["name"] == "FORWARD"
+            assert first["deadlines"] == {"vision_ms": 300.0, "range_ms": 400.0, "plc_ms": None}
+            assert told["links"]["mqtt"]["queued"] == 7
+            assert told["links"]["modbus"][0]["refused"] == {"idle": 2}
+            assert told["links"]["modbus"][0]["peers"][0]["quiet_ms"] == 250
+            assert [task["name"] for task in told["links"]["tasks"]] == ["mqtt.deliver"]  # the one that began anew
+            assert 0 <= told["links"]["age_ms"] < 200
+            assert told["events_newest"] == made.desk.newest_event
+
+    run(scene())
+
+
+def test_ages_grow_while_the_main_process_is_silent() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            await asyncio.sleep(1.2)
+            made.answering = False
+            await asyncio.sleep(3)
+            live = fits(views.live_json(made.desk, ("bay1",)), "LiveView")
+            driver = fits(views.driver_json(made.desk, ("bay1",)), "DriverView")
+            assert live["bays"][0]["age_ms"] >= 3000
+            assert driver["age_ms"] >= 3000
+            assert live["links"]["age_ms"] >= 3000
+            made.answering = True
+
+    run(scene())
+
+
+def test_before_anything_is_known() -> None:
+    async def scene() -> None:
+        async with plant(keep=False) as made:
+            live = fits(views.live_json(made.desk, ("bay1",)), "LiveView")
+            assert (live["bays"][0]["state"], live["bays"][0]["age_ms"]) == (None, None)
+            assert live["links"]["age_ms"] is None
+            assert made.desk.links == LinksNow()
+            driver = fits(views.driver_json(made.desk, ("bay1",)), "DriverView")
+            assert (driver["code"], driver["stop"], driver["age_ms"]) == ("FAULT", True, None)
+
+    run(scene())
+
+
+def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
+    async def scene() -> None:
+        async with plant() as made:
+            await asyncio.sleep(1.2)
+            loading(made)
+            await made.desk.links_anew()
+            told = fits(views.driver_json(made.desk, ("bay1",)), "DriverView")
+            guidance = made.hub.state("bay1").guidance
+            assert (told["code"], told["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
+            assert told["stop"] is made.hub.state("bay1").stop is False
+
+    run(scene())
+
+
+def test_a_frame_fits_into_a_header() -> None:
+    seen = VisionReading(
+        1, Quality.GOOD, Circle(1.5, 2.5, 3.5), frame_id=9, ellipse=Ellipse(1.5, 2.5, 3.5, 3.0, 0.7), confidence=0.9
+    )
+    hidden = VisionReading(1, Quality.COASTED, frame_id=10, tracking=Tracking.COASTED, predicted=Circle(4.0, 5.0, 6.0))
+    for reading in (seen, hidden, VisionReading(1, Quality.WAITING)):
+        text = views.frame_json(reading)
+        assert text.isascii()
+        assert text.isprintable()
+        fits(text, "FrameView")
+    assert json.loads(views.frame_json(seen))["ellipse"]["semi_minor_px"] == 3.0
+    told = json.loads(views.frame_json(hidden))
+    assert (told["circle"], told["predicted"]) == (None, {"u": 4.0, "v": 5.0, "radius_px": 6.0})

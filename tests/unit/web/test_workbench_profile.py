@@ -1,0 +1,427 @@
+"""A saved setting: the file then says exactly that, and every line that is not concerned is what it was."""
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from gateway.config import VisionConfig, parse
+from gateway.errors import ConfigError
+from gateway.web.tuning import parameter_schema, profile
+from gateway.web.tuning.redact import redacted
+from gateway.web.tuning.toml_edit import with_keys
+
+SHARED = """\
+# One bay.
+site = "plant1"            # in topics
+
+[vision]  # the marker
+method = "robust"          # or "paper"
+red_low_1 = [
+  0, 43,   # hue, saturation
+  46,
+]
+
+# ---- the ranger
+[ranger]
+port = "x"
+"""
+FOUR = """\
+[mqtt]
+url = "mqtt://gateway:secret@broker.plant:1883"
+
+[vision]
+min_confidence = 0.6       # much red about
+
+[[bays]]
+name = "bay1"
+unit_id = 1
+camera.url = "0"
+
+[[bays]]
+name = "bay2"
+unit_id = 2
+vision.min_confidence = 0.7   # more still
+camera.url = "1"
+
+# the third bay
+[[bays]]
+name = "bay3"
+unit_id = 3
+
+[bays.vision]
+# by the paper
+method = "paper"
+
+[bays.camera]
+url = "2"
+
+[[bays]]
+name = "bay4"
+unit_id = 4
+vision = { method = "paper" }  # short
+"""
+
+
+def proposed(text: str, bay: str = "bay1", **changes: Any) -> profile.Proposal:
+    wanted = parameter_schema.checked(changes, profile.in_file(text, bay, source="plant.toml"))
+    return profile.propose(text, bay, wanted, source="plant.toml")
+
+
+def added(found: profile.Proposal) -> list[str]:
+    return [
+        line[2:]
+        for line in difflib.ndiff(found.former.splitlines(), found.text.splitlines())
+        if line.startswith(("+ ", "- "))
+    ]
+
+
+def test_a_value_is_changed_in_its_line_and_its_comment_stays() -> None:
+    found = proposed(SHARED, method="paper")
+
+    assert found.text == SHARED.replace('"robust"          #', '"paper"          #')
+    assert found.changes == {"method": "paper"}
+
+
+def test_a_new_key_goes_below_the_last_one_of_its_table_and_above_the_next_table_s_comment() -> None:
+    found = proposed(SHARED, min_confidence=0.625)
+
+    assert found.text == SHARED.replace("  46,\n]\n", "  46,\n]\nmin_confidence = 0.625\n")
+
+
+def test_the_same_settings_change_nothing() -> None:
+    found = proposed(SHARED)
+
+    assert (found.text, found.diff, dict(found.changes)) == (SHARED, "", {})
+
+
+def test_without_a_table_one_is_made_at_the_end() -> None:
+    assert proposed('site = "a"', method="paper").text == 'site = "a"\n\n[vision]\nmethod = "paper"\n'
+    assert proposed("", method="paper").text == '[vision]\nmethod = "paper"\n'
+
+
+def test_one_of_several_bays_gets_a_key_of_its_own() -> None:
+    assert added(proposed(FOUR, "bay1", min_confidence=0.55)) == ["vision.min_confidence = 0.55"]
+    assert added(proposed(FOUR, "bay2", coast_s=0.1)) == ["vision.coast_s = 0.1"]
+    assert added(proposed(FOUR, "bay3", coast_s=0.1)) == ["coast_s = 0.1"]
+
+
+def test_a_key_of_the_bay_s_own_is_changed_there() -> None:
+    assert added(proposed(FOUR, "bay2", min_confidence=0.75)) == [
+        "vision.min_confidence = 0.7   # more still",
+        "vision.min_confidence = 0.75   # more still",
+    ]
+    assert added(proposed(FOUR, "bay4", coast_s=0.1)) == [
+        'vision = { method = "paper" }  # short',
+        'vision = { method = "paper", coast_s = 0.1}  # short',
+    ]
+
+
+def test_a_single_bay_s_shared_table_is_changed_in_place() -> None:
+    text = '[vision]\nmethod = "robust"  # both\n\n[[bays]]\nname = "bay1"\nvision.coast_s = 0.2\n'
+
+    found = proposed(text, method="paper", coast_s=0.25, min_fill=0.5)
+
+    assert found.text == (
+        '[vision]\nmethod = "paper"  # both\nmin_fill = 0.5\n\n[[bays]]\nname = "bay1"\nvision.coast_s = 0.25\n'
+    )
+
+
+def test_a_bay_with_only_a_table_below_its_vision_gets_its_key() -> None:
+    text = (
+        '[[bays]]\nname = "a"\n[bays.vision.intrinsics]\nfx = 600.0\nfy = 600.0\ncx = 320.0\ncy = 240.0\n'
+        '\n[[bays]]\nname = "b"\nunit_id = 2\n'
+    )
+
+    found = proposed(text, "a", method="paper")
+
+    assert added(found) == ['vision.method = "paper"']
+
+
+def test_bays_in_one_line_are_changed_too() -> None:
+    text = 'bays = [{name = "a"}, {name = "b", unit_id = 2, vision = {coast_s = 0.2}}]  # short\n'
+
+    assert tomllib.loads(proposed(text, "a", method="paper").text)["bays"][0]["vision"] == {"method": "paper"}
+    assert tomllib.loads(proposed(text, "b", method="paper").text)["bays"][1]["vision"] == {
+        "coast_s": 0.2,
+        "method": "paper",
+    }
+
+
+@pytest.mark.parametrize("head", ["", "\ufeff"])
+def test_line_ends_and_byte_order_mark_are_kept(head: str) -> None:
+    text = head + SHARED.replace("\n", "\r\n")
+
+    found = proposed(text, min_confidence=0.625)
+
+    assert found.text == text.replace("  46,\r\n]\r\n", "  46,\r\n]\r\nmin_confidence = 0.625\r\n")
+
+
+def test_the_diff_is_what_a_person_reads_and_shows_no_password() -> None:
+    secret = '[mqtt]\nurl = "mqtt://gateway:s@cret@broker"\nold_password = "hush"\n[vision]\nmethod = "robust"\n'
+
+    diff = profile.propose(
+        secret.replace("old_password", "# old_password"), "bay1", VisionConfig(method="paper"), source="p"
+    ).diff
+
+    assert diff.splitlines() == [
+        "--- p",
+        "+++ p (new)",
+        "@@ -2,4 +2,4 @@",
+        ' url = "mqtt://***@broker"',
+        " # old_password = ***",
+        " [vision]",
+        '-method = "robust"',
+        '+method = "paper"',
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "shown"),
+    [
+        ('camera.url = "rtsp://me:pw@cam/1"', 'camera.url = "rtsp://***@cam/1"'),
+        ('camera.url = "http://cam/v?token=abc&x=1"  # ours', 'camera.url = "http://cam/v?token=***&x=1"  # ours'),
+    ],
+)
+def test_a_camera_s_address_is_shown_without_what_opens_it(line: str, shown: str) -> None:
+    diff = proposed(f"{line}\n[vision]\nmethod = 'robust'\n", method="paper").diff
+
+    assert f" {shown}" in diff.splitlines()
+
+
+HASH = f"$argon2id$v=19$m=19456,t=2,p=1${'c2FsdHNhbHRzYWx0c2FsdA'}${'aGFzaGhhc2hoYXNoaGFzaGhhc2hoYXNoaGFzaGhhc2g'}"
+USER = f'name = "anna", role = "technician", password_hash = "{HASH}"'
+SECRETS = ("c2Fsd", "aGFzaG", "19456", "s3cr", "hush")
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        f"[hmi]\nusers = [{{ {USER} }}]\n",
+        f"[hmi]\nusers = [\n  {{ {USER} }}, # the first\n]\n",
+        f"hmi.users = [{{{USER}}}]\n",
+        f"hmi = {{ users = [{{{USER}}}] }}\n",
+        f"[hmi]\n[[hmi.users]]\nname = 'anna'\npassword_hash = '{HASH}'\n",
+        f'[hmi]\n[[hmi.users]]\nname = "anna"\n"password_hash" = "{HASH}"\n',
+        f'[hmi]\n[[hmi.users]]\nname = "anna"\npassword_hash = """\\\n  {HASH}"""\n',
+        f"[hmi]\n[[hmi.users]]\nname = 'anna'\npassword_hash = \"{HASH.replace('c2Fs', chr(92) + 'u0063' + '2Fs')}\"\n",
+        '[mqtt]\nurl = "mqtt://gateway:s3cr\\u0065t@broker"\n',
+        "mqtt = { url = 'mqtt://gateway:s3cret@broker' }\n",
+        "[mqtt]\n\"url\" = 'mqtt://gateway:s3@cret@broker'\n",
+        '[camera]\nurl = """http://cam/v?x=1&token=s3cret"""\n',
+        f"# users = [{{ name = 'anna', password_hash = '{HASH}' }}]\n",
+        f"site = 'a' # {HASH}\n",
+        "site = 'a' # the old password: hush\n# token=hush\n",
+    ],
+)
+def test_whichever_way_a_password_is_written_the_diff_does_not_show_it(above: str) -> None:
+    diff = proposed(f"{above}[vision]\nmethod = 'robust'\n", method="paper").diff
+
+    assert [secret for secret in SECRETS if secret in diff] == []
+    assert {"-method = 'robust'", '+method = "paper"'} <= set(diff.splitlines())
+
+
+def test_a_line_that_holds_the_change_and_a_password_shows_the_change() -> None:
+    text = f"bays = [{{camera = {{url = 'rtsp://me:s3cret@cam'}}}}]\nhmi = {{ users = [{{{USER}}}] }}\n"
+
+    (new,) = (line for line in proposed(text, coast_s=0.125).diff.splitlines() if line.startswith("+bays"))
+
+    assert "coast_s = 0.125" in new
+    assert "rtsp://***@cam" in new
+    assert "s3cr" not in new
+
+
+@given(st.sampled_from(["users", "hmi", "file"]), st.sampled_from(["'", '"', '"""', "'''"]), st.booleans())
+def test_no_way_of_quoting_shows_a_hash(where: str, quote: str, spaced: bool) -> None:
+    gap = " " if spaced else ""
+    user = f"{{{gap}'name'{gap}={gap}{quote}anna{quote},{gap}'password_hash'{gap}={gap}{quote}{HASH}{quote}{gap}}}"
+    text = {
+        "users": f"[hmi]\nusers{gap}={gap}[{user}]\n",
+        "hmi": f"hmi={{users=[{user}]}}\n",
+        "file": f"'hmi'.'users'={gap}[{gap}{user}{gap}]\n",
+    }[where]
+    shown = redacted(text, source="p")
+    assert [secret for secret in SECRETS if secret in shown] == []
+    assert "anna" in shown
+
+
+def test_what_the_schema_does_not_know_is_not_shown() -> None:
+    assert redacted('[hmi]\nnew_secret = "hush"\n[vision]\ncoast_s = 0.5 # short\n', source="p") == (
+        '[hmi]\nnew_secret = "***"\n[vision]\ncoast_s = 0.5 # short\n'
+    )
+
+
+def test_every_value_of_every_section_is_shown_but_the_secret_ones() -> None:
+    text = (Path(__file__).parents[3] / "config" / "four-bays.toml").read_text()
+    assert redacted(text, source="p") == text
+
+
+def test_a_file_that_is_wrong_already_is_not_touched() -> None:
+    with pytest.raises(ConfigError, match=r"plant\.toml:1: vision\.metod .*unknown key"):
+        proposed("vision.metod = 1\n")
+    with pytest.raises(ConfigError, match=r"plant\.toml: not valid TOML"):
+        proposed("[vision\n")
+    with pytest.raises(ConfigError, match="no bay bay9; there is: bay1, bay2"):
+        profile.in_file(FOUR, "bay9", source="p")
+
+
+def test_an_export_can_be_imported_and_says_where_it_comes_from() -> None:
+    tuned = VisionConfig(method="paper", red_low_1=(0, 90, 60), min_fill=0.75, coast_s=0.125)
+
+    text = profile.export("bay2", tuned, site="plant1", wall_ns=1_795_300_000_000_000_000)
+
+    assert text.startswith("# Vision profile of plant1, bay bay2, exported 2026-11-21 ")
+    assert profile.imported(text, VisionConfig(workers=3), source="x") == tuned.model_copy(update={"workers": 3})
+    assert parse(tomllib.loads(text)).bays[0].vision == tuned
+
+
+def test_a_partial_profile_leaves_the_other_keys() -> None:
+    base = VisionConfig(min_fill=0.5, coast_s=0.2)
+
+    assert profile.imported("[vision]\ncoast_s = 1\n", base, source="x") == VisionConfig(min_fill=0.5, coast_s=1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[vision]\nmin_fill = 2", r"red\.toml:2: vision\.min_fill = 2: .*allowed: >= 0, <= 1"),
+        ("[vision]\nmin_fil = 0.5", r"red\.toml:2: vision\.min_fil .*unknown key"),
+        ("[vision]\n\ngaussian_kernel_px = 4", r"red\.toml:3: vision\.gaussian_kernel_px = 4: must be odd"),
+        ("[vision]\nred_low_1 = [20, 1, 1]", r"red\.toml:2: vision\.red_low_1 .*H = 20 lies above red_high_1's H = 10"),
+        ("[vision]\nworkers = 2", r"red\.toml: vision\.workers: belongs to the machine"),
+        ("[camera]\nurl = '0'\n[vision]\ncoast_s = 1", r"red\.toml: camera: a profile holds \[vision\] and nothing"),
+        ("[vision]\n", r"red\.toml: there is no \[vision\] with keys"),
+        ("vision = 3\n", r"red\.toml: there is no \[vision\] with keys"),
+        ("[vision", r"red\.toml: not valid TOML"),
+        ("#" * 70_000, r"red\.toml: more than 65536 characters"),
+        (f"[vision]\na{'.a' * 5000} = 1", r"red\.toml:2: a line of 10005 characters; at most 400"),
+    ],
+)
+def test_a_bad_profile_is_refused_with_file_key_value_and_range(text: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        profile.imported(text, VisionConfig(), source="red.toml")
+
+
+# --- wild files
+
+NAMES = st.sampled_from(["robust", "paper"])
+CHANGES = st.fixed_dictionaries(
+    {},
+    optional={
+        "method": NAMES,
+        "tracking": st.booleans(),
+        "coast_s": st.sampled_from([0.0, 0.1, 0.25, 10.0]),
+        "gaussian_kernel_px": st.sampled_from([1, 3, 31]),
+        "red_low_1": st.tuples(st.integers(0, 10), st.integers(0, 255), st.integers(0, 255)),
+        "min_area_px2": st.sampled_from([0.0, 1e8, 123.456]),
+        "min_fill": st.floats(0, 1),
+    },
+)
+TRIVIA = st.sampled_from(["", "\n", "# vision.method = 'no'\n", "  # [vision]\n\n", "\t\n"])
+ENDS = st.sampled_from(["", '   # why: "it" = [works]', "\t#", " "])
+VALUES = {
+    "method": ["'paper'", '"robust"', '"""paper"""'],
+    "tracking": ["true", "false"],
+    "coast_s": ["1", "0.50", "1e0", "+2.0"],
+    "red_low_1": ["[0,43,46]", "[ 0x1, 4_3,\n 46, # v\n]"],
+    "min_fill": ["0.5", "0"],
+}
+
+
+@st.composite
+def lines_of(draw: st.DrawFn, prefix: str) -> str:
+    """Some keys of [vision], each with trivia about it."""
+    out = ""
+    for key in draw(st.lists(st.sampled_from(sorted(VALUES)), unique=True, max_size=4)):
+        indent = draw(st.sampled_from(["", "  ", "\t"]))
+        name = draw(st.sampled_from([key, f'"{key}"']))
+        equals = draw(st.sampled_from(["=", " = ", "   =\t"]))
+        out += f"{draw(TRIVIA)}{indent}{prefix}{name}{equals}{draw(st.sampled_from(VALUES[key]))}{draw(ENDS)}\n"
+    return out
+
+
+@st.composite
+def files(draw: st.DrawFn) -> str:
+    """A configuration with or without bays, each part in one of the ways TOML has for it."""
+    text = draw(TRIVIA) + "site = 'x'" + draw(ENDS) + "\n"
+    shared = draw(st.sampled_from(["none", "dotted", "table", "below"]))
+    if shared == "dotted":
+        text += draw(lines_of("vision . "))
+    parts = []
+    if shared == "table":
+        parts.append(f"{draw(TRIVIA)}[ vision ]{draw(ENDS)}\n{draw(lines_of(''))}")
+    if shared == "below":
+        parts.append("[vision.intrinsics]\nfx = 1.0\nfy = 1\ncx = 2\ncy = 3\n")
+    parts.append(f"{draw(TRIVIA)}[fusion]{draw(ENDS)}\nradius_threshold_px = 120.0{draw(ENDS)}\n")
+    bays = ""
+    for n in range(draw(st.integers(0, 3))):
+        own = draw(st.sampled_from(["none", "dotted", "table", "inline"]))
+        bays += (
+            f"{draw(TRIVIA)}[[bays]]{draw(ENDS)}\n{draw(TRIVIA)}name = 'bay{n + 1}'\nunit_id = {n + 1}{draw(ENDS)}\n"
+        )
+        bays += draw(lines_of("vision.")) if own == "dotted" else ""
+        bays += f"vision = {{min_fill=0.25 , 'coast_s' = 3}}{draw(ENDS)}\n" if own == "inline" else ""
+        bays += draw(st.sampled_from(["", "camera.url = '1'\n"]))
+        bays += f"{draw(TRIVIA)}[bays.vision]{draw(ENDS)}\n{draw(lines_of(''))}" if own == "table" else ""
+    parts.append(bays)
+    text += "".join(draw(st.permutations(parts)))
+    text = text.removesuffix("\n") if draw(st.booleans()) else text
+    return text.replace("\n", "\r\n") if draw(st.booleans()) else text
+
+
+def concerned(line: str, changed: set[str]) -> bool:
+    """Whether a line may differ: it holds one of the changed keys, goes on with its value, or begins its table."""
+    continued = line.strip().startswith(("46,", "]")) or not line.strip()
+    return continued or "[vision]" in line or "vision = {" in line or any(key in line for key in changed)
+
+
+@settings(max_examples=150, deadline=None)
+@given(text=files(), changes=CHANGES, pick=st.integers(0, 2))
+@example(text="[[bays]]\nname='bay1'\n[fusion]\nradius_threshold_px = 120.0", changes={"method": "paper"}, pick=0)
+def test_whatever_the_file_looks_like_it_says_the_wanted_after_a_save(
+    text: str, changes: dict[str, Any], pick: int
+) -> None:
+    try:
+        before = parse(tomllib.loads(text))
+    except tomllib.TOMLDecodeError:
+        return  # [vision] after a dotted vision, for one
+    bay = before.bays[pick % len(before.bays)]
+    wanted = VisionConfig.model_validate({**bay.vision.model_dump(), **changes})
+
+    found = profile.propose(text, bay.name, wanted, source="wild.toml")
+
+    after = parse(tomllib.loads(found.text))
+    expected = {other.name: other.vision for other in before.bays} | {bay.name: wanted}
+    assert {other.name: other.vision for other in after.bays} == expected
+    assert after.model_copy(update={"bays": ()}) == before.model_copy(update={"bays": ()})
+    keys_changed = {key for key in parameter_schema.TUNED if getattr(bay.vision, key) != getattr(wanted, key)}
+    assert set(found.changes) == keys_changed
+    ended = "\r\n" if "\r\n" in text else "\n"
+    old, new = ((side.removesuffix(ended) + ended).split("\n") for side in (text, found.text))
+    matched = difflib.SequenceMatcher(None, old, new, autojunk=False).get_opcodes()
+    for what, a, b, c, d in matched:
+        if what != "equal":
+            assert all(concerned(line, keys_changed) for line in (*old[a:b], *new[c:d])), found.text
+    for comment in ("# why", "\t#", "# vision.method", "# [vision]"):
+        assert found.text.count(comment) == text.count(comment), found.text
+    if not keys_changed:
+        assert found.text == text
+
+
+@pytest.mark.parametrize("litter", ["tracking = true\n", "min_fill = 0.5\n", "[fusion]\nlatch_stop = true\n"])
+def test_an_editor_that_writes_anything_else_is_caught(monkeypatch: pytest.MonkeyPatch, litter: str) -> None:
+    """Even a key with its own default: the file is to say what was shown, not more."""
+
+    def littering(text: str, *rest: Any, **more: Any) -> str:
+        return with_keys(text, *rest, **more) + litter
+
+    monkeypatch.setattr(profile, "with_keys", littering)
+    text = '[vision]\nmethod = "robust"\n'
+    proposed(text)
+
+    with pytest.raises(ConfigError, match="cannot be changed by a program; change method by hand"):
+        proposed(text, method="paper")
