@@ -1,6 +1,5 @@
 """The composed paper method on pictures with known truth, and the documentation's tables."""
 
-import ast
 from pathlib import Path
 
 import cv2
@@ -266,16 +265,3 @@ def test_detection_carries_the_direction() -> None:
     assert pipeline.detect(np.zeros_like(image), VisionConfig(intrinsics=lens)) == Detection(
         circle=None, stage_ns=tuple((name, 0) for name, _, _ in pipeline.STAGES)
     )
-
-
-# -- purity and documents ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("module", ["pixels", "stages", "pipeline", "intrinsics", "parameters", "example"])
-def test_the_pure_modules_import_nothing_that_acts(module: str) -> None:
-    tree = ast.parse((ROOT / "gateway" / "vision" / f"{module}.py").read_text(encoding="utf-8"))
-    names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
-    names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    acting = {"asyncio", "time", "datetime", "socket", "threading", "multiprocessing", "logging", "os", "subprocess"}
-    assert not acting & {name.split(".")[0] for name in names}
-    assert "gateway.clock" not in names
