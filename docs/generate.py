@@ -64,7 +64,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "alarms.md": {
         "alarms": alarm_table.summary_markdown,
         "states": alarm_states.markdown,
-        "designs": alarm_table.designs_markdown,
+        "designs": alarm_table.suppressions_markdown,
         "responses": alarm_table.responses_markdown,
     },
     "commissioning-vision.md": {

@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 
-from gateway.alarms.monitor import Watch
+from gateway.alarms.monitor import AlarmMonitor
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
 from gateway.clock import Clock, SystemClock
@@ -45,12 +45,12 @@ from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport import ring as shm
 from gateway.web.auth import tls as pages_tls
-from gateway.web.host.event_history import Chronicle
-from gateway.web.host.listener import door, url
-from gateway.web.host.parts import Parts
-from gateway.web.host.request_handler import BayParts, Feed
-from gateway.web.host.service import HmiService
-from gateway.web.ipc.messages import About
+from gateway.web.host.event_history import EventHistory
+from gateway.web.host.listener import listening_sockets, url
+from gateway.web.host.parts import StatusCollector
+from gateway.web.host.request_handler import BayParts, RequestHandler
+from gateway.web.host.service import WebProcessService
+from gateway.web.ipc.messages import WebSetup
 
 log = logging.getLogger(__name__)
 
@@ -143,9 +143,9 @@ async def run(
     """
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
-        chronicle = Chronicle(hub)
+        events = EventHistory(hub)
         # Publisher and companions subscribe before the first state, or the start events would be missed.
-        parts = Parts(config, hub, boot=secrets.token_hex(8))
+        parts = StatusCollector(config, hub, boot=secrets.token_hex(8))
         voices = _voices(config, clock, parts, shared)
         backoff = config.mqtt.reconnect if config.mqtt is not None else Reconnect()
         tasks = [*companions(hub), *(Task(name, voice.deliver, backoff) for name, voice in voices)]
@@ -169,7 +169,7 @@ async def run(
                 bay.camera,
                 bay.vision,
                 clock,
-                parts.noting(bay.name, controls[bay.name].on_vision),
+                parts.observing(bay.name, controls[bay.name].on_vision),
                 ring=rings[bay.name],
             )
             for bay in config.bays
@@ -200,16 +200,21 @@ async def run(
                 bay.name: BayParts(controls[bay.name], units[bay.unit_id].read, visions[bay.name])
                 for bay in config.bays
             }
-            watch = Watch(
-                {bay.name: bay.fusion for bay in config.bays}, lambda bay: controls[bay].state(), parts.signs, clock
+            alarm_monitor = AlarmMonitor(
+                {bay.name: bay.fusion for bay in config.bays},
+                lambda bay: controls[bay].state(),
+                parts.conditions,
+                clock,
             )
-            tasks.append(Task("alarms", watch.run))
-            feed = Feed(chronicle, shown, clock, lambda: parts.links(watch), watch.act)
+            tasks.append(Task("alarms", alarm_monitor.run))
+            handler = RequestHandler(
+                events, shown, clock, lambda: parts.system_status(alarm_monitor), alarm_monitor.act
+            )
             readers = {bay: shm.reader(ring) for bay, ring in rings.items()}
             for ring in readers.values():
                 shared.callback(os.close, ring.fd)
-            about = About(config.model_copy(update={"mqtt": None}), clock, readers, source=source, boot=parts.boot)
-            pages, hmi_url = _pages(about, feed, shared)
+            setup = WebSetup(config.model_copy(update={"mqtt": None}), clock, readers, source=source, boot=parts.boot)
+            pages, hmi_url = _pages(setup, handler, shared)
             tasks.append(pages)
         supervisor = Supervisor(tasks, clock)
         parts.tasks = supervisor.records
@@ -238,7 +243,7 @@ def _on_range(control: BayControl, vision: VisionService, reading: RangeReading)
 
 
 def _voices(
-    config: GatewayConfig, clock: Clock, parts: Parts, shared: ExitStack
+    config: GatewayConfig, clock: Clock, parts: StatusCollector, shared: ExitStack
 ) -> list[tuple[str, MqttPublisher | SparkplugPublisher]]:
     """Those that tell the plant, each with the name of its task."""
     if config.mqtt is None:
@@ -254,17 +259,17 @@ def _voices(
     return [("mqtt.deliver", publisher), ("mqtt.sparkplug", parts.sparkplug)]
 
 
-def _pages(about: About, feed: Feed, shared: ExitStack) -> tuple[Task, str | None]:
+def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple[Task, str | None]:
     """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait; a certificate
     that can't be read is a ConfigError, or the port would be open and nobody would ever answer."""
-    config = about.config.hmi
+    config = setup.config.hmi
     pages_tls.server_context(config)
     sockets: tuple[socket.socket, ...] = ()
     try:
-        sockets = shared.enter_context(door(config))
+        sockets = shared.enter_context(listening_sockets(config))
     except LinkError as error:
         log.warning("%s; trying again", error)
-    return Task("hmi", HmiService(feed, about, sockets).run), url(config, sockets) if sockets else None
+    return Task("hmi", WebProcessService(handler, setup, sockets).run), url(config, sockets) if sockets else None
 
 
 def _deliberate(group: BaseExceptionGroup[BaseException]) -> BaseException:

@@ -3,12 +3,19 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from gateway.alarms.states import AlarmState, Cue
+from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.processes.codec import Message
 
-SHELVE_MOST_MIN = 12 * 60  # one shift
+MAX_SHELVE_MIN = 12 * 60  # one shift
 MAX_NOTE = 120
-DEEDS = (Cue.ACKNOWLEDGE, Cue.RESET, Cue.SHELVE, Cue.UNSHELVE, Cue.REMOVE, Cue.RESTORE)
+OPERATOR_EVENTS = (
+    AlarmEvent.ACKNOWLEDGE,
+    AlarmEvent.RESET,
+    AlarmEvent.SHELVE,
+    AlarmEvent.UNSHELVE,
+    AlarmEvent.REMOVE,
+    AlarmEvent.RESTORE,
+)
 """What a person may do."""
 
 
@@ -25,13 +32,13 @@ class Alarm:
     raised_ns: int | None = None  # last announced; None: never
     occurrences: int = 0  # times announced since the start of the gateway
     detail: str = ""  # in words, when it was last announced
-    who: str = ""  # who did the newest deed on it since it was announced
+    who: str = ""  # who did the newest action on it since it was announced
     note: str = ""  # and why
     shelved_until_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class AlarmChange:
     """One step of one alarm, numbered from 1 over all alarms since the start of the gateway."""
 
     number: int
@@ -39,7 +46,7 @@ class Change:
     id: str
     kind: str
     bay: str | None
-    cue: Cue
+    event: AlarmEvent
     before: AlarmState
     after: AlarmState
     detail: str = ""
@@ -47,34 +54,34 @@ class Change:
     note: str = ""
 
 
-class Deed(Message, frozen=True):
+class OperatorAction(Message, frozen=True):
     """What a person wants done. `occurrence`: what they saw (Alarm.occurrences); None: whatever there is."""
 
     id: str
-    cue: Cue
+    event: AlarmEvent
     who: str
     note: str = ""
     minutes: float | None = None  # of SHELVE
     occurrence: int | None = None
 
 
-class Outcome(StrEnum):
+class ActionOutcome(StrEnum):
     DONE = "done"
     UNKNOWN = "unknown"  # no such alarm
     REFUSED = "refused"  # not in this state
-    WRONG = "wrong"  # what is asked for is never possible
+    INVALID = "invalid"  # what is asked for is never possible
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
-    """To a deed. `why` tells people what is wrong with it; empty: it was done."""
+class ActionReply:
+    """To a action. `why` tells people what is wrong with it; empty: it was done."""
 
-    outcome: Outcome = Outcome.DONE
+    outcome: ActionOutcome = ActionOutcome.DONE
     why: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class AlarmSummary:
     """All alarms, as one record. Those in NORMAL are left out; `omitted` more stand that had no room here."""
 
     alarms: tuple[Alarm, ...] = ()  # the most important first

@@ -36,9 +36,10 @@ STATE_MEANING: dict[AlarmState, tuple[str, str]] = {
 }
 
 
-class Cue(StrEnum):
+class AlarmEvent(StrEnum):
     """What makes an alarm change its state. The names are on the wire."""
 
+    __qualname__ = "Cue"  # name of its schema in docs/openapi.json, which programs rely on
     OCCURS = "occurs"
     RETURNS = "returns"
     ACKNOWLEDGE = "acknowledge"
@@ -51,17 +52,17 @@ class Cue(StrEnum):
     RESTORE = "restore"
 
 
-CUE_MEANING: dict[Cue, str] = {
-    Cue.OCCURS: "its cause holds for its on-delay",
-    Cue.RETURNS: "its cause is gone for its off-delay",
-    Cue.ACKNOWLEDGE: "a person takes notice; changes nothing but the alarm",
-    Cue.RESET: "a person ends a latched alarm whose cause is gone",
-    Cue.SHELVE: "a person puts it aside for a while",
-    Cue.UNSHELVE: "that while is over, or a person takes it back",
-    Cue.SUPPRESS: "it becomes meaningless, by design",
-    Cue.UNSUPPRESS: "it means something again; a cause that holds is announced after the on-delay",
-    Cue.REMOVE: "a person takes it out of service",
-    Cue.RESTORE: "a person puts it back into service",
+EVENT_MEANING: dict[AlarmEvent, str] = {
+    AlarmEvent.OCCURS: "its cause holds for its on-delay",
+    AlarmEvent.RETURNS: "its cause is gone for its off-delay",
+    AlarmEvent.ACKNOWLEDGE: "a person takes notice; changes nothing but the alarm",
+    AlarmEvent.RESET: "a person ends a latched alarm whose cause is gone",
+    AlarmEvent.SHELVE: "a person puts it aside for a while",
+    AlarmEvent.UNSHELVE: "that while is over, or a person takes it back",
+    AlarmEvent.SUPPRESS: "it becomes meaningless, by design",
+    AlarmEvent.UNSUPPRESS: "it means something again; a cause that holds is announced after the on-delay",
+    AlarmEvent.REMOVE: "a person takes it out of service",
+    AlarmEvent.RESTORE: "a person puts it back into service",
 }
 
 A, B, C = AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED
@@ -75,7 +76,7 @@ class Transition:
     """One arrow of the diagram. `latching`, `active`: only for such alarms, only with such a cause; None: for any."""
 
     source: AlarmState
-    cue: Cue
+    event: AlarmEvent
     target: AlarmState
     latching: bool | None = None
     active: bool | None = None
@@ -83,30 +84,30 @@ class Transition:
 
 _SHOWN = (A, B, C, D, E, F)
 TRANSITIONS: tuple[Transition, ...] = (
-    Transition(A, Cue.OCCURS, B),
-    Transition(B, Cue.ACKNOWLEDGE, C),
-    Transition(B, Cue.RETURNS, D, latching=False),
-    Transition(C, Cue.RETURNS, A, latching=False),
-    Transition(D, Cue.ACKNOWLEDGE, A),
-    Transition(D, Cue.OCCURS, B),
-    Transition(B, Cue.RETURNS, E, latching=True),
-    Transition(C, Cue.RETURNS, F, latching=True),
-    Transition(E, Cue.ACKNOWLEDGE, F),
-    Transition(E, Cue.OCCURS, B),
-    Transition(F, Cue.RESET, A),
-    Transition(F, Cue.OCCURS, B),
-    *(Transition(shown, Cue.SHELVE, G) for shown in _SHOWN),
-    Transition(G, Cue.UNSHELVE, B, active=True),
-    Transition(G, Cue.UNSHELVE, A, active=False),
-    *(Transition(shown, Cue.SUPPRESS, H) for shown in _SHOWN),
-    Transition(H, Cue.UNSUPPRESS, A),
-    *(Transition(shown, Cue.REMOVE, I) for shown in (*_SHOWN, G, H)),
-    Transition(I, Cue.RESTORE, B, active=True),
-    Transition(I, Cue.RESTORE, A, active=False),
+    Transition(A, AlarmEvent.OCCURS, B),
+    Transition(B, AlarmEvent.ACKNOWLEDGE, C),
+    Transition(B, AlarmEvent.RETURNS, D, latching=False),
+    Transition(C, AlarmEvent.RETURNS, A, latching=False),
+    Transition(D, AlarmEvent.ACKNOWLEDGE, A),
+    Transition(D, AlarmEvent.OCCURS, B),
+    Transition(B, AlarmEvent.RETURNS, E, latching=True),
+    Transition(C, AlarmEvent.RETURNS, F, latching=True),
+    Transition(E, AlarmEvent.ACKNOWLEDGE, F),
+    Transition(E, AlarmEvent.OCCURS, B),
+    Transition(F, AlarmEvent.RESET, A),
+    Transition(F, AlarmEvent.OCCURS, B),
+    *(Transition(shown, AlarmEvent.SHELVE, G) for shown in _SHOWN),
+    Transition(G, AlarmEvent.UNSHELVE, B, active=True),
+    Transition(G, AlarmEvent.UNSHELVE, A, active=False),
+    *(Transition(shown, AlarmEvent.SUPPRESS, H) for shown in _SHOWN),
+    Transition(H, AlarmEvent.UNSUPPRESS, A),
+    *(Transition(shown, AlarmEvent.REMOVE, I) for shown in (*_SHOWN, G, H)),
+    Transition(I, AlarmEvent.RESTORE, B, active=True),
+    Transition(I, AlarmEvent.RESTORE, A, active=False),
 )
 
-_NEXT: dict[tuple[AlarmState, Cue, bool, bool], AlarmState] = {
-    (arrow.source, arrow.cue, latching, active): arrow.target
+_NEXT: dict[tuple[AlarmState, AlarmEvent, bool, bool], AlarmState] = {
+    (arrow.source, arrow.event, latching, active): arrow.target
     for arrow in TRANSITIONS
     for latching in (False, True)
     for active in (False, True)
@@ -114,23 +115,23 @@ _NEXT: dict[tuple[AlarmState, Cue, bool, bool], AlarmState] = {
 }
 
 
-def following(state: AlarmState, cue: Cue, *, latching: bool, active: bool) -> AlarmState | None:
-    """The state after `cue`; None where no arrow leads on. `active`: does the cause hold?"""
-    return _NEXT.get((state, cue, latching, active))
+def next_state(state: AlarmState, event: AlarmEvent, *, latching: bool, active: bool) -> AlarmState | None:
+    """The state after `event`; None where no arrow leads on. `active`: does the cause hold?"""
+    return _NEXT.get((state, event, latching, active))
 
 
 def markdown() -> str:
     """The states, and every arrow, for docs/alarms.md."""
     states = [f"| {letter} | `{state.value}` | {meaning} |" for state, (letter, meaning) in STATE_MEANING.items()]
-    arrows: dict[tuple[Cue, AlarmState, str], list[str]] = {}
+    arrows: dict[tuple[AlarmEvent, AlarmState, str], list[str]] = {}
     for arrow in TRANSITIONS:
         only = [] if arrow.latching is None else ["latching" if arrow.latching else "not latching"]
         only += [] if arrow.active is None else ["cause holds" if arrow.active else "cause gone"]
-        key = (arrow.cue, arrow.target, ", ".join(only))
+        key = (arrow.event, arrow.target, ", ".join(only))
         arrows.setdefault(key, []).append(STATE_MEANING[arrow.source][0])
     rows = [
-        f"| `{cue.value}` | {', '.join(sources)} | {STATE_MEANING[target][0]} | {only} | {CUE_MEANING[cue]} |"
-        for (cue, target, only), sources in arrows.items()
+        f"| `{event.value}` | {', '.join(sources)} | {STATE_MEANING[target][0]} | {only} | {EVENT_MEANING[event]} |"
+        for (event, target, only), sources in arrows.items()
     ]
     head = ["| | state | meaning |", "|---|---|---|", *states, ""]
     return "\n".join([*head, "| what happens | from | to | only where | |", "|---|---|---|---|---|", *rows]) + "\n"

@@ -25,7 +25,7 @@ class Priority(IntEnum):
     HIGH = 3
 
 
-class Design(StrEnum):
+class Suppression(StrEnum):
     """Why an alarm means nothing for the moment."""
 
     FUNCTION_CHECK = "function_check"
@@ -33,15 +33,15 @@ class Design(StrEnum):
     SHUTDOWN = "shutdown"
 
 
-DESIGN_MEANING: dict[Design, str] = {
-    Design.FUNCTION_CHECK: "a technician works on the bay and may_move is off",
-    Design.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors: control_dead says it",
-    Design.SHUTDOWN: "the gateway is shutting down",
+SUPPRESSION_MEANING: dict[Suppression, str] = {
+    Suppression.FUNCTION_CHECK: "a technician works on the bay and may_move is off",
+    Suppression.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors: control_dead says it",
+    Suppression.SHUTDOWN: "the gateway is shutting down",
 }
 
 
 @dataclass(frozen=True, slots=True)
-class BaySeen:
+class BayInputs:
     """What the alarms of one bay look at. The thresholds are those of the bay's configuration."""
 
     state: StateVector
@@ -49,19 +49,19 @@ class BaySeen:
     distance_threshold_mm: float
 
     @property
-    def designs(self) -> frozenset[Design]:
+    def suppressions(self) -> frozenset[Suppression]:
         """What holds of the reasons to suppress."""
         state = self.state
         holds = {
-            Design.FUNCTION_CHECK: state.function_check is FunctionCheck.MAY_MOVE_OFF,
-            Design.NOT_COMPUTED: state.reason is Reason.GATEWAY_FAULT,
-            Design.SHUTDOWN: state.reason is Reason.SHUTDOWN,
+            Suppression.FUNCTION_CHECK: state.function_check is FunctionCheck.MAY_MOVE_OFF,
+            Suppression.NOT_COMPUTED: state.reason is Reason.GATEWAY_FAULT,
+            Suppression.SHUTDOWN: state.reason is Reason.SHUTDOWN,
         }
         return frozenset(design for design, on in holds.items() if on)
 
 
 @dataclass(frozen=True, slots=True)
-class Signs:
+class GatewayConditions:
     """What the alarms of the gateway look at. None: there is no such part."""
 
     broker_connected: bool | None = None
@@ -76,24 +76,24 @@ class Signs:
 
 
 @dataclass(frozen=True, slots=True)
-class GatewaySeen:
-    """The signs of now and of the look before."""
+class GatewayInputs:
+    """The conditions of now and of the look before."""
 
-    now: Signs
-    before: Signs
+    now: GatewayConditions
+    before: GatewayConditions
 
     @property
-    def designs(self) -> frozenset[Design]:
+    def suppressions(self) -> frozenset[Suppression]:
         return frozenset()
 
 
-Seen = TypeVar("Seen", BaySeen, GatewaySeen)
+Inputs = TypeVar("Inputs", BayInputs, GatewayInputs)
 
 
 @dataclass(frozen=True, slots=True)
-class Kind(Generic[Seen]):
+class AlarmDefinition(Generic[Inputs]):
     """One row. `holds`: does its cause hold? It must do so for `on_delay_s` to be announced, and be gone for
-    `off_delay_s` to be over. `suppressed`: reasons for which it means nothing.
+    `off_delay_s` to be over. `suppressed_by`: reasons for which it means nothing.
     """
 
     id: str
@@ -104,34 +104,34 @@ class Kind(Generic[Seen]):
     causes: tuple[str, ...]
     action: str
     respond_min: int  # within so many minutes
-    holds: Callable[[Seen], bool] = field(repr=False)
-    detail: Callable[[Seen], str] = field(repr=False, default=lambda _: "")
+    holds: Callable[[Inputs], bool] = field(repr=False)
+    detail: Callable[[Inputs], str] = field(repr=False, default=lambda _: "")
     on_delay_s: float = 2.0
     off_delay_s: float = 5.0
     latching: bool = False
-    suppressed: frozenset[Design] = frozenset()
+    suppressed_by: frozenset[Suppression] = frozenset()
 
 
-SENSORS_SILENT = frozenset({Design.FUNCTION_CHECK, Design.NOT_COMPUTED, Design.SHUTDOWN})
+SENSORS_SILENT = frozenset({Suppression.FUNCTION_CHECK, Suppression.NOT_COMPUTED, Suppression.SHUTDOWN})
 
 
-def _vision(quality: Quality) -> Callable[[BaySeen], bool]:
+def _vision(quality: Quality) -> Callable[[BayInputs], bool]:
     return lambda seen: seen.state.vision.quality is quality
 
 
-def _range(quality: Quality) -> Callable[[BaySeen], bool]:
+def _range(quality: Quality) -> Callable[[BayInputs], bool]:
     return lambda seen: seen.state.range.quality is quality
 
 
-def _vision_detail(seen: BaySeen) -> str:
+def _vision_detail(seen: BayInputs) -> str:
     return seen.state.vision.detail
 
 
-def _range_detail(seen: BaySeen) -> str:
+def _range_detail(seen: BayInputs) -> str:
     return seen.state.range.detail
 
 
-def expected_mm(seen: BaySeen) -> float | None:
+def expected_mm(seen: BayInputs) -> float | None:
     """How far the marker looks: by the cross-check where it is configured, else by R Z = R_th Z_th. None: no marker."""
     state = seen.state
     if state.z_vision_mm is not None:
@@ -142,48 +142,48 @@ def expected_mm(seen: BaySeen) -> float | None:
     return seen.distance_threshold_mm * seen.radius_threshold_px / circle.radius_px
 
 
-def _no_echo(seen: BaySeen) -> bool:
+def _no_echo(seen: BayInputs) -> bool:
     if seen.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
         return False
     far_mm = expected_mm(seen)
     return far_mm is not None and far_mm < ECHO_DUE_MM
 
 
-def _no_echo_detail(seen: BaySeen) -> str:
+def _no_echo_detail(seen: BayInputs) -> str:
     far_mm = expected_mm(seen)
     return "" if far_mm is None else f"the marker looks {far_mm:.0f} mm away"
 
 
-def _disagree_detail(seen: BaySeen) -> str:
+def _disagree_detail(seen: BayInputs) -> str:
     far_mm, near_mm = seen.state.z_vision_mm, seen.state.range.distance_mm
     return "" if far_mm is None or near_mm is None else f"camera {far_mm:.0f} mm, ranger {near_mm:.0f} mm"
 
 
-def _truck_moved(seen: BaySeen) -> bool:
+def _truck_moved(seen: BayInputs) -> bool:
     """Where nobody can release a truck, every one that leaves has moved: only one under the spout is news."""
     visit = seen.state.visit
     return visit.moved is not Moved.NO and (visit.moved_covered or seen.state.plc.link is not PlcLink.UNUSED)
 
 
-def _truck_moved_detail(seen: BaySeen) -> str:
+def _truck_moved_detail(seen: BayInputs) -> str:
     place, now_mm = seen.state.visit.place, seen.state.range.distance_mm
     was = "" if place is None else f"; in place at {place.distance_mm:.0f} mm"
     return f"{MOVED_MEANING[seen.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
 
 
-def _in_place_lost(seen: BaySeen) -> bool:
+def _in_place_lost(seen: BayInputs) -> bool:
     state, visit = seen.state, seen.state.visit
     was_in_place = visit.place is not None and not visit.in_place and not visit.released and visit.moved is Moved.NO
     alive = not {state.vision.quality, state.range.quality} & (DEAD | {Quality.WAITING})
     return was_in_place and alive and state.d is not False and state.function_check is FunctionCheck.OFF
 
 
-def _jump(seen: BaySeen) -> float | None:
+def _jump(seen: BayInputs) -> float | None:
     scale = seen.state.memory.scale
     return None if scale is None else scale.jump
 
 
-def _scale_detail(seen: BaySeen) -> str:
+def _scale_detail(seen: BayInputs) -> str:
     scale, jump = seen.state.memory.scale, _jump(seen)
     if scale is None or jump is None:
         return ""
@@ -195,11 +195,11 @@ _POOR = (PictureFault.BLURRED, PictureFault.DUSTY)
 _MOVED = (PictureFault.SHIFTED,)
 
 
-def _picture(*faults: PictureFault) -> Callable[[BaySeen], bool]:
+def _picture(*faults: PictureFault) -> Callable[[BayInputs], bool]:
     return lambda seen: (health := seen.state.picture) is not None and any(fault in health.faults for fault in faults)
 
 
-def _picture_detail(seen: BaySeen) -> str:
+def _picture_detail(seen: BayInputs) -> str:
     """What of the picture is wrong, with the numbers."""
     health = seen.state.picture
     if health is None or not health.faults:
@@ -217,8 +217,8 @@ def _picture_detail(seen: BaySeen) -> str:
 
 _STOPS = "stop is on, may_move and in_place are off: no truck may move, and none may be loaded"
 
-BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
-    Kind(
+BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
+    AlarmDefinition(
         "control_dead",
         "Control task dead",
         Priority.HIGH,
@@ -229,9 +229,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         5,
         lambda seen: seen.state.reason is Reason.GATEWAY_FAULT,
         on_delay_s=0.5,
-        suppressed=frozenset({Design.SHUTDOWN}),
+        suppressed_by=frozenset({Suppression.SHUTDOWN}),
     ),
-    Kind(
+    AlarmDefinition(
         "plc_lost",
         "PLC heartbeat lost",
         Priority.HIGH,
@@ -242,9 +242,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         5,
         lambda seen: seen.state.plc.missed,
         on_delay_s=1.0,
-        suppressed=frozenset({Design.NOT_COMPUTED, Design.SHUTDOWN}),
+        suppressed_by=frozenset({Suppression.NOT_COMPUTED, Suppression.SHUTDOWN}),
     ),
-    Kind(
+    AlarmDefinition(
         "camera_down",
         "Camera down",
         Priority.HIGH,
@@ -255,9 +255,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         10,
         _vision(Quality.LINK_DOWN),
         _vision_detail,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "camera_stale",
         "Camera without new pictures",
         Priority.HIGH,
@@ -268,9 +268,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         10,
         _vision(Quality.STALE),
         _vision_detail,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "vision_fault",
         "Vision process fault",
         Priority.HIGH,
@@ -281,9 +281,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         10,
         _vision(Quality.PROCESS_FAULT),
         _vision_detail,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "ranger_down",
         "Ranger down",
         Priority.HIGH,
@@ -294,9 +294,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         10,
         _range(Quality.LINK_DOWN),
         _range_detail,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "ranger_stale",
         "Ranger silent",
         Priority.HIGH,
@@ -307,9 +307,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         10,
         _range(Quality.STALE),
         _range_detail,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "ranger_stuck",
         "Ranger stuck",
         Priority.HIGH,
@@ -320,9 +320,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         30,
         _range(Quality.STUCK),
         _range_detail,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "ranger_version",
         "Ranger with other firmware",
         Priority.HIGH,
@@ -333,9 +333,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         30,
         _range(Quality.WRONG_VERSION),
         _range_detail,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "ranger_no_echo",
         "No echo, though the marker is near",
         Priority.MEDIUM,
@@ -348,9 +348,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _no_echo_detail,
         on_delay_s=5.0,
         off_delay_s=10.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "ranger_unstable",
         "Distances jump",
         Priority.MEDIUM,
@@ -363,9 +363,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _range_detail,
         on_delay_s=10.0,
         off_delay_s=10.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "ranger_too_near",
         "Something on the ranger",
         Priority.MEDIUM,
@@ -378,9 +378,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _range_detail,
         on_delay_s=10.0,
         off_delay_s=10.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "sensors_disagree",
         "Camera and ranger disagree",
         Priority.HIGH,
@@ -398,9 +398,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         lambda seen: seen.state.memory.disagree,
         _disagree_detail,
         on_delay_s=0.0,  # it lasts for scale_lasting_s or cross_check.lasting_s before it is called one
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "picture_blind",
         "Camera sees nothing",
         Priority.MEDIUM,
@@ -412,9 +412,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _picture(*_BLIND),
         _picture_detail,
         off_delay_s=10.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "picture_poor",
         "Picture getting worse",
         Priority.LOW,
@@ -427,9 +427,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _picture_detail,
         on_delay_s=10.0,
         off_delay_s=60.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "camera_moved",
         "Camera moved",
         Priority.MEDIUM,
@@ -442,9 +442,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _picture(*_MOVED),
         _picture_detail,
         off_delay_s=60.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "maintenance",
         "Maintenance required",
         Priority.LOW,
@@ -456,9 +456,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         lambda seen: worn(seen.state),
         on_delay_s=10.0,
         off_delay_s=60.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "function_check_forgotten",
         "Function check still on",
         Priority.LOW,
@@ -471,9 +471,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         lambda seen: seen.state.function_check.name.lower(),
         on_delay_s=30 * MINUTE_S,
         off_delay_s=0.0,
-        suppressed=frozenset({Design.SHUTDOWN}),
+        suppressed_by=frozenset({Suppression.SHUTDOWN}),
     ),
-    Kind(
+    AlarmDefinition(
         "truck_moved",
         "Truck moved",
         Priority.HIGH,
@@ -490,9 +490,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _truck_moved,
         _truck_moved_detail,
         on_delay_s=0.0,  # the truck has moved further than visit.band_mm before it is called so
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "in_place_lost",
         "In place lost, though the truck has not moved",
         Priority.MEDIUM,
@@ -509,9 +509,9 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _in_place_lost,
         lambda seen: seen.state.visit.ended,
         on_delay_s=5.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
-    Kind(
+    AlarmDefinition(
         "scale_changed",
         "Marker of another size, or camera changed",
         Priority.MEDIUM,
@@ -531,12 +531,12 @@ BAY_ALARMS: tuple[Kind[BaySeen], ...] = (
         _scale_detail,
         on_delay_s=0.0,
         off_delay_s=5.0,
-        suppressed=SENSORS_SILENT,
+        suppressed_by=SENSORS_SILENT,
     ),
 )
 
-GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
-    Kind(
+GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
+    AlarmDefinition(
         "plc_not_reading",
         "PLC does not read",
         Priority.HIGH,
@@ -548,7 +548,7 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         lambda seen: seen.now.plc_reads is False,
         on_delay_s=10.0,
     ),
-    Kind(
+    AlarmDefinition(
         "broker_lost",
         "MQTT broker lost",
         Priority.MEDIUM,
@@ -560,7 +560,7 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         lambda seen: seen.now.broker_connected is False,
         on_delay_s=30.0,
     ),
-    Kind(
+    AlarmDefinition(
         "sparkplug_lost",
         "Sparkplug connection lost",
         Priority.MEDIUM,
@@ -572,7 +572,7 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         lambda seen: seen.now.sparkplug_connected is False,
         on_delay_s=30.0,
     ),
-    Kind(
+    AlarmDefinition(
         "events_lost",
         "Events lost",
         Priority.MEDIUM,
@@ -587,7 +587,7 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         off_delay_s=60.0,
         latching=True,
     ),
-    Kind(
+    AlarmDefinition(
         "event_store_fault",
         "Event store cannot be written",
         Priority.MEDIUM,
@@ -601,7 +601,7 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         on_delay_s=5.0,
         off_delay_s=10.0,
     ),
-    Kind(
+    AlarmDefinition(
         "task_crashed",
         "Software fault",
         Priority.LOW,
@@ -616,7 +616,7 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         off_delay_s=60.0,
         latching=True,
     ),
-    Kind(
+    AlarmDefinition(
         "bay_file_fault",
         "Bay file cannot be written",
         Priority.MEDIUM,
@@ -631,7 +631,7 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
         on_delay_s=5.0,
         off_delay_s=5.0,
     ),
-    Kind(
+    AlarmDefinition(
         "bay_file_damaged",
         "Bay file was damaged",
         Priority.MEDIUM,
@@ -648,9 +648,9 @@ GATEWAY_ALARMS: tuple[Kind[GatewaySeen], ...] = (
     ),
 )
 
-KINDS: dict[str, Kind[BaySeen] | Kind[GatewaySeen]] = {kind.id: kind for kind in BAY_ALARMS} | {
-    kind.id: kind for kind in GATEWAY_ALARMS
-}
+ALARM_DEFINITIONS: dict[str, AlarmDefinition[BayInputs] | AlarmDefinition[GatewayInputs]] = {
+    kind.id: kind for kind in BAY_ALARMS
+} | {kind.id: kind for kind in GATEWAY_ALARMS}
 
 
 def alarm_id(kind: str, bay: str | None = None) -> str:
@@ -668,7 +668,7 @@ def _seconds(seconds: float) -> str:
 
 def summary_markdown() -> str:
     """One line an alarm, the most urgent first."""
-    rows = sorted(KINDS.values(), key=lambda kind: -kind.priority)
+    rows = sorted(ALARM_DEFINITIONS.values(), key=lambda kind: -kind.priority)
     bays = {kind.id for kind in BAY_ALARMS}
     lines = [
         f"| [`{kind.id}`](#{kind.id}) | {kind.title} | {kind.priority.name.lower()} | {_time(kind.respond_min)} | "
@@ -683,9 +683,9 @@ def summary_markdown() -> str:
 def responses_markdown() -> str:
     """What each alarm means and what to do: the alarm response procedures."""
     parts: list[str] = []
-    for kind in KINDS.values():
+    for kind in ALARM_DEFINITIONS.values():
         causes = "".join(f"\n  - {cause}" for cause in kind.causes)
-        silent = ", ".join(f"`{design.value}`" for design in Design if design in kind.suppressed) or "never"
+        silent = ", ".join(f"`{design.value}`" for design in Suppression if design in kind.suppressed_by) or "never"
         parts.append(
             f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {kind.consequence}.\n"
             f"- What to do, within {_time(kind.respond_min)}: {kind.action}.\n- Likely causes:{causes}\n"
@@ -694,6 +694,6 @@ def responses_markdown() -> str:
     return "\n".join(parts)
 
 
-def designs_markdown() -> str:
-    rows = [f"| `{design.value}` | {meaning} |" for design, meaning in DESIGN_MEANING.items()]
+def suppressions_markdown() -> str:
+    rows = [f"| `{design.value}` | {meaning} |" for design, meaning in SUPPRESSION_MEANING.items()]
     return "\n".join(["| name | when |", "|---|---|", *rows]) + "\n"

@@ -32,7 +32,7 @@ from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.scenario import Scenario
 from gateway.supervisor import Task
-from gateway.web.host.listener import door
+from gateway.web.host.listener import listening_sockets
 
 LEAD_S = 2.0  # world time starts so much later, when the processes have come up and the surfaces are painted
 
@@ -160,7 +160,7 @@ def _plain(bay: config.BayConfig) -> config.BayConfig:
 def _can_listen(hmi: HmiConfig) -> bool:
     """Is the usual port free? Beside another simulation the pages take any other."""
     try:
-        with door(hmi):
+        with listening_sockets(hmi):
             return True
     except LinkError:
         return False

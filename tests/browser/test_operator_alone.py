@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from gateway.alarms.states import AlarmState
-from gateway.alarms.table import KINDS
+from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.core.model import REASON_MEANING, Reason
 from gateway.sinks.mqtt import reference
 from gateway.sinks.mqtt.messages import StatePayload
@@ -56,7 +56,7 @@ def broken(bay: str) -> dict[str, Any]:
 
 
 def alarm(bay: str, kind: str, standing: AlarmState) -> models.AlarmView:
-    row = KINDS[kind]
+    row = ALARM_DEFINITIONS[kind]
     return models.AlarmView(
         id=f"{bay}.{kind}",
         kind=kind,

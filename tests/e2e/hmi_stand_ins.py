@@ -2,18 +2,18 @@
 
 from gateway.processes.channel import Link
 from gateway.processes.codec import Codec
-from gateway.web.ipc.messages import TO_WEB, About, Ask, FromHmi, ToHmi
+from gateway.web.ipc.messages import TO_WEB, FromWeb, StateRequest, ToWeb, WebSetup
 
 CODEC = TO_WEB
 
 
-def run(link: Link[FromHmi, ToHmi], about: About) -> None:
+def run(link: Link[FromWeb, ToWeb], about: WebSetup) -> None:
     """Asks as fast as the socket takes it; hears the answers only if the gateway's configuration says so. Or it says
     what is no message, and then goes on asking."""
     if about.config.instance == "nonsense":
         link.sock.send(b"\x91" * 60_000)
     hears = about.config.instance == "hears"
-    question = Codec.packed(Ask(1, ("bay1",)))
+    question = Codec.packed(StateRequest(1, ("bay1",)))
     while True:
         try:
             link.sock.setblocking(False)

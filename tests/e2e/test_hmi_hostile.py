@@ -10,7 +10,7 @@ from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.errors import LinkError
 from gateway.web.host import service
-from gateway.web.ipc.messages import About
+from gateway.web.ipc.messages import WebSetup
 from tests.unit.web.gateway_client import plant
 
 
@@ -39,12 +39,12 @@ def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on
         async with plant(keep=False) as made:
             door = socket.create_server(("127.0.0.1", 0))
             with door, socket.create_connection(door.getsockname()):
-                about = About(GatewayConfig(instance=instance), SystemClock(), {})
+                about = WebSetup(GatewayConfig(instance=instance), SystemClock(), {})
                 at_work = asyncio.get_running_loop().create_task(others())
                 try:
                     async with asyncio.timeout(60):
                         with pytest.raises(LinkError, match=why):
-                            await service.HmiService(made.feed, about, (door,)).run()
+                            await service.WebProcessService(made.feed, about, (door,)).run()
                 finally:
                     at_work.cancel()
                     with contextlib.suppress(asyncio.CancelledError):

@@ -24,7 +24,7 @@ from gateway.shared_state import SharedStateReader, SharedStateWriter
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
-from gateway.web.ipc.messages import Ask
+from gateway.web.ipc.messages import StateRequest
 from gateway.web.server import views
 from tests.unit.web.gateway_client import Plant, plant
 from tests.virtual_time import LoopClock, run
@@ -85,7 +85,7 @@ class Outputs:
 
     def _web(self) -> tuple[Any, ...]:
         self._asked += 1
-        self._made.desk._take(self._made.feed.answer(Ask(self._asked, ("bay1",), 0, False)))
+        self._made.desk._take(self._made.feed.answer(StateRequest(self._asked, ("bay1",), 0, False)))
         view = views.bay_view(self._made.desk, CONFIG.bays[0]).state
         assert view is not None
         return view.stop, view.may_move, view.in_place, view.moved, view.reason.name

@@ -17,17 +17,27 @@ from gateway.net import rate_limit
 from gateway.web.auth.audit_log import shown
 from gateway.web.host import config_file
 from gateway.web.host.config_file import ChangedOnDiskError
-from gateway.web.ipc.messages import Done, FileError, FileOrder, InFile, PlanFile, Planned, ReadFile, Saved, SaveFile
+from gateway.web.ipc.messages import (
+    CommandReply,
+    FileErrorKind,
+    FilePreview,
+    FileRequest,
+    FileSaved,
+    FileSettings,
+    PreviewFile,
+    ReadFile,
+    SaveFile,
+)
 from gateway.web.tuning import profile
 
 log = logging.getLogger(__name__)
 
-MOST_WAITING = 8
+MAX_WAITING = 8
 MAX_DIFF = 20_000  # characters; a message holds some more
 MAX_WHY = 4000
 
 
-class FileOrders:
+class ConfigFileRequests:
     """`path`: None where there is no file. `wake` is called on the event loop when something is done."""
 
     def __init__(self, path: Path | None, clock: Clock, thread: Executor, wake: Callable[[], None]) -> None:
@@ -36,57 +46,57 @@ class FileOrders:
         self._thread = thread
         self._wake = wake
         self._bucket = rate_limit.Bucket()
-        self._at_work: list[asyncio.Future[Done]] = []
+        self._running: list[asyncio.Future[CommandReply]] = []
 
-    def take(self, order: FileOrder) -> Done | None:
+    def submit(self, request: FileRequest) -> CommandReply | None:
         """What is wrong with it; None: it is under work, and `done` will tell."""
-        self._bucket, untold = rate_limit.take(self._bucket, self._clock.now_ns())
-        if untold is None or len(self._at_work) >= MOST_WAITING:
-            return Done(order.number, "too many ask for the file one after the other: wait a little")
-        future = asyncio.get_running_loop().run_in_executor(self._thread, _carried_out, order, self._path)
-        self._at_work.append(future)
+        self._bucket, unreported = rate_limit.take(self._bucket, self._clock.now_ns())
+        if unreported is None or len(self._running) >= MAX_WAITING:
+            return CommandReply(request.number, "too many ask for the file one after the other: wait a little")
+        future = asyncio.get_running_loop().run_in_executor(self._thread, _perform, request, self._path)
+        self._running.append(future)
         future.add_done_callback(lambda _: self._wake())
         return None
 
-    def done(self) -> list[Done]:
+    def finished(self) -> list[CommandReply]:
         """Raises what nobody expected of the work: that is a bug."""
-        ready = [future for future in self._at_work if future.done()]
-        self._at_work = [future for future in self._at_work if future not in ready]
+        ready = [future for future in self._running if future.done()]
+        self._running = [future for future in self._running if future not in ready]
         return [future.result() for future in ready]
 
 
-def _carried_out(order: FileOrder, path: Path | None) -> Done:
+def _perform(request: FileRequest, path: Path | None) -> CommandReply:
     try:
         found = config_file.named(path)
-        match order.what:
+        match request.action:
             case ReadFile(bay):
-                return Done(order.number, result=_read(found, bay))
-            case PlanFile():
-                return Done(order.number, result=_plan(found, order.what))
+                return CommandReply(request.number, result=_read(found, bay))
+            case PreviewFile():
+                return CommandReply(request.number, result=_plan(found, request.action))
             case SaveFile():
-                return Done(order.number, result=_save(found, order.what, order.who))
+                return CommandReply(request.number, result=_save(found, request.action, request.who))
     except ConfigError as error:
-        kind = FileError.CHANGED if isinstance(error, ChangedOnDiskError) else FileError.WRONG
-        return Done(order.number, str(error)[:MAX_WHY], kind)
+        kind = FileErrorKind.CHANGED if isinstance(error, ChangedOnDiskError) else FileErrorKind.WRONG
+        return CommandReply(request.number, str(error)[:MAX_WHY], kind)
 
 
-def _read(path: Path, bay: str) -> InFile:
+def _read(path: Path, bay: str) -> FileSettings:
     loaded = config_file.load(path)
-    return InFile(profile.in_file(loaded.text, bay, source=str(path)), config_file.why_not_writable(path))
+    return FileSettings(profile.in_file(loaded.text, bay, source=str(path)), config_file.why_not_writable(path))
 
 
-def _plan(path: Path, wanted: PlanFile) -> Planned:
+def _plan(path: Path, wanted: PreviewFile) -> FilePreview:
     loaded = config_file.load(path)
     proposal = profile.propose(loaded.text, wanted.bay, wanted.vision, source=str(path))
     diff = proposal.diff if len(proposal.diff) <= MAX_DIFF else f"{proposal.diff[:MAX_DIFF]}\n(and more)\n"
-    return Planned(diff, tuple(proposal.changes), loaded.digest, config_file.why_not_writable(path))
+    return FilePreview(diff, tuple(proposal.changes), loaded.digest, config_file.why_not_writable(path))
 
 
-def _save(path: Path, wanted: SaveFile, who: Writer) -> Saved:
+def _save(path: Path, wanted: SaveFile, who: Writer) -> FileSaved:
     loaded = config_file.load(path)
     config_file.same(loaded, wanted.digest)
     proposal = profile.propose(loaded.text, wanted.bay, wanted.vision, source=str(path))
     backup = config_file.save(loaded, proposal.text)
     keys = ", ".join(proposal.changes) or "nothing new"
     log.info("%s: %s of %s saved by %s", path, keys, wanted.bay, shown(str(who)))
-    return Saved(tuple(proposal.changes), str(backup))
+    return FileSaved(tuple(proposal.changes), str(backup))

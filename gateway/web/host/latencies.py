@@ -9,8 +9,8 @@ from gateway.core.model import FRESH_FRAME, VisionReading
 NS_PER_S = 1_000_000_000
 BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _BOUNDS_NS = tuple(round(bound_s * NS_PER_S) for bound_s in BOUNDS_S)
-MOST_STAGES = 32  # of one bay; a method has a dozen
-WHOLE = ""  # the name under which capture to result stands
+MAX_STAGES = 32  # of one bay; a method has a dozen
+CAPTURE_TO_RESULT = ""  # the name under which capture to result stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,20 +23,20 @@ class Histogram:
     sum_s: float
 
 
-class Latencies:
+class LatencyHistograms:
     """`note` costs a few microseconds a frame and never raises."""
 
     def __init__(self) -> None:
         self._rows: dict[str, dict[str, list[int]]] = {}  # bay -> stage -> counts, then the sum in ns
 
-    def noting(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
+    def observing(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
         """`emit` that notes what passes, afterwards: the decision does not wait for it."""
         rows = self._rows.setdefault(bay, {})
 
         def both(reading: VisionReading) -> None:
             emit(reading)
             if reading.stage_ns and reading.quality in FRESH_FRAME:
-                _note(rows, WHOLE, round(reading.stats.latency_ms * 1e6))
+                _note(rows, CAPTURE_TO_RESULT, round(reading.stats.latency_ms * 1e6))
                 for stage, took_ns in reading.stage_ns:
                     _note(rows, stage, took_ns)
 
@@ -54,7 +54,7 @@ class Latencies:
 def _note(rows: dict[str, list[int]], stage: str, took_ns: int) -> None:
     row = rows.get(stage)
     if row is None:
-        if len(rows) >= MOST_STAGES:
+        if len(rows) >= MAX_STAGES:
             return
         row = rows[stage] = [0] * (len(_BOUNDS_NS) + 2)
     row[bisect_left(_BOUNDS_NS, took_ns)] += 1

@@ -13,7 +13,7 @@ BACKLOG = 128
 
 
 @contextmanager
-def door(config: HmiConfig) -> Iterator[tuple[socket.socket, ...]]:
+def listening_sockets(config: HmiConfig) -> Iterator[tuple[socket.socket, ...]]:
     """Bound and listening, one socket an address, all on one port. Raises LinkError or ConfigError when it can't be."""
     made: list[socket.socket] = []
     try:

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from gateway.alarms.monitor import Watch
-from gateway.alarms.table import Signs
+from gateway.alarms.monitor import AlarmMonitor
+from gateway.alarms.table import GatewayConditions
 from gateway.bay_file import BayFiles
 from gateway.config import GatewayConfig
 from gateway.config.strict.placed_error import without_password
@@ -14,16 +14,16 @@ from gateway.modbus.server.traffic import ServerNow
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.supervisor import TaskRecord
-from gateway.web.host.latencies import Latencies
-from gateway.web.ipc.messages import LinksNow, TaskNow
+from gateway.web.host.latencies import LatencyHistograms
+from gateway.web.ipc.messages import SystemStatus, TaskStatus
 
 PLC_QUIET_S = 5.0  # ten times the slowest poll that is any use; the alarm's own on-delay comes on top
-MOST_ALARMS = 100  # told of; the rest is counted
+MAX_ALARMS = 100  # told of; the rest is counted
 MAX_ERROR = 120
 
 
 @dataclass(slots=True)
-class Parts:
+class StatusCollector:
     """`modbus` and `tasks` are set once there are any. `boot`: a random number of this start, in the events' ids."""
 
     config: GatewayConfig
@@ -31,21 +31,21 @@ class Parts:
     boot: str = ""
     publisher: MqttPublisher | None = None
     sparkplug: SparkplugPublisher | None = None
-    latencies: Latencies = field(default_factory=Latencies)
+    latencies: LatencyHistograms = field(default_factory=LatencyHistograms)
     bay_files: BayFiles | None = None
     modbus: Callable[[], tuple[ServerNow, ...]] = tuple
     tasks: dict[str, TaskRecord] = field(default_factory=dict)
 
-    def noting(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
+    def observing(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
         """`emit`, and a note of how long the frame took, if there is anybody to tell."""
-        return self.latencies.noting(bay, emit) if self.config.hmi.enabled else emit
+        return self.latencies.observing(bay, emit) if self.config.hmi.enabled else emit
 
-    def links(self, watch: Watch) -> LinksNow:
+    def system_status(self, monitor: AlarmMonitor) -> SystemStatus:
         """For the pages, about once a second."""
         mqtt = self.config.mqtt
-        return LinksNow(
+        return SystemStatus(
             tasks=tuple(
-                TaskNow(name, row.running, row.starts, row.link_errors, row.crashes, row.last_error[:MAX_ERROR])
+                TaskStatus(name, row.running, row.starts, row.link_errors, row.crashes, row.last_error[:MAX_ERROR])
                 for name, row in self.tasks.items()
             ),
             broker=None if mqtt is None else without_password(mqtt.url),
@@ -54,18 +54,18 @@ class Parts:
             sparkplug=None if self.sparkplug is None else self.sparkplug.now,
             modbus=self.modbus(),
             events_dropped=self.hub.dropped,
-            alarms=watch.standing(MOST_ALARMS),
-            changes=watch.changes(),
+            alarms=monitor.summary(MAX_ALARMS),
+            changes=monitor.changes(),
             latencies=self.latencies.histograms(),
         )
 
-    def signs(self) -> Signs:
+    def conditions(self) -> GatewayConditions:
         """For the alarms, about once a second."""
         delivery = None if self.publisher is None else self.publisher.stats
         store = None if delivery is None else delivery.store
         session = None if self.sparkplug is None else self.sparkplug.now
         crashed = {name: row for name, row in self.tasks.items() if row.crashes}
-        return Signs(
+        return GatewayConditions(
             broker_connected=None if self.publisher is None else self.publisher.connected,
             sparkplug_connected=None if session is None else session.connected and session.born,
             plc_reads=self._plc_reads(),

@@ -10,7 +10,7 @@ MOST = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Usage:
+class ProcessUsage:
     """All processes of one name, which are as many as they are workers of a bay."""
 
     name: str
@@ -19,9 +19,9 @@ class Usage:
     memory_bytes: int
 
 
-def usage(main_pid: int, proc: Path = PROC) -> tuple[Usage, ...]:
+def process_usage(main_pid: int, proc: Path = PROC) -> tuple[ProcessUsage, ...]:
     """The main process and its children. One that ends meanwhile is left out; without /proc there is nothing."""
-    found: dict[str, Usage] = {}
+    found: dict[str, ProcessUsage] = {}
     for pid in (main_pid, *_children(main_pid, proc)):
         name = MAIN if pid == main_pid else None
         one = _usage(pid, name, proc)
@@ -29,7 +29,7 @@ def usage(main_pid: int, proc: Path = PROC) -> tuple[Usage, ...]:
             continue
         known = found.get(one.name)
         found[one.name] = (
-            Usage(one.name, known.processes + 1, known.cpu_s + one.cpu_s, known.memory_bytes + one.memory_bytes)
+            ProcessUsage(one.name, known.processes + 1, known.cpu_s + one.cpu_s, known.memory_bytes + one.memory_bytes)
             if known
             else one
         )
@@ -47,7 +47,7 @@ def _children(pid: int, proc: Path) -> list[int]:
     return children[:MOST]
 
 
-def _usage(pid: int, name: str | None, proc: Path) -> Usage | None:
+def _usage(pid: int, name: str | None, proc: Path) -> ProcessUsage | None:
     """proc_pid_stat(5): the name in parentheses may hold anything, so what follows it is counted from its end."""
     try:
         stat = (proc / str(pid) / "stat").read_text(errors="replace")
@@ -57,4 +57,4 @@ def _usage(pid: int, name: str | None, proc: Path) -> Usage | None:
     fields = stat[stat.rindex(")") + 2 :].split()  # from field 3 on
     ticks = int(fields[11]) + int(fields[12])  # utime, stime
     pages = int(fields[21])  # rss
-    return Usage(name or comm, 1, ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE"))
+    return ProcessUsage(name or comm, 1, ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE"))

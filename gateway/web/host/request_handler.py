@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from gateway.alarms.records import Deed, Reply
+from gateway.alarms.records import ActionReply, OperatorAction
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import VisionConfig
@@ -20,13 +20,23 @@ from gateway.errors import GatewayError
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.net import rate_limit
 from gateway.vision.process.service import VisionService
-from gateway.web.host.event_history import Chronicle
-from gateway.web.ipc.messages import MAX_STATES, Answer, Apply, Ask, BayNow, Check, Done, LinksNow, Order
+from gateway.web.host.event_history import EventHistory
+from gateway.web.ipc.messages import (
+    MAX_STATES,
+    ApplySettings,
+    BayStatus,
+    Command,
+    CommandReply,
+    SetFunctionCheck,
+    StateReply,
+    StateRequest,
+    SystemStatus,
+)
 
 log = logging.getLogger(__name__)
 
 MAX_NAME = 120  # of somebody, or of something asked for
-MAX_TOLD = 1000  # of what has changed
+MAX_REPORTED = 1000  # of what has changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,68 +48,70 @@ class BayParts:
     vision: VisionService
 
 
-class Feed:
+class RequestHandler:
     """Answers the web process."""
 
     def __init__(
         self,
-        chronicle: Chronicle,
+        events: EventHistory,
         bays: Mapping[str, BayParts],
         clock: Clock,
-        links: Callable[[], LinksNow],
-        alarms: Callable[[Deed], Reply],
+        links: Callable[[], SystemStatus],
+        alarms: Callable[[OperatorAction], ActionReply],
     ) -> None:
         self._bays = bays
         self._clock = clock
         self._links = links
         self._alarms = alarms
-        self._chronicle = chronicle
-        self._orders = rate_limit.Bucket()
+        self._events = events
+        self._command_rate = rate_limit.Bucket()
 
-    def answer(self, ask: Ask) -> Answer:
-        known = [bay for bay in ask.bays if bay in self._bays][:MAX_STATES]
-        return Answer(
-            number=ask.number,
+    def answer(self, request: StateRequest) -> StateReply:
+        known = [bay for bay in request.bays if bay in self._bays][:MAX_STATES]
+        return StateReply(
+            number=request.number,
             now_ns=self._clock.now_ns(),
             wall_ns=self._clock.wall_ns(),
-            bays=tuple(self._now(self._bays[bay]) for bay in known),
-            links=self._links() if ask.links else None,
-            events=self._chronicle.after(ask.after),
-            newest_event=self._chronicle.newest,
+            bays=tuple(self._status(self._bays[bay]) for bay in known),
+            links=self._links() if request.links else None,
+            events=self._events.after(request.after),
+            newest_event=self._events.newest,
         )
 
-    def _now(self, bay: BayParts) -> BayNow:
-        return BayNow(bay.control.state(), tuple(bay.image()), bay.vision.settings)
+    def _status(self, bay: BayParts) -> BayStatus:
+        return BayStatus(bay.control.state(), tuple(bay.image()), bay.vision.settings)
 
-    def carry_out(self, order: Order) -> Done:
+    def execute(self, command: Command) -> CommandReply:
         """What makes no sense is refused, whatever the web process's own checks say: strangers talk to it."""
-        if isinstance(order.what, Deed):
-            return Done(order.number, self._alarms(replace(order.what, who=order.what.who[:MAX_NAME])).why)
-        bay = self._bays.get(order.what.bay)
+        if isinstance(command.action, OperatorAction):
+            return CommandReply(
+                command.number, self._alarms(replace(command.action, who=command.action.who[:MAX_NAME])).why
+            )
+        bay = self._bays.get(command.action.bay)
         if bay is None:
-            return Done(order.number, f"no bay {order.what.bay[:MAX_NAME]!r}")
-        self._orders, untold = rate_limit.take(self._orders, self._clock.now_ns())
-        if untold is None:  # each is told as an event, and may begin processes anew
-            return Done(order.number, "too many orders one after the other: wait a little")
-        return Done(order.number, _carried_out(order.what, bay, _clipped(order.who)))
+            return CommandReply(command.number, f"no bay {command.action.bay[:MAX_NAME]!r}")
+        self._command_rate, unreported = rate_limit.take(self._command_rate, self._clock.now_ns())
+        if unreported is None:  # each is told as an event, and may begin processes anew
+            return CommandReply(command.number, "too many orders one after the other: wait a little")
+        return CommandReply(command.number, _perform(command.action, bay, _clipped(command.who)))
 
 
-def _carried_out(what: Check | Apply, bay: BayParts, who: Writer) -> str:
+def _perform(what: SetFunctionCheck | ApplySettings, bay: BayParts, who: Writer) -> str:
     """What is wrong with it; empty: it was done."""
     match what:
-        case Check(mode=mode):
+        case SetFunctionCheck(mode=mode):
             bay.control.check_function(mode, who)
-        case Apply(vision=vision, over=over):
+        case ApplySettings(vision=vision, over=over):
             if bay.control.state().function_check is FunctionCheck.OFF:
                 return "begin a function check first: settings never change in a bay at work"
             try:
                 if over is not None and (others := _changed(over, bay.vision.settings)):
-                    return f"somebody else has let other settings go live meanwhile: {others}"[:MAX_TOLD]
+                    return f"somebody else has let other settings go live meanwhile: {others}"[:MAX_REPORTED]
                 told = _changed(bay.vision.settings, vision)
                 bay.vision.apply(vision)
             except (GatewayError, ValueError) as error:
-                return str(error)[:MAX_TOLD]
-            bay.control.settings_changed(told[:MAX_TOLD] or "the same settings", who)
+                return str(error)[:MAX_REPORTED]
+            bay.control.settings_changed(told[:MAX_REPORTED] or "the same settings", who)
     return ""
 
 

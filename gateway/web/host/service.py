@@ -17,30 +17,30 @@ from gateway.errors import ConfigError, LinkError
 from gateway.processes.notices import Failed, Gone
 from gateway.processes.pool import Pool, Role
 from gateway.web.auth.tls import server_context
-from gateway.web.host.config_file_requests import FileOrders
-from gateway.web.host.listener import door
-from gateway.web.host.request_handler import Feed
-from gateway.web.ipc.messages import FROM_WEB, About, Ask, FileOrder, FromHmi, Order, ToHmi
+from gateway.web.host.config_file_requests import ConfigFileRequests
+from gateway.web.host.listener import listening_sockets
+from gateway.web.host.request_handler import RequestHandler
+from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
 
 SILENT_S = 15.0  # real time; the web process asks at least once a second
 PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
-MOST_WORDS = 8  # heard in one turn; an honest web process has one question out, and now and then an order
-MOST_TURNS = 100  # in a row in which it had more to say than that, more than a second: it has gone mad
+MAX_MESSAGES = 8  # heard in one turn; an honest web process has one question out, and now and then an order
+MAX_FULL_TURNS = 100  # in a row in which it had more to say than that, more than a second: it has gone mad
 MODULE = "gateway.web.server.process"
 CHILD = 1
 
 
-class HmiService:
+class WebProcessService:
     """A row of the task table: `run` ends with LinkError when the web process does.
 
     `sockets`: listening already; without any, `run` opens the door itself, as often as it takes.
     """
 
-    def __init__(self, feed: Feed, about: About, sockets: tuple[socket.socket, ...]) -> None:
-        self._feed = feed
-        self._about = about
+    def __init__(self, handler: RequestHandler, setup: WebSetup, sockets: tuple[socket.socket, ...]) -> None:
+        self._handler = handler
+        self._setup = setup
         self._sockets = sockets
-        self._file = Path(about.source) if about.source else None
+        self._file = Path(setup.source) if setup.source else None
 
     async def run(self) -> None:
         """Until cancelled. Raises LinkError when the port is taken or the web process ended or hung.
@@ -50,24 +50,24 @@ class HmiService:
         """
         try:
             with ExitStack() as own:
-                await self._serve(self._sockets or own.enter_context(door(self._about.config.hmi)), own)
+                await self._serve(self._sockets or own.enter_context(listening_sockets(self._setup.config.hmi)), own)
         except ConfigError as error:
             raise LinkError(str(error)) from error
 
     async def _serve(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> None:
-        await _visitor(sockets)
-        _check_certificate(self._about.config.hmi, sockets)
-        rings = tuple(ring.fd for ring in self._about.rings.values())
+        await _first_connection(sockets)
+        _check_certificate(self._setup.config.hmi, sockets)
+        rings = tuple(ring.fd for ring in self._setup.rings.values())
         listening = tuple(sock.fileno() for sock in sockets)
-        shown = self._about.source.encode(
+        source = self._setup.source.encode(
             errors="backslashreplace"
         ).decode()  # a name need not be UTF-8, a message must
-        job = replace(self._about, sockets=listening, source=shown)
-        role: Role[ToHmi] = Role(MODULE, "gw-hmi", job, (*rings, *listening))
+        job = replace(self._setup, sockets=listening, source=source)
+        role: Role[ToWeb] = Role(MODULE, "gw-hmi", job, (*rings, *listening))
         thread = ThreadPoolExecutor(1, thread_name_prefix="file")
         own.callback(thread.shutdown, wait=False, cancel_futures=True)
-        async with Pool[ToHmi, FromHmi]("hmi", self._about.clock, FROM_WEB) as pool:
-            file = FileOrders(self._file, self._about.clock, thread, pool.wake)
+        async with Pool[ToWeb, FromWeb]("hmi", self._setup.clock, FROM_WEB) as pool:
+            file_requests = ConfigFileRequests(self._file, self._setup.clock, thread, pool.wake)
             pool.start(CHILD, role)
             full = 0
             while True:
@@ -76,28 +76,28 @@ class HmiService:
                         await pool.wait(None)
                 except TimeoutError:
                     raise LinkError(f"the web process has said nothing for {SILENT_S:g} s") from None
-                asked: Ask | None = None
-                words = list(pool.messages(most=MOST_WORDS))
-                full = full + 1 if len(words) >= MOST_WORDS else 0
-                if full > MOST_TURNS:
+                request: StateRequest | None = None
+                messages = list(pool.messages(most=MAX_MESSAGES))
+                full = full + 1 if len(messages) >= MAX_MESSAGES else 0
+                if full > MAX_FULL_TURNS:
                     raise LinkError("the web process talks without end")
-                for _, message in words:
+                for _, message in messages:
                     match message:
-                        case Ask():
-                            asked = message  # the newest answers all before it
-                        case Order():
-                            pool.send(CHILD, self._feed.carry_out(message))
-                        case FileOrder():
-                            if (refused := file.take(message)) is not None:
+                        case StateRequest():
+                            request = message  # the newest answers all before it
+                        case Command():
+                            pool.send(CHILD, self._handler.execute(message))
+                        case FileRequest():
+                            if (refused := file_requests.submit(message)) is not None:
                                 pool.send(CHILD, refused)
                         case Failed(why):
                             raise LinkError(why)
                         case Gone(how):
                             raise LinkError(f"the web process {how}")
-                for done in file.done():
-                    pool.send(CHILD, done)
-                if asked is not None:
-                    pool.send(CHILD, self._feed.answer(asked))
+                for reply in file_requests.finished():
+                    pool.send(CHILD, reply)
+                if request is not None:
+                    pool.send(CHILD, self._handler.answer(request))
                 await asyncio.sleep(PAUSE_S)
 
 
@@ -113,7 +113,7 @@ def _check_certificate(config: HmiConfig, sockets: tuple[socket.socket, ...]) ->
         raise
 
 
-async def _visitor(sockets: tuple[socket.socket, ...]) -> None:
+async def _first_connection(sockets: tuple[socket.socket, ...]) -> None:
     """Waits for a connection, and leaves it to the web process to take it."""
     loop = asyncio.get_running_loop()
     called = asyncio.Event()

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from gateway.alarms.records import Change, Deed, Standing
+from gateway.alarms.records import AlarmChange, AlarmSummary, OperatorAction
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, VisionConfig
 from gateway.core.model import Event, FunctionCheck, StateVector
@@ -27,7 +27,7 @@ MAX_STATES = 6  # in one answer, which must fit into one message of the link
 MAX_EVENTS = 4
 
 
-class About(Message, frozen=True):
+class WebSetup(Message, frozen=True):
     """The web process's job: what it is told at its start and what never changes."""
 
     config: GatewayConfig  # without the broker's password
@@ -41,7 +41,7 @@ class About(Message, frozen=True):
 # From the web process.
 
 
-class Ask(Message, frozen=True):
+class StateRequest(Message, frozen=True):
     """The newest of these bays (at most MAX_STATES), and the events after number `after` (at most MAX_EVENTS)."""
 
     number: int
@@ -50,14 +50,14 @@ class Ask(Message, frozen=True):
     links: bool = True  # are the links wanted, too?
 
 
-class Check(Message, frozen=True):
+class SetFunctionCheck(Message, frozen=True):
     """Begin or end a function check."""
 
     bay: str
     mode: FunctionCheck
 
 
-class Apply(Message, frozen=True):
+class ApplySettings(Message, frozen=True):
     """Let these settings go live; only while a function check is on.
 
     `over`: what whoever asks takes to be in force; refused where it is not. None: whatever is.
@@ -68,12 +68,12 @@ class Apply(Message, frozen=True):
     over: VisionConfig | None = None
 
 
-class Order(Message, frozen=True):
+class Command(Message, frozen=True):
     """Something that a person wants done. `who` has been checked; the main process tells it as an event."""
 
     number: int
     who: Writer
-    what: Check | Apply | Deed
+    action: SetFunctionCheck | ApplySettings | OperatorAction
 
 
 class ReadFile(Message, frozen=True):
@@ -82,7 +82,7 @@ class ReadFile(Message, frozen=True):
     bay: str
 
 
-class PlanFile(Message, frozen=True):
+class PreviewFile(Message, frozen=True):
     """What would saving these settings change in the file?"""
 
     bay: str
@@ -97,19 +97,19 @@ class SaveFile(Message, frozen=True):
     digest: str
 
 
-class FileOrder(Message, frozen=True):
-    """About the configuration's file, which only the main process reads and writes. `who` as in `Order`."""
+class FileRequest(Message, frozen=True):
+    """About the configuration's file, which only the main process reads and writes. `who` as in `Command`."""
 
     number: int
     who: Writer
-    what: ReadFile | PlanFile | SaveFile
+    action: ReadFile | PreviewFile | SaveFile
 
 
 # To the web process.
 
 
 @dataclass(frozen=True, slots=True)
-class BayNow:
+class BayStatus:
     """One bay as of the answer. `image`: the holding registers as a PLC would read them now, 16 bit words."""
 
     state: StateVector
@@ -118,7 +118,7 @@ class BayNow:
 
 
 @dataclass(frozen=True, slots=True)
-class TaskNow:
+class TaskStatus:
     """A row of the supervisor's table."""
 
     name: str
@@ -130,50 +130,50 @@ class TaskNow:
 
 
 @dataclass(frozen=True, slots=True)
-class LinksNow:
+class SystemStatus:
     """How the gateway's parts and its links to others do."""
 
-    tasks: tuple[TaskNow, ...] = ()
+    tasks: tuple[TaskStatus, ...] = ()
     broker: str | None = None  # its address without a password; None: there is none
     delivery: DeliveryPayload | None = None
     broker_connected: bool = False
     sparkplug: SparkplugNow | None = None  # None: not configured
     modbus: tuple[ServerNow, ...] = ()
     events_dropped: int = 0  # by queues of the main process
-    alarms: Standing = field(default_factory=Standing)
-    changes: tuple[Change, ...] = ()  # of alarms, the newest few
+    alarms: AlarmSummary = field(default_factory=AlarmSummary)
+    changes: tuple[AlarmChange, ...] = ()  # of alarms, the newest few
     latencies: tuple[Histogram, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Numbered:
+class NumberedEvent:
     """An event with its place in the row of all since the gateway's start; a gap: some were dropped."""
 
     number: int
     event: Event
 
 
-class Answer(Message, frozen=True):
-    """To an `Ask`. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
+class StateReply(Message, frozen=True):
+    """To an `StateRequest`. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
 
     number: int
     now_ns: int
     wall_ns: int
-    bays: tuple[BayNow, ...]
-    links: LinksNow | None = None  # None: not asked for
-    events: tuple[Numbered, ...] = ()
+    bays: tuple[BayStatus, ...]
+    links: SystemStatus | None = None  # None: not asked for
+    events: tuple[NumberedEvent, ...] = ()
     newest_event: int = 0
 
 
-class InFile(Message, frozen=True):
+class FileSettings(Message, frozen=True):
     """To `ReadFile`. `why_not`: why saving would fail, in words; empty: nothing known speaks against it."""
 
     vision: VisionConfig
     why_not: str
 
 
-class Planned(Message, frozen=True):
-    """To `PlanFile`. `diff` is for people, without passwords. `why_not` as above: it is then what to do by hand."""
+class FilePreview(Message, frozen=True):
+    """To `PreviewFile`. `diff` is for people, without passwords. `why_not` as above: it is then what to do by hand."""
 
     diff: str
     changes: tuple[str, ...]  # keys
@@ -181,34 +181,34 @@ class Planned(Message, frozen=True):
     why_not: str
 
 
-class Saved(Message, frozen=True):
+class FileSaved(Message, frozen=True):
     """To `SaveFile`. The file as it was stands in `backup`."""
 
     changes: tuple[str, ...]
     backup: str
 
 
-class FileError(StrEnum):
-    """What kind of thing is wrong with a `FileOrder`."""
+class FileErrorKind(StrEnum):
+    """What kind of thing is wrong with a `FileRequest`."""
 
     NONE = "none"
     WRONG = "wrong"  # the file, or what is wanted of it
     CHANGED = "changed"  # by somebody else, since it was shown
 
 
-class Done(Message, frozen=True):
-    """To an `Order` or a `FileOrder`. `why` tells what is wrong with it; empty: it was carried out."""
+class CommandReply(Message, frozen=True):
+    """To an `Command` or a `FileRequest`. `why` tells what is wrong with it; empty: it was carried out."""
 
     number: int
     why: str = ""
-    error: FileError = FileError.NONE
-    result: InFile | Planned | Saved | None = None
+    error: FileErrorKind = FileErrorKind.NONE
+    result: FileSettings | FilePreview | FileSaved | None = None
 
 
-FromHmi = Ask | Order | FileOrder
-ToHmi = About | Answer | Done
+FromWeb = StateRequest | Command | FileRequest
+ToWeb = WebSetup | StateReply | CommandReply
 
-FROM_WEB = Codec(FromHmi | Failed)
+FROM_WEB = Codec(FromWeb | Failed)
 """Whoever gets hold of the web process, which talks to strangers' browsers, gets no further than these few records.
 Whether what is in them makes sense is for `feed` to see."""
-TO_WEB = Codec(ToHmi, compressed=True)
+TO_WEB = Codec(ToWeb, compressed=True)

@@ -18,14 +18,14 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from gateway.alarms.records import Deed
-from gateway.alarms.states import Cue
+from gateway.alarms.records import OperatorAction
+from gateway.alarms.states import AlarmEvent
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS, alarm_id
 from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig
 from gateway.errors import LinkError
 from gateway.web.auth.caller import visitor_of
-from gateway.web.host.process_usage import usage
+from gateway.web.host.process_usage import process_usage
 from gateway.web.server import health, lists, views
 from gateway.web.server.gateway_client import KEPT_EVENTS, Desk, RefusedError
 from gateway.web.server.metrics import text as metrics
@@ -195,7 +195,7 @@ async def _alarms(programs: Programs, _: Request) -> Response:
     return _json(lists.alarms_view(programs.desk))
 
 
-def _deed(cue: Cue, model: type[AcknowledgeBody]) -> Answer:
+def _deed(cue: AlarmEvent, model: type[AcknowledgeBody]) -> Answer:
     async def answer(programs: Programs, request: Request) -> Response:
         name = request.path_params["alarm"]
         if name not in _alarm_ids(programs.desk):
@@ -208,7 +208,9 @@ def _deed(cue: Cue, model: type[AcknowledgeBody]) -> Answer:
         minutes = body.minutes if isinstance(body, ShelveBody) else None
         who = visitor.name or str(visitor.writer)
         try:
-            await programs.desk.order(Deed(name, cue, who, body.note, minutes, body.occurrence), visitor.writer)
+            await programs.desk.order(
+                OperatorAction(name, cue, who, body.note, minutes, body.occurrence), visitor.writer
+            )
         except RefusedError as refused:
             return problem(409, "refused", str(refused))
         except LinkError as error:
@@ -237,7 +239,7 @@ async def _healthz(programs: Programs, request: Request) -> Response:
 
 async def _metrics(programs: Programs, request: Request) -> Response:
     await programs.desk.fresh(*programs.desk.bays)
-    known = Known(programs.desk, programs.pages(), usage(os.getppid()))
+    known = Known(programs.desk, programs.pages(), process_usage(os.getppid()))
     body, content_type = metrics.text(known, request.headers.get("accept", ""))
     return Response(body, headers={"Content-Type": content_type})
 
@@ -261,7 +263,7 @@ DEED_ERRORS = (
 )
 
 
-def _deed_call(cue: Cue, summary: str, model: type[AcknowledgeBody] = AcknowledgeBody) -> Call:
+def _deed_call(cue: AlarmEvent, summary: str, model: type[AcknowledgeBody] = AcknowledgeBody) -> Call:
     path = f"/api/alarms/{{alarm}}/{cue.value}"
     says = ((JSON, AlarmsView),)
     return Call("POST", path, f"{cue.value}_alarm", summary, _deed(cue, model), says, body=model, errors=DEED_ERRORS)
@@ -283,12 +285,12 @@ CALLS: tuple[Call, ...] = (
          ((JSON, EventsView),), (AFTER, LIMIT), errors=(WRONG_QUERY,)),
     Call("GET", "/api/alarms", "alarms", "every alarm that is not normal, the most important first", _alarms,
          ((JSON, AlarmsView),)),
-    _deed_call(Cue.ACKNOWLEDGE, "take notice of an alarm; never ends a stop"),
-    _deed_call(Cue.RESET, "end a latched alarm whose cause is gone; never ends a stop"),
-    _deed_call(Cue.SHELVE, "put an alarm aside for a while", ShelveBody),
-    _deed_call(Cue.UNSHELVE, "take a shelved alarm back"),
-    _deed_call(Cue.REMOVE, "take an alarm out of service, until somebody puts it back"),
-    _deed_call(Cue.RESTORE, "put an alarm back into service"),
+    _deed_call(AlarmEvent.ACKNOWLEDGE, "take notice of an alarm; never ends a stop"),
+    _deed_call(AlarmEvent.RESET, "end a latched alarm whose cause is gone; never ends a stop"),
+    _deed_call(AlarmEvent.SHELVE, "put an alarm aside for a while", ShelveBody),
+    _deed_call(AlarmEvent.UNSHELVE, "take a shelved alarm back"),
+    _deed_call(AlarmEvent.REMOVE, "take an alarm out of service, until somebody puts it back"),
+    _deed_call(AlarmEvent.RESTORE, "put an alarm back into service"),
     Call("GET", "/healthz", "health", "does the gateway work, and if not, why", _healthz, ((JSON, HealthView),),
          (VERBOSE,)),
     Call("GET", "/metrics", "metrics", "for Prometheus; OpenMetrics for those who ask for it", _metrics,

@@ -26,7 +26,7 @@ from gateway.web.server.metrics.family import Pages
 from gateway.web.server.pictures import Picture, Pictures
 from gateway.web.server.problems import of_starlette
 from gateway.web.tuning import routes as workbench
-from gateway.web.tuning.service import Workshop
+from gateway.web.tuning.service import TuningService
 
 STATIC = Path(str(files("gateway.web") / "static"))
 
@@ -39,7 +39,7 @@ class Site:
     pictures: Pictures
     live: Live
     drivers: Live
-    workshop: Workshop
+    workshop: TuningService
 
 
 def site_of(desk: Desk, pace: Clock) -> Site:
@@ -49,7 +49,7 @@ def site_of(desk: Desk, pace: Clock) -> Site:
         pictures=Pictures(desk, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
         live=Live(desk, views.live_json, config.max_viewers, config.viewers_per_address),
         drivers=Live(desk, views.driver_json, config.max_viewers, config.viewers_per_address),
-        workshop=Workshop(desk, pace),
+        workshop=TuningService(desk, pace),
     )
 
 

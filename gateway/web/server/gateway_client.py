@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from gateway.alarms.records import Deed
+from gateway.alarms.records import OperatorAction
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
 from gateway.core.plc import Writer
@@ -25,26 +25,26 @@ from gateway.vision.transport.ring import Ring, Snapshot
 from gateway.web.host.config_file import ChangedOnDiskError
 from gateway.web.ipc.messages import (
     MAX_STATES,
-    About,
-    Answer,
-    Apply,
-    Ask,
-    BayNow,
-    Check,
-    Done,
-    FileError,
-    FileOrder,
-    FromHmi,
-    InFile,
-    LinksNow,
-    Numbered,
-    Order,
-    PlanFile,
-    Planned,
+    ApplySettings,
+    BayStatus,
+    Command,
+    CommandReply,
+    FileErrorKind,
+    FilePreview,
+    FileRequest,
+    FileSaved,
+    FileSettings,
+    FromWeb,
+    NumberedEvent,
+    PreviewFile,
     ReadFile,
-    Saved,
     SaveFile,
-    ToHmi,
+    SetFunctionCheck,
+    StateReply,
+    StateRequest,
+    SystemStatus,
+    ToWeb,
+    WebSetup,
 )
 
 WATCHED_S = 0.1
@@ -61,8 +61,12 @@ class RefusedError(GatewayError):
     """The main process did not carry out an order; the text says why."""
 
 
-_RAISED = {FileError.NONE: RefusedError, FileError.WRONG: ConfigError, FileError.CHANGED: ChangedOnDiskError}
-Result = TypeVar("Result", InFile, Planned, Saved)
+_RAISED = {
+    FileErrorKind.NONE: RefusedError,
+    FileErrorKind.WRONG: ConfigError,
+    FileErrorKind.CHANGED: ChangedOnDiskError,
+}
+Result = TypeVar("Result", FileSettings, FilePreview, FileSaved)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +74,7 @@ class Seen:
     """What is known of one bay. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
 
     number: int  # of the answer that brought it
-    now: BayNow
+    now: BayStatus
     now_ns: int
     wall_ns: int
 
@@ -78,13 +82,13 @@ class Seen:
 class Desk:
     """Newest answers, events and orders. One event loop, no locks. `pace` is real time, `clock` the gateway's."""
 
-    def __init__(self, about: About, link: Link[FromHmi, ToHmi], pace: Clock, clock: Clock | None = None) -> None:
+    def __init__(self, about: WebSetup, link: Link[FromWeb, ToWeb], pace: Clock, clock: Clock | None = None) -> None:
         self.about = about
         self.clock: Clock = clock or about.clock
-        self.events: deque[Numbered] = deque(maxlen=KEPT_EVENTS)
+        self.events: deque[NumberedEvent] = deque(maxlen=KEPT_EVENTS)
         self.newest_event = 0
         self.events_missed = 0
-        self.links = LinksNow()
+        self.links = SystemStatus()
         self.links_ns: int | None = None  # the gateway's clock when it told them
         self.answered_ns = 0  # the gateway's clock at the newest answer
         self.answers = 0
@@ -99,7 +103,7 @@ class Desk:
         self._heard = asyncio.Event()
         self._urgent: Counter[str] = Counter()
         self._turn = 0
-        self._orders: dict[int, asyncio.Future[Done]] = {}
+        self._orders: dict[int, asyncio.Future[CommandReply]] = {}
         self._ordered = 0
         self._rings = {bay: Ring(spec, writable=False) for bay, spec in about.rings.items()}
 
@@ -163,26 +167,26 @@ class Desk:
         """A copy of frame `seq` of a bay's camera, or of its newest."""
         return self._rings[bay].snapshot(seq)
 
-    async def order(self, what: Check | Apply | Deed, who: Writer) -> None:
+    async def order(self, what: SetFunctionCheck | ApplySettings | OperatorAction, who: Writer) -> None:
         """Have it done. Raises RefusedError with the reason, LinkError when the main process does not answer."""
-        await self._have_done(Order(self._next_order(), who, what))
-        if isinstance(what, Deed):
+        await self._have_done(Command(self._next_order(), who, what))
+        if isinstance(what, OperatorAction):
             await self.links_anew()
 
-    async def in_file(self, bay: str, who: Writer) -> InFile:
+    async def in_file(self, bay: str, who: Writer) -> FileSettings:
         """What the configuration's file says. Raises ConfigError, and as `order` does."""
-        return await self._of_file(ReadFile(bay), InFile, who)
+        return await self._of_file(ReadFile(bay), FileSettings, who)
 
-    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> Planned:
+    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> FilePreview:
         """What saving would change. Raises ConfigError, and as `order` does."""
-        return await self._of_file(PlanFile(bay, vision), Planned, who)
+        return await self._of_file(PreviewFile(bay, vision), FilePreview, who)
 
-    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> Saved:
+    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> FileSaved:
         """Have written what `plan` has shown. Raises ChangedOnDiskError, ConfigError, and as `order` does."""
-        return await self._of_file(SaveFile(bay, vision, digest), Saved, who)
+        return await self._of_file(SaveFile(bay, vision, digest), FileSaved, who)
 
-    async def _of_file(self, what: ReadFile | PlanFile | SaveFile, kind: type[Result], who: Writer) -> Result:
-        done = await self._have_done(FileOrder(self._next_order(), who, what))
+    async def _of_file(self, what: ReadFile | PreviewFile | SaveFile, kind: type[Result], who: Writer) -> Result:
+        done = await self._have_done(FileRequest(self._next_order(), who, what))
         if not isinstance(done.result, kind):
             raise LinkError("the gateway has answered something else")
         return done.result
@@ -191,8 +195,8 @@ class Desk:
         self._ordered += 1
         return self._ordered
 
-    async def _have_done(self, order: Order | FileOrder) -> Done:
-        future: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
+    async def _have_done(self, order: Command | FileRequest) -> CommandReply:
+        future: asyncio.Future[CommandReply] = asyncio.get_running_loop().create_future()
         self._orders[order.number] = future
         try:
             if not self._link.offer(order):
@@ -249,7 +253,7 @@ class Desk:
 
     async def _pull(self, number: int) -> None:
         self._heard.clear()
-        if not self._link.offer(Ask(number, self._due(), self._last_event, self._links_due())):
+        if not self._link.offer(StateRequest(number, self._due(), self._last_event, self._links_due())):
             raise LinkError("the gateway is gone")
         try:
             async with asyncio.timeout(ANSWER_S):
@@ -287,16 +291,16 @@ class Desk:
     def _receive(self) -> None:
         for message in self._link.received():
             match message:
-                case Answer():
+                case StateReply():
                     self._take(message)
                 case Failed(why):
                     raise SystemExit(why)
-                case Done(number=number) if (waiting := self._orders.get(number)) and not waiting.done():
+                case CommandReply(number=number) if (waiting := self._orders.get(number)) and not waiting.done():
                     waiting.set_result(message)
         if self._link.ended:
             raise SystemExit(0)  # the main process is gone, and the pages with it
 
-    def _take(self, answer: Answer) -> None:
+    def _take(self, answer: StateReply) -> None:
         for now in answer.bays:
             self._seen[now.state.bay] = Seen(answer.number, now, answer.now_ns, answer.wall_ns)
         for row in answer.events:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from gateway.clock import NS_PER_S
 from gateway.core.model import DEAD, QUALITY_MEANING, Reason, StateVector
 from gateway.core.ne107 import NE107_MEANING, Ne107, active
-from gateway.web.ipc.messages import LinksNow
+from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server.gateway_client import Desk, Seen
 from gateway.web.server.models import HealthReason, HealthStatus, HealthView
 
@@ -76,7 +76,7 @@ def _parts_of_a_bay(bay: str, state: StateVector) -> Iterator[HealthReason]:
         yield _reason(f"{bay}.maintenance", "degraded", NE107_MEANING[Ne107.MAINTENANCE_REQUIRED])
 
 
-def _links(links: LinksNow) -> Iterator[HealthReason]:
+def _links(links: SystemStatus) -> Iterator[HealthReason]:
     if not links.modbus:
         yield _reason("modbus", "failing", "no Modbus server listens")
     for server in links.modbus:

@@ -3,9 +3,9 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from gateway.alarms.records import Alarm, Change
+from gateway.alarms.records import Alarm, AlarmChange
 from gateway.alarms.states import AlarmState
-from gateway.alarms.table import KINDS
+from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig
 from gateway.errors import ProtocolError
@@ -14,7 +14,7 @@ from gateway.modbus.registers.row import Register
 from gateway.modbus.server.traffic import ServerNow
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.sparkplug.node import SparkplugNow
-from gateway.web.ipc.messages import LinksNow
+from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server.gateway_client import Desk
 from gateway.web.server.models import (
     PRIORITY_NAME,
@@ -48,7 +48,7 @@ def unix_ms(desk: Desk, t_ns: int) -> int:
 
 
 def alarm_view(desk: Desk, alarm: Alarm) -> AlarmView:
-    kind = KINDS[alarm.kind]
+    kind = ALARM_DEFINITIONS[alarm.kind]
     until_ns, raised_ns = alarm.shelved_until_ns, alarm.raised_ns
     return AlarmView(
         id=alarm.id,
@@ -103,14 +103,14 @@ def alarms_view(desk: Desk) -> AlarmsView:
     )
 
 
-def _change_view(desk: Desk, change: Change) -> AlarmChangeView:
+def _change_view(desk: Desk, change: AlarmChange) -> AlarmChangeView:
     return AlarmChangeView(
         number=change.number,
         time_ms=unix_ms(desk, change.t_ns),
         id=change.id,
-        title=KINDS[change.kind].title,
+        title=ALARM_DEFINITIONS[change.kind].title,
         bay=change.bay,
-        cue=change.cue,
+        cue=change.event,
         before=change.before,
         after=change.after,
         detail=change.detail,
@@ -170,7 +170,7 @@ def _modbus_view(server: ServerNow) -> ModbusView:
     )
 
 
-def _mqtt_view(links: LinksNow) -> MqttView | None:
+def _mqtt_view(links: SystemStatus) -> MqttView | None:
     if links.broker is None or links.delivery is None:
         return None
     delivery = links.delivery

@@ -8,8 +8,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gateway.alarms.records import MAX_NOTE, SHELVE_MOST_MIN
-from gateway.alarms.states import AlarmState, Cue
+from gateway.alarms.records import MAX_NOTE, MAX_SHELVE_MIN
+from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.alarms.table import Priority
 from gateway.sinks.mqtt.messages import Count, EventPayload, StatePayload, StorePayload
 
@@ -211,7 +211,7 @@ class AlarmChangeView(BaseModel):
     id: str
     title: str
     bay: str | None
-    cue: Cue = Field(description="what happened")
+    cue: AlarmEvent = Field(description="what happened")
     before: AlarmState
     after: AlarmState
     detail: str
@@ -359,7 +359,7 @@ class AcknowledgeBody(BaseModel):
 class ShelveBody(AcknowledgeBody):
     """Put an alarm aside for a while."""
 
-    minutes: float = Field(ge=1, le=SHELVE_MOST_MIN, description="then it comes back by itself")
+    minutes: float = Field(ge=1, le=MAX_SHELVE_MIN, description="then it comes back by itself")
 
 
 class Problem(BaseModel):

@@ -18,7 +18,7 @@ from gateway.processes.channel import Link
 from gateway.web.auth import slow_clients, tls
 from gateway.web.auth.audit_log import CAUTION, Told
 from gateway.web.auth.logins import Logins
-from gateway.web.ipc.messages import TO_WEB, About, FromHmi, ToHmi
+from gateway.web.ipc.messages import TO_WEB, FromWeb, ToWeb, WebSetup
 from gateway.web.server.app import app, site_of
 from gateway.web.server.gateway_client import Desk
 
@@ -31,7 +31,7 @@ GRACE_S = 1  # of open connections at the end
 MAX_TEXT = 4096  # of one WebSocket message from a page
 
 
-def run(link: Link[FromHmi, ToHmi], about: About) -> None:
+def run(link: Link[FromWeb, ToWeb], about: WebSetup) -> None:
     """Until the main process is gone. Raises LinkError when it answers no more."""
     os.nice(NICE)
     cv2.setNumThreads(1)
@@ -42,7 +42,7 @@ def run(link: Link[FromHmi, ToHmi], about: About) -> None:
     event_loop.run(_serve(about, link))
 
 
-async def _serve(about: About, link: Link[FromHmi, ToHmi]) -> None:
+async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
     pace = SystemClock()
     desk = Desk(about, link, pace)
     config = about.config.hmi

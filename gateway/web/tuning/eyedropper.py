@@ -44,7 +44,7 @@ class Patch:
 
 
 @dataclass(frozen=True, slots=True)
-class Picked:
+class ColourPick:
     """What a click proposes: the four corners as keys of `[vision]`, and what they would admit of this picture."""
 
     patch: Patch
@@ -55,7 +55,9 @@ class Picked:
     warnings: tuple[str, ...]
 
 
-def pick(image: Image, u_px: float, v_px: float, size_px: int, params: VisionConfig, mode: Mode = "replace") -> Picked:
+def pick(
+    image: Image, u_px: float, v_px: float, size_px: int, params: VisionConfig, mode: Mode = "replace"
+) -> ColourPick:
     """A square of side `size_px` round (u, v), as far as it lies in the picture.
 
     "replace": ranges for this patch alone; "widen": the present ranges, widened as far as needed. Raises ValueError for
@@ -68,7 +70,7 @@ def pick(image: Image, u_px: float, v_px: float, size_px: int, params: VisionCon
     mask = stages.red_mask(hsv, (keys["red_low_1"], keys["red_high_1"]), (keys["red_low_2"], keys["red_high_2"]))
     admitted = int(np.count_nonzero(mask))
     hanging = _hanging(mask, near)
-    return Picked(patch, keys, admitted, mask.size, hanging, _warnings(patch, admitted, mask.size, hanging))
+    return ColourPick(patch, keys, admitted, mask.size, hanging, _warnings(patch, admitted, mask.size, hanging))
 
 
 def _window(image: Image, u_px: float, v_px: float, size_px: int) -> tuple[slice, slice]:

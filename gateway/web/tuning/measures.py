@@ -23,7 +23,7 @@ class Jitter:
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
+class Deviation:
     """Of the frames in which both found something: median and largest distance of the centres, median of R less R."""
 
     frames: int
@@ -34,7 +34,7 @@ class Apart:
 
 
 @dataclass(frozen=True, slots=True)
-class Times:
+class StageTimes:
     """Medians, ms. `stages` in the order in which they ran."""
 
     total_ms: float
@@ -72,14 +72,14 @@ def _cubic_at_0(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([np.prod(np.delete(t_s, n) / (np.delete(t_s, n) - t_s[n])) for n in range(4)])
 
 
-def apart(found: Sequence[Detection], other: Sequence[Detection]) -> Apart | None:
+def deviation(found: Sequence[Detection], other: Sequence[Detection]) -> Deviation | None:
     """How far `found` lies from `other`, frame by frame. None: never both."""
     pairs = [(a.circle, b.circle) for a, b in zip(found, other, strict=True)]
     both = np.array([_numbers(a) - _numbers(b) for a, b in pairs if a is not None and b is not None])
     if not len(both):
         return None
     centres = np.hypot(both[:, 0], both[:, 1])
-    return Apart(
+    return Deviation(
         frames=len(both),
         centre_px=float(np.median(centres)),
         centre_largest_px=float(centres.max()),
@@ -88,13 +88,13 @@ def apart(found: Sequence[Detection], other: Sequence[Detection]) -> Apart | Non
     )
 
 
-def times(found: Sequence[Detection]) -> Times:
+def times(found: Sequence[Detection]) -> StageTimes:
     """At least one detection. A stage that a frame did without took no time in it: the stages add up to the whole."""
     names = dict.fromkeys(stage for one in found for stage, _ in one.stage_ns)
     rows = [dict(one.stage_ns) for one in found]
     medians = ((name, float(np.median([row.get(name, 0) for row in rows])) / NS_PER_MS) for name in names)
     total = float(np.median([_total_ns(one) for one in found])) / NS_PER_MS
-    return Times(total, tuple((name, ms) for name, ms in medians if ms > 0))
+    return StageTimes(total, tuple((name, ms) for name, ms in medians if ms > 0))
 
 
 def time_ratio(found: Sequence[Detection], other: Sequence[Detection]) -> float:

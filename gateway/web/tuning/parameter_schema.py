@@ -33,7 +33,7 @@ _UNITS = {"px": "px", "px2": "px²", "s": "s", "share": "of the diagonal"}
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class Parameter:
     """One control of the page."""
 
     name: str
@@ -48,13 +48,13 @@ class Key:
     choices: tuple[str, ...] = ()
 
 
-class OneProfile(Section):
+class ProfileFile(Section):
     """What a profile's file holds: `[vision]` and nothing else."""
 
     vision: VisionConfig = VisionConfig()
 
 
-def schema() -> tuple[Key, ...]:
+def schema() -> tuple[Parameter, ...]:
     return tuple(_key(name, VisionConfig.model_fields[name]) for name in TUNED)
 
 
@@ -63,7 +63,9 @@ def values(settings: VisionConfig) -> dict[str, Any]:
     return settings.model_dump(mode="json", include=set(TUNED))
 
 
-def checked(given: Mapping[str, Any], base: VisionConfig, *, source: str = "settings", text: str = "") -> VisionConfig:
+def validated(
+    given: Mapping[str, Any], base: VisionConfig, *, source: str = "settings", text: str = ""
+) -> VisionConfig:
     """`base` with the `given` keys of a profile over it, checked as the configuration's file is.
 
     `text`: the TOML that the keys come from, for line numbers. Raises ConfigError, one line a fault.
@@ -73,9 +75,9 @@ def checked(given: Mapping[str, Any], base: VisionConfig, *, source: str = "sett
         raise ConfigError("\n".join(strange))
     kept = {key: value for key, value in base if key in base.model_fields_set}
     try:
-        return OneProfile.model_validate({"vision": {**kept, **given}}).vision
+        return ProfileFile.model_validate({"vision": {**kept, **given}}).vision
     except ValidationError as error:
-        lines = explain(error, source=source, text=text, model=OneProfile)
+        lines = explain(error, source=source, text=text, model=ProfileFile)
     raise ConfigError("\n".join(lines))
 
 
@@ -84,11 +86,11 @@ def changes(old: VisionConfig, new: VisionConfig) -> dict[str, Any]:
     return {key: getattr(new, key) for key in TUNED if getattr(old, key) != getattr(new, key)}
 
 
-def _key(name: str, info: FieldInfo) -> Key:
+def _key(name: str, info: FieldInfo) -> Parameter:
     belongs, meaning = _meaning(info)
     kind, choices = _kind(info)
     low, high = _bounds(info)
-    return Key(
+    return Parameter(
         name=name,
         belongs=belongs,
         kind=kind,

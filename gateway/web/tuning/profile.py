@@ -79,7 +79,7 @@ def imported(text: str, base: VisionConfig, *, source: str) -> VisionConfig:
     given = document.get("vision")
     if not isinstance(given, dict) or not given:
         raise ConfigError(f"{source}: there is no [vision] with keys in it")
-    return tuned.checked(given, base, source=source, text=text.removeprefix("\ufeff"))
+    return tuned.validated(given, base, source=source, text=text.removeprefix("\ufeff"))
 
 
 def _places(

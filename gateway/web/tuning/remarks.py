@@ -19,7 +19,7 @@ from gateway.vision.offline.tuning.samples import Colours, Example, example
 from gateway.vision.offline.tuning.thresholds import Red
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning.parameter_schema import changes
-from gateway.web.tuning.trial import Result
+from gateway.web.tuning.trial import TrialResult
 
 LOOKED_AT = 3  # frames of a recording, spread over it
 MASK_SHARE = 0.25  # of the picture
@@ -38,7 +38,9 @@ class Remark:
     warning: bool = True
 
 
-def remarks(frames: Sequence[Snapshot], tried: VisionConfig, in_force: VisionConfig, result: Result) -> list[Remark]:
+def remarks(
+    frames: Sequence[Snapshot], tried: VisionConfig, in_force: VisionConfig, result: TrialResult
+) -> list[Remark]:
     """The most telling first; at least one frame, those that `result` is about."""
     found = [*_against_others(result), *_idle(tried, in_force), *_speed(frames, result)]
     count = min(result.frames, len(frames))
@@ -51,7 +53,7 @@ def remarks(frames: Sequence[Snapshot], tried: VisionConfig, in_force: VisionCon
     return sorted(first.values(), key=lambda remark: not remark.warning)
 
 
-def _against_others(result: Result) -> Iterator[Remark]:
+def _against_others(result: TrialResult) -> Iterator[Remark]:
     ours, theirs = result.tried.found_share, result.in_force.found_share
     if ours < theirs:
         yield Remark(f"finds the marker less often: in {100 * ours:.0f} % of the frames, in force {100 * theirs:.0f} %")
@@ -78,7 +80,7 @@ def _idle(tried: VisionConfig, in_force: VisionConfig) -> Iterator[Remark]:
             yield Remark(f"{key}: has no effect with method {tried.method}", key, warning=False)
 
 
-def _speed(frames: Sequence[Snapshot], result: Result) -> Iterator[Remark]:
+def _speed(frames: Sequence[Snapshot], result: TrialResult) -> Iterator[Remark]:
     if result.timed and result.time_ratio > SLOWER:
         yield Remark(f"slower: {result.time_ratio:.1f} times the time a frame of the settings in force", warning=False)
     if len(frames) < 2:
@@ -108,7 +110,7 @@ def _paper(frame: Snapshot, tried: VisionConfig, found: Detection, reference: De
     if circle is not None:
         seen = example("this picture", frame.image, circle, tried)
         if seen.marked:
-            red = as_set(tried)
+            red = exact_ranges(tried)
             yield from (Remark(said, "red_low_1") for said in thresholds.said(_admission(red, seen), red))
         yield from _eaten(trace, circle, tried)
     if found.circle is None:
@@ -149,7 +151,7 @@ def _gated(trace: Trace, tried: VisionConfig) -> Iterator[Remark]:
 
 
 @dataclass(frozen=True, slots=True)
-class AsSet(Red):
+class ExactRanges(Red):
     """Both ranges just as they are set, where `Red` alone has one S and one V for both."""
 
     boxes: tuple[tuple[Corner, Corner], ...] = ()
@@ -161,10 +163,10 @@ class AsSet(Red):
         return np.asarray(np.any(passes, axis=0), np.bool_)
 
 
-def as_set(params: VisionConfig) -> AsSet:
+def exact_ranges(params: VisionConfig) -> ExactRanges:
     near = thresholds.current(params)
     boxes = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
-    return AsSet(near.hue_low, near.hue_high, near.s_min, near.v_min, boxes)
+    return ExactRanges(near.hue_low, near.hue_high, near.s_min, near.v_min, boxes)
 
 
 def _admission(red: Red, seen: Example) -> thresholds.Admission:

@@ -8,9 +8,9 @@ from gateway.config import VisionConfig
 from gateway.core.model import Detection, FunctionCheck
 from gateway.vision.offline.tuning import exposure
 from gateway.web.tuning import parameter_schema
-from gateway.web.tuning.eyedropper import Picked
-from gateway.web.tuning.service import Tried
-from gateway.web.tuning.trial import Result, Side
+from gateway.web.tuning.eyedropper import ColourPick
+from gateway.web.tuning.service import CompletedTrial
+from gateway.web.tuning.trial import SideResult, TrialResult
 
 
 def schema() -> list[dict[str, Any]]:
@@ -25,7 +25,7 @@ def settings(in_force: VisionConfig, check: FunctionCheck, undo: int) -> dict[st
     return {"vision": parameter_schema.values(in_force), "function_check": mode_name(check), "undo_steps": undo}
 
 
-def tried(bay: str, one: Tried) -> dict[str, Any]:
+def tried(bay: str, one: CompletedTrial) -> dict[str, Any]:
     result = one.result
     return {
         "number": one.number,
@@ -57,7 +57,7 @@ def tried(bay: str, one: Tried) -> dict[str, Any]:
     }
 
 
-def side(one: Side) -> dict[str, Any]:
+def side(one: SideResult) -> dict[str, Any]:
     return {
         "found_share": one.found_share,
         "jitter": one.jitter and asdict(one.jitter),
@@ -79,7 +79,7 @@ def detection(found: Detection) -> dict[str, Any]:
     }
 
 
-def picked(one: Picked) -> dict[str, Any]:
+def picked(one: ColourPick) -> dict[str, Any]:
     return {
         "patch": {**asdict(one.patch), "hue": one.patch.hue},
         "keys": one.keys,
@@ -90,7 +90,7 @@ def picked(one: Picked) -> dict[str, Any]:
     }
 
 
-def _exposure(one: Tried) -> dict[str, Any]:
+def _exposure(one: CompletedTrial) -> dict[str, Any]:
     return {
         "advice": exposure.advice(one.lights),
         "figures": asdict(one.lights[len(one.lights) // 2]),
@@ -98,7 +98,7 @@ def _exposure(one: Tried) -> dict[str, Any]:
     }
 
 
-def _sure(result: Result) -> bool:
+def _sure(result: TrialResult) -> bool:
     return any(found.circle is not None for found in result.reference)
 
 

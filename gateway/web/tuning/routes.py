@@ -30,8 +30,8 @@ from gateway.web.tuning.request_models import (
     SettingsAsked,
     TrialAsked,
 )
-from gateway.web.tuning.service import Workshop
-from gateway.web.tuning.snapshots import Taken, named
+from gateway.web.tuning.service import TuningService
+from gateway.web.tuning.snapshots import Capture, listing
 from gateway.web.tuning.trial import EndedError
 from gateway.web.tuning.trial_thread import BusyError
 
@@ -54,7 +54,7 @@ Body = TypeVar("Body", bound=Asked)
 class Call:
     """One request, its bay known to exist."""
 
-    def __init__(self, shop: Workshop, request: Request, body: bytes) -> None:
+    def __init__(self, shop: TuningService, request: Request, body: bytes) -> None:
         self.shop = shop
         self.request = request
         self.bay: str = request.path_params["bay"]
@@ -71,7 +71,7 @@ class Call:
             )
             raise RefusalError(400, "json", said) from None
 
-    def taken(self, name: str) -> Taken:
+    def taken(self, name: str) -> Capture:
         taken = self.shop.store.get(self.bay, name)
         if taken is None:
             raise RefusalError(404, "gone", f"{name} is not kept (any more): freeze or record anew")
@@ -86,14 +86,14 @@ class Call:
         return frames, min(asked.frame, len(frames) - 1)
 
     async def settings(self, given: dict[str, Any]) -> VisionConfig:
-        return parameter_schema.checked(given, await self.shop.in_force(self.bay))
+        return parameter_schema.validated(given, await self.shop.in_force(self.bay))
 
     def who(self, tab: str) -> str:
         session = self.visitor.session
         return f"{self.visitor.address} {session.key if session else ''} {self.bay} {tab}"
 
 
-def routes(shop: Workshop) -> list[BaseRoute]:
+def routes(shop: TuningService) -> list[BaseRoute]:
     """To be put among the application's."""
     above = "/api/bays/{bay}"
     table: tuple[tuple[str, str, Does], ...] = (
@@ -117,7 +117,7 @@ def routes(shop: Workshop) -> list[BaseRoute]:
     return [Route(above + path, _endpoint(shop, does), methods=[method]) for method, path, does in table]
 
 
-def _endpoint(shop: Workshop, does: Does) -> Callable[[Request], Awaitable[Response]]:
+def _endpoint(shop: TuningService, does: Does) -> Callable[[Request], Awaitable[Response]]:
     async def endpoint(request: Request) -> Response:
         bay = request.path_params["bay"]
         names = [found.name for found in shop.desk.about.config.bays]
@@ -151,17 +151,17 @@ async def _function_check(call: Call) -> Response:
 
 async def _freeze(call: Call) -> Response:
     call.asked(Nothing)
-    (one,) = named([await call.shop.freeze(call.bay)])
+    (one,) = listing([await call.shop.freeze(call.bay)])
     return JSONResponse(one)
 
 
 async def _record(call: Call) -> Response:
-    (one,) = named([await call.shop.record(call.bay, call.asked(RecordAsked).seconds)])
+    (one,) = listing([await call.shop.record(call.bay, call.asked(RecordAsked).seconds)])
     return JSONResponse(one)
 
 
 async def _taken(call: Call) -> Response:
-    return JSONResponse(list(named(call.shop.store.of(call.bay))))
+    return JSONResponse(list(listing(call.shop.store.of(call.bay))))
 
 
 async def _frame(call: Call) -> Response:

@@ -21,16 +21,16 @@ from gateway.errors import LinkError
 from gateway.vision.offline.tuning import exposure
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.transport.ring import Snapshot
-from gateway.web.ipc.messages import About, Apply, Check, InFile, Planned, Saved
+from gateway.web.ipc.messages import ApplySettings, FilePreview, FileSaved, FileSettings, SetFunctionCheck, WebSetup
 from gateway.web.server.gateway_client import Seen
 from gateway.web.server.pictures import encoded as jpeg
 from gateway.web.tuning import eyedropper, profile, stages, trial
-from gateway.web.tuning.eyedropper import Mode, Picked
+from gateway.web.tuning.eyedropper import ColourPick, Mode
 from gateway.web.tuning.remarks import Remark, remarks
-from gateway.web.tuning.snapshots import LONGEST_S, Recorder, Store, Taken
+from gateway.web.tuning.snapshots import LONGEST_S, Capture, CaptureStore, Recorder
 from gateway.web.tuning.stages import Panel
-from gateway.web.tuning.trial import Known, Result
-from gateway.web.tuning.trial_thread import Bench, BusyError
+from gateway.web.tuning.trial import DetectionCache, TrialResult
+from gateway.web.tuning.trial_thread import BusyError, TrialThread
 
 KEPT_TRIALS = 24  # whose pictures may still be fetched
 KEPT_UNDO = 20  # of a bay
@@ -47,10 +47,10 @@ T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 
 
-class Desk(Protocol):
+class GatewayClient(Protocol):
     """What the workshop needs of gateway.web.server.gateway_client."""
 
-    about: About
+    about: WebSetup
 
     @property
     def clock(self) -> Clock: ...
@@ -61,21 +61,21 @@ class Desk(Protocol):
 
     def snapshot(self, bay: str, seq: int | None = None) -> Snapshot | None: ...
 
-    async def order(self, what: Check | Apply, who: Writer) -> None: ...
+    async def order(self, what: SetFunctionCheck | ApplySettings, who: Writer) -> None: ...
 
-    async def in_file(self, bay: str, who: Writer) -> InFile: ...
+    async def in_file(self, bay: str, who: Writer) -> FileSettings: ...
 
-    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> Planned: ...
+    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> FilePreview: ...
 
-    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> Saved: ...
+    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> FileSaved: ...
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class CompletedTrial:
     """A trial with all that the page shows of it."""
 
     number: int
-    result: Result
+    result: TrialResult
     in_force: VisionConfig  # what it was compared with
     remarks: tuple[Remark, ...]
     panels: tuple[Panel, ...]
@@ -85,19 +85,19 @@ class Tried:
     height_px: int
 
 
-class Workshop:
+class TuningService:
     """One for the web process. `pace` is real time. To be closed: `with`.
 
     `thread`: for pictures and for texts; by default the bench has one of its own, and texts take the loop's.
     """
 
-    def __init__(self, desk: Desk, pace: Clock, thread: Executor | None = None) -> None:
+    def __init__(self, desk: GatewayClient, pace: Clock, thread: Executor | None = None) -> None:
         self.desk = desk
-        self.store = Store()
-        self.bench = Bench(thread)
+        self.store = CaptureStore()
+        self.bench = TrialThread(thread)
         self._texts = thread
         self._pace = pace
-        self._known = Known()
+        self._known = DetectionCache()
         self._numbers = itertools.count(1)
         self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
         self._undo: dict[str, deque[VisionConfig]] = {}
@@ -130,7 +130,7 @@ class Workshop:
 
     # Pictures.
 
-    async def freeze(self, bay: str) -> Taken:
+    async def freeze(self, bay: str) -> Capture:
         """Raises LinkError where there is no frame."""
         frame = await self.newest(bay)
         if frame is None:
@@ -145,7 +145,7 @@ class Workshop:
             await self._pace.sleep(LOOK_S)
         return None
 
-    async def record(self, bay: str, seconds: float) -> Taken:
+    async def record(self, bay: str, seconds: float) -> Capture:
         """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes, BusyError."""
         if self._recorders >= RECORDERS:
             raise BusyError("others are recording just now; try again in a moment")
@@ -185,7 +185,7 @@ class Workshop:
         timed: bool,
         width_px: int,
         whole: bool = False,
-    ) -> Tried:
+    ) -> CompletedTrial:
         """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError.
 
         Not `timed`: a look at the one frame, for a slider that is being moved. `whole`: the frame itself is among the
@@ -196,7 +196,7 @@ class Workshop:
             frames = [frames[shown]]
         number = next(self._numbers)
 
-        def work(wanted: Callable[[], bool]) -> tuple[Tried, dict[str, tuple[bytes, str]]]:
+        def work(wanted: Callable[[], bool]) -> tuple[CompletedTrial, dict[str, tuple[bytes, str]]]:
             sides = (settings, in_force, self._known, self._pace.now_ns)
             result = trial.run(frames, *sides, wanted=wanted) if timed else trial.look(frames[0], *sides, wanted)
             at = min(shown, result.frames - 1) if timed else 0
@@ -209,7 +209,9 @@ class Workshop:
             said = remarks(frames, settings, in_force, result)
             lights = _lights(frames, result) if timed else ()
             height, width = image.shape[:2]
-            tried = Tried(number, result, in_force, tuple(said), panels, lights, at if timed else shown, width, height)
+            tried = CompletedTrial(
+                number, result, in_force, tuple(said), panels, lights, at if timed else shown, width, height
+            )
             return tried, {panel.name: stages.encoded(panel) for panel in panels}
 
         tried, pictures = await self.bench.work(who, work)
@@ -225,7 +227,7 @@ class Workshop:
 
     async def pick(
         self, who: str, frame: Snapshot, at: tuple[float, float], size_px: int, settings: VisionConfig, mode: Mode
-    ) -> Picked:
+    ) -> ColourPick:
         """Takes back a trial that `who` has under way: settings change now. Raises ValueError beside the picture."""
         self.bench.withdraw(who)
         return await self.bench.work(
@@ -236,7 +238,7 @@ class Workshop:
 
     async def check(self, bay: str, mode: FunctionCheck, who: Writer) -> FunctionCheck:
         """Begin or end a function check. Raises RefusedError, LinkError."""
-        await self._order(bay, Check(bay, mode), who)
+        await self._order(bay, SetFunctionCheck(bay, mode), who)
         return self.function_check(bay)
 
     async def apply(
@@ -248,7 +250,7 @@ class Workshop:
         """
         async with self._changing[bay]:
             before = await self.in_force(bay)
-            await self._order(bay, Apply(bay, settings, over), who)
+            await self._order(bay, ApplySettings(bay, settings, over), who)
             if before != settings:
                 self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
             return await self.in_force(bay)
@@ -260,14 +262,14 @@ class Workshop:
             kept = self._undo.get(bay)
             if not kept:
                 return None
-            await self._order(bay, Apply(bay, kept[-1]), who)
+            await self._order(bay, ApplySettings(bay, kept[-1]), who)
             kept.pop()
             return await self.in_force(bay)
 
     def undo_steps(self, bay: str) -> int:
         return len(self._undo.get(bay, ()))
 
-    async def _order(self, bay: str, what: Check | Apply, who: Writer) -> None:
+    async def _order(self, bay: str, what: SetFunctionCheck | ApplySettings, who: Writer) -> None:
         """Done, and told by the main process, so that whoever asks next is told the new state."""
         await self.desk.order(what, who)
         seen = self.desk.seen(bay)
@@ -284,7 +286,7 @@ class Workshop:
         return asyncio.get_running_loop().run_in_executor(self._texts, work, *args)
 
 
-def _lights(frames: Sequence[Snapshot], result: Result) -> tuple[Light, ...]:
+def _lights(frames: Sequence[Snapshot], result: TrialResult) -> tuple[Light, ...]:
     count = result.frames
     chosen = sorted({round(n * (count - 1) / max(1, LIGHTS - 1)) for n in range(LIGHTS)})
     return tuple(exposure.measure(frames[n].image, result.reference[n].circle) for n in chosen)

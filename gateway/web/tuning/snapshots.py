@@ -20,7 +20,7 @@ _AHEAD = 0.1  # of the period: a frame that comes so much early is on time
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class Capture:
     """One frozen frame, or the frames of a recording in order. `name` is what the page calls it by."""
 
     name: str
@@ -42,28 +42,28 @@ class Taken:
         return (self.frames[-1].t_capture_ns - self.frames[0].t_capture_ns) / NS_PER_S
 
 
-class Store:
+class CaptureStore:
     """What has been taken. Names are never used again."""
 
     def __init__(self, limit_bytes: int = STORE_BYTES) -> None:
         self._limit_bytes = limit_bytes
-        self._kept: dict[str, Taken] = {}
+        self._kept: dict[str, Capture] = {}
         self._numbers = itertools.count(1)
         self.dropped = 0  # made room for others
 
-    def still(self, bay: str, frame: Snapshot, wall_ns: int) -> Taken:
-        return self._keep(Taken(f"s{next(self._numbers)}", bay, (frame,), wall_ns), STILLS)
+    def still(self, bay: str, frame: Snapshot, wall_ns: int) -> Capture:
+        return self._keep(Capture(f"s{next(self._numbers)}", bay, (frame,), wall_ns), STILLS)
 
-    def recording(self, bay: str, frames: Sequence[Snapshot], wall_ns: int, *, full: bool = False) -> Taken:
+    def recording(self, bay: str, frames: Sequence[Snapshot], wall_ns: int, *, full: bool = False) -> Capture:
         """At least one frame."""
-        taken = Taken(f"r{next(self._numbers)}", bay, tuple(frames), wall_ns, full)
+        taken = Capture(f"r{next(self._numbers)}", bay, tuple(frames), wall_ns, full)
         return self._keep(taken, RECORDINGS)
 
-    def get(self, bay: str, name: str) -> Taken | None:
+    def get(self, bay: str, name: str) -> Capture | None:
         found = self._kept.get(name)
         return found if found is not None and found.bay == bay else None
 
-    def of(self, bay: str) -> list[Taken]:
+    def of(self, bay: str) -> list[Capture]:
         """Oldest first."""
         return [taken for taken in self._kept.values() if taken.bay == bay]
 
@@ -71,7 +71,7 @@ class Store:
     def bytes(self) -> int:
         return sum(taken.bytes for taken in self._kept.values())
 
-    def _keep(self, taken: Taken, most: int) -> Taken:
+    def _keep(self, taken: Capture, most: int) -> Capture:
         self._kept[taken.name] = taken
         alike = [old.name for old in self.of(taken.bay) if old.recorded == taken.recorded]
         for name in alike[:-most]:
@@ -121,7 +121,7 @@ class Recorder:
         return True
 
 
-def named(taken: Sequence[Taken]) -> Iterator[dict[str, object]]:
+def listing(taken: Sequence[Capture]) -> Iterator[dict[str, object]]:
     """For the page's list."""
     for one in taken:
         height, width = one.frames[0].image.shape[:2]

@@ -18,7 +18,7 @@ from gateway.vision.detect.paper.pipeline import NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures
-from gateway.web.tuning.measures import Apart, Jitter, Times
+from gateway.web.tuning.measures import Deviation, Jitter, StageTimes
 
 REPEATS = 9  # of a single frame, where the time is asked for
 LIMIT_S = 12.0
@@ -30,31 +30,31 @@ class EndedError(GatewayError):
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class SideResult:
     """What one setting makes of the frames."""
 
     found: tuple[Detection, ...]  # one a frame
     found_share: float
     jitter: Jitter | None
-    times: Times
+    times: StageTimes
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class TrialResult:
     """`reference`: the robust method with its shipped gates; without a circle where it is not sure."""
 
     frames: int  # looked at: fewer than given where the time ran out
-    tried: Side
-    in_force: Side
+    tried: SideResult
+    in_force: SideResult
     reference: tuple[Detection, ...]
-    from_in_force: Apart | None
-    from_reference: Apart | None
+    from_in_force: Deviation | None
+    from_reference: Deviation | None
     time_ratio: float  # of the tried to those in force
     timed: bool  # often enough for times to be worth a look
     cut_short: bool
 
 
-class Known:
+class DetectionCache:
     """Answers about single frames, kept for the frames at hand: a slider asks for the same ones again and again."""
 
     KEPT = 512
@@ -98,10 +98,10 @@ def look(
     frame: Snapshot,
     tried: VisionConfig,
     in_force: VisionConfig,
-    known: Known,
+    known: DetectionCache,
     now_ns: NowNs,
     wanted: Callable[[], bool] = lambda: True,
-) -> Result:
+) -> TrialResult:
     """One frame, once: for a slider that is being moved. Its times are those of single looks, perhaps long ago.
 
     Raises EndedError as soon as `wanted` says no.
@@ -119,12 +119,12 @@ def run(
     frames: Sequence[Snapshot],
     tried: VisionConfig,
     in_force: VisionConfig,
-    known: Known,
+    known: DetectionCache,
     now_ns: NowNs,
     *,
     wanted: Callable[[], bool] = lambda: True,
     limit_s: float = LIMIT_S,
-) -> Result:
+) -> TrialResult:
     """At least one frame; a single one is looked at REPEATS times. Raises EndedError as soon as `wanted` says no."""
     until_ns = now_ns() + round(limit_s * NS_PER_S)
     alone = len(frames) == 1
@@ -158,15 +158,15 @@ def _result(
     *,
     timed: bool,
     cut_short: bool,
-) -> Result:
+) -> TrialResult:
     frames = len(references)
-    return Result(
+    return TrialResult(
         frames=frames,
         tried=_side(left, frames, times_ns),
         in_force=_side(right, frames, times_ns),
         reference=tuple(references),
-        from_in_force=measures.apart(left[:frames], right[:frames]),
-        from_reference=measures.apart(left[:frames], references),
+        from_in_force=measures.deviation(left[:frames], right[:frames]),
+        from_reference=measures.deviation(left[:frames], references),
         time_ratio=measures.time_ratio(left, right),
         timed=timed,
         cut_short=cut_short,
@@ -177,7 +177,7 @@ def _detector(settings: VisionConfig, now_ns: NowNs, *, alone: bool) -> Callable
     return registry.detector(settings.model_copy(update={"tracking": settings.tracking and not alone}), now_ns)
 
 
-def _side(found: Sequence[Detection], frames: int, times_ns: Sequence[int]) -> Side:
+def _side(found: Sequence[Detection], frames: int, times_ns: Sequence[int]) -> SideResult:
     """`found` has more entries than there are frames where a single one was looked at several times."""
     told = tuple(found[:frames])
-    return Side(told, measures.found_share(told), measures.jitter(times_ns, told), measures.times(found))
+    return SideResult(told, measures.found_share(told), measures.jitter(times_ns, told), measures.times(found))

@@ -12,7 +12,7 @@ from typing import TypeVar
 from gateway.errors import GatewayError
 from gateway.web.tuning.trial import EndedError
 
-WAITING = 8  # visitors
+MAX_WAITING = 8  # visitors
 
 T = TypeVar("T")
 
@@ -21,7 +21,7 @@ class BusyError(GatewayError):
     """Too many people are at the workbench."""
 
 
-class Wish:
+class WorkItem:
     """Something that is to be worked on. Read by the thread, written by the event loop."""
 
     def __init__(self) -> None:
@@ -34,13 +34,13 @@ class Wish:
         self._wanted = False
 
 
-class Bench:
+class TrialThread:
     """One event loop, one thread: `thread`, or its own."""
 
     def __init__(self, thread: Executor | None = None) -> None:
         self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="workbench")
         self._turn = asyncio.Lock()
-        self._wishes: dict[str, Wish] = {}
+        self._wishes: dict[str, WorkItem] = {}
         self.done = 0
         self.withdrawn = 0
 
@@ -51,9 +51,9 @@ class Bench:
         """
         if who in self._wishes:
             self._wishes.pop(who).withdraw()
-        elif len(self._wishes) >= WAITING:
+        elif len(self._wishes) >= MAX_WAITING:
             raise BusyError("too many people are trying settings just now; try again in a moment")
-        wish = self._wishes[who] = Wish()
+        wish = self._wishes[who] = WorkItem()
         try:
             async with self._turn:
                 if not wish.wanted():

@@ -1,4 +1,4 @@
-"""Alarms: the standard's diagram and nothing else, delays that keep them from chattering, and people's deeds."""
+"""Alarms: the standard's diagram and nothing else, delays that keep them from chattering, and people's actions."""
 
 from dataclasses import replace
 
@@ -8,10 +8,19 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from gateway.alarms import states, table
-from gateway.alarms.engine import HISTORY, AlarmBoard
-from gateway.alarms.records import DEEDS, MAX_NOTE, SHELVE_MOST_MIN, Alarm, Change, Deed, Outcome, Reply
-from gateway.alarms.states import AlarmState, Cue, following
-from gateway.alarms.table import Design, Priority, Signs
+from gateway.alarms.engine import HISTORY, AlarmEngine
+from gateway.alarms.records import (
+    MAX_NOTE,
+    MAX_SHELVE_MIN,
+    OPERATOR_EVENTS,
+    ActionOutcome,
+    ActionReply,
+    Alarm,
+    AlarmChange,
+    OperatorAction,
+)
+from gateway.alarms.states import AlarmEvent, AlarmState, next_state
+from gateway.alarms.table import GatewayConditions, Priority, Suppression
 from gateway.config import FusionConfig
 from gateway.core.model import (
     Circle,
@@ -49,45 +58,45 @@ BOTH = {
 PLAIN = {(U, "returns", R), (A, "returns", N)}
 LATCHING = {
     (U, "returns", LU), (A, "returns", LA), (LU, "acknowledge", LA), (LA, "reset", N), (LU, "occurs", U),
-    (LA, "occurs", U), *((shown, cue, hidden) for shown in (LU, LA) for cue, hidden in
+    (LA, "occurs", U), *((shown, event, hidden) for shown in (LU, LA) for event, hidden in
                          (("shelve", SH), ("suppress", SU), ("remove", OUT))),
 }  # fmt: skip
 # Only a latching alarm gets into LU and LA, so its arrows from there are asked of latching alarms alone.
-NOWHERE_ELSE = {(source, cue, target) for source, cue, target in LATCHING if source in (LU, LA)}
+NOWHERE_ELSE = {(source, event, target) for source, event, target in LATCHING if source in (LU, LA)}
 
 
 @pytest.mark.parametrize("latching", [False, True])
 def test_the_machine_has_every_arrow_of_the_diagram_and_no_other(latching: bool) -> None:
     found = {
-        (source, cue.value, target)
+        (source, event.value, target)
         for source in AlarmState
-        for cue in Cue
+        for event in AlarmEvent
         for active in (False, True)
-        if (target := following(source, cue, latching=latching, active=active)) is not None
+        if (target := next_state(source, event, latching=latching, active=active)) is not None
     }
     assert found == (BOTH | LATCHING if latching else BOTH | PLAIN | NOWHERE_ELSE)
 
 
 def test_what_was_hidden_comes_back_by_whether_its_cause_holds() -> None:
-    for hidden, cue in ((SH, Cue.UNSHELVE), (OUT, Cue.RESTORE)):
-        assert following(hidden, cue, latching=False, active=True) is U
-        assert following(hidden, cue, latching=False, active=False) is N
+    for hidden, event in ((SH, AlarmEvent.UNSHELVE), (OUT, AlarmEvent.RESTORE)):
+        assert next_state(hidden, event, latching=False, active=True) is U
+        assert next_state(hidden, event, latching=False, active=False) is N
 
 
-def board() -> AlarmBoard:
-    return AlarmBoard({"bay1": FUSION, "bay2": FUSION})
+def board() -> AlarmEngine:
+    return AlarmEngine({"bay1": FUSION, "bay2": FUSION})
 
 
 def camera(quality: Quality, detail: str = "", bay: str = "bay1") -> StateVector:
     return permitted(bay=bay, vision=VisionReading(4_960_000_000, quality, detail=detail))
 
 
-def look(alarms: AlarmBoard, state: StateVector, *seconds: float) -> list[Change]:
+def look(alarms: AlarmEngine, state: StateVector, *seconds: float) -> list[AlarmChange]:
     """Look at these moments; what changed."""
-    return [change for second in seconds for change in alarms.look_at_bay(state, T0 + round(second * S))]
+    return [change for second in seconds for change in alarms.update_bay(state, T0 + round(second * S))]
 
 
-def told(changes: list[Change]) -> list[tuple[str, str]]:
+def told(changes: list[AlarmChange]) -> list[tuple[str, str]]:
     return [(change.id, change.after.value) for change in changes]
 
 
@@ -96,7 +105,7 @@ class TestDelays:
         alarms = board()
         assert look(alarms, camera(Quality.LINK_DOWN), 0, 1, 1.999) == []
         (change,) = look(alarms, camera(Quality.LINK_DOWN, "no such device"), 2)
-        assert (change.id, change.before, change.after, change.cue) == ("bay1.camera_down", N, U, Cue.OCCURS)
+        assert (change.id, change.before, change.after, change.event) == ("bay1.camera_down", N, U, AlarmEvent.OCCURS)
         assert (change.detail, change.number, change.t_ns) == ("no such device", 1, T0 + 2 * S)
         assert look(alarms, camera(Quality.LINK_DOWN), 3, 60) == []
 
@@ -124,7 +133,7 @@ class TestDelays:
         alarms = board()
         look(alarms, camera(Quality.LINK_DOWN), 0, 2)
         look(alarms, permitted(bay="bay2"), 0, 2)
-        assert [alarm.id for alarm in alarms.standing().alarms] == ["bay1.camera_down"]
+        assert [alarm.id for alarm in alarms.summary().alarms] == ["bay1.camera_down"]
 
 
 def no_echo(radius_px: float, quality: Quality = Quality.NO_ECHO) -> StateVector:
@@ -205,26 +214,30 @@ class TestTheTable:
         assert look(board(), state, *LONG, 3 * 3600) == []
 
     @pytest.mark.parametrize(
-        ("kind", "signs"),
+        ("kind", "conditions"),
         [
-            ("plc_not_reading", Signs(plc_reads=False)),
-            ("broker_lost", Signs(broker_connected=False)),
-            ("sparkplug_lost", Signs(sparkplug_connected=False)),
-            ("events_lost", Signs(events_lost=1)),
-            ("event_store_fault", Signs(store_fault="disk full")),
-            ("task_crashed", Signs(crashes=1)),
-            ("bay_file_fault", Signs(bay_file_fault="no space left")),
-            ("bay_file_damaged", Signs(bay_file_damaged="bay1: cut")),
+            ("plc_not_reading", GatewayConditions(plc_reads=False)),
+            ("broker_lost", GatewayConditions(broker_connected=False)),
+            ("sparkplug_lost", GatewayConditions(sparkplug_connected=False)),
+            ("events_lost", GatewayConditions(events_lost=1)),
+            ("event_store_fault", GatewayConditions(store_fault="disk full")),
+            ("task_crashed", GatewayConditions(crashes=1)),
+            ("bay_file_fault", GatewayConditions(bay_file_fault="no space left")),
+            ("bay_file_damaged", GatewayConditions(bay_file_damaged="bay1: cut")),
         ],
     )
-    def test_each_sign_raises_its_alarm_and_no_other(self, kind: str, signs: Signs) -> None:
+    def test_each_sign_raises_its_alarm_and_no_other(self, kind: str, conditions: GatewayConditions) -> None:
         alarms = board()
-        changes = [*alarms.look_at_gateway(signs, T0), *alarms.look_at_gateway(signs, T0 + 31 * S)]
+        changes = [*alarms.update_gateway(conditions, T0), *alarms.update_gateway(conditions, T0 + 31 * S)]
         assert told(changes) == [(kind, "unacknowledged")]
 
     def test_a_gateway_without_broker_and_known_plcs_has_no_alarm(self) -> None:
         alarms = board()
-        assert alarms.look_at_gateway(Signs(), T0) == alarms.look_at_gateway(Signs(), T0 + 3600 * S) == []
+        assert (
+            alarms.update_gateway(GatewayConditions(), T0)
+            == alarms.update_gateway(GatewayConditions(), T0 + 3600 * S)
+            == []
+        )
 
     def test_every_picture_fault_has_one_alarm_that_says_how_bad_it_is(self) -> None:
         details = {
@@ -256,18 +269,18 @@ class TestTheTable:
         assert [(change.id, change.detail) for change in changes] == [("bay1.in_place_lost", "camera dead")]
 
     def test_every_row_says_what_to_do(self) -> None:
-        for kind in table.KINDS.values():
+        for kind in table.ALARM_DEFINITIONS.values():
             assert all((kind.title, kind.meaning, kind.consequence, kind.causes, kind.action)), kind.id
             assert kind.respond_min > 0, kind.id
             assert kind.off_delay_s > 0 or kind.on_delay_s > 60, f"{kind.id} would chatter"
-        high = sum(kind.priority is Priority.HIGH for kind in table.KINDS.values())
-        assert high < len(table.KINDS)
+        high = sum(kind.priority is Priority.HIGH for kind in table.ALARM_DEFINITIONS.values())
+        assert high < len(table.ALARM_DEFINITIONS)
 
     def test_the_pages_name_every_row(self) -> None:
         for text in (table.summary_markdown(), table.responses_markdown()):
-            assert all(kind in text for kind in table.KINDS)
+            assert all(kind in text for kind in table.ALARM_DEFINITIONS)
         assert all(state.value in states.markdown() for state in AlarmState)
-        assert all(design.value in table.designs_markdown() for design in Design)
+        assert all(design.value in table.suppressions_markdown() for design in Suppression)
 
 
 class TestSuppressedByDesign:
@@ -304,23 +317,23 @@ class TestSuppressedByDesign:
         alarms = board()
         down = camera(Quality.LINK_DOWN)
         look(alarms, down, 0, 2)
-        assert deed(alarms, Cue.SHELVE, 3, minutes=1).outcome is Outcome.DONE
+        assert action(alarms, AlarmEvent.SHELVE, 3, minutes=1).outcome is ActionOutcome.DONE
         checked = replace(down, function_check=FunctionCheck.MAY_MOVE_OFF)
         changes = look(alarms, checked, 62, 63)
         assert [state for name, state in told(changes) if name == "bay1.camera_down"] == ["normal", "suppressed"]
 
 
-def deed(
-    alarms: AlarmBoard, cue: Cue, second: float, name: str = "bay1.camera_down", minutes: float | None = None,
+def action(
+    alarms: AlarmEngine, event: AlarmEvent, second: float, name: str = "bay1.camera_down", minutes: float | None = None,
     occurrence: int | None = None, note: str = "",
-) -> Reply:  # fmt: skip
-    asked = Deed(name, cue, "anna", note, minutes, occurrence)
+) -> ActionReply:  # fmt: skip
+    asked = OperatorAction(name, event, "anna", note, minutes, occurrence)
     reply, changes = alarms.act(asked, T0 + round(second * S))
-    assert bool(changes) == (reply.outcome is Outcome.DONE) == (reply.why == "")
+    assert bool(changes) == (reply.outcome is ActionOutcome.DONE) == (reply.why == "")
     return reply
 
 
-def of(alarms: AlarmBoard, name: str = "bay1.camera_down") -> Alarm:
+def of(alarms: AlarmEngine, name: str = "bay1.camera_down") -> Alarm:
     alarm = alarms.alarm(name)
     assert alarm is not None
     return alarm
@@ -330,7 +343,7 @@ class TestPeople:
     def test_an_acknowledged_alarm_ends_by_itself(self) -> None:
         alarms = board()
         look(alarms, camera(Quality.LINK_DOWN), 0, 2)
-        assert deed(alarms, Cue.ACKNOWLEDGE, 3, note="gone to look").outcome is Outcome.DONE
+        assert action(alarms, AlarmEvent.ACKNOWLEDGE, 3, note="gone to look").outcome is ActionOutcome.DONE
         assert (of(alarms).state, of(alarms).who, of(alarms).note, of(alarms).active) == (
             A,
             "anna",
@@ -344,7 +357,7 @@ class TestPeople:
         look(alarms, camera(Quality.LINK_DOWN), 0, 2)
         look(alarms, permitted(), 10, 15, 24 * 3600)
         assert of(alarms).state is R
-        assert deed(alarms, Cue.ACKNOWLEDGE, 24 * 3600 + 1).outcome is Outcome.DONE
+        assert action(alarms, AlarmEvent.ACKNOWLEDGE, 24 * 3600 + 1).outcome is ActionOutcome.DONE
         assert of(alarms).state is N
 
     def test_a_new_occurrence_must_be_seen_anew(self) -> None:
@@ -353,31 +366,31 @@ class TestPeople:
         look(alarms, permitted(), 10, 15)
         look(alarms, camera(Quality.LINK_DOWN), 20, 22)
         assert of(alarms).occurrences == 2
-        late = deed(alarms, Cue.ACKNOWLEDGE, 23, occurrence=1)
-        assert (late.outcome, of(alarms).state) == (Outcome.REFUSED, U)
+        late = action(alarms, AlarmEvent.ACKNOWLEDGE, 23, occurrence=1)
+        assert (late.outcome, of(alarms).state) == (ActionOutcome.REFUSED, U)
         assert "occurred again" in late.why
-        assert deed(alarms, Cue.ACKNOWLEDGE, 24, occurrence=2).outcome is Outcome.DONE
+        assert action(alarms, AlarmEvent.ACKNOWLEDGE, 24, occurrence=2).outcome is ActionOutcome.DONE
 
     def test_a_latched_alarm_wants_acknowledgement_and_reset(self) -> None:
         alarms = board()
-        alarms.look_at_gateway(Signs(events_lost=3), T0)
+        alarms.update_gateway(GatewayConditions(events_lost=3), T0)
         assert of(alarms, "events_lost").detail == "3 since the start of the gateway"
-        alarms.look_at_gateway(Signs(events_lost=3), T0 + S)
-        alarms.look_at_gateway(Signs(events_lost=3), T0 + 61 * S)
+        alarms.update_gateway(GatewayConditions(events_lost=3), T0 + S)
+        alarms.update_gateway(GatewayConditions(events_lost=3), T0 + 61 * S)
         assert of(alarms, "events_lost").state is LU
-        assert deed(alarms, Cue.RESET, 62, "events_lost").outcome is Outcome.REFUSED
-        assert deed(alarms, Cue.ACKNOWLEDGE, 63, "events_lost").outcome is Outcome.DONE
-        alarms.look_at_gateway(Signs(events_lost=3), T0 + 3600 * S)
+        assert action(alarms, AlarmEvent.RESET, 62, "events_lost").outcome is ActionOutcome.REFUSED
+        assert action(alarms, AlarmEvent.ACKNOWLEDGE, 63, "events_lost").outcome is ActionOutcome.DONE
+        alarms.update_gateway(GatewayConditions(events_lost=3), T0 + 3600 * S)
         assert of(alarms, "events_lost").state is LA
-        assert deed(alarms, Cue.RESET, 3601, "events_lost").outcome is Outcome.DONE
-        assert alarms.standing().alarms == ()
-        alarms.look_at_gateway(Signs(events_lost=4), T0 + 3602 * S)
+        assert action(alarms, AlarmEvent.RESET, 3601, "events_lost").outcome is ActionOutcome.DONE
+        assert alarms.summary().alarms == ()
+        alarms.update_gateway(GatewayConditions(events_lost=4), T0 + 3602 * S)
         assert of(alarms, "events_lost").state is U
 
     def test_shelving_ends_by_itself_and_announces_what_still_stands(self) -> None:
         alarms = board()
         look(alarms, camera(Quality.LINK_DOWN), 0, 2)
-        assert deed(alarms, Cue.SHELVE, 3, minutes=10).outcome is Outcome.DONE
+        assert action(alarms, AlarmEvent.SHELVE, 3, minutes=10).outcome is ActionOutcome.DONE
         assert of(alarms).shelved_until_ns == T0 + 603 * S
         assert look(alarms, camera(Quality.LINK_DOWN), 4, 602.9) == []
         assert told(look(alarms, camera(Quality.LINK_DOWN), 603)) == [("bay1.camera_down", "unacknowledged")]
@@ -386,30 +399,30 @@ class TestPeople:
     def test_a_shelved_alarm_whose_cause_has_gone_is_normal_afterwards(self) -> None:
         alarms = board()
         look(alarms, camera(Quality.LINK_DOWN), 0, 2)
-        deed(alarms, Cue.SHELVE, 3, minutes=10)
+        action(alarms, AlarmEvent.SHELVE, 3, minutes=10)
         assert look(alarms, permitted(), 10, 15) == []
         assert told(look(alarms, permitted(), 603)) == [("bay1.camera_down", "normal")]
 
     def test_out_of_service_lasts_until_somebody_ends_it(self) -> None:
         alarms = board()
-        assert deed(alarms, Cue.REMOVE, 0, note="camera is away for repair").outcome is Outcome.DONE
+        assert action(alarms, AlarmEvent.REMOVE, 0, note="camera is away for repair").outcome is ActionOutcome.DONE
         assert look(alarms, camera(Quality.LINK_DOWN), 1, 3, 365 * 86400) == []
         assert of(alarms).state is OUT
-        assert deed(alarms, Cue.RESTORE, 365 * 86400 + 1).outcome is Outcome.DONE
+        assert action(alarms, AlarmEvent.RESTORE, 365 * 86400 + 1).outcome is ActionOutcome.DONE
         assert of(alarms).state is U
 
-    @pytest.mark.parametrize("minutes", [None, 0.0, 0.9, SHELVE_MOST_MIN + 1, float("nan"), float("inf")])
+    @pytest.mark.parametrize("minutes", [None, 0.0, 0.9, MAX_SHELVE_MIN + 1, float("nan"), float("inf")])
     def test_shelving_is_limited(self, minutes: float | None) -> None:
-        reply = deed(board(), Cue.SHELVE, 0, minutes=minutes)
-        assert reply.outcome is Outcome.WRONG
-        assert str(SHELVE_MOST_MIN) in reply.why
+        reply = action(board(), AlarmEvent.SHELVE, 0, minutes=minutes)
+        assert reply.outcome is ActionOutcome.INVALID
+        assert str(MAX_SHELVE_MIN) in reply.why
 
     def test_what_is_not_for_people_or_not_there_is_refused(self) -> None:
         alarms = board()
-        assert deed(alarms, Cue.ACKNOWLEDGE, 0, "bay9.camera_down").outcome is Outcome.UNKNOWN
-        assert deed(alarms, Cue.RETURNS, 0).outcome is Outcome.WRONG
-        assert deed(alarms, Cue.ACKNOWLEDGE, 0, note="x" * (MAX_NOTE + 1)).outcome is Outcome.WRONG
-        assert deed(alarms, Cue.ACKNOWLEDGE, 0).outcome is Outcome.REFUSED
+        assert action(alarms, AlarmEvent.ACKNOWLEDGE, 0, "bay9.camera_down").outcome is ActionOutcome.UNKNOWN
+        assert action(alarms, AlarmEvent.RETURNS, 0).outcome is ActionOutcome.INVALID
+        assert action(alarms, AlarmEvent.ACKNOWLEDGE, 0, note="x" * (MAX_NOTE + 1)).outcome is ActionOutcome.INVALID
+        assert action(alarms, AlarmEvent.ACKNOWLEDGE, 0).outcome is ActionOutcome.REFUSED
         assert alarms.history() == ()
 
 
@@ -419,15 +432,15 @@ class TestWhatIsTold:
         look(alarms, CAUSES["maintenance"], 0, 10)
         look(alarms, camera(Quality.LINK_DOWN, bay="bay2"), 20, 22)
         look(alarms, CAUSES["plc_lost"], 30, 31)
-        deed(alarms, Cue.ACKNOWLEDGE, 32, "bay1.plc_lost")
-        standing = alarms.standing()
+        action(alarms, AlarmEvent.ACKNOWLEDGE, 32, "bay1.plc_lost")
+        standing = alarms.summary()
         assert [a.id for a in standing.alarms] == ["bay2.camera_down", "bay1.maintenance", "bay1.plc_lost"]
         assert dict(standing.counts)[U] == 2
         assert dict(standing.counts)[A] == 1
         assert sum(count for _, count in standing.counts) == 2 * len(table.BAY_ALARMS) + len(table.GATEWAY_ALARMS)
         assert dict(standing.announced) == {"maintenance": 1, "camera_down": 1, "plc_lost": 1}
         assert standing.newest_change == 4
-        short = alarms.standing(most=1)
+        short = alarms.summary(most=1)
         assert ([a.id for a in short.alarms], short.omitted) == (["bay2.camera_down"], 2)
 
     def test_the_history_is_bounded_and_shows_what_it_has_lost(self) -> None:
@@ -460,28 +473,28 @@ class Life(RuleBasedStateMachine):
     def state(self) -> AlarmState:
         return of(self.alarms).state
 
-    def take(self, changes: list[Change]) -> None:
+    def take(self, changes: list[AlarmChange]) -> None:
         for change in changes:
             self.number += 1
             assert change.number == self.number
             if change.id != "bay1.camera_down":
                 continue
-            assert (change.before, change.cue.value, change.after) in BOTH | PLAIN
-            if change.cue is Cue.OCCURS:
+            assert (change.before, change.event.value, change.after) in BOTH | PLAIN
+            if change.event is AlarmEvent.OCCURS:
                 assert self.cause
                 assert self.now_ns - self.since_ns >= 2 * S
-            if change.cue is Cue.RETURNS:
+            if change.event is AlarmEvent.RETURNS:
                 assert not self.cause
                 assert self.now_ns - self.since_ns >= 5 * S
             if change.after is U:
                 self.unseen = True
-            elif change.cue.value in {cue.value for cue in DEEDS} or change.after in (SU, SH):
+            elif change.event.value in {event.value for event in OPERATOR_EVENTS} or change.after in (SU, SH):
                 self.unseen = False
 
     def look(self) -> None:
         function = FunctionCheck.MAY_MOVE_OFF if self.checked else FunctionCheck.OFF
         base = camera(Quality.LINK_DOWN) if self.cause else permitted()
-        self.take(self.alarms.look_at_bay(replace(base, function_check=function), self.now_ns))
+        self.take(self.alarms.update_bay(replace(base, function_check=function), self.now_ns))
 
     @rule()
     def cause_changes(self) -> None:
@@ -498,15 +511,19 @@ class Life(RuleBasedStateMachine):
         self.checked = not self.checked
         self.look()
 
-    @rule(cue=st.sampled_from(list(Cue)), minutes=st.sampled_from([None, 1.0]))
-    def person(self, cue: Cue, minutes: float | None) -> None:
+    @rule(event=st.sampled_from(list(AlarmEvent)), minutes=st.sampled_from([None, 1.0]))
+    def person(self, event: AlarmEvent, minutes: float | None) -> None:
         before = of(self.alarms)
-        wanted = following(before.state, cue, latching=False, active=before.active)
-        possible = wanted is not None and cue in DEEDS and (cue is not Cue.SHELVE or minutes is not None)
-        reply, changes = self.alarms.act(Deed("bay1.camera_down", cue, "anna", minutes=minutes), self.now_ns)
-        assert (reply.outcome is Outcome.DONE) == possible
+        wanted = next_state(before.state, event, latching=False, active=before.active)
+        possible = (
+            wanted is not None and event in OPERATOR_EVENTS and (event is not AlarmEvent.SHELVE or minutes is not None)
+        )
+        reply, changes = self.alarms.act(
+            OperatorAction("bay1.camera_down", event, "anna", minutes=minutes), self.now_ns
+        )
+        assert (reply.outcome is ActionOutcome.DONE) == possible
         assert self.state() is (wanted if possible else before.state)
-        if cue is Cue.ACKNOWLEDGE and possible:
+        if event is AlarmEvent.ACKNOWLEDGE and possible:
             self.unseen = False
         self.take(changes)
 

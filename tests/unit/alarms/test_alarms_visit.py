@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from gateway.alarms.engine import AlarmBoard
-from gateway.alarms.records import Change
+from gateway.alarms.engine import AlarmEngine
+from gateway.alarms.records import AlarmChange
 from gateway.alarms.states import AlarmState
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, VisitConfig
 from gateway.core import interlock
@@ -36,8 +36,8 @@ class Bay:
         self.rules = interlock.Rules.of(bay, gateway)
         self.now_ns = 1_000_000 * MS
         self.state: StateVector = interlock.initial("bay1", self.now_ns, self.rules, self.remembered)
-        self.board = AlarmBoard({"bay1": bay.fusion})
-        self.changes: list[Change] = []
+        self.board = AlarmEngine({"bay1": bay.fusion})
+        self.changes: list[AlarmChange] = []
         self.beat = 0
 
     def see(self, seconds: float, start_mm: float | None, end_mm: float | None = None, *, marker: bool = True) -> None:
@@ -56,7 +56,7 @@ class Bay:
             if self.writes:
                 self.beat = (self.beat + 1) % 65536
                 self.step(PlcWrite(PLC, heartbeat=self.beat, control=0 if self.beat == 1 else None))
-            self.changes += self.board.look_at_bay(self.state, self.now_ns)
+            self.changes += self.board.update_bay(self.state, self.now_ns)
 
     def step(self, observation: Observation) -> None:
         self.state = interlock.step(self.state, observation, self.now_ns, self.rules)
@@ -114,7 +114,7 @@ def test_with_writes_a_truck_that_leaves_unreleased_has_moved() -> None:
     (change,) = [change for change in bay.changes if change.after is AlarmState.UNACKNOWLEDGED]
     assert change.detail.startswith("the distance left its band; in place at 280 mm, now 3")
     bay.see(5, None)
-    assert bay.board.standing().alarms[0].state is AlarmState.RETURNED  # gone, but somebody must have a look
+    assert bay.board.summary().alarms[0].state is AlarmState.RETURNED  # gone, but somebody must have a look
 
 
 @pytest.mark.parametrize("way_mm", [-60.0, 60.0])
@@ -137,7 +137,7 @@ def test_a_truck_seen_elsewhere_when_the_spout_goes_up_has_moved_under_it() -> N
     bay.now_ns += STEP_MS * MS
     bay.step(VisionReading(bay.now_ns, Quality.GOOD, Circle(420, 240, 200)))
     bay.step(RangeReading(bay.now_ns, Quality.GOOD, 280.0))
-    bay.changes += bay.board.look_at_bay(bay.state, bay.now_ns)
+    bay.changes += bay.board.update_bay(bay.state, bay.now_ns)
     assert bay.announced == ["bay1.truck_moved"]
     assert bay.state.visit.moved is Moved.MARKER
 
@@ -177,7 +177,7 @@ def test_in_place_that_was_lost_is_told_until_it_is_there_again() -> None:
     assert (change.id, change.detail) == ("bay1.in_place_lost", "held for too long")
     bay.see(8, 280)
     assert bay.state.in_place
-    assert bay.board.standing().alarms[0].state is AlarmState.RETURNED
+    assert bay.board.summary().alarms[0].state is AlarmState.RETURNED
 
 
 def test_another_marker_is_told_and_over_when_the_next_one_fits() -> None:
@@ -193,7 +193,7 @@ def test_another_marker_is_told_and_over_when_the_next_one_fits() -> None:
     bay.comes_to_stand()
     bay.see(7, 280)
     assert bay.announced == ["bay1.scale_changed"]
-    assert bay.board.standing().alarms[0].state is AlarmState.RETURNED
+    assert bay.board.summary().alarms[0].state is AlarmState.RETURNED
 
 
 def test_a_technician_who_moves_the_truck_raises_no_alarm() -> None:

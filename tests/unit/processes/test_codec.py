@@ -23,11 +23,11 @@ from gateway.processes import child
 from gateway.processes.codec import COMPRESSED, MAX_MESSAGE_BYTES, MAX_UNPACKED_BYTES, Codec, record_of, record_packed
 from gateway.processes.notices import Failed
 from gateway.vision.transport.messages import FROM_CHILDREN
-from gateway.web.ipc.messages import FROM_WEB, Apply, Ask, Check, LinksNow, Order
+from gateway.web.ipc.messages import FROM_WEB, ApplySettings, Command, SetFunctionCheck, StateRequest, SystemStatus
 from tests.unit.web.links import full
 
 ANNA = Writer("127.0.0.1", "anna", "technician")
-GOOD = Codec.packed(Ask(1, ("bay1",), 7, links=True))
+GOOD = Codec.packed(StateRequest(1, ("bay1",), 7, links=True))
 NESTED = b"\x91" * (MAX_MESSAGE_BYTES - 1) + b"\xc0"
 
 
@@ -95,7 +95,7 @@ def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
 
 
 def test_any_byte_may_be_another() -> None:
-    data = Codec.packed(Order(1, ANNA, Check("bay1", FunctionCheck.PERMIT_OFF)))
+    data = Codec.packed(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.PERMIT_OFF)))
     taken = 0
     for place, byte in itertools.product(range(len(data)), range(256)):
         try:
@@ -103,9 +103,9 @@ def test_any_byte_may_be_another() -> None:
         except ProtocolError:
             continue
         taken += 1
-        assert type(order) is Order
-        assert type(order.what) is Check
-        assert (type(order.number), type(order.who), type(order.what.mode)) == (int, Writer, FunctionCheck)
+        assert type(order) is Command
+        assert type(order.action) is SetFunctionCheck
+        assert (type(order.number), type(order.who), type(order.action.mode)) == (int, Writer, FunctionCheck)
     assert 256 < taken < 10_000  # other letters in names, another number, another mode
 
 
@@ -118,10 +118,10 @@ def test_what_is_wrong_with_settings_is_told_without_what_was_written() -> None:
 
 
 def test_settings_keep_which_keys_were_set() -> None:
-    order = Order(2, ANNA, Apply("bay1", VisionConfig(method="paper", coast_s=0.3), VisionConfig()))
+    order = Command(2, ANNA, ApplySettings("bay1", VisionConfig(method="paper", coast_s=0.3), VisionConfig()))
     again = FROM_WEB.unpacked(Codec.packed(order))
     assert again == order
-    assert again.what.vision.model_fields_set == {"method", "coast_s"}
+    assert again.action.vision.model_fields_set == {"method", "coast_s"}
 
 
 def test_a_message_that_would_not_fit_is_compressed_and_a_bomb_is_refused() -> None:
@@ -158,7 +158,7 @@ def test_what_is_no_data_is_a_bug_here() -> None:
 
 def test_all_that_the_web_process_is_told_comes_out_as_it_went_in() -> None:
     links = full()
-    assert record_of(LinksNow, record_packed(links)) == links
+    assert record_of(SystemStatus, record_packed(links)) == links
 
 
 CODE_IN_MESSAGES = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "copyreg", "multiprocessing", "pickletools"}

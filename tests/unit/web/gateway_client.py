@@ -7,8 +7,8 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from gateway.alarms.monitor import Watch
-from gateway.alarms.table import Signs
+from gateway.alarms.monitor import AlarmMonitor
+from gateway.alarms.table import GatewayConditions
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
@@ -18,10 +18,20 @@ from gateway.modbus.registers.image_source import image_of
 from gateway.processes.channel import Link
 from gateway.vision.transport import ring
 from gateway.vision.transport.ring import Ring
-from gateway.web.host.config_file_requests import FileOrders
-from gateway.web.host.event_history import Chronicle
-from gateway.web.host.request_handler import BayParts, Feed
-from gateway.web.ipc.messages import FROM_WEB, TO_WEB, About, Ask, FileOrder, FromHmi, LinksNow, Order, ToHmi
+from gateway.web.host.config_file_requests import ConfigFileRequests
+from gateway.web.host.event_history import EventHistory
+from gateway.web.host.request_handler import BayParts, RequestHandler
+from gateway.web.ipc.messages import (
+    FROM_WEB,
+    TO_WEB,
+    Command,
+    FileRequest,
+    FromWeb,
+    StateRequest,
+    SystemStatus,
+    ToWeb,
+    WebSetup,
+)
 from gateway.web.server.gateway_client import Desk
 from tests.virtual_time import AtOnce, LoopClock
 
@@ -47,17 +57,17 @@ class Plant:
     """Both ends. `answering` False: the main process hangs."""
 
     desk: Desk
-    feed: Feed
+    feed: RequestHandler
     hub: Hub
     controls: dict[str, BayControl]
     eyes: dict[str, Eyes]
     rings: dict[str, Ring]
-    watch: Watch
-    links: LinksNow = field(default_factory=LinksNow)  # how everything but the alarms does
-    signs: Signs = field(default_factory=Signs)
-    asks: list[Ask] = field(default_factory=list)
+    monitor: AlarmMonitor
+    links: SystemStatus = field(default_factory=SystemStatus)  # how everything but the alarms does
+    conditions: GatewayConditions = field(default_factory=GatewayConditions)
+    asks: list[StateRequest] = field(default_factory=list)
     answering: bool = True
-    near: Link[ToHmi, FromHmi] | None = None
+    near: Link[ToWeb, FromWeb] | None = None
 
 
 @asynccontextmanager
@@ -70,48 +80,48 @@ async def plant(
     config = config or GatewayConfig(bays=named)
     names = [bay.name for bay in config.bays]
     hub = Hub(names)
-    chronicle = Chronicle(hub)
+    chronicle = EventHistory(hub)
     controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
     eyes = {name: Eyes() for name in names}
     parts = {
         name: BayParts(controls[name], image_of(controls[name], "big", clock), eyes[name])  # type: ignore[arg-type]
         for name in names
     }
-    watch = Watch(
-        {bay.name: bay.fusion for bay in config.bays}, lambda bay: controls[bay].state(), lambda: made.signs, clock
+    monitor = AlarmMonitor(
+        {bay.name: bay.fusion for bay in config.bays}, lambda bay: controls[bay].state(), lambda: made.conditions, clock
     )
-    feed = Feed(
+    feed = RequestHandler(
         chronicle,
         parts,
         clock,
-        lambda: replace(made.links, alarms=watch.standing(100), changes=watch.changes()),
-        watch.act,
+        lambda: replace(made.links, alarms=monitor.summary(100), changes=monitor.changes()),
+        monitor.act,
     )
     specs = {name: ring.create(3, 0.1) for name in names}
-    near, far = Link[ToHmi, FromHmi].pair(FROM_WEB)
-    about = About(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
-    desk = Desk(about, Link[FromHmi, ToHmi](far, TO_WEB), clock, clock)
+    near, far = Link[ToWeb, FromWeb].pair(FROM_WEB)
+    about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
+    desk = Desk(about, Link[FromWeb, ToWeb](far, TO_WEB), clock, clock)
     made = Plant(
-        desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, watch
+        desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, monitor
     )
     made.near = near
 
     def tell() -> None:
-        for done in file.done():
+        for done in file.finished():
             assert near.offer(done)
 
-    file = FileOrders(Path(source) if source else None, clock, AtOnce(), tell)
+    file = ConfigFileRequests(Path(source) if source else None, clock, AtOnce(), tell)
 
     def hear() -> None:
         for message in near.received():
             match message:
-                case Ask():
+                case StateRequest():
                     made.asks.append(message)
                     if made.answering:
                         assert near.offer(feed.answer(message))
-                case Order():
-                    assert near.offer(feed.carry_out(message))
-                case FileOrder() if (refused := file.take(message)) is not None:
+                case Command():
+                    assert near.offer(feed.execute(message))
+                case FileRequest() if (refused := file.submit(message)) is not None:
                     assert near.offer(refused)
 
     loop = asyncio.get_running_loop()
@@ -119,7 +129,7 @@ async def plant(
     try:
         async with asyncio.TaskGroup() as group:
             ticking = [group.create_task(control.run()) for control in controls.values()]
-            ticking.append(group.create_task(watch.run()))
+            ticking.append(group.create_task(monitor.run()))
             kept = group.create_task(desk.keep()) if keep else None
             yield made
             for task in (*ticking, *([kept] if kept else [])):

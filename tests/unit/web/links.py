@@ -4,8 +4,8 @@ from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.traffic import PeerNow, ServerNow
 from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
 from gateway.sinks.sparkplug.node import SparkplugNow
-from gateway.web.host.latencies import BOUNDS_S, WHOLE, Histogram
-from gateway.web.ipc.messages import LinksNow, TaskNow
+from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT, Histogram
+from gateway.web.ipc.messages import SystemStatus, TaskStatus
 
 
 def server(*, tls: bool = False) -> ServerNow:
@@ -27,16 +27,16 @@ def store(*, ok: bool = True) -> StorePayload:
     return StorePayload(ok=ok, detail="" if ok else "disk full", faults=0, recovered=0, unwritten=4)
 
 
-def full(**changes: object) -> LinksNow:
+def full(**changes: object) -> SystemStatus:
     counts = (1, 0, 2, *([0] * (len(BOUNDS_S) - 2)))
     links = {
-        "tasks": (TaskNow("bay1.control", True, 1, 0, 0, ""), TaskNow("mqtt.deliver", True, 4, 3, 0, "lost")),
+        "tasks": (TaskStatus("bay1.control", True, 1, 0, 0, ""), TaskStatus("mqtt.deliver", True, 4, 3, 0, "lost")),
         "broker": "mqtt://broker:1883",
         "delivery": DeliveryPayload(published=9, failed=1, reconnects=2, dropped=3, queued=7, store=store()),
         "broker_connected": True,
         "sparkplug": SparkplugNow(True, True, 1, 0, 44, 0, 0, 0),
         "modbus": (server(), server(tls=True)),
         "events_dropped": 5,
-        "latencies": (Histogram("bay1", WHOLE, counts, 0.0123), Histogram("bay1", "fit", counts, 0.01)),
+        "latencies": (Histogram("bay1", CAPTURE_TO_RESULT, counts, 0.0123), Histogram("bay1", "fit", counts, 0.01)),
     } | changes
-    return LinksNow(**links)  # type: ignore[arg-type]
+    return SystemStatus(**links)  # type: ignore[arg-type]

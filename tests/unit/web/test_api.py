@@ -9,7 +9,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from gateway.alarms.table import BAY_ALARMS, Design
+from gateway.alarms.table import BAY_ALARMS, Suppression
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, ModbusConfig, RecipeConfig
 from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
 from gateway.core.plc import PlcWrite, Writer, WriteVerdict
@@ -284,7 +284,7 @@ class TestAlarms:
         async def scene() -> None:
             async with plant() as made:
                 ask = caller(made)
-                made.signs = replace(made.signs, crashes=1, crashed="mqtt.deliver: KeyError")
+                made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
                 await asyncio.sleep(2)
 
                 def state() -> str:
@@ -327,7 +327,7 @@ class TestAlarms:
                 assert wrong(await ask.post(f"{base}/shelve"), 400, "body").startswith("minutes")
                 assert wrong(await ask.post(f"{base}/shelve", {"minutes": 721}), 400, "body").startswith("minutes")
                 wrong(await ask.ask("POST", f"{base}/acknowledge", body=b"{"), 400, "body")
-                assert made.watch.changes() == ()
+                assert made.monitor.changes() == ()
 
         run(scene())
 
@@ -355,7 +355,7 @@ def test_a_function_check_suppresses_and_says_so() -> None:
             made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
             await asyncio.sleep(2)
             summary = fits(await caller(made).get("/api/alarms"), "AlarmsView")["summary"]
-            hidden = sum(Design.FUNCTION_CHECK in kind.suppressed for kind in BAY_ALARMS)
+            hidden = sum(Suppression.FUNCTION_CHECK in kind.suppressed_by for kind in BAY_ALARMS)
             assert (summary["suppressed"], summary["active"], summary["first"]) == (hidden, 0, None)
             one = fits(await caller(made).get("/api/bays/bay1/state"), "BayView")
             assert one["function_check"] == "MAY_MOVE_OFF"

@@ -12,7 +12,16 @@ from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeR
 from gateway.core.plc import Writer
 from gateway.errors import LinkError
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
-from gateway.web.ipc.messages import MAX_EVENTS, MAX_STATES, About, Apply, Ask, Check, LinksNow, TaskNow
+from gateway.web.ipc.messages import (
+    MAX_EVENTS,
+    MAX_STATES,
+    ApplySettings,
+    SetFunctionCheck,
+    StateRequest,
+    SystemStatus,
+    TaskStatus,
+    WebSetup,
+)
 from gateway.web.server.gateway_client import RefusedError
 from tests.unit.web.gateway_client import Plant, plant
 from tests.virtual_time import run
@@ -112,7 +121,7 @@ def test_more_events_than_are_kept_are_missed_and_counted() -> None:
             for _ in range(600):
                 made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
                 made.controls["bay1"].check_function(FunctionCheck.OFF)
-            first = made.feed.answer(Ask(1, ("bay1",), after=1))
+            first = made.feed.answer(StateRequest(1, ("bay1",), after=1))
             assert [row.number for row in first.events] == [202, 203, 204, 205]  # 1201 in all, the newest 1000 are kept
             assert first.newest_event == 1201
             assert len(first.events) == MAX_EVENTS
@@ -135,7 +144,7 @@ def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() -> Non
         async with plant() as made:
             fresh(made)
             assert made.hub.state("bay1").may_move
-            await made.desk.order(Check("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
+            await made.desk.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
             assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
             assert not made.hub.state("bay1").may_move
             await asyncio.sleep(1.1)
@@ -150,14 +159,14 @@ def test_settings_go_live_only_while_a_function_check_is_on() -> None:
         async with plant() as made:
             wished = VisionConfig(method="paper", min_area_px2=250.0)
             with pytest.raises(RefusedError, match="function check first"):
-                await made.desk.order(Apply("bay1", wished), ANNA)
+                await made.desk.order(ApplySettings("bay1", wished), ANNA)
             assert made.eyes["bay1"].settings == VisionConfig()
-            await made.desk.order(Check("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
-            await made.desk.order(Apply("bay1", wished), ANNA)
+            await made.desk.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
+            await made.desk.order(ApplySettings("bay1", wished), ANNA)
             assert made.eyes["bay1"].settings == wished
             made.eyes["bay1"].refuses = "vision.workers can't change while the gateway runs"
             with pytest.raises(RefusedError, match="can't change"):
-                await made.desk.order(Apply("bay1", VisionConfig()), ANNA)
+                await made.desk.order(ApplySettings("bay1", VisionConfig()), ANNA)
             await asyncio.sleep(1.1)
             told = [row.event.detail for row in made.desk.events if row.event.kind is EventKind.SETTINGS_CHANGED]
             assert told == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
@@ -169,7 +178,7 @@ def test_an_order_for_no_bay_is_refused() -> None:
     async def scene() -> None:
         async with plant() as made:
             with pytest.raises(RefusedError, match="no bay 'bay7'"):
-                await made.desk.order(Check("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
+                await made.desk.order(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
 
     run(scene())
 
@@ -191,13 +200,13 @@ def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message()
                 made.hub.publish(replace(state, vision=reading, memory=memory, seq=state.seq + 1))
                 for mode in (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF):
                     control.check_function(mode)
-            answer = made.feed.answer(Ask(1, made.desk.bays[:MAX_STATES]))
-            rows = tuple(TaskNow(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
-            answer = structs.replace(answer, links=LinksNow(rows, "mqtts://broker.plant:8883", None))
+            answer = made.feed.answer(StateRequest(1, made.desk.bays[:MAX_STATES]))
+            rows = tuple(TaskStatus(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
+            answer = structs.replace(answer, links=SystemStatus(rows, "mqtts://broker.plant:8883", None))
             assert len(answer.bays) == MAX_STATES
             assert len(Codec.packed(answer)) < MAX_MESSAGE_BYTES
             bays = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, 65))
-            about = About(GatewayConfig(bays=bays), SystemClock(), {})
+            about = WebSetup(GatewayConfig(bays=bays), SystemClock(), {})
             assert len(Codec.packed(about)) < MAX_MESSAGE_BYTES / 2
 
     run(scene())

@@ -10,7 +10,7 @@ from gateway.config import GatewayConfig, ModbusConfig
 from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, Tick, VisionReading
 from gateway.sinks.mqtt.messages import DeliveryPayload
 from gateway.sinks.sparkplug.node import SparkplugNow
-from gateway.web.ipc.messages import LinksNow, TaskNow
+from gateway.web.ipc.messages import SystemStatus, TaskStatus
 from gateway.web.server.health import health, status_code
 from gateway.web.server.models import HealthView
 from tests.unit.web.gateway_client import Plant, plant
@@ -141,11 +141,11 @@ DELIVERY = DeliveryPayload(published=0, failed=0, reconnects=0, dropped=0, queue
         (full(broker_connected=False), "mqtt", "degraded"),
         (full(delivery=DELIVERY.model_copy(update={"store": store(ok=False)})), "event_store", "degraded"),
         (full(sparkplug=SparkplugNow(True, False, 0, 0, 0, 0, 0, 0)), "sparkplug", "degraded"),
-        (full(tasks=(TaskNow("bay1.vision", False, 2, 1, 0, "lost"),)), "task bay1.vision", "degraded"),
-        (full(tasks=(TaskNow("bay1.control", False, 2, 0, 1, "KeyError()"),)), "task bay1.control", "failing"),
+        (full(tasks=(TaskStatus("bay1.vision", False, 2, 1, 0, "lost"),)), "task bay1.vision", "degraded"),
+        (full(tasks=(TaskStatus("bay1.control", False, 2, 0, 1, "KeyError()"),)), "task bay1.control", "failing"),
     ],
 )
-def test_links(links: LinksNow, part: str, status: str) -> None:
+def test_links(links: SystemStatus, part: str, status: str) -> None:
     async def scene() -> None:
         async with plant() as made:
             made.links = links
@@ -159,7 +159,7 @@ def test_links(links: LinksNow, part: str, status: str) -> None:
 def test_a_task_that_has_done_its_work_is_in_order() -> None:
     async def scene() -> None:
         async with plant() as made:
-            made.links = full(tasks=(TaskNow("trials", False, 1, 0, 0, ""),))
+            made.links = full(tasks=(TaskStatus("trials", False, 1, 0, 0, ""),))
             assert (await judged(made)).status == "ok"
 
     run(scene())

@@ -13,9 +13,9 @@ from prometheus_client.openmetrics import parser as openmetrics_parser
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.core.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
-from gateway.web.host.latencies import BOUNDS_S, MOST_STAGES, WHOLE, Latencies
-from gateway.web.host.process_usage import Usage
-from gateway.web.ipc.messages import LinksNow
+from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT, MAX_STAGES, LatencyHistograms
+from gateway.web.host.process_usage import ProcessUsage
+from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server.live import Counts
 from gateway.web.server.metrics.bays import BAYS
 from gateway.web.server.metrics.family import PREFIX, Known, Pages
@@ -28,7 +28,7 @@ from tests.virtual_time import run
 
 OPENMETRICS = "application/openmetrics-text; version=1.0.0"
 PAGES = Pages({"live": Counts(open=2, opened=3, sent=40)}, 12, {"csrf": 1})
-PROCESSES = (Usage("main", 1, 12.5, 1 << 20), Usage("gw-worker-bay1", 2, 3.0, 1 << 22))
+PROCESSES = (ProcessUsage("main", 1, 12.5, 1 << 20), ProcessUsage("gw-worker-bay1", 2, 3.0, 1 << 22))
 
 
 @dataclass
@@ -71,7 +71,7 @@ def loading(made: Plant) -> None:
     made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
-async def told(made: Plant, links: LinksNow | None = None) -> Told:
+async def told(made: Plant, links: SystemStatus | None = None) -> Told:
     made.links = full() if links is None else links
     await asyncio.sleep(1.2)
     loading(made)
@@ -136,7 +136,7 @@ def test_everything_is_told_and_parsed() -> None:
 def test_what_is_not_known_has_no_sample() -> None:
     async def scene() -> None:
         async with plant(bays=2) as made:
-            now = await told(made, LinksNow())
+            now = await told(made, SystemStatus())
             # bay2 has seen nothing yet
             for name in ("bay_radius_pixels", "bay_distance_meters", "bay_decision", "bay_vision_age_seconds"):
                 assert now.value(name, bay="bay1") is not None, name
@@ -245,28 +245,28 @@ class TestLatencies:
         return VisionReading(0, quality, stats=VisionStats(latency_ms=latency_ms), stage_ns=stages)
 
     def test_frames_fall_into_their_buckets(self) -> None:
-        latencies, passed = Latencies(), list[VisionReading]()
-        emit = latencies.noting("bay1", passed.append)
+        latencies, passed = LatencyHistograms(), list[VisionReading]()
+        emit = latencies.observing("bay1", passed.append)
         for latency_ms in (0.5, 1.0, 1.001, 30, 999, 1001):
             emit(self.reading(latency_ms, ("hsv", 1_500_000)))
         assert len(passed) == 6
         whole, stage = latencies.histograms()
-        assert (whole.bay, whole.stage, whole.counts) == ("bay1", WHOLE, (2, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1))
+        assert (whole.bay, whole.stage, whole.counts) == ("bay1", CAPTURE_TO_RESULT, (2, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1))
         assert whole.sum_s == pytest.approx(2.032501)
         assert (stage.stage, stage.counts[1]) == ("hsv", 6)
         assert stage.sum_s == pytest.approx(0.009)
 
     def test_what_is_no_result_is_not_noted(self) -> None:
-        latencies, passed = Latencies(), list[VisionReading]()
-        emit = latencies.noting("bay1", passed.append)
+        latencies, passed = LatencyHistograms(), list[VisionReading]()
+        emit = latencies.observing("bay1", passed.append)
         emit(self.reading(5.0))
         emit(self.reading(5.0, ("hsv", 1), quality=Quality.PROCESS_FAULT))
         assert len(passed) == 2
         assert latencies.histograms() == ()
 
     def test_stages_without_end_are_bounded(self) -> None:
-        latencies = Latencies()
-        emit = latencies.noting("bay1", lambda _: None)
+        latencies = LatencyHistograms()
+        emit = latencies.observing("bay1", lambda _: None)
         for n in range(100):
             emit(self.reading(5.0, (f"stage {n}", 1)))
-        assert len(latencies.histograms()) == MOST_STAGES
+        assert len(latencies.histograms()) == MAX_STAGES

@@ -36,7 +36,7 @@ def test_what_the_description_allows_is_what_the_model_takes() -> None:
             if key.name in ("min_radius_share", "max_radius_share") and fine:
                 continue  # each is the other's limit
             try:
-                parameter_schema.checked({key.name: value}, VisionConfig())
+                parameter_schema.validated({key.name: value}, VisionConfig())
             except ConfigError:
                 assert not fine, (key.name, value)
             else:
@@ -49,7 +49,7 @@ def test_what_the_description_allows_is_what_the_model_takes() -> None:
 def test_keys_over_others_leave_these_as_they_are_and_set() -> None:
     base = VisionConfig(coast_s=0.2, workers=2)
 
-    made = parameter_schema.checked({"min_fill": 0.5}, base)
+    made = parameter_schema.validated({"min_fill": 0.5}, base)
 
     assert made == VisionConfig(coast_s=0.2, workers=2, min_fill=0.5)
     assert made.model_fields_set == {"coast_s", "workers", "min_fill"}
@@ -59,4 +59,4 @@ def test_keys_over_others_leave_these_as_they_are_and_set() -> None:
 @pytest.mark.parametrize("key", ["intrinsics", "workers", "affinity", "deadline_s"])
 def test_what_belongs_to_camera_or_machine_is_no_part_of_a_profile(key: str) -> None:
     with pytest.raises(ConfigError, match=rf"vision\.{key}: belongs to the (machine|camera)"):
-        parameter_schema.checked({key: 1}, VisionConfig())
+        parameter_schema.validated({key: 1}, VisionConfig())

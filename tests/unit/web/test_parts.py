@@ -15,9 +15,9 @@ import pytest
 from msgspec import structs
 
 from gateway.alarms.engine import MAX_DETAIL
-from gateway.alarms.monitor import TOLD
-from gateway.alarms.records import MAX_NOTE, Change, Standing
-from gateway.alarms.states import AlarmState, Cue
+from gateway.alarms.monitor import REPORTED_CHANGES
+from gateway.alarms.records import MAX_NOTE, AlarmChange, AlarmSummary
+from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
 from gateway.core.model import Quality, VisionReading
@@ -27,20 +27,20 @@ from gateway.sinks.mqtt.messages import DeliveryPayload
 from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.supervisor import TaskRecord
 from gateway.web.host.latencies import BOUNDS_S, Histogram
-from gateway.web.host.parts import MAX_ERROR, MOST_ALARMS, PLC_QUIET_S, Parts
-from gateway.web.host.process_usage import usage
-from gateway.web.ipc.messages import TO_WEB, Answer, Ask, TaskNow
+from gateway.web.host.parts import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector
+from gateway.web.host.process_usage import process_usage
+from gateway.web.ipc.messages import TO_WEB, StateReply, StateRequest, TaskStatus
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full, server, store
 from tests.virtual_time import run
 
 
-def parts(*, plc: str = "", mqtt: bool = False, **changes: Any) -> Parts:
+def parts(*, plc: str = "", mqtt: bool = False, **changes: Any) -> StatusCollector:
     config = GatewayConfig(
         modbus=ModbusConfig(plc_addresses=(plc,) if plc else ()),
         mqtt=MqttConfig(url="mqtt://anna:secret@broker") if mqtt else None,
     )
-    return Parts(config, Hub(["bay1"]), **changes)
+    return StatusCollector(config, Hub(["bay1"]), **changes)
 
 
 def voice(**changes: Any) -> Any:
@@ -50,34 +50,34 @@ def voice(**changes: Any) -> Any:
 
 class TestSigns:
     def test_what_is_not_configured_gives_no_sign(self) -> None:
-        signs = parts().signs()
-        assert (signs.broker_connected, signs.sparkplug_connected, signs.plc_reads) == (None, None, None)
+        conditions = parts().conditions()
+        assert (conditions.broker_connected, conditions.sparkplug_connected, conditions.plc_reads) == (None, None, None)
 
     @pytest.mark.parametrize(
         ("quiet_s", "reads"), [(None, False), (0.0, True), (PLC_QUIET_S - 0.1, True), (PLC_QUIET_S, False)]
     )
     def test_a_plc_reads_while_it_was_answered_lately(self, quiet_s: float | None, reads: bool) -> None:
         told = (replace(server(), plc_quiet_s=quiet_s), replace(server(tls=True), plc_quiet_s=None))
-        assert parts(plc="10.0.0.1", modbus=lambda: told).signs().plc_reads is reads
-        assert parts(modbus=lambda: told).signs().plc_reads is None
+        assert parts(plc="10.0.0.1", modbus=lambda: told).conditions().plc_reads is reads
+        assert parts(modbus=lambda: told).conditions().plc_reads is None
 
     def test_losses_of_all_queues_are_counted(self) -> None:
         session = SparkplugNow(True, True, 1, 0, 0, 0, history_dropped=4, history_waiting=0)
         made = parts(mqtt=True, publisher=voice(dropped=3), sparkplug=cast(Any, SimpleNamespace(now=session)))
-        assert made.signs().events_lost == 7
-        assert made.signs().sparkplug_connected is True
+        assert made.conditions().events_lost == 7
+        assert made.conditions().sparkplug_connected is True
         waiting = replace(session, born=False)
         made.sparkplug = cast(Any, SimpleNamespace(now=waiting))
-        assert made.signs().sparkplug_connected is False
+        assert made.conditions().sparkplug_connected is False
 
     def test_a_store_that_fails_is_named(self) -> None:
-        assert parts(mqtt=True, publisher=voice(store=store(ok=False))).signs().store_fault == "disk full"
-        assert parts(mqtt=True, publisher=voice(store=store())).signs().store_fault == ""
+        assert parts(mqtt=True, publisher=voice(store=store(ok=False))).conditions().store_fault == "disk full"
+        assert parts(mqtt=True, publisher=voice(store=store())).conditions().store_fault == ""
 
     def test_crashes_are_summed_and_told_by_name(self) -> None:
         tasks = {"a": TaskRecord(starts=3, crashes=2, last_error="KeyError()"), "b": TaskRecord(link_errors=9)}
-        signs = parts(tasks=tasks).signs()
-        assert (signs.crashes, signs.crashed) == (2, "a: KeyError()")
+        conditions = parts(tasks=tasks).conditions()
+        assert (conditions.crashes, conditions.crashed) == (2, "a: KeyError()")
 
 
 def test_links_hold_what_the_parts_say_and_no_password() -> None:
@@ -85,7 +85,7 @@ def test_links_hold_what_the_parts_say_and_no_password() -> None:
         async with plant() as made:
             tasks = {"bay1.control": TaskRecord(starts=1, running=True, last_error="x" * 900)}
             gathered = parts(mqtt=True, publisher=voice(), tasks=tasks, modbus=lambda: (server(),))
-            links = gathered.links(made.watch)
+            links = gathered.system_status(made.monitor)
             assert links.broker == "mqtt://anna:***@broker" or "secret" not in str(links.broker)
             assert "secret" not in repr(links)
             assert (links.tasks[0].name, links.tasks[0].running, len(links.tasks[0].last_error)) == (
@@ -102,7 +102,7 @@ def test_frames_are_timed_only_for_pages() -> None:
         made = parts()
         made.config = made.config.model_copy(update={"hmi": made.config.hmi.model_copy(update={"enabled": enabled})})
         passed: list[VisionReading] = []
-        made.noting("bay1", passed.append)(VisionReading(0, Quality.NO_TARGET, stage_ns=(("hsv", 5),)))
+        made.observing("bay1", passed.append)(VisionReading(0, Quality.NO_TARGET, stage_ns=(("hsv", 5),)))
         assert (len(passed), bool(made.latencies.histograms())) == (1, enabled)
 
 
@@ -117,19 +117,26 @@ def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None
             for bay in made.desk.bays:
                 made.controls[bay].on_vision(VisionReading(made.desk.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
             await asyncio.sleep(8)
-            alarms = made.watch.standing(MOST_ALARMS)
+            alarms = made.monitor.summary(MAX_ALARMS)
             assert len(alarms.alarms) == 100
             alarms = replace(
                 alarms, alarms=tuple(replace(a, detail=words(MAX_DETAIL), note=words(MAX_NOTE)) for a in alarms.alarms)
             )
-            change = Change(
-                1, 2, "bay1.camera_down", "camera_down", "bay1", Cue.OCCURS, AlarmState.NORMAL, AlarmState.SHELVED
+            change = AlarmChange(
+                1,
+                2,
+                "bay1.camera_down",
+                "camera_down",
+                "bay1",
+                AlarmEvent.OCCURS,
+                AlarmState.NORMAL,
+                AlarmState.SHELVED,
             )
             links = full(
                 alarms=alarms,
-                changes=tuple(replace(change, number=n, detail=words(MAX_DETAIL)) for n in range(TOLD)),
+                changes=tuple(replace(change, number=n, detail=words(MAX_DETAIL)) for n in range(REPORTED_CHANGES)),
                 tasks=tuple(
-                    TaskNow(
+                    TaskStatus(
                         f"bay{n}.{part}",
                         False,
                         5,
@@ -149,13 +156,13 @@ def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None
                 ),
             )
             made.links = links
-            answer = made.feed.answer(Ask(1, made.desk.bays))
+            answer = made.feed.answer(StateRequest(1, made.desk.bays))
             packed = Codec.packed(structs.replace(answer, links=links))
             assert len(packed) < MAX_MESSAGE_BYTES, len(packed)
-            again: Answer = TO_WEB.unpacked(packed)
+            again: StateReply = TO_WEB.unpacked(packed)
             assert again.links == links
             assert again.links is not None
-            assert isinstance(again.links.alarms, Standing)
+            assert isinstance(again.links.alarms, AlarmSummary)
 
     run(scene())
 
@@ -164,7 +171,7 @@ class TestProcesses:
     def test_ourselves_and_our_children(self) -> None:
         child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
         try:
-            found = {one.name: one for one in usage(os.getpid())}
+            found = {one.name: one for one in process_usage(os.getpid())}
             assert found["main"].cpu_s > 0.05
             assert found["main"].memory_bytes > 10 << 20
             assert sum(one.processes for one in found.values()) >= 2
@@ -183,9 +190,9 @@ class TestProcesses:
         (tmp_path / "10" / "task" / "10" / "children").write_text("11 12 13 ")
         process(11, "gw-worker (1) x", 2 * tick, 10)
         process(12, "gw-worker (1) x", 3 * tick, 20)
-        main, workers = usage(10, tmp_path)  # 13 is gone
+        main, workers = process_usage(10, tmp_path)  # 13 is gone
         assert (main.name, main.processes, main.cpu_s, main.memory_bytes) == ("main", 1, 1.0, page)
         assert (workers.name, workers.processes, workers.cpu_s, workers.memory_bytes) == (
             "gw-worker (1) x", 2, 5.0, 30 * page,
         )  # fmt: skip
-        assert usage(99, tmp_path) == ()
+        assert process_usage(99, tmp_path) == ()

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.alarms.records import MAX_NOTE, Deed
-from gateway.alarms.states import Cue
+from gateway.alarms.records import MAX_NOTE, OperatorAction
+from gateway.alarms.states import AlarmEvent
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, Intrinsics, VisionConfig
 from gateway.config.sections.hmi import HmiConfig
@@ -16,9 +16,9 @@ from gateway.errors import LinkError, ProtocolError
 from gateway.net.rate_limit import BURST
 from gateway.processes.codec import Codec
 from gateway.processes.notices import Failed
-from gateway.web.host.request_handler import MAX_NAME, MAX_TOLD
-from gateway.web.host.service import HmiService
-from gateway.web.ipc.messages import FROM_WEB, About, Apply, Ask, Check, Order
+from gateway.web.host.request_handler import MAX_NAME, MAX_REPORTED
+from gateway.web.host.service import WebProcessService
+from gateway.web.ipc.messages import FROM_WEB, ApplySettings, Command, SetFunctionCheck, StateRequest, WebSetup
 from tests.unit.web.gateway_client import Plant, plant
 from tests.virtual_time import run
 
@@ -26,16 +26,16 @@ ANNA = Writer("127.0.0.1", "anna", "technician")
 
 
 def told(made: Plant, kind: EventKind) -> list[str]:
-    return [row.event.detail for row in made.feed.answer(Ask(1, ())).events if row.event.kind is kind]
+    return [row.event.detail for row in made.feed.answer(StateRequest(1, ())).events if row.event.kind is kind]
 
 
 def test_all_that_an_honest_web_process_says_is_understood() -> None:
     intrinsics = Intrinsics(fx=600.0, fy=600.0, cx=320.0, cy=240.0, distortion=(0.1, 0.0, 0.0, 0.0))
     for word in (
-        Ask(3, ("bay1",), 7, links=False),
-        Order(1, ANNA, Check("bay1", FunctionCheck.MAY_MOVE_OFF)),
-        Order(2, ANNA, Apply("bay1", VisionConfig(method="paper", intrinsics=intrinsics))),
-        Order(3, ANNA, Deed("bay1.camera", Cue.SHELVE, "anna", "why", 5.0, 2)),
+        StateRequest(3, ("bay1",), 7, links=False),
+        Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF)),
+        Command(2, ANNA, ApplySettings("bay1", VisionConfig(method="paper", intrinsics=intrinsics))),
+        Command(3, ANNA, OperatorAction("bay1.camera", AlarmEvent.SHELVE, "anna", "why", 5.0, 2)),
         Failed("no", config=True),
     ):
         assert FROM_WEB.unpacked(Codec.packed(word)) == word
@@ -44,12 +44,12 @@ def test_all_that_an_honest_web_process_says_is_understood() -> None:
 def test_settings_go_live_as_they_were_sent_and_forged_ones_are_no_message() -> None:
     async def scene() -> None:
         async with plant() as made:
-            made.feed.carry_out(Order(1, ANNA, Check("bay1", FunctionCheck.MAY_MOVE_KEPT)))
+            made.feed.execute(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
             forged = VisionConfig.model_construct(_fields_set={"deadline_s"}, deadline_s=1e9)
             with pytest.raises(ProtocolError, match="a VisionConfig out of its range"):
-                FROM_WEB.unpacked(Codec.packed(Order(2, ANNA, Apply("bay1", forged))))
+                FROM_WEB.unpacked(Codec.packed(Command(2, ANNA, ApplySettings("bay1", forged))))
             wished = VisionConfig(coast_s=0.5, red_low_1=(0, 50, 50))
-            assert made.feed.carry_out(Order(3, ANNA, Apply("bay1", wished))).why == ""
+            assert made.feed.execute(Command(3, ANNA, ApplySettings("bay1", wished))).why == ""
             assert made.eyes["bay1"].settings == wished
 
     run(scene())
@@ -59,10 +59,13 @@ def test_orders_that_come_faster_than_people_give_them_are_refused_and_change_no
     async def scene() -> None:
         async with plant() as made:
             modes = (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF)
-            whys = [made.feed.carry_out(Order(n, ANNA, Check("bay1", modes[n % 2]))).why for n in range(3 * BURST)]
+            whys = [
+                made.feed.execute(Command(n, ANNA, SetFunctionCheck("bay1", modes[n % 2]))).why
+                for n in range(3 * BURST)
+            ]
             assert whys[:BURST] == [""] * BURST
             assert all("too many" in why for why in whys[BURST:])
-            assert made.feed.answer(Ask(1, ())).newest_event <= BURST + 1  # and the start
+            assert made.feed.answer(StateRequest(1, ())).newest_event <= BURST + 1  # and the start
 
     run(scene())
 
@@ -72,14 +75,14 @@ def test_long_names_are_clipped_where_they_are_kept() -> None:
         async with plant() as made:
             long = "x" * 60_000
             who = Writer(long, long, long)
-            made.feed.carry_out(Order(1, who, Check("bay1", FunctionCheck.MAY_MOVE_KEPT)))
-            made.feed.carry_out(Order(2, who, Apply("bay1", VisionConfig(method="paper"))))
-            made.feed.carry_out(Order(3, who, Deed("bay1.camera", Cue.SHELVE, long, "", 5)))
-            assert len(made.feed.carry_out(Order(4, who, Check(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
+            made.feed.execute(Command(1, who, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
+            made.feed.execute(Command(2, who, ApplySettings("bay1", VisionConfig(method="paper"))))
+            made.feed.execute(Command(3, who, OperatorAction("bay1.camera", AlarmEvent.SHELVE, long, "", 5)))
+            assert len(made.feed.execute(Command(4, who, SetFunctionCheck(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
             details = told(made, EventKind.FUNCTION_CHECK_BEGUN) + told(made, EventKind.SETTINGS_CHANGED)
             assert len(details) == 2
-            assert max(map(len, details)) < 4 * MAX_NAME + MAX_TOLD
-            assert all(len(alarm.who) <= MAX_NOTE for alarm in made.watch.standing(100).alarms)
+            assert max(map(len, details)) < 4 * MAX_NAME + MAX_REPORTED
+            assert all(len(alarm.who) <= MAX_NOTE for alarm in made.monitor.summary(100).alarms)
 
     run(scene())
 
@@ -91,9 +94,9 @@ def test_what_only_people_can_mend_in_the_pages_does_not_end_the_gateway() -> No
         async with plant() as made:
             host = f"{'x' * 70}.example"  # no name can have a label so long; nobody is asked
             named = HmiConfig(host="localhost").model_copy(update={"host": host})
-            about = About(GatewayConfig(hmi=named), SystemClock(), {})
+            about = WebSetup(GatewayConfig(hmi=named), SystemClock(), {})
             with pytest.raises(LinkError, match=r"hmi\.host"):
-                await HmiService(made.feed, about, ()).run()
+                await WebProcessService(made.feed, about, ()).run()
 
     run(scene())
 
@@ -104,14 +107,14 @@ def test_a_visitor_whom_nobody_could_answer_is_not_kept_waiting(tmp_path: Path) 
     async def scene() -> None:
         async with plant(keep=False) as made:
             gone = HmiConfig(tls_cert=str(tmp_path / "gone.pem"), tls_key=str(tmp_path / "gone.key"))
-            about = About(GatewayConfig(hmi=gone), SystemClock(), {})
+            about = WebSetup(GatewayConfig(hmi=gone), SystemClock(), {})
             with (
                 socket.create_server(("127.0.0.1", 0)) as door,
                 socket.create_connection(door.getsockname()) as visitor,
             ):
                 door.setblocking(False)
                 with pytest.raises(LinkError, match=r"hmi\.tls_cert: cannot read .*gone\.pem"):
-                    await HmiService(made.feed, about, (door,)).run()
+                    await WebProcessService(made.feed, about, (door,)).run()
                 visitor.settimeout(5)
                 assert visitor.recv(1) == b""
 

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from gateway.web.tuning.trial import EndedError
-from gateway.web.tuning.trial_thread import WAITING, Bench, BusyError
+from gateway.web.tuning.trial_thread import MAX_WAITING, BusyError, TrialThread
 
 PATIENCE_S = 60.0
 
@@ -33,7 +33,7 @@ async def until(event: threading.Event) -> None:
 
 def test_the_newest_wish_of_one_visitor_takes_back_the_older_ones() -> None:
     async def scene() -> None:
-        bench, gate, begun = Bench(), threading.Event(), threading.Event()
+        bench, gate, begun = TrialThread(), threading.Event(), threading.Event()
         try:
             async with asyncio.timeout(PATIENCE_S), asyncio.TaskGroup() as group:
                 first = group.create_task(ended(bench.work("a", held(gate, begun))))
@@ -60,7 +60,7 @@ async def ended(work: "asyncio.Future[str] | object") -> str:
 
 def test_visitors_wait_for_each_other_and_one_thread_works() -> None:
     async def scene() -> None:
-        bench, names = Bench(), set()
+        bench, names = TrialThread(), set()
         running, most = 0, 0
 
         def work(_: Callable[[], bool]) -> None:
@@ -72,8 +72,8 @@ def test_visitors_wait_for_each_other_and_one_thread_works() -> None:
 
         try:
             async with asyncio.timeout(PATIENCE_S):
-                await asyncio.gather(*(bench.work(f"visitor {n}", work) for n in range(WAITING)))
-            assert (most, len(names), bench.done) == (1, 1, WAITING)
+                await asyncio.gather(*(bench.work(f"visitor {n}", work) for n in range(MAX_WAITING)))
+            assert (most, len(names), bench.done) == (1, 1, MAX_WAITING)
         finally:
             bench.close()
 
@@ -82,10 +82,10 @@ def test_visitors_wait_for_each_other_and_one_thread_works() -> None:
 
 def test_too_many_visitors_are_told_so() -> None:
     async def scene() -> None:
-        bench, gate, begun = Bench(), threading.Event(), threading.Event()
+        bench, gate, begun = TrialThread(), threading.Event(), threading.Event()
         try:
             async with asyncio.timeout(PATIENCE_S), asyncio.TaskGroup() as group:
-                waiting = [group.create_task(bench.work(f"{n}", held(gate, begun))) for n in range(WAITING)]
+                waiting = [group.create_task(bench.work(f"{n}", held(gate, begun))) for n in range(MAX_WAITING)]
                 await until(begun)
                 with pytest.raises(BusyError):
                     await bench.work("one more", lambda _: None)
@@ -100,7 +100,7 @@ def test_too_many_visitors_are_told_so() -> None:
 
 def test_who_goes_away_leaves_no_work_behind() -> None:
     async def scene() -> None:
-        bench, gate, begun = Bench(), threading.Event(), threading.Event()
+        bench, gate, begun = TrialThread(), threading.Event(), threading.Event()
         try:
             async with asyncio.timeout(PATIENCE_S):
                 work = asyncio.ensure_future(bench.work("a", held(gate, begun)))
@@ -118,7 +118,7 @@ def test_who_goes_away_leaves_no_work_behind() -> None:
 
 def test_a_wish_is_taken_back_without_a_newer_one() -> None:
     async def scene() -> None:
-        bench, gate, begun = Bench(), threading.Event(), threading.Event()
+        bench, gate, begun = TrialThread(), threading.Event(), threading.Event()
         try:
             async with asyncio.timeout(PATIENCE_S):
                 work = asyncio.ensure_future(ended(bench.work("a", held(gate, begun))))
@@ -135,7 +135,7 @@ def test_a_wish_is_taken_back_without_a_newer_one() -> None:
 
 def test_an_error_of_the_work_reaches_who_asked_and_the_place_is_free_again() -> None:
     async def scene() -> None:
-        bench = Bench()
+        bench = TrialThread()
 
         def fails(_: Callable[[], bool]) -> None:
             raise ValueError("a bug")
@@ -154,7 +154,7 @@ def test_an_error_of_the_work_reaches_who_asked_and_the_place_is_free_again() ->
 def test_closing_takes_back_what_runs() -> None:
     async def scene() -> None:
         thread = ThreadPoolExecutor(1)
-        bench, gate, begun = Bench(thread), threading.Event(), threading.Event()
+        bench, gate, begun = TrialThread(thread), threading.Event(), threading.Event()
         work = asyncio.ensure_future(ended(bench.work("a", held(gate, begun))))
         await until(begun)
         bench.close()  # returns, although the gate is never opened

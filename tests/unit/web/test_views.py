@@ -7,7 +7,7 @@ from typing import Any
 import jsonschema
 
 from gateway.core.model import Circle, Ellipse, Quality, RangeReading, Tracking, VisionReading
-from gateway.web.ipc.messages import LinksNow
+from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server import openapi, views
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
@@ -79,7 +79,7 @@ def test_before_anything_is_known() -> None:
             live = fits(views.live_json(made.desk, ("bay1",)), "LiveView")
             assert (live["bays"][0]["state"], live["bays"][0]["age_ms"]) == (None, None)
             assert live["links"]["age_ms"] is None
-            assert made.desk.links == LinksNow()
+            assert made.desk.links == SystemStatus()
             driver = fits(views.driver_json(made.desk, ("bay1",)), "DriverView")
             assert (driver["code"], driver["stop"], driver["age_ms"]) == ("FAULT", True, None)
 

@@ -14,7 +14,7 @@ from gateway.vision.detect.paper import stages as paper
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import eyedropper, stages
-from gateway.web.tuning.snapshots import RECORDINGS, STILLS, Recorder, Store, named
+from gateway.web.tuning.snapshots import RECORDINGS, STILLS, CaptureStore, Recorder, listing
 from tests.unit.web.bench import HEIGHT, MARKER, WIDTH, frame, picture
 
 PAPER = VisionConfig(method="paper", tracking=False)
@@ -222,7 +222,7 @@ def small(seq: int, size: int = 4, t_s: float | None = None) -> Snapshot:
 
 
 def test_of_each_bay_the_newest_few_are_kept() -> None:
-    store = Store()
+    store = CaptureStore()
     for n in range(STILLS + 3):
         store.still("a", small(n), n)
     for n in range(RECORDINGS + 2):
@@ -239,7 +239,7 @@ def test_of_each_bay_the_newest_few_are_kept() -> None:
 
 
 def test_all_together_take_no_more_memory_than_allowed_and_the_newest_is_always_kept() -> None:
-    store = Store(limit_bytes=3 * 48 * 4)
+    store = CaptureStore(limit_bytes=3 * 48 * 4)
     for bay in "abcde":
         store.still(bay, small(1, 8), 0)  # 192 bytes
 
@@ -276,11 +276,11 @@ def test_a_recording_ends_where_its_memory_ends() -> None:
 
 
 def test_the_list_tells_what_each_is() -> None:
-    store = Store()
+    store = CaptureStore()
     store.still("a", frame(3), 1_795_300_000_123_456_789)
     store.recording("a", [frame(1), frame(2), frame(3)], 0, full=True)
 
-    still, recording = named(store.of("a"))
+    still, recording = listing(store.of("a"))
     assert still == {
         "name": "s1",
         "kind": "snapshot",

@@ -68,7 +68,7 @@ vision = { method = "paper" }  # short
 
 
 def proposed(text: str, bay: str = "bay1", **changes: Any) -> profile.Proposal:
-    wanted = parameter_schema.checked(changes, profile.in_file(text, bay, source="plant.toml"))
+    wanted = parameter_schema.validated(changes, profile.in_file(text, bay, source="plant.toml"))
     return profile.propose(text, bay, wanted, source="plant.toml")
 
 

@@ -19,7 +19,7 @@ from gateway.web.auth.access import RULES, Level
 from gateway.web.auth.route_check import calls
 from gateway.web.tuning import parameter_schema, trial
 from gateway.web.tuning.routes import routes
-from gateway.web.tuning.service import Workshop
+from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.trial import EndedError
 from tests.unit.web.bench import HEIGHT, MARKER, WIDTH, picture
 from tests.unit.web.gateway_client import Plant, plant
@@ -44,7 +44,7 @@ class Bay:
     """One bay's side of the page."""
 
     made: Plant
-    shop: Workshop
+    shop: TuningService
     caller: Caller
 
     async def get(self, path: str, query: str = "") -> Said:
@@ -61,7 +61,7 @@ class Bay:
 async def bay(source: Path | None = None) -> AsyncIterator[Bay]:
     config = GatewayConfig(bays=(BayConfig(name="bay1"), BayConfig(name="bay2", unit_id=2)))
     async with plant(config=config, source=str(source or "")) as made:
-        shop = Workshop(made.desk, made.desk.clock, AtOnce())
+        shop = TuningService(made.desk, made.desk.clock, AtOnce())
         yield Bay(made, shop, Caller(Starlette(routes=routes(shop))))
 
 

@@ -14,8 +14,8 @@ from gateway.vision.detect.paper.pipeline import Detector, NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures, trial
-from gateway.web.tuning.remarks import Remark, as_set, remarks
-from gateway.web.tuning.trial import EndedError, Known, Result
+from gateway.web.tuning.remarks import Remark, exact_ranges, remarks
+from gateway.web.tuning.trial import DetectionCache, EndedError, TrialResult
 from tests.unit.web.bench import MARKER, Ticks, empty, frame
 
 ROBUST = VisionConfig()
@@ -29,8 +29,8 @@ def at(u: float, v: float = 0.0, radius: float = 10.0, **stages: int) -> Detecti
 NOTHING = Detection(None)
 
 
-def looked(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionConfig = ROBUST) -> Result:
-    return trial.look(one or frame(), tried, in_force, Known(), Ticks())
+def looked(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionConfig = ROBUST) -> TrialResult:
+    return trial.look(one or frame(), tried, in_force, DetectionCache(), Ticks())
 
 
 def told(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionConfig = ROBUST) -> list[Remark]:
@@ -76,15 +76,15 @@ def test_how_far_two_settings_are_apart() -> None:
     ours = [at(3, 4, 12), at(0, 1, 8), NOTHING, at(9, 9)]
     theirs = [at(0, 0, 10), at(0, 0, 10), at(1, 1), NOTHING]
 
-    assert measures.apart(ours, theirs) == measures.Apart(2, 3.0, 5.0, 0.0, 2.0)
-    assert measures.apart([NOTHING], [at(1)]) is None
+    assert measures.deviation(ours, theirs) == measures.Deviation(2, 3.0, 5.0, 0.0, 2.0)
+    assert measures.deviation([NOTHING], [at(1)]) is None
     assert measures.found_share(ours) == 0.75
 
 
 def test_stages_add_up_to_the_whole_although_a_frame_may_do_without_some() -> None:
     found = [at(0, blur=2_000_000, find=4_000_000), at(0, blur=2_000_000), at(0, blur=2_000_000)]
 
-    assert measures.times(found) == measures.Times(2.0, (("blur", 2.0),))
+    assert measures.times(found) == measures.StageTimes(2.0, (("blur", 2.0),))
     slow, quick = [at(0, x=40), at(0, x=90), at(0, x=30)], [at(0, x=10), at(0, x=30), at(0, x=10)]
     assert measures.time_ratio(slow, quick) == 3.0
 
@@ -121,7 +121,7 @@ def test_what_is_known_of_a_frame_is_not_looked_for_again(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(registry, "detector", counting)
     monkeypatch.setattr(pipeline, "detect", counting_paper)
-    known, one = Known(), frame()
+    known, one = DetectionCache(), frame()
     for _ in range(3):
         trial.look(one, ROBUST, ROBUST, known, Ticks())  # all three sides the same
     assert asked == ["robust"]
@@ -134,13 +134,13 @@ def test_what_is_known_of_a_frame_is_not_looked_for_again(monkeypatch: pytest.Mo
 def test_a_look_by_the_plain_pipeline_is_what_the_bay_s_own_process_finds() -> None:
     one, alone = frame(), PAPER.model_copy(update={"tracking": False})
 
-    plain, own = Known().of(one, PAPER), registry.detector(alone)(one.image)
+    plain, own = DetectionCache().of(one, PAPER), registry.detector(alone)(one.image)
 
     assert replace(plain, stage_ns=()) == replace(own, stage_ns=())
 
 
 def test_what_is_known_is_bounded() -> None:
-    known = Known()
+    known = DetectionCache()
     known.KEPT = 3
     for seq in range(1, 8):
         known.of(frame(seq), PAPER)
@@ -164,7 +164,7 @@ def test_a_single_frame_is_measured_often_and_in_turn(monkeypatch: pytest.Monkey
         return one
 
     monkeypatch.setattr(registry, "detector", noting)
-    known = Known()
+    known = DetectionCache()
     known.reference(frame(), PAPER)
     turns.clear()
 
@@ -184,7 +184,7 @@ def test_a_single_frame_is_measured_often_and_in_turn(monkeypatch: pytest.Monkey
 def test_a_recording_is_followed_as_it_would_be_live() -> None:
     frames = [frame(n, u=60 + 1.5 * n) for n in range(1, 13)]
 
-    found = trial.run(frames, PAPER, ROBUST, Known(), Ticks())
+    found = trial.run(frames, PAPER, ROBUST, DetectionCache(), Ticks())
 
     assert found.frames == 12
     assert found.tried.found_share == found.in_force.found_share == 1.0
@@ -199,11 +199,13 @@ def test_a_recording_is_followed_as_it_would_be_live() -> None:
 def test_a_trial_ends_when_it_is_no_longer_wanted_and_when_the_time_is_over() -> None:
     answers = iter([True, True, False])
     with pytest.raises(EndedError):
-        trial.run([frame(n) for n in range(1, 6)], PAPER, ROBUST, Known(), Ticks(), wanted=lambda: next(answers))
+        trial.run(
+            [frame(n) for n in range(1, 6)], PAPER, ROBUST, DetectionCache(), Ticks(), wanted=lambda: next(answers)
+        )
     with pytest.raises(EndedError):
-        trial.look(frame(), PAPER, ROBUST, Known(), Ticks(), wanted=lambda: False)
+        trial.look(frame(), PAPER, ROBUST, DetectionCache(), Ticks(), wanted=lambda: False)
 
-    short = trial.run([frame(n) for n in range(1, 10)], PAPER, ROBUST, Known(), Ticks(), limit_s=0.02)
+    short = trial.run([frame(n) for n in range(1, 10)], PAPER, ROBUST, DetectionCache(), Ticks(), limit_s=0.02)
 
     assert short.cut_short
     assert 1 <= short.frames < 9
@@ -212,7 +214,7 @@ def test_a_trial_ends_when_it_is_no_longer_wanted_and_when_the_time_is_over() ->
 
 
 def test_the_reference_tells_nothing_it_is_not_sure_of() -> None:
-    assert Known().reference(empty(), ROBUST).circle is None
+    assert DetectionCache().reference(empty(), ROBUST).circle is None
     assert trial.shipped(VisionConfig(method="paper", min_confidence=0.9)).min_confidence == 0.5
 
 
@@ -243,7 +245,7 @@ def test_a_range_that_cuts_the_marker_is_too_narrow() -> None:
 def test_each_range_counts_as_it_is_set() -> None:
     """Not the looser S and V of the two for both, as a proposal has them."""
     colours = np.array([(3, 100, 200), (-3, 100, 200), (3, 220, 200), (-3, 30, 200), (60, 220, 200)], np.int16)
-    red = as_set(VisionConfig(red_low_1=(0, 200, 46), red_low_2=(156, 43, 46)))
+    red = exact_ranges(VisionConfig(red_low_1=(0, 200, 46), red_low_2=(156, 43, 46)))
 
     assert red.admits(colours).tolist() == [False, True, True, False, False]
     assert red.s_min == 43
@@ -310,11 +312,11 @@ def test_slower_than_the_camera_is_told_where_this_process_can_tell(
     tried_ms: float, in_force_ms: float, told_so: bool
 ) -> None:
     frames = [frame(n) for n in range(1, 8)]  # one every 100 ms
-    result = trial.run(frames, PAPER, ROBUST, Known(), Ticks())
+    result = trial.run(frames, PAPER, ROBUST, DetectionCache(), Ticks())
     timed = replace(
         result,
-        tried=replace(result.tried, times=measures.Times(tried_ms, ())),
-        in_force=replace(result.in_force, times=measures.Times(in_force_ms, ())),
+        tried=replace(result.tried, times=measures.StageTimes(tried_ms, ())),
+        in_force=replace(result.in_force, times=measures.StageTimes(in_force_ms, ())),
     )
 
     said_so = any("frames will be skipped" in remark.text for remark in remarks(frames, PAPER, ROBUST, timed))
@@ -324,12 +326,12 @@ def test_slower_than_the_camera_is_told_where_this_process_can_tell(
 
 def test_frames_that_were_left_out_of_a_recording_do_not_make_the_camera_slow() -> None:
     frames = [replace(frame(n), seq=3 * n) for n in range(1, 8)]  # the camera's own pace is one every 33 ms
-    result = trial.run(frames, PAPER, ROBUST, Known(), Ticks())
-    times = measures.Times(50, ())
+    result = trial.run(frames, PAPER, ROBUST, DetectionCache(), Ticks())
+    times = measures.StageTimes(50, ())
     timed = replace(
         result,
         tried=replace(result.tried, times=times),
-        in_force=replace(result.in_force, times=measures.Times(10, ())),
+        in_force=replace(result.in_force, times=measures.StageTimes(10, ())),
     )
 
     assert any("a frame every 33 ms" in remark.text for remark in remarks(frames, PAPER, ROBUST, timed))

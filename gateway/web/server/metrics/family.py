@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from gateway.web.host.process_usage import Usage
+from gateway.web.host.process_usage import ProcessUsage
 from gateway.web.server.gateway_client import Desk
 from gateway.web.server.live import Counts
 
@@ -29,7 +29,7 @@ class Known:
 
     desk: Desk
     pages: Pages
-    processes: tuple[Usage, ...] = ()
+    processes: tuple[ProcessUsage, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 
 from gateway.alarms.states import AlarmState
-from gateway.alarms.table import KINDS
+from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.clock import NS_PER_S
 from gateway.modbus.server.traffic import ServerNow
 from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
 from gateway.sinks.sparkplug.node import SparkplugNow
-from gateway.web.host.process_usage import Usage
-from gateway.web.ipc.messages import TaskNow
+from gateway.web.host.process_usage import ProcessUsage
+from gateway.web.ipc.messages import TaskStatus
 from gateway.web.server.health import health
 from gateway.web.server.live import Counts
 from gateway.web.server.metrics.family import Family, Form, Known, Labelled, Value
@@ -61,7 +61,7 @@ def _sparkplug(name: str, form: Form, help: str, read: Callable[[SparkplugNow], 
     return Family(f"sparkplug_{name}", form, help, rows)
 
 
-def _task(name: str, form: Form, help: str, read: Callable[[TaskNow], Value]) -> Family:
+def _task(name: str, form: Form, help: str, read: Callable[[TaskStatus], Value]) -> Family:
     def rows(known: Known) -> Iterator[Labelled]:
         return (((task.name,), read(task)) for task in known.desk.links.tasks)
 
@@ -75,7 +75,7 @@ def _viewers(name: str, form: Form, help: str, read: Callable[[Counts], Value]) 
     return Family(name, form, help, rows, ("page",))
 
 
-def _process(name: str, form: Form, help: str, read: Callable[[Usage], Value]) -> Family:
+def _process(name: str, form: Form, help: str, read: Callable[[ProcessUsage], Value]) -> Family:
     def rows(known: Known) -> Iterator[Labelled]:
         return (((one.name,), read(one)) for one in known.processes)
 
@@ -93,7 +93,7 @@ def _alarms(known: Known) -> Iterator[Labelled]:
 
 def _announced(known: Known) -> Iterator[Labelled]:
     counts = Counter(dict(known.desk.links.alarms.announced))
-    return (((kind,), counts[kind]) for kind in KINDS)
+    return (((kind,), counts[kind]) for kind in ALARM_DEFINITIONS)
 
 
 def _health(known: Known) -> Iterable[Labelled]:

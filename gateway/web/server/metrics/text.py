@@ -15,7 +15,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from gateway import __version__
-from gateway.web.host.latencies import BOUNDS_S, WHOLE
+from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT
 from gateway.web.server.metrics.bays import BAYS
 from gateway.web.server.metrics.family import PREFIX, Family, Known
 from gateway.web.server.metrics.parts import PARTS
@@ -75,7 +75,7 @@ def _histograms(known: Known) -> Iterator[Metric]:
     bounds = [f"{bound_s:g}" for bound_s in BOUNDS_S] + ["+Inf"]
     for row in known.desk.links.latencies:
         buckets = list(zip(bounds, map(float, accumulate(row.counts)), strict=True))
-        if row.stage == WHOLE:
+        if row.stage == CAPTURE_TO_RESULT:
             whole.add_metric([row.bay], buckets, row.sum_s)
         else:
             stages.add_metric([row.bay, row.stage], buckets, row.sum_s)
