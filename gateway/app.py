@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from gateway.alarms.monitor import AlarmMonitor
+from gateway.alarms.records import AlarmChange
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
 from gateway.clock import Clock, SystemClock
@@ -194,19 +195,20 @@ async def run(
             )
 
         units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}
+        alarm_monitor = AlarmMonitor(
+            {bay.name: bay.fusion for bay in config.bays},
+            lambda bay: controls[bay].state(),
+            parts.conditions,
+            clock,
+            _log_alarm,
+        )
+        tasks.append(Task("alarms", alarm_monitor.run))
         hmi_url: str | None = None
         if config.hmi.enabled:
             shown = {
                 bay.name: BayParts(controls[bay.name], units[bay.unit_id].read, visions[bay.name])
                 for bay in config.bays
             }
-            alarm_monitor = AlarmMonitor(
-                {bay.name: bay.fusion for bay in config.bays},
-                lambda bay: controls[bay].state(),
-                parts.conditions,
-                clock,
-            )
-            tasks.append(Task("alarms", alarm_monitor.run))
             handler = RequestHandler(
                 events, shown, clock, lambda: parts.system_status(alarm_monitor), alarm_monitor.act
             )
@@ -240,6 +242,10 @@ def _on_range(control: BayControl, vision: VisionService, reading: RangeReading)
     """A distance is also what tells the search how large the marker can be."""
     control.on_range(reading)
     vision.expect(control.marker_radii_px())
+
+
+def _log_alarm(change: AlarmChange) -> None:
+    log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change)
 
 
 def _voices(

@@ -1,25 +1,23 @@
-"""Looks at the alarms once a second, in the main process: actions outlive the web process. IO: the log."""
+"""Evaluates the alarms once a second, as a supervised task of the main process: with and without pages. Pure but for
+the clock, which is passed in."""
 
-import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import NoReturn
 
 from gateway.alarms.engine import AlarmEngine
 from gateway.alarms.records import ActionReply, AlarmChange, AlarmSummary, OperatorAction
-from gateway.alarms.states import AlarmState
 from gateway.alarms.table import GatewayConditions
 from gateway.clock import Clock
 from gateway.config import FusionConfig
 from gateway.core.model import StateVector
 
-log = logging.getLogger(__name__)
-
 PERIOD_S = 1.0
-REPORTED_CHANGES = 20  # changes told with what stands
+REPORTED_CHANGES = 20
 
 
 class AlarmMonitor:
-    """A row of the task table. `state`: a bay's state as a PLC would be shown it now; `conditions`: all the rest."""
+    """A row of the task table. `state`: a bay's state as a PLC would be shown it now; `conditions`: all the rest;
+    `report` gets every change of an alarm, in order."""
 
     def __init__(
         self,
@@ -27,12 +25,14 @@ class AlarmMonitor:
         state: Callable[[str], StateVector],
         conditions: Callable[[], GatewayConditions],
         clock: Clock,
+        report: Callable[[AlarmChange], None],
     ) -> None:
         self._engine = AlarmEngine(bays)
         self._bays = tuple(bays)
         self._state = state
         self._conditions = conditions
         self._clock = clock
+        self._report = report
 
     async def run(self) -> NoReturn:
         while True:
@@ -42,13 +42,13 @@ class AlarmMonitor:
     def scan(self) -> None:
         now_ns = self._clock.now_ns()
         for bay in self._bays:
-            _log_changes(self._engine.update_bay(self._state(bay), now_ns))
-        _log_changes(self._engine.update_gateway(self._conditions(), now_ns))
+            self._report_all(self._engine.update_bay(self._state(bay), now_ns))
+        self._report_all(self._engine.update_gateway(self._conditions(), now_ns))
 
     def act(self, action: OperatorAction) -> ActionReply:
-        """Do what a person asks of an alarm. It changes what people are told, and nothing else."""
+        """Apply an operator's action to an alarm. It changes what people see, and nothing else."""
         reply, changes = self._engine.act(action, self._clock.now_ns())
-        _log_changes(changes)
+        self._report_all(changes)
         return reply
 
     def summary(self, most: int) -> AlarmSummary:
@@ -59,14 +59,6 @@ class AlarmMonitor:
         newest = self._engine.summary(0).newest_change
         return self._engine.history(after=newest - REPORTED_CHANGES)
 
-
-def _log_changes(changes: Iterable[AlarmChange]) -> None:
-    for change in changes:
-        hushed = AlarmState.SUPPRESSED in (change.before, change.after) and AlarmState.NORMAL in (
-            change.before,
-            change.after,
-        )
-        said = f": {change.detail}" if change.detail and change.after is AlarmState.UNACKNOWLEDGED else ""
-        by = f" by {change.who}{f' ({change.note})' if change.note else ''}" if change.who else ""
-        level = logging.DEBUG if hushed else logging.INFO
-        log.log(level, "alarm %s: %s, now %s%s%s", change.id, change.event.value, change.after.value, by, said)
+    def _report_all(self, changes: Iterable[AlarmChange]) -> None:
+        for change in changes:
+            self._report(change)

@@ -53,6 +53,16 @@ class AlarmChange:
     who: str = ""
     note: str = ""
 
+    @property
+    def by_design(self) -> bool:
+        """Suppressed or unsuppressed by design while nobody had to act: of no interest but for debugging."""
+        return {self.before, self.after} == {AlarmState.SUPPRESSED, AlarmState.NORMAL}
+
+    def __str__(self) -> str:
+        detail = f": {self.detail}" if self.detail and self.after is AlarmState.UNACKNOWLEDGED else ""
+        by = f" by {self.who}{f' ({self.note})' if self.note else ''}" if self.who else ""
+        return f"{self.id}: {self.event.value}, now {self.after.value}{by}{detail}"
+
 
 class OperatorAction(Message, frozen=True):
     """What a person wants done. `occurrence`: what they saw (Alarm.occurrences); None: whatever there is."""

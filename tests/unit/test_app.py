@@ -1,6 +1,7 @@
 """The composition root, with stand-ins for what has processes, threads and brokers."""
 
 import asyncio
+import logging
 import os
 from collections.abc import Callable
 from typing import Any
@@ -97,3 +98,42 @@ def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.M
     told = Publisher.told
     assert told is not None
     assert (told.stop, told.may_move, told.reason) == (True, False, Reason.SHUTDOWN)
+
+
+def test_alarms_are_raised_and_logged_without_pages(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Unplugged(Sensors):
+        async def run(self) -> None:
+            t_ns = self._clock.now_ns()
+            down = VisionReading(t_ns, Quality.LINK_DOWN, detail="no such device")
+            self._emit(down if self._camera else RangeReading(t_ns, Quality.GOOD, 900.0))
+            await asyncio.Event().wait()
+
+    for name in ("VisionService", "RangerService"):
+        monkeypatch.setattr(app, name, Unplugged)
+    monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
+    caplog.set_level("INFO", "gateway.app")
+    raised = "alarm bay1.camera_down: occurs, now unacknowledged: no such device"
+    config = GatewayConfig(
+        instance=f"test-app-alarms-{os.getpid()}", bays=(BayConfig(),), state_dir="", modbus=ModbusConfig(port=0)
+    )
+    assert not config.hmi.enabled
+
+    async def main() -> None:
+        stop = asyncio.Event()
+
+        class StopWhenRaised(logging.Handler):
+            def emit(self, record: logging.LogRecord) -> None:
+                if record.getMessage() == raised:
+                    stop.set()
+
+        ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        app.log.addHandler(handler := StopWhenRaised())
+        try:
+            await app.run(config, ports, SystemClock(speed=10.0), stop=stop)
+        finally:
+            app.log.removeHandler(handler)
+
+    asyncio.run(main())
+    assert caplog.messages.count(raised) == 1

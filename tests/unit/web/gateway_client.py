@@ -88,7 +88,11 @@ async def plant(
         for name in names
     }
     monitor = AlarmMonitor(
-        {bay.name: bay.fusion for bay in config.bays}, lambda bay: controls[bay].state(), lambda: made.conditions, clock
+        {bay.name: bay.fusion for bay in config.bays},
+        lambda bay: controls[bay].state(),
+        lambda: made.conditions,
+        clock,
+        lambda _: None,
     )
     feed = RequestHandler(
         chronicle,
