@@ -501,7 +501,7 @@ def false_broker(answer: bytes) -> Iterator[int]:
         thread.join(10)
 
 
-PATIENT = "from gateway.sinks.mqtt import link; link.CONNECT_S = 600.0"
+PATIENT = "from gateway.sinks.mqtt import broker_link; broker_link.CONNECT_S = 600.0"
 
 
 @pytest.mark.parametrize("scheme", ["mqtt", "mqtts"])
