@@ -128,7 +128,7 @@ def summary(alarms: tuple[models.AlarmView, ...]) -> models.AlarmSummary:
     )
 
 
-class Desk:
+class GatewayClient:
     """What the pretended gateway answers."""
 
     def __init__(self) -> None:
@@ -162,8 +162,8 @@ JPEG = cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes()
 
 
 @pytest.fixture
-def desk() -> Desk:
-    return Desk()
+def client() -> GatewayClient:
+    return GatewayClient()
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def watch() -> Watch:
 
 
 @pytest.fixture
-def operator(browser: Browser, desk: Desk, watch: Watch) -> Iterator[Open]:
+def operator(browser: Browser, client: GatewayClient, watch: Watch) -> Iterator[Open]:
     contexts = []
 
     def opened(says: Any, path: str = "/", width_px: int = 1366) -> Page:
@@ -181,7 +181,7 @@ def operator(browser: Browser, desk: Desk, watch: Watch) -> Iterator[Open]:
         watch.over(context)
         context.add_init_script(SOCKET + NO_PICTURE)
         context.route("**/*", from_disk)
-        context.route("**/api/**", desk.answer)
+        context.route("**/api/**", client.answer)
         page = context.new_page()
         page.goto(f"http://{HOST}{path}")
         say(page, says)
@@ -193,12 +193,12 @@ def operator(browser: Browser, desk: Desk, watch: Watch) -> Iterator[Open]:
     assert watch.complaints == []
 
 
-def test_of_64_bays_those_in_trouble_come_first(operator: Open, desk: Desk) -> None:
+def test_of_64_bays_those_in_trouble_come_first(operator: Open, client: GatewayClient) -> None:
     names = [f"bay{n}" for n in range(1, 65)]
-    desk.session["bays"] = names
-    desk.alarms = (alarm("bay40", "ranger_stale", AlarmState.UNACKNOWLEDGED),)
+    client.session["bays"] = names
+    client.alarms = (alarm("bay40", "ranger_stale", AlarmState.UNACKNOWLEDGED),)
     states = [broken(name) if name == "bay33" else state(name) for name in names]
-    page = operator(live(states, desk.alarms))
+    page = operator(live(states, client.alarms))
     tiles = page.locator(".tiles .tile")
     expect(tiles).to_have_count(64)
     expect(tiles.nth(0)).to_contain_text("bay33")
@@ -254,17 +254,17 @@ def test_the_visit_of_a_truck(operator: Open) -> None:
         judgements.no_sideways_scroll(page)
 
 
-def test_the_overview_counts_trucks_in_place(operator: Open, desk: Desk) -> None:
-    desk.session["bays"] = ["bay1", "bay2", "bay3"]
+def test_the_overview_counts_trucks_in_place(operator: Open, client: GatewayClient) -> None:
+    client.session["bays"] = ["bay1", "bay2", "bay3"]
     held = {**HERE, "held": True, "held_ms": 1000.0}
     page = operator(live([state("bay1", **HERE), state("bay2", **held), state("bay3")]))
     page.get_by_role("button", name="in place 2").click()
     expect(page.locator(".tile .why")).to_have_text(["in place", "in place, held"])
 
 
-def test_a_bay_of_which_nothing_comes_is_not_known(operator: Open, desk: Desk) -> None:
+def test_a_bay_of_which_nothing_comes_is_not_known(operator: Open, client: GatewayClient) -> None:
     """Its page has data of other bays only, or none that is young enough."""
-    desk.session["bays"] = ["bay1", "bay2"]
+    client.session["bays"] = ["bay1", "bay2"]
     message = live([state("bay1"), state("bay2")])
     message["bays"][1]["age_ms"] = 60_000.0
     message["bays"][0]["state"] = message["bays"][0]["age_ms"] = None
@@ -297,31 +297,31 @@ def test_a_fault_of_the_page_itself_leaves_nothing_standing_that_looks_live(oper
     expect(page.locator(".decision")).to_have_count(0)
 
 
-def test_acknowledging_says_what_was_seen_and_carries_the_token(operator: Open, desk: Desk) -> None:
-    desk.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
-    page = operator(live([broken("bay1")], desk.alarms))
+def test_acknowledging_says_what_was_seen_and_carries_the_token(operator: Open, client: GatewayClient) -> None:
+    client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
+    page = operator(live([broken("bay1")], client.alarms))
     button = page.get_by_role("button", name="Acknowledge Camera down (never ends a stop)")
     expect(button).to_have_attribute(
         "title", "Says that you have seen it. Never ends a stop: only its cause going away does."
     )
     button.click()
-    until(page, lambda: desk.posts)
-    assert desk.posts == [("/api/alarms/bay1.camera_down/acknowledge", "token", {"occurrence": 3})]
+    until(page, lambda: client.posts)
+    assert client.posts == [("/api/alarms/bay1.camera_down/acknowledge", "token", {"occurrence": 3})]
 
 
-def test_a_visitor_without_a_name_cannot_acknowledge_and_sees_no_tuning(operator: Open, desk: Desk) -> None:
-    desk.session["role"] = "viewer"
-    desk.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
-    page = operator(live([broken("bay1")], desk.alarms))
+def test_a_visitor_without_a_name_cannot_acknowledge_and_sees_no_tuning(operator: Open, client: GatewayClient) -> None:
+    client.session["role"] = "viewer"
+    client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
+    page = operator(live([broken("bay1")], client.alarms))
     expect(page.get_by_role("button", name="Acknowledge Camera down")).to_be_disabled()
     expect(page.get_by_role("link", name="Technician")).to_have_count(0)
     expect(page.get_by_role("link", name="Log in")).to_have_attribute("href", "/login?next=/")
 
 
-def test_words_from_outside_stay_words(operator: Open, desk: Desk) -> None:
+def test_words_from_outside_stay_words(operator: Open, client: GatewayClient) -> None:
     """A camera's error, a name, an event: whatever they hold is shown, and is never markup."""
     evil = "<img src=x onerror=alert(1)><b>bold</b>"
-    desk.events = [{"number": 1, "event": {**EVENT, "bay": "bay1", "detail": evil}}]
+    client.events = [{"number": 1, "event": {**EVENT, "bay": "bay1", "detail": evil}}]
     message = live([{**broken("bay1"), "vision": {**broken("bay1")["vision"], "detail": evil}}], events=1)
     page = operator(message)
     expect(page.locator(".events td").last).to_contain_text(evil)

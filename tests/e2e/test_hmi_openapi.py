@@ -20,7 +20,7 @@ from gateway.config.sections.hmi import HmiConfig
 from gateway.core.model import Quality, VisionReading
 from gateway.web.auth.logins import Logins
 from gateway.web.server import openapi
-from gateway.web.server.app import app, site_of
+from gateway.web.server.app import app, services_of
 from tests.unit.web.auth import PASSWORD, USERS
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full
@@ -45,8 +45,8 @@ class Bay:
         self._stop, self._loop = asyncio.Event(), asyncio.get_running_loop()
         async with plant(bays=2) as made:
             made.links = full()
-            made.rings["bay1"].write(0, np.zeros((48, 64, 3), np.uint8), 1, made.desk.clock.now_ns())
-            made.controls["bay1"].on_vision(VisionReading(made.desk.clock.now_ns(), Quality.LINK_DOWN, detail="gone"))
+            made.rings["bay1"].write(0, np.zeros((48, 64, 3), np.uint8), 1, made.client.clock.now_ns())
+            made.controls["bay1"].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="gone"))
             config = HmiConfig(enabled=True, without_login="none", users=USERS)
             pace = SystemClock()
             logins = Logins(config, pace, lambda _: None, instance="gateway")
@@ -54,7 +54,7 @@ class Bay:
                 sock.bind(("127.0.0.1", 0))
                 sock.listen(100)
                 self.port = sock.getsockname()[1]
-                made_app = app(site_of(made.desk, pace), logins, pace)
+                made_app = app(services_of(made.client, pace), logins, pace)
                 server = uvicorn.Server(uvicorn.Config(made_app, log_level="error", lifespan="off", access_log=False))
                 serving = asyncio.create_task(server.serve([sock]))
                 self.ready.set()

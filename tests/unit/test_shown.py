@@ -85,13 +85,13 @@ class Outputs:
 
     def _web(self) -> tuple[Any, ...]:
         self._asked += 1
-        self._made.desk._take(self._made.feed.answer(StateRequest(self._asked, ("bay1",), 0, False)))
-        view = views.bay_view(self._made.desk, CONFIG.bays[0]).state
+        self._made.client._take(self._made.feed.answer(StateRequest(self._asked, ("bay1",), 0, False)))
+        view = views.bay_view(self._made.client, CONFIG.bays[0]).state
         assert view is not None
         return view.stop, view.may_move, view.in_place, view.moved, view.reason.name
 
     def _web_image(self) -> tuple[Any, ...]:
-        seen = self._made.desk.seen("bay1")
+        seen = self._made.client.report("bay1")
         assert seen is not None
         return _of_registers(decode(seen.now.image))
 

@@ -129,23 +129,23 @@ RULES: tuple[Rule, ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Match:
     """The row for a call; or none, and the methods under which there is one."""
 
     rule: Rule | None
     methods: tuple[Method, ...] = ()
 
 
-def find(method: str, path: str, rules: Iterable[Rule] = RULES) -> Found:
+def find(method: str, path: str, rules: Iterable[Rule] = RULES) -> Match:
     """The first row that fits. HEAD is a GET whose answer is not read."""
     wanted = "GET" if method == "HEAD" else method
     others: list[Method] = []
     for rule in rules:
         if rule.pattern.fullmatch(path):
             if rule.method == wanted:
-                return Found(rule)
+                return Match(rule)
             others.append(rule.method)
-    return Found(None, tuple(others))
+    return Match(None, tuple(others))
 
 
 def markdown() -> str:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class What(StrEnum):
+class AuditKind(StrEnum):
     LOGIN = "login"
     LOGOUT = "logout"
     LOGIN_FAILED = "login_failed"
@@ -13,22 +13,22 @@ class What(StrEnum):
     CHANGED = "changed"  # something was asked for that is more than looking, and was answered
 
 
-CAUTION = (What.LOGIN_FAILED, What.LOGIN_THROTTLED, What.REFUSED)
+CAUTION = (AuditKind.LOGIN_FAILED, AuditKind.LOGIN_THROTTLED, AuditKind.REFUSED)
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class AuditRecord:
     """One thing a person did or tried. Nothing in it is longer than a line, or could look like another record."""
 
-    what: What
+    kind: AuditKind
     who: str  # name as logged in or as tried; empty: nobody
     address: str  # of the peer, without port
     detail: str = ""
-    untold: int = 0  # so many before this one were only counted
+    unreported: int = 0  # so many records before this one were only counted
 
     def __str__(self) -> str:
-        more = f" ({self.untold} more were not told)" if self.untold else ""
-        return f"{self.what.value.replace('_', ' ')}: {self.who or 'nobody'} at {self.address}: {self.detail}{more}"
+        more = f" ({self.unreported} more were not reported)" if self.unreported else ""
+        return f"{self.kind.value.replace('_', ' ')}: {self.who or 'nobody'} at {self.address}: {self.detail}{more}"
 
 
 def shown(text: str, most: int = 80) -> str:

@@ -15,7 +15,7 @@ async def whole_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock) -
     """A `receive` that has it all. Raises RefusalError (413, 408, 400)."""
     if scope["type"] != "http":
         return receive
-    too_long = RefusalError(413, "too_long", f"at most {rule.body_bytes} bytes", headers=CLOSE, told=True)
+    too_long = RefusalError(413, "too_long", f"at most {rule.body_bytes} bytes", headers=CLOSE, audited=True)
     try:
         length = header(scope["headers"], b"content-length")
     except ValueError:

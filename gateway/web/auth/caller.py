@@ -8,12 +8,12 @@ from gateway.core.plc import Writer
 from gateway.web.auth.access import Level
 from gateway.web.auth.sessions import Session
 
-_KEY = "gateway.core.visitor"
+_KEY = "gateway.web.caller"
 NOBODY = "without login"
 
 
 @dataclass(frozen=True, slots=True)
-class Visitor:
+class Caller:
     """`name` is empty without a login. `csrf` must come back in X-CSRF-Token with all that changes anything."""
 
     name: str
@@ -28,12 +28,12 @@ class Visitor:
         return Writer(self.address, self.name or NOBODY, self.level.role)
 
 
-def visitor_of(scope: Mapping[str, Any]) -> Visitor:
+def caller_of(scope: Mapping[str, Any]) -> Caller:
     """Of a request or WebSocket (its `scope`) behind the guard. Raises KeyError where there is no guard."""
-    found: Visitor = scope[_KEY]
+    found: Caller = scope[_KEY]
     return found
 
 
-def with_visitor(scope: MutableMapping[str, Any], visitor: Visitor) -> dict[str, Any]:
+def with_caller(scope: MutableMapping[str, Any], caller: Caller) -> dict[str, Any]:
     """The scope that the application gets."""
-    return {**scope, _KEY: visitor}
+    return {**scope, _KEY: caller}

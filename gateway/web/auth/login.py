@@ -8,7 +8,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from gateway.web.auth.access import Level
-from gateway.web.auth.caller import Visitor, visitor_of
+from gateway.web.auth.caller import Caller, caller_of
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.origins import safe_next
 from gateway.web.auth.passwords import MAX_LENGTH
@@ -41,22 +41,22 @@ class SessionView(BaseModel):
 def routes(logins: Logins, bays: Sequence[str]) -> list[BaseRoute]:
     """To be put among the application's."""
 
-    def view(visitor: Visitor, next_page: str | None = None) -> dict[str, object]:
+    def view(caller: Caller, next_page: str | None = None) -> dict[str, object]:
         return SessionView(
-            name=visitor.name or None,
-            role=visitor.level.role,
+            name=caller.name or None,
+            role=caller.level.role,
             can_login=bool(logins.config.users),
-            csrf=visitor.csrf,
-            expires_in_s=None if visitor.session is None else int(logins.left_s(visitor.session)),
-            bays=list(bays) if visitor.level > Level.OPEN else [],
+            csrf=caller.csrf,
+            expires_in_s=None if caller.session is None else int(logins.left_s(caller.session)),
+            bays=list(bays) if caller.level > Level.OPEN else [],
             next=next_page,
         ).model_dump()
 
     async def session(request: Request) -> Response:
-        return JSONResponse(view(visitor_of(request.scope)))
+        return JSONResponse(view(caller_of(request.scope)))
 
     async def login(request: Request) -> Response:
-        visitor = visitor_of(request.scope)
+        caller = caller_of(request.scope)
         kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
         if kind != "application/json":
             return answer(RefusalError(415, "json", "application/json"))
@@ -66,16 +66,16 @@ def routes(logins: Logins, bays: Sequence[str]) -> list[BaseRoute]:
             places = sorted({".".join(map(str, fault["loc"])) or "body" for fault in error.errors()})
             return answer(RefusalError(400, "json", f"name and password, as text; look at {', '.join(places)}"))
         try:
-            identity, opened = await logins.login(visitor.address, asked.name, asked.password, visitor.session)
+            identity, opened = await logins.login(caller.address, asked.name, asked.password, caller.session)
         except RefusalError as refusal:
             return answer(refusal)
-        new = Visitor(opened.user, opened.level, visitor.address, opened.csrf, opened)
+        new = Caller(opened.user, opened.level, caller.address, opened.csrf, opened)
         response = JSONResponse(view(new, safe_next(asked.next)))
         _set_cookie(response, logins, identity, opened)
         return response
 
     async def logout(request: Request) -> Response:
-        logins.logout(visitor_of(request.scope))
+        logins.logout(caller_of(request.scope))
         response = JSONResponse({})
         response.delete_cookie(logins.cookie, path="/", secure=logins.config.tls, httponly=True, samesite="strict")
         return response

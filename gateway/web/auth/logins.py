@@ -12,8 +12,8 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.net import rate_limit
 from gateway.web.auth.access import Level, Rule
-from gateway.web.auth.audit_log import Told, What, shown
-from gateway.web.auth.caller import Visitor
+from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
+from gateway.web.auth.caller import Caller
 from gateway.web.auth.login_throttle import Throttle
 from gateway.web.auth.origins import Headers, header
 from gateway.web.auth.passwords import BusyError, Passwords
@@ -26,15 +26,15 @@ PROGRAM_S = 300  # so long a program that logged in by HTTP Basic is known witho
 MAX_PROGRAMS = 64
 CHALLENGE = {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'}
 
-Tell = Callable[[Told], None]
+AuditSink = Callable[[AuditRecord], None]
 
 
 class Logins:
     """`tell` is called for each login, failure, refusal and change, not more often than people bear."""
 
-    def __init__(self, config: HmiConfig, clock: Clock, tell: Tell, *, instance: str = "gateway") -> None:
+    def __init__(self, config: HmiConfig, clock: Clock, audit: AuditSink, *, instance: str = "gateway") -> None:
         self.config = config
-        self.counts: Counter[str] = Counter()  # of what was told or would have been, by What
+        self.counts: Counter[str] = Counter()  # by AuditKind, those only counted included
         self.cookie = f"__Host-{instance}-session" if config.tls else f"{instance}-session"  # ports share cookies
         self.on_end: Callable[[str], None] = lambda _: None  # a session's key, when it ends
         self.sessions = Sessions(
@@ -46,8 +46,8 @@ class Logins:
         self._anonymous = Level.of(config.without_login)
         self._throttle = Throttle()
         self._clock = clock
-        self._tell = tell
-        self._buckets: dict[What, rate_limit.Bucket] = {}
+        self._audit = audit
+        self._buckets: dict[AuditKind, rate_limit.Bucket] = {}
         self._strangers_csrf = secrets.token_urlsafe(32)  # no secret between strangers; foreign pages can't read it
         self._secret = secrets.token_bytes(32)
         self._programs: OrderedDict[bytes, tuple[HmiUser, int]] = OrderedDict()
@@ -61,21 +61,21 @@ class Logins:
         if old is not None:
             self.sessions.close(old.key)
         opened = self.sessions.open(user.name, self._level(user), self._clock.now_ns())
-        self.told(Told(What.LOGIN, user.name, address, f"as {user.role}"))
+        self.record(AuditRecord(AuditKind.LOGIN, user.name, address, f"as {user.role}"))
         return opened
 
-    def logout(self, visitor: Visitor) -> None:
+    def logout(self, caller: Caller) -> None:
         """Ends the session and all that hangs on it. Without one: nothing to do."""
-        if visitor.session is not None:
-            self.sessions.close(visitor.session.key)
-            self.told(Told(What.LOGOUT, visitor.name, visitor.address, "by itself"))
+        if caller.session is not None:
+            self.sessions.close(caller.session.key)
+            self.record(AuditRecord(AuditKind.LOGOUT, caller.name, caller.address, "by itself"))
 
-    async def visitor(self, headers: Headers, rule: Rule, address: str) -> Visitor:
+    async def caller(self, headers: Headers, rule: Rule, address: str) -> Caller:
         """Who asks. A cookie that is no good (any more) is none. Raises RefusalError for HTTP Basic that is no good."""
         session = self._by_cookie(headers)
         if session is not None:
-            return Visitor(session.user, session.level, address, session.csrf, session)
-        stranger = Visitor("", self._anonymous, address, self._strangers_csrf)
+            return Caller(session.user, session.level, address, session.csrf, session)
+        stranger = Caller("", self._anonymous, address, self._strangers_csrf)
         if not rule.for_programs:
             return stranger
         user = await self._by_basic(headers, address)
@@ -89,13 +89,13 @@ class Logins:
         """Its page has just said something."""
         self.sessions.see(session.key, self._clock.now_ns())
 
-    def told(self, told: Told) -> None:
-        """Counts it, and tells it unless too much is told already."""
-        self.counts[told.what.value] += 1
-        bucket, untold = rate_limit.take(self._buckets.get(told.what, rate_limit.Bucket()), self._clock.now_ns())
-        self._buckets[told.what] = bucket
-        if untold is not None:
-            self._tell(replace(told, untold=untold))
+    def record(self, record: AuditRecord) -> None:
+        """Counts it, and writes it to the audit log unless that is full of its kind already."""
+        self.counts[record.kind.value] += 1
+        bucket, unreported = rate_limit.take(self._buckets.get(record.kind, rate_limit.Bucket()), self._clock.now_ns())
+        self._buckets[record.kind] = bucket
+        if unreported is not None:
+            self._audit(replace(record, unreported=unreported))
 
     def _ended(self, key: str) -> None:
         self.on_end(key)
@@ -140,7 +140,7 @@ class Logins:
                 refusal.headers |= CHALLENGE if refusal.status == 401 else {}
                 raise
             if first:
-                self.told(Told(What.LOGIN, user.name, address, f"a program, as {user.role}"))
+                self.record(AuditRecord(AuditKind.LOGIN, user.name, address, f"a program, as {user.role}"))
             self._programs[mark] = (user, self._clock.now_ns() + PROGRAM_S * NS_PER_S)
             while len(self._programs) > MAX_PROGRAMS:
                 self._programs.popitem(last=False)
@@ -149,7 +149,7 @@ class Logins:
     async def _checked(self, address: str, name: str, password: str) -> HmiUser:
         wait_s = self._throttle.try_(address, name, self._clock.now_ns())
         if wait_s:
-            self.told(Told(What.LOGIN_THROTTLED, shown(name), address, f"{wait_s} s to wait"))
+            self.record(AuditRecord(AuditKind.LOGIN_THROTTLED, shown(name), address, f"{wait_s} s to wait"))
             said = f"too many failed logins; try again in {wait_s} s"
             raise RefusalError(429, "throttled", said, headers={"Retry-After": str(wait_s)})
         try:
@@ -157,7 +157,7 @@ class Logins:
         except BusyError as error:
             raise RefusalError(503, "busy", str(error), headers={"Retry-After": "1"}) from None
         if user is None:
-            self.told(Told(What.LOGIN_FAILED, shown(name), address, "wrong name or password"))
+            self.record(AuditRecord(AuditKind.LOGIN_FAILED, shown(name), address, "wrong name or password"))
             raise RefusalError(401, "login", "wrong name or password")
         self._throttle.right(address, name, self._clock.now_ns())
         return user

@@ -12,16 +12,16 @@ from gateway.web.server.problems import problem
 
 
 class RefusalError(GatewayError):
-    """`code` for programs, the text for people. `told`: somebody tried what an honest page does not try."""
+    """`code` for programs, the text for people. `audited`: no honest page does this."""
 
     def __init__(
-        self, status: int, code: str, said: str, *, headers: Mapping[str, str] | None = None, told: bool = False
+        self, status: int, code: str, said: str, *, headers: Mapping[str, str] | None = None, audited: bool = False
     ) -> None:
         super().__init__(said)
         self.status = status
         self.code = code
         self.headers = dict(headers or {})
-        self.told = told
+        self.audited = audited
 
 
 def answer(refusal: RefusalError) -> Response:

@@ -21,9 +21,9 @@ from starlette.websockets import WebSocketClose
 from gateway.clock import Clock
 from gateway.errors import GatewayError
 from gateway.web.auth.access import RULES, Level, Rule, find
-from gateway.web.auth.audit_log import Told, What, shown
+from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
 from gateway.web.auth.bodies import whole_body
-from gateway.web.auth.caller import Visitor, with_visitor
+from gateway.web.auth.caller import Caller, with_caller
 from gateway.web.auth.headers import cache_control, security_headers
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.origins import called_rightly, header, same_origin
@@ -36,14 +36,14 @@ FOREIGN = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or anot
 SECRET_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
 
 
-def protected(app: ASGIApp, routes: Sequence[BaseRoute], logins: Logins, clock: Clock) -> "Guard":
+def protected(app: ASGIApp, routes: Sequence[BaseRoute], logins: Logins, clock: Clock) -> "SecurityMiddleware":
     """`app` behind its guard. Raises GatewayError for a route that nobody has said anything about in `access`."""
     if missing := without_rule(routes):
         raise GatewayError(f"these routes have no row in gateway/web/auth/access.py: {', '.join(missing)}")
-    return Guard(app, logins, clock)
+    return SecurityMiddleware(app, logins, clock)
 
 
-class Guard:
+class SecurityMiddleware:
     """`counts`: refusals by code, since the start."""
 
     def __init__(self, app: ASGIApp, logins: Logins, clock: Clock, rules: Sequence[Rule] = RULES) -> None:
@@ -66,20 +66,20 @@ class Guard:
             return
         outgoing = _Outgoing(self, scope, send)
         address = scope["client"][0] if scope.get("client") else "?"
-        visitor: Visitor | None = None
+        caller: Caller | None = None
         try:
             authority = self._authority(scope)
             rule = self._rule(scope)
             self._from_our_page(scope, rule, authority)
-            visitor = await self._logins.visitor(scope["headers"], rule, address)
-            self._may(rule, visitor)
+            caller = await self._logins.caller(scope["headers"], rule, address)
+            self._may(rule, caller)
             if rule.method == "POST":
-                self._not_forged(scope, visitor)
+                self._not_forged(scope, caller)
             receive = await whole_body(scope, receive, rule, self._clock)
         except RefusalError as refusal:
-            await self._refuse(scope, receive, outgoing, refusal, visitor, address)
+            await self._refuse(scope, receive, outgoing, refusal, caller, address)
             return
-        await self._serve(scope, receive, outgoing, rule, visitor)
+        await self._serve(scope, receive, outgoing, rule, caller)
 
     def dress(self, path: str, headers: Iterable[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
         """An answer's headers with ours, which hold against the application's own."""
@@ -93,7 +93,7 @@ class Guard:
             authority = None
         if authority is None or not called_rightly(authority, self._hosts, self._scheme):
             said = f"the pages are not called {shown(authority or '(nothing)')}; hmi.allowed_hosts names what they are"
-            raise RefusalError(400, "host", said, told=True)
+            raise RefusalError(400, "host", said, audited=True)
         return authority
 
     def _rule(self, scope: Scope) -> Rule:
@@ -117,31 +117,31 @@ class Guard:
                 origin = None
             if not same_origin(origin, authority, self._scheme):
                 said = "only the gateway's own pages may ask for this (Origin)"
-                raise RefusalError(403, "origin", said, told=True)
+                raise RefusalError(403, "origin", said, audited=True)
         elif not rule.page:
             fetched = {name: value for name, value in headers if name in (b"sec-fetch-site", b"sec-fetch-dest")}
             followed = fetched.get(b"sec-fetch-dest") == b"document"  # a link, which shows nothing to who set it
             if fetched.get(b"sec-fetch-site") in FOREIGN and not followed:
-                raise RefusalError(403, "origin", "not for the pages of others", told=True)
+                raise RefusalError(403, "origin", "not for the pages of others", audited=True)
 
-    def _may(self, rule: Rule, visitor: Visitor) -> None:
+    def _may(self, rule: Rule, caller: Caller) -> None:
         changes = rule.method == "POST" and rule.least > Level.OPEN
-        if not visitor.name and (
-            visitor.level < rule.least or (changes and visitor.level < Level.TECHNICIAN)
+        if not caller.name and (
+            caller.level < rule.least or (changes and caller.level < Level.TECHNICIAN)
         ):  # without a login one may look; who changes something is somebody
             raise RefusalError(401, "login", f"needs a login as {rule.least.role}", headers=_challenge(rule))
-        if visitor.level < rule.least:
-            said = f"{visitor.name} is {visitor.level.role}; this needs {rule.least.role}"
-            raise RefusalError(403, "role", said, told=not rule.page)
+        if caller.level < rule.least:
+            said = f"{caller.name} is {caller.level.role}; this needs {rule.least.role}"
+            raise RefusalError(403, "role", said, audited=not rule.page)
 
-    def _not_forged(self, scope: Scope, visitor: Visitor) -> None:
+    def _not_forged(self, scope: Scope, caller: Caller) -> None:
         try:
             token = header(scope["headers"], b"x-csrf-token") or ""
         except ValueError:
             token = ""
-        if not hmac.compare_digest(token.encode(), visitor.csrf.encode()):
+        if not hmac.compare_digest(token.encode(), caller.csrf.encode()):
             said = "the X-CSRF-Token is missing or is not that of this login; /api/session tells it"
-            raise RefusalError(403, "csrf", said, told=bool(token))
+            raise RefusalError(403, "csrf", said, audited=bool(token))
 
     async def _refuse(
         self,
@@ -149,14 +149,14 @@ class Guard:
         receive: Receive,
         outgoing: "_Outgoing",
         refusal: RefusalError,
-        visitor: Visitor | None,
+        caller: Caller | None,
         address: str,
     ) -> None:
         self.counts[refusal.code] += 1
-        if refusal.told:
-            who = visitor.name if visitor is not None else ""
+        if refusal.audited:
+            who = caller.name if caller is not None else ""
             what = f"{scope.get('method', 'WS')} {shown(scope['path'])}: {refusal}"
-            self._logins.told(Told(What.REFUSED, who, address, what))
+            self._logins.record(AuditRecord(AuditKind.REFUSED, who, address, what))
         response: Response | WebSocketClose = answer_to(scope, refusal)
         if refusal.code in ("login", "role") and scope["type"] == "http":
             rule = find(scope["method"], scope["path"], self._rules).rule
@@ -164,8 +164,8 @@ class Guard:
                 response = to_login(scope, need=rule.least.role)
         await response(scope, receive, outgoing)
 
-    async def _serve(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", rule: Rule, visitor: Visitor) -> None:
-        session = visitor.session
+    async def _serve(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", rule: Rule, caller: Caller) -> None:
+        session = caller.session
         limits = [REQUEST_S] if scope["type"] == "http" else []
         if session is not None:
             limits.append(self._logins.left_s(session))
@@ -178,8 +178,8 @@ class Guard:
 
         try:
             async with self._clock.timeout(min(limits)) if limits else asyncio.timeout(None) as until:
-                with self._ending_with(visitor, until, rule):
-                    await self._app(with_visitor(scope, visitor), heard, outgoing)
+                with self._ending_with(caller, until, rule):
+                    await self._app(with_caller(scope, caller), heard, outgoing)
         except TimeoutError:
             if not until.expired():
                 raise
@@ -188,7 +188,7 @@ class Guard:
             changes = rule.method == "POST" and rule.least > Level.OPEN and not rule.tries
             if changes and not 400 <= outgoing.status < 500:
                 what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
-                self._logins.told(Told(What.CHANGED, visitor.name, visitor.address, shown(what)))
+                self._logins.record(AuditRecord(AuditKind.CHANGED, caller.name, caller.address, shown(what)))
 
     async def _cut(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", *, over: bool) -> None:
         self.counts["ended" if over else "slow"] += 1
@@ -204,11 +204,11 @@ class Guard:
         await answer_to(scope, refusal)(scope, receive, outgoing)
 
     @contextmanager
-    def _ending_with(self, visitor: Visitor, until: asyncio.Timeout, rule: Rule) -> Iterator[None]:
-        if visitor.session is None or rule.method == "POST":  # what was allowed and has begun is not left half done
+    def _ending_with(self, caller: Caller, until: asyncio.Timeout, rule: Rule) -> Iterator[None]:
+        if caller.session is None or rule.method == "POST":  # what was allowed and has begun is not left half done
             yield
             return
-        key = visitor.session.key
+        key = caller.session.key
         mine = self._open.setdefault(key, set())
         mine.add(until)
         try:
@@ -229,7 +229,7 @@ class Guard:
 class _Outgoing:
     """`send` with our headers; remembers whether an answer has begun, and with which status."""
 
-    def __init__(self, guard: Guard, scope: Scope, send: Send) -> None:
+    def __init__(self, guard: SecurityMiddleware, scope: Scope, send: Send) -> None:
         self._guard = guard
         self._path: str = scope["path"]
         self._send = send

@@ -1,7 +1,7 @@
 """What programs may ask for, and the deeds on alarms: one table, from which routes and OpenAPI document come. IO.
 
-Every answer is made from what the desk knows; only the deeds on alarms go to the main process. Who may call what stands
-in `access`. `after`, `limit` and bodies are checked here, and what is wrong with them is told by name.
+Every answer is made from what the gateway client knows; only actions on alarms go to the main
+process. `after`, `limit` and bodies are checked here, and what is wrong with them is told by name.
 """
 
 import asyncio
@@ -24,12 +24,12 @@ from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS, alarm_id
 from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig
 from gateway.errors import LinkError
-from gateway.web.auth.caller import visitor_of
+from gateway.web.auth.caller import caller_of
 from gateway.web.host.process_usage import process_usage
 from gateway.web.server import health, lists, views
-from gateway.web.server.gateway_client import KEPT_EVENTS, Desk, RefusedError
+from gateway.web.server.gateway_client import KEPT_EVENTS, GatewayClient, RefusedError
 from gateway.web.server.metrics import text as metrics
-from gateway.web.server.metrics.family import Known, Pages
+from gateway.web.server.metrics.family import MetricsSource, PageStatistics
 from gateway.web.server.models import (
     AcknowledgeBody,
     AlarmsView,
@@ -49,15 +49,15 @@ MAX_NUMBER = 2**53  # as JSON's readers count
 class Programs:
     """What the answers are made from."""
 
-    desk: Desk
-    pages: Callable[[], Pages]
+    client: GatewayClient
+    pages: Callable[[], PageStatistics]
     document: dict[str, object]  # OpenAPI's
     thread: Executor
     encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def bay(self, request: Request) -> BayConfig | None:
         name = request.path_params["bay"]
-        return next((bay for bay in self.desk.about.config.bays if bay.name == name), None)
+        return next((bay for bay in self.client.about.config.bays if bay.name == name), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +88,15 @@ class Call:
 
 
 def routes(
-    desk: Desk, pages: Callable[[], Pages], document: dict[str, object], *, thread: Executor | None = None
+    client: GatewayClient,
+    pages: Callable[[], PageStatistics],
+    document: dict[str, object],
+    *,
+    thread: Executor | None = None,
 ) -> list[BaseRoute]:
     """To be put among the application's. `thread`: where snapshots are encoded; by default one of their own."""
     thread = thread or ThreadPoolExecutor(1, thread_name_prefix="snapshots")
-    programs = Programs(desk, pages, document, thread)
+    programs = Programs(client, pages, document, thread)
 
     def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
         async def call(request: Request) -> Response:
@@ -131,24 +135,24 @@ def _number(request: Request, query: Query) -> int:
 
 
 async def _state(programs: Programs, _: Request) -> Response:
-    desk = programs.desk
-    await desk.fresh(*desk.bays)
-    told = [views.bay_view(desk, bay).model_dump_json() for bay in desk.about.config.bays]
+    client = programs.client
+    await client.fresh(*client.bays)
+    told = [views.bay_view(client, bay).model_dump_json() for bay in client.about.config.bays]
     return Response(f"[{','.join(told)}]", media_type="application/json")
 
 
 async def _bay_state(programs: Programs, request: Request) -> Response:
     if (bay := programs.bay(request)) is None:
         return _no_bay(request)
-    await programs.desk.fresh(bay.name)
-    return _json(views.bay_view(programs.desk, bay))
+    await programs.client.fresh(bay.name)
+    return _json(views.bay_view(programs.client, bay))
 
 
 async def _registers(programs: Programs, request: Request) -> Response:
     if (bay := programs.bay(request)) is None:
         return _no_bay(request)
-    await programs.desk.fresh(bay.name)
-    view = lists.registers_view(programs.desk, bay)
+    await programs.client.fresh(bay.name)
+    view = lists.registers_view(programs.client, bay)
     return _not_known(bay) if view is None else _json(view)
 
 
@@ -167,8 +171,8 @@ def _told_events(programs: Programs, request: Request, bay: str | None) -> Respo
         after, limit = _number(request, AFTER), _number(request, LIMIT)
     except WrongError as wrong:
         return problem(400, "query", str(wrong))
-    desk = programs.desk
-    return _json(lists.events_view(desk, views.gateway_of(desk), bay, after, limit))
+    client = programs.client
+    return _json(lists.events_view(client, views.gateway_of(client), bay, after, limit))
 
 
 def _snapshot(ending: Literal["jpg", "png"]) -> Answer:
@@ -177,14 +181,14 @@ def _snapshot(ending: Literal["jpg", "png"]) -> Answer:
         if (bay := programs.bay(request)) is None:
             return _no_bay(request)
         async with programs.encoding:  # one at a time: whoever asks for many waits for their own
-            frame = programs.desk.snapshot(bay.name)
+            frame = programs.client.snapshot(bay.name)
             if frame is None:
                 return problem(503, "no_frame", f"the camera of {bay.name} has shown nothing yet")
             loop = asyncio.get_running_loop()
             done, data = await loop.run_in_executor(programs.thread, cv2.imencode, f".{ending}", frame.image)
         if not done:
             return problem(500, "fault", f"this frame can't be made a {ending.upper()}")
-        age_ms = (programs.desk.clock.now_ns() - frame.t_capture_ns) / NS_PER_MS
+        age_ms = (programs.client.clock.now_ns() - frame.t_capture_ns) / NS_PER_MS
         headers = {"X-Frame-Id": str(frame.seq), "X-Frame-Age-Ms": f"{age_ms:.1f}"}
         return Response(data.tobytes(), media_type="image/jpeg" if ending == "jpg" else "image/png", headers=headers)
 
@@ -192,36 +196,36 @@ def _snapshot(ending: Literal["jpg", "png"]) -> Answer:
 
 
 async def _alarms(programs: Programs, _: Request) -> Response:
-    return _json(lists.alarms_view(programs.desk))
+    return _json(lists.alarms_view(programs.client))
 
 
 def _deed(cue: AlarmEvent, model: type[AcknowledgeBody]) -> Answer:
     async def answer(programs: Programs, request: Request) -> Response:
         name = request.path_params["alarm"]
-        if name not in _alarm_ids(programs.desk):
+        if name not in _alarm_ids(programs.client):
             return problem(404, "alarm", f"there is no alarm {name[:100]!r}")
         try:
             body = model.model_validate_json(await request.body() or b"{}")
         except ValidationError as error:
             return problem(400, "body", _told(error))
-        visitor = visitor_of(request.scope)
+        caller = caller_of(request.scope)
         minutes = body.minutes if isinstance(body, ShelveBody) else None
-        who = visitor.name or str(visitor.writer)
+        who = caller.name or str(caller.writer)
         try:
-            await programs.desk.order(
-                OperatorAction(name, cue, who, body.note, minutes, body.occurrence), visitor.writer
+            await programs.client.order(
+                OperatorAction(name, cue, who, body.note, minutes, body.occurrence), caller.writer
             )
         except RefusedError as refused:
             return problem(409, "refused", str(refused))
         except LinkError as error:
             return problem(503, "gateway", str(error))
-        return _json(lists.alarms_view(programs.desk))
+        return _json(lists.alarms_view(programs.client))
 
     return answer
 
 
-def _alarm_ids(desk: Desk) -> frozenset[str]:
-    bays = {alarm_id(kind.id, bay) for kind in BAY_ALARMS for bay in desk.bays}
+def _alarm_ids(client: GatewayClient) -> frozenset[str]:
+    bays = {alarm_id(kind.id, bay) for kind in BAY_ALARMS for bay in client.bays}
     return frozenset(bays | {kind.id for kind in GATEWAY_ALARMS})
 
 
@@ -232,14 +236,14 @@ def _told(error: ValidationError) -> str:
 
 
 async def _healthz(programs: Programs, request: Request) -> Response:
-    await programs.desk.fresh(*programs.desk.bays)
-    view = health.health(programs.desk, verbose="verbose" in request.query_params)
+    await programs.client.fresh(*programs.client.bays)
+    view = health.health(programs.client, verbose="verbose" in request.query_params)
     return _json(view, health.status_code(view))
 
 
 async def _metrics(programs: Programs, request: Request) -> Response:
-    await programs.desk.fresh(*programs.desk.bays)
-    known = Known(programs.desk, programs.pages(), process_usage(os.getppid()))
+    await programs.client.fresh(*programs.client.bays)
+    known = MetricsSource(programs.client, programs.pages(), process_usage(os.getppid()))
     body, content_type = metrics.text(known, request.headers.get("accept", ""))
     return Response(body, headers={"Content-Type": content_type})
 

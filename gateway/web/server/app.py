@@ -20,9 +20,9 @@ from gateway.web.auth.logins import Logins
 from gateway.web.auth.refusals import RefusalError, answer
 from gateway.web.auth.security import protected
 from gateway.web.server import api, openapi, views
-from gateway.web.server.gateway_client import Desk
+from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.live import Live
-from gateway.web.server.metrics.family import Pages
+from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.pictures import Picture, Pictures
 from gateway.web.server.problems import of_starlette
 from gateway.web.tuning import routes as workbench
@@ -32,28 +32,28 @@ STATIC = Path(str(files("gateway.web") / "static"))
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class Services:
     """What the routes work with."""
 
-    desk: Desk
+    client: GatewayClient
     pictures: Pictures
     live: Live
     drivers: Live
     workshop: TuningService
 
 
-def site_of(desk: Desk, pace: Clock) -> Site:
-    config = desk.about.config.hmi
-    return Site(
-        desk=desk,
-        pictures=Pictures(desk, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
-        live=Live(desk, views.live_json, config.max_viewers, config.viewers_per_address),
-        drivers=Live(desk, views.driver_json, config.max_viewers, config.viewers_per_address),
-        workshop=TuningService(desk, pace),
+def services_of(client: GatewayClient, pace: Clock) -> Services:
+    config = client.about.config.hmi
+    return Services(
+        client=client,
+        pictures=Pictures(client, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
+        live=Live(client, views.live_json, config.max_viewers, config.viewers_per_address),
+        drivers=Live(client, views.driver_json, config.max_viewers, config.viewers_per_address),
+        workshop=TuningService(client, pace),
     )
 
 
-def routes(site: Site) -> list[BaseRoute]:
+def routes(site: Services) -> list[BaseRoute]:
     """Every address there is. Who may call which stands in `access`."""
     return [
         Route("/", _page("index.html")),
@@ -69,16 +69,16 @@ def routes(site: Site) -> list[BaseRoute]:
     ]
 
 
-def app(site: Site, logins: Logins, pace: Clock) -> ASGIApp:
+def app(site: Services, logins: Logins, pace: Clock) -> ASGIApp:
     """All routes behind the guard. Raises GatewayError for a route that has no row in `access`."""
     refusals: Counter[str] = Counter()
 
-    def pages() -> Pages:
+    def pages() -> PageStatistics:
         viewers = {"live": site.live.counts, "driver": site.drivers.counts}
-        return Pages(viewers, site.pictures.encoded, refusals)
+        return PageStatistics(viewers, site.pictures.encoded, refusals)
 
-    programs = api.routes(site.desk, pages, openapi.document(logins.cookie))
-    table = [*routes(site), *login.routes(logins, site.desk.bays), *programs]
+    programs = api.routes(site.client, pages, openapi.document(logins.cookie))
+    table = [*routes(site), *login.routes(logins, site.client.bays), *programs]
     problems = {HTTPException: of_starlette, Exception: of_starlette}
     guard = protected(Starlette(routes=table, exception_handlers=problems), table, logins, pace)
     refusals = guard.counts
@@ -95,11 +95,11 @@ def _page(name: str) -> Endpoint:
     return page
 
 
-def _picture(site: Site) -> Endpoint:
+def _picture(site: Services) -> Endpoint:
     async def picture(request: Request) -> Response:
         """The newest frame as JPEG, if it is another than `after`; waits for it. 204: none came."""
         bay = request.path_params["bay"]
-        if bay not in site.desk.bays:
+        if bay not in site.client.bays:
             return answer(RefusalError(404, "bay", f"there is no bay {bay!r}"))
         try:
             after = int(request.query_params["after"]) if "after" in request.query_params else None
@@ -109,14 +109,14 @@ def _picture(site: Site) -> Endpoint:
         made = await site.pictures.newer(bay, after, width_px)
         if made is None:
             return Response(status_code=204)
-        return Response(made.jpeg, media_type="image/jpeg", headers=_told(site.desk, made))
+        return Response(made.jpeg, media_type="image/jpeg", headers=_told(site.client, made))
 
     return picture
 
 
-def _told(desk: Desk, picture: Picture) -> dict[str, str]:
+def _told(client: GatewayClient, picture: Picture) -> dict[str, str]:
     """About the picture, in its headers: so that it can't be taken for another's."""
-    age_ms = (desk.clock.now_ns() - picture.t_capture_ns) / NS_PER_MS
+    age_ms = (client.clock.now_ns() - picture.t_capture_ns) / NS_PER_MS
     headers = {
         "Cache-Control": "no-store",
         "X-Frame-Id": str(picture.seq),

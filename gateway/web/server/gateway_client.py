@@ -70,7 +70,7 @@ Result = TypeVar("Result", FileSettings, FilePreview, FileSaved)
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class BayReport:
     """What is known of one bay. Times are the gateway's clock; `wall_ns` is Unix time at `now_ns`."""
 
     number: int  # of the answer that brought it
@@ -79,7 +79,7 @@ class Seen:
     wall_ns: int
 
 
-class Desk:
+class GatewayClient:
     """Newest answers, events and orders. One event loop, no locks. `pace` is real time, `clock` the gateway's."""
 
     def __init__(self, about: WebSetup, link: Link[FromWeb, ToWeb], pace: Clock, clock: Clock | None = None) -> None:
@@ -96,7 +96,7 @@ class Desk:
         self._pace = pace
         self._links_ns = 0
         self._names = tuple(bay.name for bay in about.config.bays)
-        self._seen: dict[str, Seen] = {}
+        self._reports: dict[str, BayReport] = {}
         self._changed = asyncio.Event()
         self._watched: Counter[str] = Counter()
         self._wanted = asyncio.Event()  # somebody began to watch
@@ -115,22 +115,22 @@ class Desk:
     def watchers(self) -> int:
         return self._watched.total()
 
-    def seen(self, bay: str) -> Seen | None:
+    def report(self, bay: str) -> BayReport | None:
         """The newest that is known; without values, if the main process has not vouched for it for YOUNG_S.
 
         None: nothing yet. Raises KeyError for no such bay.
         """
         if bay not in self._names:
             raise KeyError(bay)
-        seen = self._seen.get(bay)
-        if seen is None:
+        report = self._reports.get(bay)
+        if report is None:
             return None
-        state = shown(seen.now.state, self.clock.now_ns() - int(YOUNG_S * NS_PER_S))
-        if state is seen.now.state:
-            return seen
-        state = replace(state, t_ns=seen.now.state.t_ns)  # as old as it is
-        image = registers.encode(state, seen.wall_ns, self.about.config.modbus.word_order)
-        return replace(seen, now=replace(seen.now, state=state, image=image))
+        state = shown(report.now.state, self.clock.now_ns() - int(YOUNG_S * NS_PER_S))
+        if state is report.now.state:
+            return report
+        state = replace(state, t_ns=report.now.state.t_ns)  # as old as it is
+        image = registers.encode(state, report.wall_ns, self.about.config.modbus.word_order)
+        return replace(report, now=replace(report.now, state=state, image=image))
 
     @contextmanager
     def watching(self, *bays: str, urgent: bool = True) -> Iterator[None]:
@@ -145,13 +145,13 @@ class Desk:
             for counter in counted:
                 counter.subtract(bays)
 
-    async def newer(self, bay: str, number: int, seconds: float) -> Seen | None:
+    async def newer(self, bay: str, number: int, seconds: float) -> BayReport | None:
         """The newest of `bay` from an answer after `number`; waits at most so long. None: none came."""
         try:
             async with asyncio.timeout(seconds):
-                while (seen := self.seen(bay)) is None or seen.number <= number:
+                while (report := self.report(bay)) is None or report.number <= number:
                     await self._changed.wait()
-                return seen
+                return report
         except TimeoutError:
             return None
 
@@ -228,8 +228,8 @@ class Desk:
                     await self._changed.wait()
 
     def _young(self, bay: str) -> bool:
-        seen = self._seen.get(bay)
-        return seen is not None and self.clock.now_ns() - seen.now_ns <= YOUNG_S * NS_PER_S
+        report = self._reports.get(bay)
+        return report is not None and self.clock.now_ns() - report.now_ns <= YOUNG_S * NS_PER_S
 
     async def keep(self) -> None:
         """Pull for ever. Raises LinkError when the main process is gone or answers no more."""
@@ -302,7 +302,7 @@ class Desk:
 
     def _take(self, answer: StateReply) -> None:
         for now in answer.bays:
-            self._seen[now.state.bay] = Seen(answer.number, now, answer.now_ns, answer.wall_ns)
+            self._reports[now.state.bay] = BayReport(answer.number, now, answer.now_ns, answer.wall_ns)
         for row in answer.events:
             if row.number > self._last_event:
                 if self.events:

@@ -1,4 +1,4 @@
-"""Does the gateway work, as a watchdog should see it? Made from what the desk knows; asks nobody.
+"""Does the gateway work, as a watchdog should see it? Made from what the gateway client knows; asks nobody.
 
 `failing` means that restarting the gateway may help: a bay's control task does not tick, nobody serves registers, or
 the main process does not answer. Everything else that is broken is `degraded`: the gateway does what it is there for,
@@ -13,7 +13,7 @@ from gateway.clock import NS_PER_S
 from gateway.core.model import DEAD, QUALITY_MEANING, Reason, StateVector
 from gateway.core.ne107 import NE107_MEANING, Ne107, active
 from gateway.web.ipc.messages import SystemStatus
-from gateway.web.server.gateway_client import Desk, Seen
+from gateway.web.server.gateway_client import BayReport, GatewayClient
 from gateway.web.server.models import HealthReason, HealthStatus, HealthView
 
 SILENT_S = 3.0  # the main process answers once a second at least
@@ -21,12 +21,12 @@ FRESH_S = 3.0  # a bay's state, as told by the main process; of many bays each h
 _RANK: dict[HealthStatus, int] = {"ok": 0, "degraded": 1, "failing": 2}
 
 
-def health(desk: Desk, *, verbose: bool = False) -> HealthView:
+def health(client: GatewayClient, *, verbose: bool = False) -> HealthView:
     """The verdict now."""
-    parts = [*_main(desk)]
-    for bay in desk.bays:
-        parts += _bay(desk, bay, desk.seen(bay))
-    parts += _links(desk.links)
+    parts = [*_main(client)]
+    for bay in client.bays:
+        parts += _bay(client, bay, client.report(bay))
+    parts += _links(client.links)
     reasons = sorted((part for part in parts if part.status != "ok"), key=lambda part: -_RANK[part.status])
     worst = max((part.status for part in parts), key=lambda status: _RANK[status], default="failing")
     return HealthView(status=worst, reasons=tuple(reasons), parts=tuple(parts) if verbose else None)
@@ -41,21 +41,21 @@ def _reason(part: str, status: HealthStatus, text: str) -> HealthReason:
     return HealthReason(part=part, status=status, text=text)
 
 
-def _main(desk: Desk) -> Iterator[HealthReason]:
-    if desk.answers == 0:
+def _main(client: GatewayClient) -> Iterator[HealthReason]:
+    if client.answers == 0:
         yield _reason("main", "failing", "the main process has not answered yet")
-    elif desk.clock.now_ns() - desk.answered_ns > SILENT_S * NS_PER_S:
+    elif client.clock.now_ns() - client.answered_ns > SILENT_S * NS_PER_S:
         yield _reason("main", "failing", f"the main process has not answered for {SILENT_S:g} s")
     else:
         yield _reason("main", "ok", "the main process answers")
 
 
-def _bay(desk: Desk, bay: str, seen: Seen | None) -> Iterator[HealthReason]:
-    if seen is None:
+def _bay(client: GatewayClient, bay: str, report: BayReport | None) -> Iterator[HealthReason]:
+    if report is None:
         yield _reason(f"{bay}.control", "failing", "nothing is known of this bay yet")
         return
-    state = seen.now.state
-    if desk.clock.now_ns() - seen.now_ns > FRESH_S * NS_PER_S:
+    state = report.now.state
+    if client.clock.now_ns() - report.now_ns > FRESH_S * NS_PER_S:
         yield _reason(f"{bay}.control", "failing", "nothing new is known of this bay")
     elif state.reason is Reason.GATEWAY_FAULT:
         yield _reason(f"{bay}.control", "failing", "the control task does not tick; the registers say stop")

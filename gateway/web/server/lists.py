@@ -1,4 +1,4 @@
-"""Alarms, links, events and registers, made from what the desk knows. Asks nobody."""
+"""Alarms, links, events and registers, made from what the gateway client knows. Asks nobody."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from gateway.modbus.server.traffic import ServerNow
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.web.ipc.messages import SystemStatus
-from gateway.web.server.gateway_client import Desk
+from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.models import (
     PRIORITY_NAME,
     AlarmChangeView,
@@ -39,15 +39,15 @@ HIDDEN = frozenset({AlarmState.NORMAL, AlarmState.SHELVED, AlarmState.SUPPRESSED
 MS_PER_S = 1000
 
 
-def unix_ms(desk: Desk, t_ns: int) -> int:
+def unix_ms(client: GatewayClient, t_ns: int) -> int:
     """Unix time of a time of the gateway's clock."""
-    return max(0, t_ns + desk.clock.wall_ns() - desk.clock.now_ns()) // NS_PER_MS
+    return max(0, t_ns + client.clock.wall_ns() - client.clock.now_ns()) // NS_PER_MS
 
 
 # Alarms.
 
 
-def alarm_view(desk: Desk, alarm: Alarm) -> AlarmView:
+def alarm_view(client: GatewayClient, alarm: Alarm) -> AlarmView:
     kind = ALARM_DEFINITIONS[alarm.kind]
     until_ns, raised_ns = alarm.shelved_until_ns, alarm.raised_ns
     return AlarmView(
@@ -58,13 +58,13 @@ def alarm_view(desk: Desk, alarm: Alarm) -> AlarmView:
         priority=PRIORITY_NAME[kind.priority],
         state=alarm.state,
         active=alarm.active,
-        since_ms=unix_ms(desk, alarm.since_ns),
-        raised_ms=None if raised_ns is None else unix_ms(desk, raised_ns),
+        since_ms=unix_ms(client, alarm.since_ns),
+        raised_ms=None if raised_ns is None else unix_ms(client, raised_ns),
         occurrences=alarm.occurrences,
         detail=alarm.detail,
         who=alarm.who,
         note=alarm.note,
-        shelved_until_ms=None if until_ns is None else unix_ms(desk, until_ns),
+        shelved_until_ms=None if until_ns is None else unix_ms(client, until_ns),
         meaning=kind.meaning,
         consequence=kind.consequence,
         causes=kind.causes,
@@ -73,8 +73,8 @@ def alarm_view(desk: Desk, alarm: Alarm) -> AlarmView:
     )
 
 
-def alarm_summary(desk: Desk) -> AlarmSummary:
-    standing = desk.links.alarms
+def alarm_summary(client: GatewayClient) -> AlarmSummary:
+    standing = client.links.alarms
     count = Counter(dict(standing.counts))
     shown = [alarm for alarm in standing.alarms if alarm.state not in HIDDEN]
     return AlarmSummary(
@@ -87,26 +87,26 @@ def alarm_summary(desk: Desk) -> AlarmSummary:
         suppressed=count[AlarmState.SUPPRESSED],
         out_of_service=count[AlarmState.OUT_OF_SERVICE],
         by_bay=dict(Counter(alarm.bay for alarm in shown if alarm.bay is not None)),
-        first=alarm_view(desk, shown[0]) if shown else None,
+        first=alarm_view(client, shown[0]) if shown else None,
         newest_change=standing.newest_change,
     )
 
 
-def alarms_view(desk: Desk) -> AlarmsView:
-    standing = desk.links.alarms
+def alarms_view(client: GatewayClient) -> AlarmsView:
+    standing = client.links.alarms
     return AlarmsView(
-        server_time_ms=max(0, desk.clock.wall_ns()) // NS_PER_MS,
-        summary=alarm_summary(desk),
-        alarms=tuple(alarm_view(desk, alarm) for alarm in standing.alarms),
+        server_time_ms=max(0, client.clock.wall_ns()) // NS_PER_MS,
+        summary=alarm_summary(client),
+        alarms=tuple(alarm_view(client, alarm) for alarm in standing.alarms),
         omitted=standing.omitted,
-        changes=tuple(_change_view(desk, change) for change in desk.links.changes),
+        changes=tuple(_change_view(client, change) for change in client.links.changes),
     )
 
 
-def _change_view(desk: Desk, change: AlarmChange) -> AlarmChangeView:
+def _change_view(client: GatewayClient, change: AlarmChange) -> AlarmChangeView:
     return AlarmChangeView(
         number=change.number,
-        time_ms=unix_ms(desk, change.t_ns),
+        time_ms=unix_ms(client, change.t_ns),
         id=change.id,
         title=ALARM_DEFINITIONS[change.kind].title,
         bay=change.bay,
@@ -122,11 +122,11 @@ def _change_view(desk: Desk, change: AlarmChange) -> AlarmChangeView:
 # Links.
 
 
-def links_view(desk: Desk) -> LinksView:
-    links = desk.links
-    known_ns = desk.links_ns
+def links_view(client: GatewayClient) -> LinksView:
+    links = client.links
+    known_ns = client.links_ns
     return LinksView(
-        age_ms=None if known_ns is None else round(max(0, desk.clock.now_ns() - known_ns) / NS_PER_MS, 1),
+        age_ms=None if known_ns is None else round(max(0, client.clock.now_ns() - known_ns) / NS_PER_MS, 1),
         modbus=tuple(_modbus_view(server) for server in links.modbus),
         mqtt=_mqtt_view(links),
         sparkplug=None if links.sparkplug is None else _sparkplug_view(links.sparkplug),
@@ -202,12 +202,12 @@ def _sparkplug_view(session: SparkplugNow) -> SparkplugView:
 # Events.
 
 
-def events_view(desk: Desk, gateway: payloads.Gateway, bay: str | None, after: int, most: int) -> EventsView:
+def events_view(client: GatewayClient, gateway: payloads.Gateway, bay: str | None, after: int, most: int) -> EventsView:
     """The oldest `most` of those after number `after`. `bay` None: of all."""
-    offset_ns = desk.clock.wall_ns() - desk.clock.now_ns()
-    rows = [row for row in desk.events if row.number > after and bay in (None, row.event.bay)][:most]
+    offset_ns = client.clock.wall_ns() - client.clock.now_ns()
+    rows = [row for row in client.events if row.number > after and bay in (None, row.event.bay)][:most]
     return EventsView(
-        newest=desk.newest_event,
+        newest=client.newest_event,
         events=tuple(
             EventView(number=row.number, event=payloads.event_payload(row.event, row.number, gateway, offset_ns))
             for row in rows
@@ -218,12 +218,12 @@ def events_view(desk: Desk, gateway: payloads.Gateway, bay: str | None, after: i
 # Registers.
 
 
-def registers_view(desk: Desk, config: BayConfig) -> RegistersView | None:
+def registers_view(client: GatewayClient, config: BayConfig) -> RegistersView | None:
     """None: nothing known yet, or only an image that is none. Words and values come from one image."""
-    seen = desk.seen(config.name)
-    if seen is None:
+    report = client.report(config.name)
+    if report is None:
         return None
-    image = seen.now.image
+    image = report.now.image
     try:
         values = decode(image)
     except ProtocolError:
@@ -231,8 +231,8 @@ def registers_view(desk: Desk, config: BayConfig) -> RegistersView | None:
     return RegistersView(
         bay=config.name,
         unit_id=config.unit_id,
-        word_order=desk.about.config.modbus.word_order,
-        age_ms=round(max(0, desk.clock.now_ns() - seen.now.state.t_ns) / NS_PER_MS, 1),
+        word_order=client.about.config.modbus.word_order,
+        age_ms=round(max(0, client.clock.now_ns() - report.now.state.t_ns) / NS_PER_MS, 1),
         registers=tuple(_register_view(register, values[register.name], image) for register in REGISTERS),
     )
 

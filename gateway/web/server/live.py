@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from gateway.web.server.gateway_client import Desk
+from gateway.web.server.gateway_client import GatewayClient
 
 WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages of now
 SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
@@ -20,11 +20,11 @@ TAKEN_S = 30.0  # a page that has not answered for so long is let go
 TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
 MAX_ANSWER = 64  # characters: "next", or whatever else is as short
 
-Render = Callable[[Desk, tuple[str, ...]], str]
+Render = Callable[[GatewayClient, tuple[str, ...]], str]
 
 
 @dataclass(slots=True)
-class Counts:
+class ViewerCounts:
     """Since the web process began."""
 
     open: int = 0
@@ -38,12 +38,12 @@ class Counts:
 class Live:
     """One kind of view, for any number of pages: what they share is rendered once."""
 
-    desk: Desk
+    client: GatewayClient
     render: Render
     most: int
     most_of_one: int  # for one address
     urgent: bool = True
-    counts: Counts = field(default_factory=Counts)
+    counts: ViewerCounts = field(default_factory=ViewerCounts)
     _open: Counter[str] = field(default_factory=Counter)  # by address
     _made: dict[tuple[str, ...], tuple[int, int, str]] = field(default_factory=dict)
 
@@ -55,7 +55,7 @@ class Live:
     async def _admit(self, page: WebSocket) -> None:
         asked = tuple(dict.fromkeys(page.query_params.getlist("bay")))
         await page.accept()
-        if any(bay not in self.desk.bays for bay in asked):
+        if any(bay not in self.client.bays for bay in asked):
             await page.close(UNKNOWN_BAY, "no such bay")
             return
         address = page.client.host if page.client is not None else ""
@@ -66,9 +66,9 @@ class Live:
         self.counts.open += 1
         self.counts.opened += 1
         self._open[address] += 1
-        bays = asked or self.desk.bays
+        bays = asked or self.client.bays
         try:
-            with self.desk.watching(*bays, urgent=self.urgent and len(bays) == 1):
+            with self.client.watching(*bays, urgent=self.urgent and len(bays) == 1):
                 await self._serve(page, bays)
         except TimeoutError:
             self.counts.let_go += 1
@@ -88,7 +88,7 @@ class Live:
     async def _serve(self, page: WebSocket, bays: tuple[str, ...]) -> None:
         number = 0
         while True:
-            number = await self.desk.next(number, WAIT_S)
+            number = await self.client.next(number, WAIT_S)
             await page.send_text(self._rendered(bays))
             self.counts.sent += 1
             async with asyncio.timeout(TAKEN_S):
@@ -102,10 +102,10 @@ class Live:
 
     def _rendered(self, bays: tuple[str, ...]) -> str:
         number, made_ns, text = self._made.get(bays, (-1, 0, ""))
-        now_ns = self.desk.clock.now_ns()
-        if number != self.desk.answers or now_ns - made_ns > SHARED_NS:
-            if len(self._made) > 2 * len(self.desk.bays) + 16:  # anybody may ask for any mixture
+        now_ns = self.client.clock.now_ns()
+        if number != self.client.answers or now_ns - made_ns > SHARED_NS:
+            if len(self._made) > 2 * len(self.client.bays) + 16:  # anybody may ask for any mixture
                 self._made.clear()
-            text = self.render(self.desk, bays)
-            self._made[bays] = (self.desk.answers, now_ns, text)
+            text = self.render(self.client, bays)
+            self._made[bays] = (self.client.answers, now_ns, text)
         return text

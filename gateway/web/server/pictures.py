@@ -15,7 +15,7 @@ from gateway.core.model import VisionReading
 from gateway.errors import GatewayError
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
-from gateway.web.server.gateway_client import Desk
+from gateway.web.server.gateway_client import GatewayClient
 
 WAIT_S = 5.0  # for a newer frame; then the page is told that there is none, and asks again
 JPEG_QUALITY = 80
@@ -40,7 +40,7 @@ class Picture:
 
 
 @dataclass(slots=True)
-class _Held:
+class _CachedFrame:
     """The newest frame that was copied, and the JPEGs made of it, by width."""
 
     frame: Snapshot
@@ -53,15 +53,15 @@ class Pictures:
     """Encodes on one thread of its own; every size of a frame is encoded once. `pace` is real time."""
 
     def __init__(
-        self, desk: Desk, pace: Clock, *, max_hz: float, max_width_px: int, thread: Executor | None = None
+        self, client: GatewayClient, pace: Clock, *, max_hz: float, max_width_px: int, thread: Executor | None = None
     ) -> None:
-        self._desk = desk
+        self._client = client
         self._pace = pace
         self._min_ns = round(NS_PER_S / max_hz)
         self._max_width_px = max_width_px
         self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="pictures")
-        self._turns = {bay: asyncio.Lock() for bay in desk.bays}
-        self._held: dict[str, _Held] = {}
+        self._turns = {bay: asyncio.Lock() for bay in client.bays}
+        self._cached: dict[str, _CachedFrame] = {}
         self.encoded = 0
 
     async def newer(self, bay: str, after: int | None, width_px: int) -> Picture | None:
@@ -72,40 +72,40 @@ class Pictures:
         width_px = max(MIN_WIDTH_PX, min(width_px, self._max_width_px))
         try:
             async with asyncio.timeout(WAIT_S):
-                with self._desk.watching(bay):
+                with self._client.watching(bay):
                     async with self._turns[bay]:
-                        held = await self._fresh(bay, after)
-                        return await self._picture(held, width_px)
+                        cached = await self._fresh(bay, after)
+                        return await self._picture(cached, width_px)
         except TimeoutError:
             return None
 
-    async def _fresh(self, bay: str, after: int | None) -> _Held:
-        number = self._desk.answers  # what was known before is of no use: its frame has gone
+    async def _fresh(self, bay: str, after: int | None) -> _CachedFrame:
+        number = self._client.answers  # what was known before is of no use: its frame has gone
         while True:
-            held = self._held.get(bay)
-            young = held is not None and self._pace.now_ns() - held.copied_ns < self._min_ns
-            if held is not None and young and held.frame.seq != after:
-                return held
-            if young or (seen := await self._desk.newer(bay, number, WAIT_S)) is None:
+            cached = self._cached.get(bay)
+            young = cached is not None and self._pace.now_ns() - cached.copied_ns < self._min_ns
+            if cached is not None and young and cached.frame.seq != after:
+                return cached
+            if young or (report := await self._client.newer(bay, number, WAIT_S)) is None:
                 await asyncio.sleep(PAUSE_S)
                 continue
-            number = seen.number
-            reading: VisionReading | None = seen.now.state.vision
-            frame = self._desk.snapshot(bay, seen.now.state.vision.frame_id)
+            number = report.number
+            reading: VisionReading | None = report.now.state.vision
+            frame = self._client.snapshot(bay, report.now.state.vision.frame_id)
             if frame is None:
-                frame, reading = self._desk.snapshot(bay), None
-            if frame is not None and (held is None or frame.seq != held.frame.seq):
-                self._held[bay] = _Held(frame, reading, self._pace.now_ns())
+                frame, reading = self._client.snapshot(bay), None
+            if frame is not None and (cached is None or frame.seq != cached.frame.seq):
+                self._cached[bay] = _CachedFrame(frame, reading, self._pace.now_ns())
 
-    async def _picture(self, held: _Held, width_px: int) -> Picture:
-        frame = held.frame
-        if (jpeg := held.jpegs.get(width_px)) is None:
+    async def _picture(self, cached: _CachedFrame, width_px: int) -> Picture:
+        frame = cached.frame
+        if (jpeg := cached.jpegs.get(width_px)) is None:
             loop = asyncio.get_running_loop()
             jpeg = await loop.run_in_executor(self._thread, encoded, frame.image, width_px)
-            held.jpegs[width_px] = jpeg
+            cached.jpegs[width_px] = jpeg
             self.encoded += 1
         height, width = frame.image.shape[:2]
-        return Picture(jpeg, frame.seq, frame.t_capture_ns, width, height, held.reading)
+        return Picture(jpeg, frame.seq, frame.t_capture_ns, width, height, cached.reading)
 
 
 def encoded(image: Image, width_px: int) -> bytes:

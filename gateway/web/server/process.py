@@ -1,4 +1,4 @@
-"""The web process: the desk that pulls, and the server that shows. Ends when the main process does. IO.
+"""The web process: the client that pulls, and the server that answers. Ends when the main process does. IO.
 
 Strangers talk to it, so it gives away what it does not need before it hears the first of them: see `sandbox`.
 """
@@ -16,11 +16,11 @@ from gateway.clock import SystemClock
 from gateway.processes import sandbox
 from gateway.processes.channel import Link
 from gateway.web.auth import slow_clients, tls
-from gateway.web.auth.audit_log import CAUTION, Told
+from gateway.web.auth.audit_log import CAUTION, AuditRecord
 from gateway.web.auth.logins import Logins
 from gateway.web.ipc.messages import TO_WEB, FromWeb, ToWeb, WebSetup
-from gateway.web.server.app import app, site_of
-from gateway.web.server.gateway_client import Desk
+from gateway.web.server.app import app, services_of
+from gateway.web.server.gateway_client import GatewayClient
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ def run(link: Link[FromWeb, ToWeb], about: WebSetup) -> None:
     os.nice(NICE)
     cv2.setNumThreads(1)
     logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
-    log.setLevel(logging.INFO)  # who logged in and who changed something is always told
+    log.setLevel(logging.INFO)  # who logged in and who changed something is always logged
     for line in sandbox.enter(about.config.hmi.run_as):
         log.warning("hmi: not everything can be taken from the web process here: %s", line)
     event_loop.run(_serve(about, link))
@@ -44,13 +44,13 @@ def run(link: Link[FromWeb, ToWeb], about: WebSetup) -> None:
 
 async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
     pace = SystemClock()
-    desk = Desk(about, link, pace)
+    client = GatewayClient(about, link, pace)
     config = about.config.hmi
     for line in config.warnings():
         log.warning("%s", line)
     context = tls.server_context(config)
     logins = Logins(config, pace, _log, instance=about.config.instance)
-    site = site_of(desk, pace)
+    site = services_of(client, pace)
     server = uvicorn.Server(
         uvicorn.Config(
             app(site, logins, pace),
@@ -63,7 +63,7 @@ async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
     sockets = [socket.socket(fileno=fd) for fd in about.sockets]
     with site.workshop:
         async with asyncio.TaskGroup() as group:
-            pulling = group.create_task(desk.keep(), name="desk")
+            pulling = group.create_task(client.keep(), name="gateway-client")
             fresh = None if context is None else group.create_task(tls.keep_fresh(context, config, pace), name="tls")
             await server.serve(sockets)
             pulling.cancel()
@@ -72,5 +72,5 @@ async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
     logins.close()
 
 
-def _log(told: Told) -> None:
-    log.log(logging.WARNING if told.what in CAUTION else logging.INFO, "hmi: %s", told)
+def _log(record: AuditRecord) -> None:
+    log.log(logging.WARNING if record.kind in CAUTION else logging.INFO, "hmi: %s", record)

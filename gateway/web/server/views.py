@@ -1,4 +1,4 @@
-"""What moves on the pages, made from what the desk knows: live view, driver's display, frame. Asks nobody."""
+"""What moves on the pages, made from what the gateway client knows: live view, driver's display, frame. Asks nobody."""
 
 from gateway import __version__
 from gateway.clock import NS_PER_MS
@@ -8,7 +8,7 @@ from gateway.core.model import GUIDANCE_MEANING, Circle, Ellipse, GuidanceCode, 
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Topics
 from gateway.web.server import lists
-from gateway.web.server.gateway_client import Desk, Seen
+from gateway.web.server.gateway_client import BayReport, GatewayClient
 from gateway.web.server.models import (
     AimView,
     BayView,
@@ -24,29 +24,29 @@ from gateway.web.server.models import (
 STALE_AFTER_MS = 500
 
 
-def gateway_of(desk: Desk) -> payloads.Gateway:
+def gateway_of(client: GatewayClient) -> payloads.Gateway:
     """As the messages name it."""
-    config = desk.about.config
-    return payloads.Gateway(Topics("hmi", config.site, config.instance), desk.bays, __version__, desk.about.boot)
+    config = client.about.config
+    return payloads.Gateway(Topics("hmi", config.site, config.instance), client.bays, __version__, client.about.boot)
 
 
-def bay_view(desk: Desk, config: BayConfig) -> BayView:
-    seen = desk.seen(config.name)
-    number = 0 if seen is None else seen.now.state.plc.recipe
-    recipe = _in_force(desk.about.config, config, number)
+def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
+    report = client.report(config.name)
+    number = 0 if report is None else report.now.state.plc.recipe
+    recipe = _in_force(client.about.config, config, number)
     fusion, guidance = recipe.fusion, recipe.guidance
-    names = {row.id: row.name for row in desk.about.config.recipes}
-    handshake = desk.about.config.modbus.handshake if desk.about.config.modbus.writes else None
+    names = {row.id: row.name for row in client.about.config.recipes}
+    handshake = client.about.config.modbus.handshake if client.about.config.modbus.writes else None
     required = handshake is not None and handshake.heartbeat_required
     return BayView(
         bay=config.name,
         unit_id=config.unit_id,
         state=None
-        if seen is None
+        if report is None
         else payloads.state_payload(
-            seen.now.state, gateway_of(desk), seen.wall_ns - seen.now_ns, stale_after_ms=STALE_AFTER_MS
+            report.now.state, gateway_of(client), report.wall_ns - report.now_ns, stale_after_ms=STALE_AFTER_MS
         ),
-        age_ms=age_ms(desk, seen),
+        age_ms=age_ms(client, report),
         thresholds=ThresholdsView(
             radius_threshold_px=fusion.radius_threshold_px,
             distance_threshold_mm=fusion.distance_threshold_mm,
@@ -66,36 +66,36 @@ def bay_view(desk: Desk, config: BayConfig) -> BayView:
             range_ms=1000 * fusion.range_deadline_s,
             plc_ms=1000 * handshake.heartbeat_deadline_s if handshake is not None and required else None,
         ),
-        function_check="OFF" if seen is None else seen.now.state.function_check.name,
-        method=None if seen is None else seen.now.vision.method,
+        function_check="OFF" if report is None else report.now.state.function_check.name,
+        method=None if report is None else report.now.vision.method,
         stage_ms={}
-        if seen is None
-        else {stage: round(took_ns / NS_PER_MS, 3) for stage, took_ns in seen.now.state.vision.stage_ns},
+        if report is None
+        else {stage: round(took_ns / NS_PER_MS, 3) for stage, took_ns in report.now.state.vision.stage_ns},
     )
 
 
-def age_ms(desk: Desk, seen: Seen | None) -> float | None:
+def age_ms(client: GatewayClient, report: BayReport | None) -> float | None:
     """Of the state, now. Never negative: two clocks of one machine may differ by a reading."""
-    if seen is None:
+    if report is None:
         return None
-    return round(max(0, desk.clock.now_ns() - seen.now.state.t_ns) / NS_PER_MS, 1)
+    return round(max(0, client.clock.now_ns() - report.now.state.t_ns) / NS_PER_MS, 1)
 
 
-def live_json(desk: Desk, bays: tuple[str, ...]) -> str:
+def live_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
     """For `Live`: all that the operator's page shows of these bays."""
     return LiveView(
-        server_time_ms=max(0, desk.clock.wall_ns()) // NS_PER_MS,
-        bays=tuple(bay_view(desk, bay) for bay in desk.about.config.bays if bay.name in bays),
-        alarms=lists.alarm_summary(desk),
-        links=lists.links_view(desk),
-        events_newest=desk.newest_event,
+        server_time_ms=max(0, client.clock.wall_ns()) // NS_PER_MS,
+        bays=tuple(bay_view(client, bay) for bay in client.about.config.bays if bay.name in bays),
+        alarms=lists.alarm_summary(client),
+        links=lists.links_view(client),
+        events_newest=client.newest_event,
     ).model_dump_json()
 
 
-def driver_view(desk: Desk, bay: str) -> DriverView:
+def driver_view(client: GatewayClient, bay: str) -> DriverView:
     """Nothing known: FAULT, and stop."""
-    seen = desk.seen(bay)
-    if seen is None:
+    report = client.report(bay)
+    if report is None:
         return DriverView(
             bay=bay,
             code=GuidanceCode.FAULT.name,
@@ -106,22 +106,22 @@ def driver_view(desk: Desk, bay: str) -> DriverView:
             to_go_mm=None,
             age_ms=None,
         )
-    told = payloads.state_payload(seen.now.state, gateway_of(desk), 0, STALE_AFTER_MS).guidance
+    told = payloads.state_payload(report.now.state, gateway_of(client), 0, STALE_AFTER_MS).guidance
     return DriverView(
         bay=bay,
         code=told.name,
         text=told.text,
-        stop=seen.now.state.stop,
+        stop=report.now.state.stop,
         amount_mm=told.amount_mm,
         closing_mm_s=told.closing_mm_s,
         to_go_mm=told.to_go_mm,
-        age_ms=age_ms(desk, seen),
+        age_ms=age_ms(client, report),
     )
 
 
-def driver_json(desk: Desk, bays: tuple[str, ...]) -> str:
+def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
     """For `Live`: the driver's display of the first of these bays."""
-    return driver_view(desk, bays[0]).model_dump_json()
+    return driver_view(client, bays[0]).model_dump_json()
 
 
 def frame_view(reading: VisionReading) -> FrameView:

@@ -12,7 +12,7 @@ from gateway.config import VisionConfig
 from gateway.core.model import FunctionCheck
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.vision.transport.ring import Snapshot
-from gateway.web.auth.caller import Visitor, visitor_of
+from gateway.web.auth.caller import Caller, caller_of
 from gateway.web.auth.refusals import RefusalError, answer
 from gateway.web.host.config_file import ChangedOnDiskError
 from gateway.web.server.gateway_client import RefusedError
@@ -58,7 +58,7 @@ class Call:
         self.shop = shop
         self.request = request
         self.bay: str = request.path_params["bay"]
-        self.visitor: Visitor = visitor_of(request.scope)
+        self.caller: Caller = caller_of(request.scope)
         self._body = body
 
     def asked(self, model: type[Body]) -> Body:
@@ -89,8 +89,8 @@ class Call:
         return parameter_schema.validated(given, await self.shop.in_force(self.bay))
 
     def who(self, tab: str) -> str:
-        session = self.visitor.session
-        return f"{self.visitor.address} {session.key if session else ''} {self.bay} {tab}"
+        session = self.caller.session
+        return f"{self.caller.address} {session.key if session else ''} {self.bay} {tab}"
 
 
 def routes(shop: TuningService) -> list[BaseRoute]:
@@ -120,7 +120,7 @@ def routes(shop: TuningService) -> list[BaseRoute]:
 def _endpoint(shop: TuningService, does: Does) -> Callable[[Request], Awaitable[Response]]:
     async def endpoint(request: Request) -> Response:
         bay = request.path_params["bay"]
-        names = [found.name for found in shop.desk.about.config.bays]
+        names = [found.name for found in shop.client.about.config.bays]
         if bay not in names:
             return answer(RefusalError(404, "bay", f"there is no bay {bay}"))
         try:
@@ -145,7 +145,7 @@ def _refusal(error: GatewayError) -> RefusalError:
 
 async def _function_check(call: Call) -> Response:
     mode = FunctionCheck[call.asked(CheckAsked).mode.upper()]
-    await call.shop.check(call.bay, mode, call.visitor.writer)
+    await call.shop.check(call.bay, mode, call.caller.writer)
     return await _profile(call)
 
 
@@ -229,7 +229,7 @@ async def _file(call: Call, in_force: VisionConfig) -> dict[str, object]:
     """Where saving would write to, what stands in the way, and which keys are not as the file has them."""
     path = call.shop.file or None
     try:
-        found = await call.shop.desk.in_file(call.bay, call.visitor.writer)
+        found = await call.shop.client.in_file(call.bay, call.caller.writer)
     except ConfigError as error:
         return {"path": path, "why_not": str(error), "unsaved": []}
     return {"path": path, "why_not": found.why_not, "unsaved": response_models.changes(found.vision, in_force)}
@@ -239,12 +239,12 @@ async def _apply(call: Call) -> Response:
     asked = call.asked(ApplyAsked)
     settings = await call.settings(asked.vision)
     over = None if asked.over is None else await call.settings(asked.over)
-    return JSONResponse(_settings(call, await call.shop.apply(call.bay, settings, call.visitor.writer, over)))
+    return JSONResponse(_settings(call, await call.shop.apply(call.bay, settings, call.caller.writer, over)))
 
 
 async def _undo(call: Call) -> Response:
     call.asked(Nothing)
-    settings = await call.shop.undo(call.bay, call.visitor.writer)
+    settings = await call.shop.undo(call.bay, call.caller.writer)
     if settings is None:
         raise RefusalError(409, "undo", "there is nothing to go back to")
     return JSONResponse(_settings(call, settings))
@@ -256,7 +256,7 @@ def _settings(call: Call, in_force: VisionConfig) -> dict[str, Any]:
 
 async def _diff(call: Call) -> Response:
     settings = await call.settings(call.asked(SettingsAsked).vision)
-    planned = await call.shop.desk.plan(call.bay, settings, call.visitor.writer)
+    planned = await call.shop.client.plan(call.bay, settings, call.caller.writer)
     return JSONResponse(
         {
             "path": call.shop.file,
@@ -271,7 +271,7 @@ async def _diff(call: Call) -> Response:
 async def _save(call: Call) -> Response:
     asked = call.asked(SaveAsked)
     settings = await call.settings(asked.vision)
-    saved = await call.shop.desk.save(call.bay, settings, asked.digest, call.visitor.writer)
+    saved = await call.shop.client.save(call.bay, settings, asked.digest, call.caller.writer)
     return JSONResponse({"path": call.shop.file, "changes": list(saved.changes), "backup": saved.backup})
 
 
@@ -284,8 +284,8 @@ async def _export_draft(call: Call) -> Response:
 
 
 def _exported(call: Call, settings: VisionConfig) -> Response:
-    desk = call.shop.desk
-    text = profile.export(call.bay, settings, site=desk.about.config.site, wall_ns=desk.clock.wall_ns())
+    client = call.shop.client
+    text = profile.export(call.bay, settings, site=client.about.config.site, wall_ns=client.clock.wall_ns())
     headers = {"Content-Disposition": f'attachment; filename="vision-{call.bay}.toml"'}
     return PlainTextResponse(text, media_type="application/toml", headers=headers)
 

@@ -22,7 +22,7 @@ from gateway.vision.offline.tuning import exposure
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.ipc.messages import ApplySettings, FilePreview, FileSaved, FileSettings, SetFunctionCheck, WebSetup
-from gateway.web.server.gateway_client import Seen
+from gateway.web.server.gateway_client import BayReport
 from gateway.web.server.pictures import encoded as jpeg
 from gateway.web.tuning import eyedropper, profile, stages, trial
 from gateway.web.tuning.eyedropper import ColourPick, Mode
@@ -55,9 +55,9 @@ class GatewayClient(Protocol):
     @property
     def clock(self) -> Clock: ...
 
-    def seen(self, bay: str) -> Seen | None: ...
+    def report(self, bay: str) -> BayReport | None: ...
 
-    async def newer(self, bay: str, number: int, seconds: float) -> Seen | None: ...
+    async def newer(self, bay: str, number: int, seconds: float) -> BayReport | None: ...
 
     def snapshot(self, bay: str, seq: int | None = None) -> Snapshot | None: ...
 
@@ -91,8 +91,8 @@ class TuningService:
     `thread`: for pictures and for texts; by default the bench has one of its own, and texts take the loop's.
     """
 
-    def __init__(self, desk: GatewayClient, pace: Clock, thread: Executor | None = None) -> None:
-        self.desk = desk
+    def __init__(self, client: GatewayClient, pace: Clock, thread: Executor | None = None) -> None:
+        self.client = client
         self.store = CaptureStore()
         self.bench = TrialThread(thread)
         self._texts = thread
@@ -115,18 +115,18 @@ class TuningService:
     @property
     def file(self) -> str:
         """Name of the configuration's file, which the main process reads and writes; empty: there is none."""
-        return self.desk.about.source
+        return self.client.about.source
 
     async def in_force(self, bay: str) -> VisionConfig:
         """Raises LinkError where the main process has not told of it."""
-        seen = self.desk.seen(bay) or await self.desk.newer(bay, 0, FIRST_S)
-        if seen is None:
+        report = self.client.report(bay) or await self.client.newer(bay, 0, FIRST_S)
+        if report is None:
             raise LinkError("the gateway has not told of this bay yet")
-        return seen.now.vision
+        return report.now.vision
 
     def function_check(self, bay: str) -> FunctionCheck:
-        seen = self.desk.seen(bay)
-        return FunctionCheck.OFF if seen is None else seen.now.state.function_check
+        report = self.client.report(bay)
+        return FunctionCheck.OFF if report is None else report.now.state.function_check
 
     # Pictures.
 
@@ -135,12 +135,12 @@ class TuningService:
         frame = await self.newest(bay)
         if frame is None:
             raise LinkError(NO_FRAME)
-        return self.store.still(bay, frame, self.desk.clock.wall_ns())
+        return self.store.still(bay, frame, self.client.clock.wall_ns())
 
     async def newest(self, bay: str) -> Snapshot | None:
         """Asked for a few times: a copy fails where the camera writes over the frame meanwhile."""
         for _ in range(TRIES):
-            if (frame := self.desk.snapshot(bay)) is not None:
+            if (frame := self.client.snapshot(bay)) is not None:
                 return frame
             await self._pace.sleep(LOOK_S)
         return None
@@ -156,14 +156,14 @@ class TuningService:
             self._recorders -= 1
         if not recorder.frames:
             raise LinkError(NO_FRAME)
-        return self.store.recording(bay, recorder.frames, self.desk.clock.wall_ns(), full=recorder.full)
+        return self.store.recording(bay, recorder.frames, self.client.clock.wall_ns(), full=recorder.full)
 
     async def _recorded(self, bay: str, seconds: float) -> Recorder:
         recorder = Recorder()
         begun_ns = self._pace.now_ns()
         until_ns = begun_ns + round(min(seconds, LONGEST_S) * NS_PER_S)
         while self._pace.now_ns() < until_ns and not recorder.full:
-            frame = self.desk.snapshot(bay)
+            frame = self.client.snapshot(bay)
             if frame is not None and frame.seq != recorder.newest:
                 recorder.offer(frame)
             await self._pace.sleep(LOOK_S)
@@ -271,9 +271,9 @@ class TuningService:
 
     async def _order(self, bay: str, what: SetFunctionCheck | ApplySettings, who: Writer) -> None:
         """Done, and told by the main process, so that whoever asks next is told the new state."""
-        await self.desk.order(what, who)
-        seen = self.desk.seen(bay)
-        await self.desk.newer(bay, seen.number if seen else 0, NEWER_S)
+        await self.client.order(what, who)
+        report = self.client.report(bay)
+        await self.client.newer(bay, report.number if report else 0, NEWER_S)
 
     # The file.
 

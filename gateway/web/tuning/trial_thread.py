@@ -1,6 +1,6 @@
 """The one thread on which pictures are worked on for technicians: the newest wish wins, and nothing piles up.
 
-Every visitor has one place in the queue. Whoever asks again while the own wish waits or runs takes it back: the old one
+Every caller has one place in the queue. Whoever asks again while the own wish waits or runs takes it back: the old one
 ends as soon as it notices, and whoever waited for it is told so.
 """
 

@@ -18,11 +18,11 @@ from gateway.clock import SystemClock
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.web.auth import login
 from gateway.web.auth.access import RULES, Rule
-from gateway.web.auth.audit_log import Told, What
-from gateway.web.auth.caller import visitor_of
+from gateway.web.auth.audit_log import AuditKind, AuditRecord
+from gateway.web.auth.caller import caller_of
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.passwords import Passwords
-from gateway.web.auth.security import Guard, protected
+from gateway.web.auth.security import protected
 from tests.virtual_time import LoopClock
 
 # Both are "correct horse battery"; the smallest that the configuration takes.
@@ -47,9 +47,9 @@ class QuickPasswords(Passwords):
 
 
 async def _echo(request: Request) -> Response:
-    visitor = visitor_of(request.scope)
+    caller = caller_of(request.scope)
     body = (await request.body()).decode()
-    return JSONResponse({"who": visitor.name, "role": visitor.level.role, "body": body, "by": str(visitor.writer)})
+    return JSONResponse({"who": caller.name, "role": caller.level.role, "body": body, "by": str(caller.writer)})
 
 
 async def _wait(request: Request) -> Response:
@@ -92,39 +92,39 @@ class Answer:
 
 
 @dataclass
-class House:
-    """A guard with what it told."""
+class SecuredApp:
+    """The security middleware with its audit records."""
 
     config: HmiConfig
-    told: list[Told] = field(default_factory=list)
+    records: list[AuditRecord] = field(default_factory=list)
     app: ASGIApp | None = None
     quick: bool = True
     real_time: bool = False
 
     def __post_init__(self) -> None:
         clock = SystemClock() if self.real_time else LoopClock()
-        self.logins = Logins(self.config, clock, self.told.append, instance="g1")
+        self.logins = Logins(self.config, clock, self.records.append, instance="g1")
         if self.quick:
             self.logins.passwords = QuickPasswords(self.config.users)
         routes = stand_ins(self.logins)
-        self.guard: Guard = protected(self.app or Starlette(routes=routes), routes, self.logins, clock)
+        self.middleware = protected(self.app or Starlette(routes=routes), routes, self.logins, clock)
 
-    def what(self) -> list[What]:
-        return [told.what for told in self.told]
+    def kinds(self) -> list[AuditKind]:
+        return [record.kind for record in self.records]
 
 
-def house(without_login: str = "driver", **keys: Any) -> House:
+def secured_app(without_login: str = "driver", **keys: Any) -> SecuredApp:
     """On 10.0.0.5, without TLS, with vera (viewer) and tom (technician); `keys` as in `[hmi]`."""
     users = keys.pop("users", USERS)
     keys = {"host": "10.0.0.5", "without_login": without_login, **keys}
-    return House(HmiConfig.model_validate({"users": users, **keys}))
+    return SecuredApp(HmiConfig.model_validate({"users": users, **keys}))
 
 
 @dataclass
 class Browser:
     """Keeps its cookies; sends Host, and Origin where a browser does."""
 
-    house: House
+    secured_app: SecuredApp
     address: str = "10.0.0.99"
     host: str = HOST
     scheme: str = "http"
@@ -180,7 +180,7 @@ class Browser:
         async def send(message: Any) -> None:
             sent.append(message)
 
-        await self.house.guard({**self.scope("http", path, headers), "method": method}, receive, send)
+        await self.secured_app.middleware({**self.scope("http", path, headers), "method": method}, receive, send)
         assert [message["type"] for message in sent[:1]] == ["http.response.start"]
         found = {key.decode().lower(): value.decode() for key, value in sent[0]["headers"]}
         assert len(found) == len(sent[0]["headers"]), f"a header twice: {sent[0]['headers']}"
@@ -194,7 +194,7 @@ class Browser:
     async def socket(self, path: str, headers: Mapping[str, str] | None = None) -> "Socket":
         """A WebSocket, after the server's first word."""
         said = {"origin": f"{self.scheme}://{self.host}", **(headers or {})}
-        made = Socket(self.house.guard, self.scope("websocket", path, self._headers(said, None)))
+        made = Socket(self.secured_app.middleware, self.scope("websocket", path, self._headers(said, None)))
         await made.settle()
         return made
 

@@ -1,4 +1,4 @@
-"""A web process's desk with a real main process's side at the other end of a real link, in one event loop."""
+"""A web process's gateway client with a real main process's side at the other end of a real link, in one event loop."""
 
 import asyncio
 import os
@@ -32,7 +32,7 @@ from gateway.web.ipc.messages import (
     ToWeb,
     WebSetup,
 )
-from gateway.web.server.gateway_client import Desk
+from gateway.web.server.gateway_client import GatewayClient
 from tests.virtual_time import AtOnce, LoopClock
 
 
@@ -56,7 +56,7 @@ PLAIN = FusionConfig(decision="plain", recovery_s=0)
 class Plant:
     """Both ends. `answering` False: the main process hangs."""
 
-    desk: Desk
+    client: GatewayClient
     feed: RequestHandler
     hub: Hub
     controls: dict[str, BayControl]
@@ -104,9 +104,9 @@ async def plant(
     specs = {name: ring.create(3, 0.1) for name in names}
     near, far = Link[ToWeb, FromWeb].pair(FROM_WEB)
     about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
-    desk = Desk(about, Link[FromWeb, ToWeb](far, TO_WEB), clock, clock)
+    client = GatewayClient(about, Link[FromWeb, ToWeb](far, TO_WEB), clock, clock)
     made = Plant(
-        desk, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, monitor
+        client, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, monitor
     )
     made.near = near
 
@@ -134,7 +134,7 @@ async def plant(
         async with asyncio.TaskGroup() as group:
             ticking = [group.create_task(control.run()) for control in controls.values()]
             ticking.append(group.create_task(monitor.run()))
-            kept = group.create_task(desk.keep()) if keep else None
+            kept = group.create_task(client.keep()) if keep else None
             yield made
             for task in (*ticking, *([kept] if kept else [])):
                 task.cancel()

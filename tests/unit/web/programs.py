@@ -1,4 +1,4 @@
-"""Asks the programs' side without a socket and without the guard: a desk, a main process's side, one request."""
+"""Calls the programs' side without socket or security: a gateway client, a main process's side, one request."""
 
 import json
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from starlette.applications import Starlette
 from starlette.types import ASGIApp, Message
 
 from gateway.web.auth.access import Level
-from gateway.web.auth.caller import Visitor, with_visitor
+from gateway.web.auth.caller import Caller, with_caller
 from gateway.web.server import api, openapi
-from gateway.web.server.metrics.family import Pages
+from gateway.web.server.metrics.family import PageStatistics
 from tests.unit.web.gateway_client import Plant
 from tests.virtual_time import AtOnce
 
-ANNA = Visitor("anna", Level.TECHNICIAN, "10.0.0.7", "token")
+ANNA = Caller("anna", Level.TECHNICIAN, "10.0.0.7", "token")
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Said:
 
 
 @dataclass
-class Caller:
-    """Asks as `visitor`."""
+class ApiClient:
+    """Asks as `caller`."""
 
     app: ASGIApp
-    visitor: Visitor = ANNA
+    caller: Caller = ANNA
 
     async def get(self, path: str, query: str = "", headers: dict[str, str] | None = None) -> Said:
         return await self.ask("GET", path, query, headers=headers)
@@ -56,7 +56,7 @@ class Caller:
             "raw_path": quote(path).encode(),
             "query_string": query.encode(),
             "headers": [(name.lower().encode(), value.encode()) for name, value in (headers or {}).items()],
-            "client": (self.visitor.address, 1),
+            "client": (self.caller.address, 1),
             "server": ("localhost", 80),
         }
         told: list[Message] = []
@@ -67,12 +67,12 @@ class Caller:
         async def send(message: Any) -> None:
             told.append(message)
 
-        await self.app(with_visitor(scope, self.visitor), receive, send)
+        await self.app(with_caller(scope, self.caller), receive, send)
         start = told[0]
         headers_told = {name.decode(): value.decode() for name, value in start["headers"]}
         return Said(start["status"], headers_told, b"".join(message.get("body", b"") for message in told[1:]))
 
 
-def caller(made: Plant, pages: Pages | None = None) -> Caller:
-    told = pages or Pages()
-    return Caller(Starlette(routes=api.routes(made.desk, lambda: told, openapi.document(), thread=AtOnce())))
+def api_client(made: Plant, pages: PageStatistics | None = None) -> ApiClient:
+    told = pages or PageStatistics()
+    return ApiClient(Starlette(routes=api.routes(made.client, lambda: told, openapi.document(), thread=AtOnce())))

@@ -14,11 +14,11 @@ from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfi
 from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
 from gateway.core.plc import PlcWrite, Writer, WriteVerdict
 from gateway.web.auth.access import Level
-from gateway.web.auth.caller import Visitor
+from gateway.web.auth.caller import Caller
 from gateway.web.server import openapi
 from gateway.web.server.api import MAX_NUMBER
 from tests.unit.web.gateway_client import Plant, plant
-from tests.unit.web.programs import Said, caller
+from tests.unit.web.programs import Said, api_client
 from tests.virtual_time import run
 
 DOCUMENT = openapi.document()
@@ -43,7 +43,7 @@ def wrong(said: Said, status: int, error: str) -> str:
 
 
 def loading(made: Plant, bay: str = "bay1") -> None:
-    now_ns = made.desk.clock.now_ns()
+    now_ns = made.client.clock.now_ns()
     made.controls[bay].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7))
     made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
@@ -55,16 +55,16 @@ async def kept_loading(made: Plant) -> None:
 
 
 def lost(made: Plant, bay: str = "bay1") -> None:
-    made.controls[bay].on_vision(VisionReading(made.desk.clock.now_ns(), Quality.LINK_DOWN, detail="no such device"))
+    made.controls[bay].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="no such device"))
 
 
 def test_state_of_all_bays_and_of_one() -> None:
     async def scene() -> None:
         async with plant(bays=2) as made:
-            ask = caller(made)
+            ask = api_client(made)
             await asyncio.sleep(1.2)
             loading(made)
-            await made.desk.links_anew()
+            await made.client.links_anew()
             both = fits(await ask.get("/api/state"), "BayView")
             assert [bay["bay"] for bay in both] == ["bay1", "bay2"]
             one = fits(await ask.get("/api/bays/bay1/state"), "BayView")
@@ -81,7 +81,7 @@ def test_of_many_bays_all_are_young() -> None:
     async def scene() -> None:
         async with plant(bays=20) as made:
             for _ in range(2):
-                told = fits(await caller(made).get("/api/state"), "BayView")
+                told = fits(await api_client(made).get("/api/state"), "BayView")
                 assert len(told) == 20
                 assert max(bay["age_ms"] for bay in told) < 1600
                 await asyncio.sleep(5)
@@ -100,11 +100,11 @@ def test_thresholds_are_those_of_the_recipe_in_force() -> None:
 
     async def scene() -> None:
         async with plant(config=config) as made:
-            before = fits(await caller(made).get("/api/bays/bay1/state"), "BayView")
+            before = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
             verdict = made.controls["bay1"].on_write(PlcWrite(Writer("10.0.0.1"), recipe=5))
             assert verdict is WriteVerdict.TAKEN
             await asyncio.sleep(2)
-            after = fits(await caller(made).get("/api/bays/bay1/state"), "BayView")
+            after = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
             told = [(b["thresholds"]["radius_threshold_px"], b["aim"]["u_px"]) for b in (before, after)]
             assert told == [(180.0, 300.0), (140.0, 320.0)]
             assert (before["thresholds"]["recipe_name"], after["thresholds"]["recipe_name"]) == (None, "short truck")
@@ -118,7 +118,7 @@ def test_thresholds_are_those_of_the_recipe_in_force() -> None:
 def test_no_such_bay(path: str) -> None:
     async def scene() -> None:
         async with plant() as made:
-            assert "'bay9'" in wrong(await caller(made).get(f"/api/bays/bay9/{path}"), 404, "bay")
+            assert "'bay9'" in wrong(await api_client(made).get(f"/api/bays/bay9/{path}"), 404, "bay")
 
     run(scene())
 
@@ -126,7 +126,7 @@ def test_no_such_bay(path: str) -> None:
 def test_a_main_process_that_says_nothing_is_told_as_such() -> None:
     async def scene() -> None:
         async with plant(keep=False) as made:
-            ask = caller(made)
+            ask = api_client(made)
             assert fits(await ask.get("/api/bays/bay1/state"), "BayView")["state"] is None
             wrong(await ask.get("/api/bays/bay1/registers"), 503, "not_known")
             wrong(await ask.get("/api/bays/bay1/snapshot.jpg"), 503, "no_frame")
@@ -138,7 +138,7 @@ def test_a_main_process_that_says_nothing_is_told_as_such() -> None:
 def test_events_are_told_from_a_number_on() -> None:
     async def scene() -> None:
         async with plant(bays=2) as made:
-            ask = caller(made)
+            ask = api_client(made)
             for _ in range(3):
                 lost(made, "bay2")
                 await asyncio.sleep(1)
@@ -178,7 +178,7 @@ def test_a_number_out_of_its_range_is_named(query: str, said: str) -> None:
     async def scene() -> None:
         async with plant() as made:
             for path in ("/api/events", "/api/bays/bay1/events"):
-                assert wrong(await caller(made).get(path, query), 400, "query").startswith(said)
+                assert wrong(await api_client(made).get(path, query), 400, "query").startswith(said)
 
     run(scene())
 
@@ -188,12 +188,12 @@ def test_registers_are_the_words_that_a_plc_reads() -> None:
         async with plant() as made, asyncio.TaskGroup() as group:
             task = group.create_task(kept_loading(made))
             await asyncio.sleep(1.5)
-            told = fits(await caller(made).get("/api/bays/bay1/registers"), "RegistersView")
+            told = fits(await api_client(made).get("/api/bays/bay1/registers"), "RegistersView")
             task.cancel()
             rows = {row["name"]: row for row in told["registers"]}
-            seen = made.desk.seen("bay1")
-            assert seen is not None
-            image = seen.now.image
+            report = made.client.report("bay1")
+            assert report is not None
+            image = report.now.image
             for row in told["registers"]:
                 assert tuple(row["words"]) == tuple(image[row["address"] : row["address"] + len(row["words"])])
             assert (rows["distance"]["words"], rows["distance"]["value"], rows["distance"]["unit"]) == (
@@ -222,11 +222,11 @@ def test_a_snapshot_is_the_newest_frame(ending: str) -> None:
 
     async def scene() -> None:
         async with plant() as made:
-            captured_ns = made.desk.clock.now_ns()
+            captured_ns = made.client.clock.now_ns()
             made.rings["bay1"].write(0, np.zeros((60, 80, 3), np.uint8), 4, captured_ns - 50_000_000)
             made.rings["bay1"].write(1, image, 5, captured_ns)
             await asyncio.sleep(0.25)
-            said = await caller(made).get(f"/api/bays/bay1/snapshot.{ending}")
+            said = await api_client(made).get(f"/api/bays/bay1/snapshot.{ending}")
             assert (said.status, said.headers["x-frame-id"]) == (200, "5")
             assert said.headers["content-type"] == {"png": "image/png", "jpg": "image/jpeg"}[ending]
             assert 250 <= float(said.headers["x-frame-age-ms"]) < 300
@@ -242,7 +242,7 @@ class TestAlarms:
     def test_an_alarm_is_told_acknowledged_by_name_and_changes_nothing_else(self) -> None:
         async def scene() -> None:
             async with plant() as made:
-                ask = caller(made)
+                ask = api_client(made)
                 loading(made)
                 await asyncio.sleep(0.1)
                 lost(made)
@@ -270,8 +270,8 @@ class TestAlarms:
     def test_without_a_login_the_address_is_kept(self) -> None:
         async def scene() -> None:
             async with plant() as made:
-                ask = caller(made)
-                ask.visitor = Visitor("", Level.TECHNICIAN, "10.0.0.9", "token")
+                ask = api_client(made)
+                ask.caller = Caller("", Level.TECHNICIAN, "10.0.0.9", "token")
                 lost(made)
                 await asyncio.sleep(5)
                 told = fits(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
@@ -283,12 +283,12 @@ class TestAlarms:
     def test_every_deed_does_what_it_is_called(self) -> None:
         async def scene() -> None:
             async with plant() as made:
-                ask = caller(made)
+                ask = api_client(made)
                 made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
                 await asyncio.sleep(2)
 
                 def state() -> str:
-                    return next((a.state.value for a in made.desk.links.alarms.alarms if a.id == "task_crashed"), "")
+                    return next((a.state.value for a in made.client.links.alarms.alarms if a.id == "task_crashed"), "")
 
                 states = []
                 for deed, body in (
@@ -308,7 +308,7 @@ class TestAlarms:
     def test_what_is_not_possible_is_said(self) -> None:
         async def scene() -> None:
             async with plant() as made:
-                ask = caller(made)
+                ask = api_client(made)
                 await asyncio.sleep(1.2)
                 base = "/api/alarms/bay1.camera_down"
                 for name in (
@@ -336,7 +336,7 @@ class TestAlarms:
             async with plant() as made:
                 lost(made)
                 await asyncio.sleep(5)
-                said = await caller(made).post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 0})
+                said = await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 0})
                 assert "occurred again" in wrong(said, 409, "refused")
 
         run(scene())
@@ -344,7 +344,7 @@ class TestAlarms:
     def test_a_hung_main_process_is_no_success(self) -> None:
         async def scene() -> None:
             async with plant(keep=False) as made:
-                wrong(await caller(made).post("/api/alarms/bay1.camera_down/acknowledge"), 503, "gateway")
+                wrong(await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge"), 503, "gateway")
 
         run(scene())
 
@@ -354,10 +354,10 @@ def test_a_function_check_suppresses_and_says_so() -> None:
         async with plant() as made:
             made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
             await asyncio.sleep(2)
-            summary = fits(await caller(made).get("/api/alarms"), "AlarmsView")["summary"]
+            summary = fits(await api_client(made).get("/api/alarms"), "AlarmsView")["summary"]
             hidden = sum(Suppression.FUNCTION_CHECK in kind.suppressed_by for kind in BAY_ALARMS)
             assert (summary["suppressed"], summary["active"], summary["first"]) == (hidden, 0, None)
-            one = fits(await caller(made).get("/api/bays/bay1/state"), "BayView")
+            one = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
             assert one["function_check"] == "MAY_MOVE_OFF"
 
     run(scene())

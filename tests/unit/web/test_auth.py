@@ -16,12 +16,12 @@ from starlette.types import Receive, Scope, Send
 
 from gateway.errors import GatewayError
 from gateway.web.auth.access import BODY_BYTES, LOGIN_BYTES, RULES, Level, Rule, find
-from gateway.web.auth.audit_log import What
+from gateway.web.auth.audit_log import AuditKind
 from gateway.web.auth.bodies import BODY_S
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.route_check import calls, without_rule
 from gateway.web.auth.security import ENDED, REQUEST_S, protected
-from tests.unit.web.auth import HOST, ORIGIN, PASSWORD, Browser, example, house
+from tests.unit.web.auth import HOST, ORIGIN, PASSWORD, Browser, example, secured_app
 from tests.virtual_time import LoopClock, run
 
 NEEDS = {"driver": Level.DRIVER, "viewer": Level.VIEWER, "technician": Level.TECHNICIAN, "none": Level.OPEN}
@@ -80,7 +80,7 @@ async def tried(browser: Browser, rule: Rule) -> int:
 def test_every_address_by_everybody(name: str, without_login: str) -> None:
     async def whole() -> None:
         for rule in RULES:
-            browser = Browser(house(without_login))
+            browser = Browser(secured_app(without_login))
             if name:
                 assert (await browser.login(name)).status == 200
             else:
@@ -105,7 +105,7 @@ def test_what_technicians_do_is_closed_to_all_others() -> None:
 
 @virtual
 async def test_everybody_is_technician_where_loopback_says_so() -> None:
-    browser = Browser(house("technician", host="127.0.0.1", users=()), host="127.0.0.1:8080")
+    browser = Browser(secured_app("technician", host="127.0.0.1", users=()), host="127.0.0.1:8080")
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
     answer = await browser.post("/api/bays/north/profile/apply", {"a": 1})
     assert answer.status == 200
@@ -120,7 +120,7 @@ async def test_everybody_is_technician_where_loopback_says_so() -> None:
 
 @virtual
 async def test_a_viewer_without_login_looks_and_touches_nothing() -> None:
-    browser = Browser(house("viewer"))
+    browser = Browser(secured_app("viewer"))
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
     assert (await browser.get("/api/alarms")).status == 200
     assert (await browser.post("/api/alarms/7/acknowledge")).status == 401
@@ -132,7 +132,7 @@ async def test_a_viewer_without_login_looks_and_touches_nothing() -> None:
 @virtual
 async def test_the_way_to_the_login_is_not_bent() -> None:
     """What was asked for stands in one parameter, whatever it holds."""
-    browser = Browser(house())
+    browser = Browser(secured_app())
     answer = await browser.get('/?a=b&need=none#x"<\r\n')
     assert answer.status == 303
     assert answer.headers["location"] == "/login?next=/%3Fa%3Db%26need%3Dnone%23x%22%3C%0D%0A&need=viewer"
@@ -161,7 +161,7 @@ def test_a_route_without_a_row_is_no_start(route: Any, said: str) -> None:
     assert without_rule([route]) == [said]
 
     async def build() -> None:
-        logins = Logins(house().config, LoopClock(), print)
+        logins = Logins(secured_app().config, LoopClock(), print)
         with pytest.raises(GatewayError, match="these routes have no row in "):
             protected(Starlette(routes=[route]), [route], logins, LoopClock())
 
@@ -202,7 +202,7 @@ def test_names_of_parameters_and_kinds_do_not_matter() -> None:
 )
 def test_what_there_is_not(method: str, path: str, status: int) -> None:
     async def whole() -> None:
-        browser = Browser(house("viewer"))
+        browser = Browser(secured_app("viewer"))
         answer = await browser.get(path, method=method)
         assert answer.status == status
         if status == 405:
@@ -227,7 +227,7 @@ def test_no_path_slips_past_its_row(text: str) -> None:
 
 @virtual
 async def test_dns_rebinding() -> None:
-    browser = Browser(house("viewer"))
+    browser = Browser(secured_app("viewer"))
     for host in ("evil.example", "evil.example:8080", "10.0.0.5.evil.example", "10.0.0.6", "", "10.0.0.5, evil", "-"):
         answer = await browser.get("/api/state", {"host": host})
         assert (host, answer.status) == (host, 400)
@@ -238,8 +238,8 @@ async def test_dns_rebinding() -> None:
     assert (await browser.raw("GET", "/api/state", twice, [b""])).status == 400
     socket = await browser.socket("/api/live", {"host": "evil.example", "origin": "http://evil.example"})
     assert (socket.status, socket.data) == (400, 0)
-    assert set(browser.house.what()) == {What.REFUSED}
-    assert "the pages are not called evil.example" in str(browser.house.told[0])
+    assert set(browser.secured_app.kinds()) == {AuditKind.REFUSED}
+    assert "the pages are not called evil.example" in str(browser.secured_app.records[0])
 
 
 @pytest.mark.parametrize(
@@ -249,21 +249,21 @@ async def test_dns_rebinding() -> None:
 )  # fmt: skip
 def test_another_sites_page_changes_and_hears_nothing(origin: str) -> None:
     async def whole() -> None:
-        browser = Browser(house("viewer"))
+        browser = Browser(secured_app("viewer"))
         await browser.login("tom")
         answer = await browser.post("/api/bays/north/profile/save", {}, {"origin": origin})
         assert (answer.status, answer.json["error"]) == (403, "origin")
         socket = await browser.socket("/api/live", {"origin": origin})
         assert (socket.status, socket.data) == (403, 0)
         assert (await browser.post("/api/bays/north/profile/save")).status == 200
-        assert browser.house.what() == [What.LOGIN, What.REFUSED, What.REFUSED, What.CHANGED]
+        assert browser.secured_app.kinds() == [AuditKind.LOGIN, AuditKind.REFUSED, AuditKind.REFUSED, AuditKind.CHANGED]
 
     run(whole())
 
 
 @virtual
 async def test_origin_twice_is_no_origin() -> None:
-    browser = Browser(house("technician", host="127.0.0.1"), host="127.0.0.1")
+    browser = Browser(secured_app("technician", host="127.0.0.1"), host="127.0.0.1")
     headers = [(b"host", b"127.0.0.1"), (b"origin", b"http://127.0.0.1"), (b"origin", b"http://evil.example")]
     assert (await browser.raw("POST", "/api/bays/north/freeze", headers, [b""])).status == 403
 
@@ -271,7 +271,7 @@ async def test_origin_twice_is_no_origin() -> None:
 @pytest.mark.parametrize("token", ["-", "", "x" * 43, "another's", "strangers", "before"])
 def test_forged_requests(token: str) -> None:
     async def whole() -> None:
-        built = house("driver")
+        built = secured_app("driver")
         other, browser = Browser(built), Browser(built)
         await other.login("tom")
         strangers = (await browser.get("/api/session")).json["csrf"]
@@ -283,7 +283,7 @@ def test_forged_requests(token: str) -> None:
         forged = {"another's": other.csrf, "strangers": strangers, "before": before}.get(token, token)
         answer = await browser.post("/api/bays/north/profile/apply", {}, {"x-csrf-token": forged})
         assert (answer.status, answer.json["error"]) == (403, "csrf")
-        assert What.CHANGED not in built.what()
+        assert AuditKind.CHANGED not in built.kinds()
         assert (await browser.post("/api/bays/north/profile/apply")).status == 200
 
     run(whole())
@@ -291,7 +291,7 @@ def test_forged_requests(token: str) -> None:
 
 @virtual
 async def test_a_login_is_not_forged_either() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     answer = await browser.post("/api/login", {"name": "tom", "password": PASSWORD}, {"x-csrf-token": "-"})
     assert answer.status == 403
     answer = await browser.post("/api/login", {"name": "tom", "password": PASSWORD}, {"origin": "http://evil.example"})
@@ -302,7 +302,7 @@ async def test_a_login_is_not_forged_either() -> None:
 @virtual
 async def test_a_session_is_not_planted() -> None:
     """Session fixation: an id that the attacker knows never becomes the victim's."""
-    built = house()
+    built = secured_app()
     attacker, victim = Browser(built), Browser(built, address="10.0.0.7")
     await attacker.login("vera")
     planted = attacker.cookies["g1-session"]
@@ -318,24 +318,24 @@ async def test_a_session_is_not_planted() -> None:
 
 @virtual
 async def test_brute_force_at_speed() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
     answers = [await browser.post("/api/login", {"name": "tom", "password": f"guess {n:04}"}) for n in range(500)]
     assert [answer.status for answer in answers] == [401] * 10 + [429] * 490
     assert answers[-1].headers["retry-after"] == "60"
-    assert browser.house.logins.passwords.checks == 10
+    assert browser.secured_app.logins.passwords.checks == 10
     assert (await browser.login("tom")).status == 429  # not even the right one
-    assert browser.house.what().count(What.LOGIN_FAILED) == 10
-    assert browser.house.what().count(What.LOGIN_THROTTLED) == 20  # told, but not five hundred times
+    assert browser.secured_app.kinds().count(AuditKind.LOGIN_FAILED) == 10
+    assert browser.secured_app.kinds().count(AuditKind.LOGIN_THROTTLED) == 20  # told, but not five hundred times
     await asyncio.sleep(60)
     assert (await browser.login("tom")).status == 200
-    last = browser.house.told[-1]
-    assert (last.what, last.who, last.address) == (What.LOGIN, "tom", "10.0.0.99")
+    last = browser.secured_app.records[-1]
+    assert (last.kind, last.who, last.address) == (AuditKind.LOGIN, "tom", "10.0.0.99")
 
 
 @virtual
 async def test_brute_force_all_at_once() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
     logins = [browser.post("/api/login", {"name": "tom", "password": f"guess {n:04}"}) for n in range(100)]
     answers = await asyncio.gather(*logins)
@@ -344,10 +344,10 @@ async def test_brute_force_all_at_once() -> None:
 
 @virtual
 async def test_who_types_the_right_password_is_never_held_up() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     for _ in range(30):
         assert (await browser.login("tom")).status == 200
-    program = Browser(browser.house, address="10.0.0.8")
+    program = Browser(browser.secured_app, address="10.0.0.8")
     for _ in range(30):
         assert (await program.get("/metrics", basic("vera", PASSWORD))).status == 200
         await asyncio.sleep(301)  # so that each is checked anew
@@ -355,7 +355,7 @@ async def test_who_types_the_right_password_is_never_held_up() -> None:
 
 @virtual
 async def test_a_stranger_who_guesses_does_not_lock_the_technician_out() -> None:
-    built = house()
+    built = secured_app()
     technician = Browser(built)
     await technician.login("tom")
     for n in range(100):
@@ -367,7 +367,7 @@ async def test_a_stranger_who_guesses_does_not_lock_the_technician_out() -> None
 
 @virtual
 async def test_nothing_tells_whether_a_user_exists() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     known, unknown = await browser.login("tom", "wrong password"), await browser.login("tim", "wrong password")
     assert (known.status, known.text) == (unknown.status, unknown.text) == (401, unknown.text)
 
@@ -377,7 +377,7 @@ async def test_nothing_tells_whether_a_user_exists() -> None:
 )
 def test_huge_bodies(path: str, limit: int) -> None:
     async def whole() -> None:
-        browser = Browser(house())
+        browser = Browser(secured_app())
         await browser.login("tom")
         cookie = f"g1-session={browser.cookies['g1-session']}".encode()
         headers = [
@@ -403,7 +403,7 @@ def test_huge_bodies(path: str, limit: int) -> None:
 
 @virtual
 async def test_a_body_that_never_comes() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
     headers = [(b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"x-csrf-token", browser.csrf.encode())]
     before_s = asyncio.get_running_loop().time()
@@ -416,14 +416,16 @@ async def test_a_body_that_never_comes() -> None:
     async def send(message: Any) -> None:
         sent.append(message)
 
-    await browser.house.guard({**browser.scope("http", "/api/login", headers), "method": "POST"}, silent, send)
+    await browser.secured_app.middleware(
+        {**browser.scope("http", "/api/login", headers), "method": "POST"}, silent, send
+    )
     assert sent[0]["status"] == 408
     assert asyncio.get_running_loop().time() - before_s == pytest.approx(BODY_S)
 
 
 @virtual
 async def test_a_body_arrives_whole_however_it_is_cut() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     await browser.login("tom")
     cookie = f"g1-session={browser.cookies['g1-session']}".encode()
     headers = [(b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"cookie", cookie),
@@ -434,7 +436,7 @@ async def test_a_body_arrives_whole_however_it_is_cut() -> None:
 
 @virtual
 async def test_other_sites_embed_nothing() -> None:
-    browser = Browser(house("viewer"))
+    browser = Browser(secured_app("viewer"))
     for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 200), ("none", 200)):
         for path in ("/api/bays/north/picture", "/metrics", "/static/lib/api.js"):
             assert (site, (await browser.get(path, {"sec-fetch-site": site})).status) == (site, status)
@@ -449,7 +451,7 @@ async def test_other_sites_embed_nothing() -> None:
 @pytest.mark.parametrize("name", ["vera", "tom"])
 def test_logging_out_ends_what_is_open(name: str) -> None:
     async def whole() -> None:
-        built = house()
+        built = secured_app()
         browser, other = Browser(built), Browser(built)
         await browser.login(name)
         await other.login(name)
@@ -472,15 +474,15 @@ def test_logging_out_ends_what_is_open(name: str) -> None:
         await others.say()
         assert (others.data, others.closed) == (2, None)
         await others.leave()
-        assert built.what()[-1] is What.LOGOUT
-        assert built.guard._open == {}
+        assert built.kinds()[-1] is AuditKind.LOGOUT
+        assert built.middleware._open == {}
 
     run(whole())
 
 
 @virtual
 async def test_a_session_is_over_after_its_time_however_busy_its_page() -> None:
-    browser = Browser(house(session_hours=1.0, session_idle_minutes=10.0))
+    browser = Browser(secured_app(session_hours=1.0, session_idle_minutes=10.0))
     assert (await browser.login("vera")).json["expires_in_s"] == 3600
     socket = await browser.socket("/api/live")
     for _ in range(7):
@@ -495,7 +497,7 @@ async def test_a_session_is_over_after_its_time_however_busy_its_page() -> None:
 
 @virtual
 async def test_an_idle_session_ends() -> None:
-    browser = Browser(house(session_idle_minutes=10.0))
+    browser = Browser(secured_app(session_idle_minutes=10.0))
     await browser.login("vera")
     socket = await browser.socket("/api/live")
     await asyncio.sleep(599)
@@ -510,14 +512,14 @@ async def test_an_idle_session_ends() -> None:
 
 @virtual
 async def test_what_a_technician_began_is_not_left_half_done() -> None:
-    browser = Browser(house())
+    browser = Browser(secured_app())
     await browser.login("tom")
     saving = asyncio.get_running_loop().create_task(browser.post("/api/bays/north/profile/save?wait_s=5"))
     await asyncio.sleep(1)
     await browser.post("/api/logout")
     assert (await saving).status == 200
-    assert browser.house.told[-1].what is What.CHANGED
-    assert str(browser.house.told[-1]) == "changed: tom at 10.0.0.99: /api/bays/north/profile/save: 200"
+    assert browser.secured_app.records[-1].kind is AuditKind.CHANGED
+    assert str(browser.secured_app.records[-1]) == "changed: tom at 10.0.0.99: /api/bays/north/profile/save: 200"
 
 
 @pytest.mark.parametrize(("answers", "said"), [(True, "500"), (False, "no answer")])
@@ -531,7 +533,7 @@ def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str
 
     @virtual
     async def scene() -> None:
-        built = house()
+        built = secured_app()
         inner = Starlette(routes=[Route("/api/bays/{bay}/profile/apply", acts_and_breaks, methods=["POST"])])
 
         async def app(scope: Scope, receive: Receive, send: Send) -> None:
@@ -540,20 +542,20 @@ def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str
                 raise KeyError("a bug")
             await (inner if scope["path"].endswith("apply") else good)(scope, receive, send)
 
-        good, built.guard._app = built.guard._app, app
+        good, built.middleware._app = built.middleware._app, app
         browser = Browser(built)
         await browser.login("tom")
         with pytest.raises(KeyError):
             await browser.post("/api/bays/north/profile/apply")
         assert done == ["/api/bays/north/profile/apply"]
-        assert str(built.told[-1]) == f"changed: tom at 10.0.0.99: /api/bays/north/profile/apply: {said}"
+        assert str(built.records[-1]) == f"changed: tom at 10.0.0.99: /api/bays/north/profile/apply: {said}"
 
     scene()
 
 
 @virtual
 async def test_no_request_lasts_for_ever() -> None:
-    browser = Browser(house("viewer"))
+    browser = Browser(secured_app("viewer"))
     before_s = asyncio.get_running_loop().time()
     assert (await browser.get("/api/state?wait_s=1000")).status == 503
     assert asyncio.get_running_loop().time() - before_s == pytest.approx(REQUEST_S)
@@ -566,7 +568,7 @@ async def test_no_request_lasts_for_ever() -> None:
 def test_headers_of_every_answer(tls: bool) -> None:
     async def whole() -> None:
         files: dict[str, Any] = {"tls_cert": "a.pem", "tls_key": "a.key", "port": 443} if tls else {}
-        built = house(**files)
+        built = secured_app(**files)
         browser = Browser(built, scheme="https" if tls else "http")
         answers = [await browser.get(path) for path in ("/login", "/nothing", "/api/state", "/static/a.js", "/tune/a")]
         answers.append(await browser.post("/api/login", {}))
@@ -600,7 +602,7 @@ def test_headers_of_every_answer(tls: bool) -> None:
 
 def test_hsts_only_where_the_pages_are_the_hosts_web_site() -> None:
     async def whole() -> None:
-        browser = Browser(house(tls_cert="a", tls_key="b", port=8443), scheme="https")
+        browser = Browser(secured_app(tls_cert="a", tls_key="b", port=8443), scheme="https")
         assert "strict-transport-security" not in (await browser.get("/login")).headers
 
     run(whole())
@@ -617,21 +619,21 @@ def basic(name: str, password: str) -> dict[str, str]:
 
 @virtual
 async def test_a_program_logs_in_with_every_request_and_costs_one_check() -> None:
-    program = Browser(house("none"))
+    program = Browser(secured_app("none"))
     for _ in range(20):
         assert (await program.get("/metrics", basic("vera", PASSWORD))).json["who"] == "vera"
         await asyncio.sleep(10)
-    assert program.house.logins.passwords.checks == 1
+    assert program.secured_app.logins.passwords.checks == 1
     await asyncio.sleep(300)
     assert (await program.get("/metrics", basic("vera", PASSWORD))).status == 200
-    assert program.house.logins.passwords.checks == 2
-    assert program.house.what() == [What.LOGIN]
+    assert program.secured_app.logins.passwords.checks == 2
+    assert program.secured_app.kinds() == [AuditKind.LOGIN]
     assert program.cookies == {}
 
 
 @virtual
 async def test_where_programs_may_not() -> None:
-    program = Browser(house("none"))
+    program = Browser(secured_app("none"))
     good = basic("tom", PASSWORD)
     program.csrf = (await program.get("/api/session")).json["csrf"]
     assert (await program.get("/api/bays/north/profile", good)).status == 200
@@ -649,7 +651,7 @@ async def test_where_programs_may_not() -> None:
 )
 def test_basic_that_is_none(said: str) -> None:
     async def whole() -> None:
-        answer = await Browser(house("none")).get("/metrics", {"authorization": said})
+        answer = await Browser(secured_app("none")).get("/metrics", {"authorization": said})
         assert (answer.status, answer.json["error"]) == (401, "basic")
         assert answer.headers["www-authenticate"].startswith("Basic ")
 
@@ -658,15 +660,15 @@ def test_basic_that_is_none(said: str) -> None:
 
 @virtual
 async def test_basic_is_throttled_as_the_login_is() -> None:
-    program = Browser(house("none"))
+    program = Browser(secured_app("none"))
     wrong = [(await program.get("/metrics", basic("tom", f"guess {n}"))).status for n in range(30)]
     assert wrong == [401] * 10 + [429] * 20
-    assert program.house.logins.passwords.checks == 10
+    assert program.secured_app.logins.passwords.checks == 10
 
 
 @virtual
 async def test_a_wrong_password_is_never_served_from_memory() -> None:
-    program = Browser(house("none"))
+    program = Browser(secured_app("none"))
     assert (await program.get("/metrics", basic("tom", PASSWORD))).status == 200
     assert (await program.get("/metrics", basic("tom", PASSWORD + "x"))).status == 401
     assert (await program.get("/metrics", basic("vera", "guess"))).status == 401
@@ -684,7 +686,7 @@ def test_no_header_opens_a_door_or_breaks_it(
     cookie: str, host: str, origin: str, token: str, authorization: str
 ) -> None:
     async def whole() -> None:
-        built = house("none")
+        built = secured_app("none")
         browser = Browser(built)
         wild = {"cookie": cookie, "authorization": authorization}
         assert (await browser.get("/api/state", wild)).status == 401
@@ -692,8 +694,8 @@ def test_no_header_opens_a_door_or_breaks_it(
         posted = {**wild, "origin": origin, "x-csrf-token": token}
         assert (await browser.post("/api/bays/north/freeze", {}, posted)).status in (401, 403)
         assert (await browser.post("/api/login", {}, {**posted, "origin": ORIGIN})).status == 403
-        assert built.told == [] or set(built.what()) <= {What.REFUSED, What.LOGIN_FAILED}
-        assert all(str(told).isprintable() for told in built.told)
+        assert built.records == [] or set(built.kinds()) <= {AuditKind.REFUSED, AuditKind.LOGIN_FAILED}
+        assert all(str(told).isprintable() for told in built.records)
 
     run(whole())
 
@@ -702,7 +704,7 @@ def test_no_header_opens_a_door_or_breaks_it(
 @settings(max_examples=100)
 def test_a_cookie_beside_ours_does_not_hide_it(others: list[tuple[str, str]]) -> None:
     async def whole() -> None:
-        browser = Browser(house("none"))
+        browser = Browser(secured_app("none"))
         await browser.login("vera")
         ours = f"g1-session={browser.cookies['g1-session']}"
         before = "; ".join(f"{name}={value.replace(';', '')}" for name, value in others)

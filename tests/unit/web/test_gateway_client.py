@@ -1,4 +1,4 @@
-"""The desk: pulls at the pace of those who look, keeps every event, and says when the main process is silent."""
+"""The gateway client: pulls as often as its viewers need, keeps every event, notices a silent main process."""
 
 import asyncio
 from dataclasses import replace
@@ -30,7 +30,7 @@ ANNA = Writer("127.0.0.1", "anna", "technician")
 
 
 def fresh(made: Plant, bay: str = "bay1") -> None:
-    now_ns = made.desk.clock.now_ns()
+    now_ns = made.client.clock.now_ns()
     made.controls[bay].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=1))
     made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
@@ -40,7 +40,7 @@ def test_nobody_looks_and_the_main_process_is_asked_once_a_second() -> None:
         async with plant() as made:
             await asyncio.sleep(10.05)
             assert len(made.asks) == 11
-            assert made.desk.seen("bay1") is not None
+            assert made.client.report("bay1") is not None
 
     run(scene())
 
@@ -50,9 +50,9 @@ def test_whoever_looks_is_served_at_once_and_ten_times_a_second_until_the_last_o
         async with plant() as made:
             await asyncio.sleep(2.5)
             before = len(made.asks)
-            with made.desk.watching("bay1"), made.desk.watching("bay1"):
-                seen = await made.desk.newer("bay1", made.desk.answers, 0.05)
-                assert seen is not None
+            with made.client.watching("bay1"), made.client.watching("bay1"):
+                report = await made.client.newer("bay1", made.client.answers, 0.05)
+                assert report is not None
                 await asyncio.sleep(2.0)
             assert 20 <= len(made.asks) - before <= 22  # however many look
             await asyncio.sleep(0.2)
@@ -66,14 +66,14 @@ def test_whoever_looks_is_served_at_once_and_ten_times_a_second_until_the_last_o
 def test_of_many_bays_those_that_somebody_looks_at_are_always_fresh_and_none_is_forgotten() -> None:
     async def scene() -> None:
         async with plant(bays=64) as made:
-            with made.desk.watching(*made.desk.bays, urgent=False), made.desk.watching("bay40"):
+            with made.client.watching(*made.client.bays, urgent=False), made.client.watching("bay40"):
                 await asyncio.sleep(5.0)
-                now_ns = made.desk.clock.now_ns()
+                now_ns = made.client.clock.now_ns()
                 ages_s = {}
-                for bay in made.desk.bays:
-                    seen = made.desk.seen(bay)
-                    assert seen is not None, bay
-                    ages_s[bay] = (now_ns - seen.now_ns) / 1e9
+                for bay in made.client.bays:
+                    report = made.client.report(bay)
+                    assert report is not None, bay
+                    ages_s[bay] = (now_ns - report.now_ns) / 1e9
                 assert ages_s["bay40"] <= 0.11
                 assert max(ages_s.values()) <= 1.4  # 64 bays, five with each answer, ten answers a second
         assert all(len(ask.bays) <= MAX_STATES for ask in made.asks)
@@ -84,13 +84,13 @@ def test_of_many_bays_those_that_somebody_looks_at_are_always_fresh_and_none_is_
 def test_as_many_displays_as_bays_are_all_in_time() -> None:
     async def scene() -> None:
         async with plant(bays=64) as made:
-            with made.desk.watching(*made.desk.bays):
+            with made.client.watching(*made.client.bays):
                 await asyncio.sleep(2.0)
-                now_ns = made.desk.clock.now_ns()
-                for bay in made.desk.bays:
-                    seen = made.desk.seen(bay)
-                    assert seen is not None
-                    assert (now_ns - seen.now_ns) / 1e9 <= 0.25, bay  # a display shows STOP after 0.5 s
+                now_ns = made.client.clock.now_ns()
+                for bay in made.client.bays:
+                    report = made.client.report(bay)
+                    assert report is not None
+                    assert (now_ns - report.now_ns) / 1e9 <= 0.25, bay  # a display shows STOP after 0.5 s
 
     run(scene())
 
@@ -104,10 +104,10 @@ def test_events_come_once_in_order_and_those_from_before_the_first_visitor_too()
             await asyncio.sleep(0.0)
             for _ in range(100):
                 await asyncio.sleep(0.0)
-            numbers = [row.number for row in made.desk.events]
+            numbers = [row.number for row in made.client.events]
             assert numbers == list(range(1, 62))  # the start and sixty
-            assert made.desk.events_missed == 0
-            assert [row.event.kind for row in made.desk.events][:2] == [
+            assert made.client.events_missed == 0
+            assert [row.event.kind for row in made.client.events][:2] == [
                 EventKind.START,
                 EventKind.FUNCTION_CHECK_BEGUN,
             ]
@@ -134,7 +134,7 @@ def test_a_hung_main_process_is_noticed() -> None:
         async with plant(keep=False) as made:
             made.answering = False
             with pytest.raises(LinkError, match="not answered within 5 s"):
-                await made.desk.keep()
+                await made.client.keep()
 
     run(scene())
 
@@ -144,11 +144,11 @@ def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() -> Non
         async with plant() as made:
             fresh(made)
             assert made.hub.state("bay1").may_move
-            await made.desk.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
+            await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
             assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
             assert not made.hub.state("bay1").may_move
             await asyncio.sleep(1.1)
-            told = [row.event for row in made.desk.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
+            told = [row.event for row in made.client.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
             assert [event.detail for event in told] == ["127.0.0.1 (anna, role technician)"]
 
     run(scene())
@@ -159,16 +159,16 @@ def test_settings_go_live_only_while_a_function_check_is_on() -> None:
         async with plant() as made:
             wished = VisionConfig(method="paper", min_area_px2=250.0)
             with pytest.raises(RefusedError, match="function check first"):
-                await made.desk.order(ApplySettings("bay1", wished), ANNA)
+                await made.client.order(ApplySettings("bay1", wished), ANNA)
             assert made.eyes["bay1"].settings == VisionConfig()
-            await made.desk.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
-            await made.desk.order(ApplySettings("bay1", wished), ANNA)
+            await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
+            await made.client.order(ApplySettings("bay1", wished), ANNA)
             assert made.eyes["bay1"].settings == wished
             made.eyes["bay1"].refuses = "vision.workers can't change while the gateway runs"
             with pytest.raises(RefusedError, match="can't change"):
-                await made.desk.order(ApplySettings("bay1", VisionConfig()), ANNA)
+                await made.client.order(ApplySettings("bay1", VisionConfig()), ANNA)
             await asyncio.sleep(1.1)
-            told = [row.event.detail for row in made.desk.events if row.event.kind is EventKind.SETTINGS_CHANGED]
+            told = [row.event.detail for row in made.client.events if row.event.kind is EventKind.SETTINGS_CHANGED]
             assert told == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
 
     run(scene())
@@ -178,7 +178,7 @@ def test_an_order_for_no_bay_is_refused() -> None:
     async def scene() -> None:
         async with plant() as made:
             with pytest.raises(RefusedError, match="no bay 'bay7'"):
-                await made.desk.order(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
+                await made.client.order(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
 
     run(scene())
 
@@ -200,7 +200,7 @@ def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message()
                 made.hub.publish(replace(state, vision=reading, memory=memory, seq=state.seq + 1))
                 for mode in (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF):
                     control.check_function(mode)
-            answer = made.feed.answer(StateRequest(1, made.desk.bays[:MAX_STATES]))
+            answer = made.feed.answer(StateRequest(1, made.client.bays[:MAX_STATES]))
             rows = tuple(TaskStatus(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
             answer = structs.replace(answer, links=SystemStatus(rows, "mqtts://broker.plant:8883", None))
             assert len(answer.bays) == MAX_STATES

@@ -15,12 +15,12 @@ from gateway.web.server.health import health, status_code
 from gateway.web.server.models import HealthView
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full, store
-from tests.unit.web.programs import caller
+from tests.unit.web.programs import api_client
 from tests.virtual_time import run
 
 
 def loading(made: Plant) -> None:
-    now_ns = made.desk.clock.now_ns()
+    now_ns = made.client.clock.now_ns()
     made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7))
     made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
@@ -31,8 +31,8 @@ async def judged(
     await asyncio.sleep(1.2)
     loading(made)
     happens(made)
-    await made.desk.links_anew()
-    return health(made.desk, verbose=verbose)
+    await made.client.links_anew()
+    return health(made.client, verbose=verbose)
 
 
 def told(view: HealthView) -> list[tuple[str, str]]:
@@ -57,7 +57,7 @@ def test_all_is_well() -> None:
 
 def of(quality: Quality, sensor: str) -> Callable[[Plant], None]:
     def happens(made: Plant) -> None:
-        now_ns = made.desk.clock.now_ns() + 1
+        now_ns = made.client.clock.now_ns() + 1
         if sensor == "vision":
             made.controls["bay1"].on_vision(VisionReading(now_ns, quality, detail="rtsp://10.0.0.3/secret"))
         else:
@@ -104,10 +104,10 @@ def test_a_control_task_that_does_not_tick_fails() -> None:
             step = control._step
             control._step = lambda seen, *more, **named: None if isinstance(seen, Tick) else step(seen, *more, **named)  # type: ignore[method-assign]
             await asyncio.sleep(2)
-            view = health(made.desk)
+            view = health(made.client)
             assert (view.status, status_code(view)) == ("failing", 503)
             assert told(view) == [("bay1.control", "failing")]
-            said = await caller(made).get("/healthz")
+            said = await api_client(made).get("/healthz")
             assert (said.status, said.json["status"], said.json["parts"]) == (503, "failing", None)
 
     run(scene())
@@ -116,13 +116,13 @@ def test_a_control_task_that_does_not_tick_fails() -> None:
 def test_a_silent_main_process_fails() -> None:
     async def scene() -> None:
         async with plant(keep=False) as made:
-            assert told(health(made.desk))[0] == ("main", "failing")
+            assert told(health(made.client))[0] == ("main", "failing")
         async with plant() as made:
             made.links = full()
             await judged(made)
             made.answering = False
             await asyncio.sleep(3.5)
-            view = health(made.desk)
+            view = health(made.client)
             assert view.status == "failing"
             assert ("main", "failing") in told(view)
             assert ("bay1.control", "failing") in told(view)
@@ -187,7 +187,7 @@ def test_verbose_is_asked_for_by_name() -> None:
         async with plant() as made:
             made.links = full()
             await judged(made)
-            assert (await caller(made).get("/healthz")).json["parts"] is None
-            assert len((await caller(made).get("/healthz", "verbose")).json["parts"]) > 8
+            assert (await api_client(made).get("/healthz")).json["parts"] is None
+            assert len((await api_client(made).get("/healthz", "verbose")).json["parts"]) > 8
 
     run(scene())

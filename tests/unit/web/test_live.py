@@ -59,7 +59,7 @@ class Page:
 def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1")
+            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1")
             async with asyncio.TaskGroup() as group:
                 group.create_task(live.serve(page.socket))
                 await asyncio.sleep(5)
@@ -76,7 +76,7 @@ def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last()
 def test_a_page_that_stalls_gets_the_newest_when_it_comes_back_and_nothing_of_what_it_missed() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)
+            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)
             async with asyncio.TaskGroup() as group:
                 group.create_task(live.serve(page.socket))
                 await asyncio.sleep(50)
@@ -96,7 +96,7 @@ def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(render: R
 
     async def scene() -> None:
         async with plant() as made:
-            live, page, late = Live(made.desk, render, 4, 4), Page("bay=bay1"), Page("bay=bay1")
+            live, page, late = Live(made.client, render, 4, 4), Page("bay=bay1"), Page("bay=bay1")
             async with asyncio.TaskGroup() as group:
                 served = [group.create_task(live.serve(page.socket))]
                 await asyncio.sleep(1)
@@ -116,7 +116,7 @@ def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(render: R
 def test_a_page_that_never_answers_is_let_go() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1", think_s=None)
+            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=None)
             begun_s = asyncio.get_running_loop().time()
             await live.serve(page.socket)
             assert asyncio.get_running_loop().time() - begun_s <= TAKEN_S + 3
@@ -128,7 +128,7 @@ def test_a_page_that_never_answers_is_let_go() -> None:
 def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live = Live(made.desk, views.live_json, 2, 2)
+            live = Live(made.client, views.live_json, 2, 2)
             pages = [Page("bay=bay1") for _ in range(3)]
             stranger = Page("bay=bay9")
             async with asyncio.TaskGroup() as group:
@@ -148,7 +148,7 @@ def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> 
 def test_one_address_has_its_share_of_the_pages() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live = Live(made.desk, views.driver_json, 64, 16)
+            live = Live(made.client, views.driver_json, 64, 16)
             greedy = [Page("bay=bay1", address="10.0.1.66") for _ in range(64)]
             driver = Page("bay=bay1", address="10.0.1.8")
             async with asyncio.TaskGroup() as group:
@@ -174,7 +174,7 @@ def test_one_address_has_its_share_of_the_pages() -> None:
 def test_a_page_that_talks_too_much_is_closed() -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, views.live_json, 4, 4), Page("bay=bay1", words=["next", "x" * 65])
+            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", words=["next", "x" * 65])
             await live.serve(page.socket)
             assert (page.closed, len(page.sent)) == (BAD_ANSWER, 2)
 
@@ -185,7 +185,7 @@ def test_a_page_that_talks_too_much_is_closed() -> None:
 def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_raised(render: Render) -> None:
     async def scene() -> None:
         async with plant() as made:
-            live, page = Live(made.desk, render, 4, 4), Page("bay=bay1", words=["next", b"next"])
+            live, page = Live(made.client, render, 4, 4), Page("bay=bay1", words=["next", b"next"])
             await live.serve(page.socket)
             assert (page.closed, len(page.sent), live.counts.open) == (BAD_ANSWER, 2, 0)
 
@@ -196,7 +196,7 @@ def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_raised
 def test_a_page_that_goes_while_it_is_told_something_is_no_fault(gone_at: str) -> None:
     async def scene() -> None:
         async with plant() as made:
-            live = Live(made.desk, views.live_json, 4, 4)
+            live = Live(made.client, views.live_json, 4, 4)
             for page in (Page("bay=bay1", think_s=None), Page("bay=bay9"), Page("bay=bay1", words=[b""])):
                 page.gone_at = (gone_at,)
                 await live.serve(page.socket)
@@ -210,18 +210,18 @@ def test_many_pages_share_one_rendering() -> None:
         async with plant() as made:
             rendered: list[tuple[str, ...]] = []
 
-            def render(desk: Any, bays: tuple[str, ...]) -> str:
+            def render(client: Any, bays: tuple[str, ...]) -> str:
                 rendered.append(bays)
-                return views.live_json(desk, bays)
+                return views.live_json(client, bays)
 
-            live, pages = Live(made.desk, render, 30, 30), [Page() for _ in range(20)]
+            live, pages = Live(made.client, render, 30, 30), [Page() for _ in range(20)]
             async with asyncio.TaskGroup() as group:
                 for page in pages:
                     group.create_task(live.serve(page.socket))
                 await asyncio.sleep(3)
                 for page in pages:
                     page.leave()
-            answers = made.desk.answers
+            answers = made.client.answers
             assert all(len(page.sent) >= 28 for page in pages)
             assert len(rendered) <= answers + 1
 
@@ -231,7 +231,7 @@ def test_many_pages_share_one_rendering() -> None:
 def test_the_drivers_view_says_fault_while_nothing_is_known() -> None:
     async def scene() -> None:
         async with plant(keep=False) as made:
-            view = json.loads(views.driver_json(made.desk, ("bay1",)))
+            view = json.loads(views.driver_json(made.client, ("bay1",)))
             assert (view["code"], view["stop"], view["age_ms"]) == ("FAULT", True, None)
 
     run(scene())

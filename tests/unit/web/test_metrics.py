@@ -16,23 +16,23 @@ from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT, MAX_STAGES, LatencyHistograms
 from gateway.web.host.process_usage import ProcessUsage
 from gateway.web.ipc.messages import SystemStatus
-from gateway.web.server.live import Counts
+from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.bays import BAYS
-from gateway.web.server.metrics.family import PREFIX, Known, Pages
+from gateway.web.server.metrics.family import PREFIX, MetricsSource, PageStatistics
 from gateway.web.server.metrics.parts import PARTS
 from gateway.web.server.metrics.text import FAMILIES, markdown, text
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
-from tests.unit.web.programs import caller
+from tests.unit.web.programs import api_client
 from tests.virtual_time import run
 
 OPENMETRICS = "application/openmetrics-text; version=1.0.0"
-PAGES = Pages({"live": Counts(open=2, opened=3, sent=40)}, 12, {"csrf": 1})
+PAGES = PageStatistics({"live": ViewerCounts(open=2, opened=3, sent=40)}, 12, {"csrf": 1})
 PROCESSES = (ProcessUsage("main", 1, 12.5, 1 << 20), ProcessUsage("gw-worker-bay1", 2, 3.0, 1 << 22))
 
 
 @dataclass
-class Told:
+class AuditRecord:
     """The samples by name and labels."""
 
     families: dict[str, Metric]
@@ -53,16 +53,16 @@ class Told:
         return [s.labels[PREFIX + name] for s in samples if s.labels.get("bay") == bay and s.value == 1]
 
 
-def parsed(body: bytes) -> Told:
+def parsed(body: bytes) -> AuditRecord:
     families = list(parser.text_string_to_metric_families(body.decode()))
     assert len({family.name for family in families}) == len(families)
     samples = [(s.name, tuple(sorted(s.labels.items()))) for family in families for s in family.samples]
     assert len(set(samples)) == len(samples), "a sample stands twice"
-    return Told({family.name: family for family in families})
+    return AuditRecord({family.name: family for family in families})
 
 
 def loading(made: Plant) -> None:
-    now_ns = made.desk.clock.now_ns()
+    now_ns = made.client.clock.now_ns()
     stats = VisionStats(frames=8, skipped=2, rate_hz=29.5, latency_ms=11.0)
     health = PictureHealth(0.5, 0.01, 0.4, 0.6, 0.2, None, status=1 << PictureFault.DUSTY)
     made.controls["bay1"].on_vision(
@@ -71,12 +71,12 @@ def loading(made: Plant) -> None:
     made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
-async def told(made: Plant, links: SystemStatus | None = None) -> Told:
+async def told(made: Plant, links: SystemStatus | None = None) -> AuditRecord:
     made.links = full() if links is None else links
     await asyncio.sleep(1.2)
     loading(made)
-    await made.desk.links_anew()
-    body, content_type = text(Known(made.desk, PAGES, PROCESSES))
+    await made.client.links_anew()
+    body, content_type = text(MetricsSource(made.client, PAGES, PROCESSES))
     assert content_type.startswith("text/plain; version=")
     return parsed(body)
 
@@ -145,7 +145,7 @@ def test_what_is_not_known_has_no_sample() -> None:
                 assert now.value(name) is None, name
             assert now.holds("bay_tracking", "bay2") == []
         async with plant(keep=False) as made:
-            body, _ = text(Known(made.desk, Pages()))
+            body, _ = text(MetricsSource(made.client, PageStatistics()))
             early = parsed(body)
             assert early.value("bay_stop") is None
             assert early.value("links_age_seconds") is None
@@ -215,7 +215,7 @@ def test_openmetrics_for_those_who_ask() -> None:
         async with plant(bays=2) as made:
             made.links = full()
             await asyncio.sleep(1.2)
-            said = await caller(made, PAGES).get("/metrics", headers={"Accept": OPENMETRICS})
+            said = await api_client(made, PAGES).get("/metrics", headers={"Accept": OPENMETRICS})
             assert said.status == 200
             assert said.headers["content-type"].startswith("application/openmetrics-text")
             parse: Callable[[str], Iterator[Metric]] = openmetrics_parser.text_string_to_metric_families
@@ -224,7 +224,7 @@ def test_openmetrics_for_those_who_ask() -> None:
             assert kinds[PREFIX + "bay_reason"] == "stateset"
             assert kinds[PREFIX + "bay_frames"] == "counter"
             assert kinds[PREFIX + "bay_vision_latency_seconds"] == "histogram"
-            plain = await caller(made, PAGES).get("/metrics")
+            plain = await api_client(made, PAGES).get("/metrics")
             assert plain.headers["content-type"].startswith("text/plain")
             processes = {s.labels["process"] for s in parsed(plain.body).families[PREFIX + "process_instances"].samples}
             assert "main" in processes  # of whoever has started the tests, but real

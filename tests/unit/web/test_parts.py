@@ -114,8 +114,8 @@ def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None
 
     async def scene() -> None:
         async with plant(bays=64) as made:
-            for bay in made.desk.bays:
-                made.controls[bay].on_vision(VisionReading(made.desk.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
+            for bay in made.client.bays:
+                made.controls[bay].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
             await asyncio.sleep(8)
             alarms = made.monitor.summary(MAX_ALARMS)
             assert len(alarms.alarms) == 100
@@ -156,7 +156,7 @@ def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None
                 ),
             )
             made.links = links
-            answer = made.feed.answer(StateRequest(1, made.desk.bays))
+            answer = made.feed.answer(StateRequest(1, made.client.bays))
             packed = Codec.packed(structs.replace(answer, links=links))
             assert len(packed) < MAX_MESSAGE_BYTES, len(packed)
             again: StateReply = TO_WEB.unpacked(packed)

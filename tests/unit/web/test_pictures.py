@@ -27,14 +27,14 @@ def shown(jpeg: bytes) -> Image:
 
 def film(made: Plant, seq: int, *, reading: bool = True, slot: int | None = None) -> None:
     """The camera writes frame `seq`, and vision tells what it saw in it."""
-    now_ns = made.desk.clock.now_ns()
+    now_ns = made.client.clock.now_ns()
     made.rings["bay1"].write(seq % 3 if slot is None else slot, scenery(seq % 256), seq, now_ns)
     if reading:
         made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(80, 60, float(seq)), frame_id=seq))
 
 
 def of(made: Plant, width_px: int = 1280) -> Pictures:
-    return Pictures(made.desk, made.desk.clock, max_hz=10, max_width_px=width_px, thread=AtOnce())
+    return Pictures(made.client, made.client.clock, max_hz=10, max_width_px=width_px, thread=AtOnce())
 
 
 def test_nothing_is_encoded_while_nobody_asks() -> None:

@@ -27,7 +27,7 @@ from gateway.errors import ConfigError
 from gateway.web.auth import slow_clients, tls
 from gateway.web.auth.security import ENDED
 from tests.plant_certs import NOW, Plant
-from tests.unit.web.auth import HASH, PASSWORD, USERS, House
+from tests.unit.web.auth import HASH, PASSWORD, USERS, SecuredApp
 
 HURRY_S = 30.0  # nothing here takes so long, on any machine
 
@@ -178,8 +178,10 @@ async def _ended(reader: asyncio.StreamReader) -> bool:
 
 def test_a_login_over_real_sockets_and_its_end() -> None:
     async def whole() -> None:
-        made = House(HmiConfig.model_validate({"without_login": "none", "users": USERS}), quick=False, real_time=True)
-        async with served(made.guard) as port:
+        made = SecuredApp(
+            HmiConfig.model_validate({"without_login": "none", "users": USERS}), quick=False, real_time=True
+        )
+        async with served(made.middleware) as port:
             host = f"127.0.0.1:{port}"
             origin = Origin(f"http://{host}")
             async with httpx2.AsyncClient(base_url=f"http://{host}", timeout=HURRY_S, trust_env=False) as page:

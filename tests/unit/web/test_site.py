@@ -13,32 +13,32 @@ from gateway.config import GatewayConfig, HmiConfig
 from gateway.web.auth.access import Level, find
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.route_check import calls
-from gateway.web.auth.security import ENDED, Guard
+from gateway.web.auth.security import ENDED, SecurityMiddleware
 from gateway.web.server import app
-from gateway.web.server.gateway_client import Desk
-from tests.unit.web.auth import USERS, Browser, House, QuickPasswords
+from gateway.web.server.gateway_client import GatewayClient
+from tests.unit.web.auth import USERS, Browser, QuickPasswords, SecuredApp
 from tests.unit.web.gateway_client import plant
 from tests.virtual_time import LoopClock, run
 
 
 @dataclass
-class RealHouse(House):
+class RealApp(SecuredApp):
     """With the web process's own application."""
 
-    desk: Desk | None = None
+    client: GatewayClient | None = None
 
     def __post_init__(self) -> None:
-        assert self.desk is not None
+        assert self.client is not None
         clock = LoopClock()
-        self.logins = Logins(self.config, clock, self.told.append, instance="g1")
+        self.logins = Logins(self.config, clock, self.records.append, instance="g1")
         self.logins.passwords = QuickPasswords(self.config.users)
-        made = app.app(app.site_of(self.desk, clock), self.logins, clock)
-        assert isinstance(made, Guard)
-        self.guard = made
+        made = app.app(app.services_of(self.client, clock), self.logins, clock)
+        assert isinstance(made, SecurityMiddleware)
+        self.middleware = made
 
     def addresses(self) -> list[tuple[str, str]]:
         """Method and an example of a path."""
-        application = self.guard._app
+        application = self.middleware._app
         assert isinstance(application, Starlette)
         return [
             (method, re.sub(r"\{\w+:path\}", "driver.js", path).replace("{bay}", "bay1"))
@@ -47,10 +47,10 @@ class RealHouse(House):
 
 
 @asynccontextmanager
-async def site(without_login: str = "none") -> AsyncIterator[RealHouse]:
+async def site(without_login: str = "none") -> AsyncIterator[RealApp]:
     config = HmiConfig.model_validate({"host": "10.0.0.5", "without_login": without_login, "users": USERS})
     async with plant(config=GatewayConfig(hmi=config)) as made:
-        yield RealHouse(config, desk=made.desk)
+        yield RealApp(config, client=made.client)
 
 
 async def status(browser: Browser, method: str, path: str) -> int | None:
@@ -93,12 +93,12 @@ def test_the_real_live_page_ends_with_its_login() -> None:
             async with asyncio.timeout(30):
                 while not socket.data:  # noqa: ASYNC110
                     await asyncio.sleep(0.1)
-            assert real.desk is not None
-            assert real.desk.watchers == 1
+            assert real.client is not None
+            assert real.client.watchers == 1
             await browser.post("/api/logout")
             await socket.settle()
             assert (socket.closed, socket.task.done()) == (ENDED, True)
-            assert real.desk.watchers == 0
+            assert real.client.watchers == 0
 
     run(whole())
 

@@ -110,12 +110,12 @@ def test_a_visitor_whom_nobody_could_answer_is_not_kept_waiting(tmp_path: Path) 
             about = WebSetup(GatewayConfig(hmi=gone), SystemClock(), {})
             with (
                 socket.create_server(("127.0.0.1", 0)) as door,
-                socket.create_connection(door.getsockname()) as visitor,
+                socket.create_connection(door.getsockname()) as caller,
             ):
                 door.setblocking(False)
                 with pytest.raises(LinkError, match=r"hmi\.tls_cert: cannot read .*gone\.pem"):
                     await WebProcessService(made.feed, about, (door,)).run()
-                visitor.settimeout(5)
-                assert visitor.recv(1) == b""
+                caller.settimeout(5)
+                assert caller.recv(1) == b""
 
     run(scene())

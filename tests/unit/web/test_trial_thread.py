@@ -72,7 +72,7 @@ def test_visitors_wait_for_each_other_and_one_thread_works() -> None:
 
         try:
             async with asyncio.timeout(PATIENCE_S):
-                await asyncio.gather(*(bench.work(f"visitor {n}", work) for n in range(MAX_WAITING)))
+                await asyncio.gather(*(bench.work(f"caller {n}", work) for n in range(MAX_WAITING)))
             assert (most, len(names), bench.done) == (1, 1, MAX_WAITING)
         finally:
             bench.close()

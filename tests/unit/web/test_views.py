@@ -26,7 +26,7 @@ def fits(text: str, model: str) -> Any:
 
 
 def loading(made: Plant, bay: str = "bay1") -> None:
-    now_ns = made.desk.clock.now_ns()
+    now_ns = made.client.clock.now_ns()
     stages = (("hsv", 1_250_000), ("fit", 400_000))
     made.controls[bay].on_vision(
         VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, stage_ns=stages)
@@ -40,8 +40,8 @@ def test_the_live_view_of_some_bays() -> None:
             made.links = full()
             await asyncio.sleep(1.2)
             loading(made, "bay2")
-            await made.desk.links_anew()
-            told = fits(views.live_json(made.desk, ("bay2", "bay3")), "LiveView")
+            await made.client.links_anew()
+            told = fits(views.live_json(made.client, ("bay2", "bay3")), "LiveView")
             assert [bay["bay"] for bay in told["bays"]] == ["bay2", "bay3"]
             first = told["bays"][0]
             assert first["stage_ms"] == {"hsv": 1.25, "fit": 0.4}
@@ -52,7 +52,7 @@ def test_the_live_view_of_some_bays() -> None:
             assert told["links"]["modbus"][0]["peers"][0]["quiet_ms"] == 250
             assert [task["name"] for task in told["links"]["tasks"]] == ["mqtt.deliver"]  # the one that began anew
             assert 0 <= told["links"]["age_ms"] < 200
-            assert told["events_newest"] == made.desk.newest_event
+            assert told["events_newest"] == made.client.newest_event
 
     run(scene())
 
@@ -63,8 +63,8 @@ def test_ages_grow_while_the_main_process_is_silent() -> None:
             await asyncio.sleep(1.2)
             made.answering = False
             await asyncio.sleep(3)
-            live = fits(views.live_json(made.desk, ("bay1",)), "LiveView")
-            driver = fits(views.driver_json(made.desk, ("bay1",)), "DriverView")
+            live = fits(views.live_json(made.client, ("bay1",)), "LiveView")
+            driver = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
             assert live["bays"][0]["age_ms"] >= 3000
             assert driver["age_ms"] >= 3000
             assert live["links"]["age_ms"] >= 3000
@@ -76,11 +76,11 @@ def test_ages_grow_while_the_main_process_is_silent() -> None:
 def test_before_anything_is_known() -> None:
     async def scene() -> None:
         async with plant(keep=False) as made:
-            live = fits(views.live_json(made.desk, ("bay1",)), "LiveView")
+            live = fits(views.live_json(made.client, ("bay1",)), "LiveView")
             assert (live["bays"][0]["state"], live["bays"][0]["age_ms"]) == (None, None)
             assert live["links"]["age_ms"] is None
-            assert made.desk.links == SystemStatus()
-            driver = fits(views.driver_json(made.desk, ("bay1",)), "DriverView")
+            assert made.client.links == SystemStatus()
+            driver = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
             assert (driver["code"], driver["stop"], driver["age_ms"]) == ("FAULT", True, None)
 
     run(scene())
@@ -91,8 +91,8 @@ def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
         async with plant() as made:
             await asyncio.sleep(1.2)
             loading(made)
-            await made.desk.links_anew()
-            told = fits(views.driver_json(made.desk, ("bay1",)), "DriverView")
+            await made.client.links_anew()
+            told = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
             guidance = made.hub.state("bay1").guidance
             assert (told["code"], told["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
             assert told["stop"] is made.hub.state("bay1").stop is False
@@ -101,15 +101,15 @@ def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
 
 
 def test_a_frame_fits_into_a_header() -> None:
-    seen = VisionReading(
+    report = VisionReading(
         1, Quality.GOOD, Circle(1.5, 2.5, 3.5), frame_id=9, ellipse=Ellipse(1.5, 2.5, 3.5, 3.0, 0.7), confidence=0.9
     )
     hidden = VisionReading(1, Quality.COASTED, frame_id=10, tracking=Tracking.COASTED, predicted=Circle(4.0, 5.0, 6.0))
-    for reading in (seen, hidden, VisionReading(1, Quality.WAITING)):
+    for reading in (report, hidden, VisionReading(1, Quality.WAITING)):
         text = views.frame_json(reading)
         assert text.isascii()
         assert text.isprintable()
         fits(text, "FrameView")
-    assert json.loads(views.frame_json(seen))["ellipse"]["semi_minor_px"] == 3.0
+    assert json.loads(views.frame_json(report))["ellipse"]["semi_minor_px"] == 3.0
     told = json.loads(views.frame_json(hidden))
     assert (told["circle"], told["predicted"]) == (None, {"u": 4.0, "v": 5.0, "radius_px": 6.0})

@@ -23,7 +23,7 @@ from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.trial import EndedError
 from tests.unit.web.bench import HEIGHT, MARKER, WIDTH, picture
 from tests.unit.web.gateway_client import Plant, plant
-from tests.unit.web.programs import Caller, Said
+from tests.unit.web.programs import ApiClient, Said
 from tests.virtual_time import AtOnce, run
 
 FILE = """\
@@ -45,24 +45,24 @@ class Bay:
 
     made: Plant
     shop: TuningService
-    caller: Caller
+    api_client: ApiClient
 
     async def get(self, path: str, query: str = "") -> Said:
-        return await self.caller.get(f"/api/bays/bay1/{path}", query)
+        return await self.api_client.get(f"/api/bays/bay1/{path}", query)
 
     async def post(self, path: str, **body: object) -> Said:
-        return await self.caller.post(f"/api/bays/bay1/{path}", body)
+        return await self.api_client.post(f"/api/bays/bay1/{path}", body)
 
     def film(self, seq: int = 1, u: float = MARKER[0]) -> None:
-        self.made.rings["bay1"].write(seq % 3, picture(u, seed=seq), seq, self.made.desk.clock.now_ns())
+        self.made.rings["bay1"].write(seq % 3, picture(u, seed=seq), seq, self.made.client.clock.now_ns())
 
 
 @asynccontextmanager
 async def bay(source: Path | None = None) -> AsyncIterator[Bay]:
     config = GatewayConfig(bays=(BayConfig(name="bay1"), BayConfig(name="bay2", unit_id=2)))
     async with plant(config=config, source=str(source or "")) as made:
-        shop = TuningService(made.desk, made.desk.clock, AtOnce())
-        yield Bay(made, shop, Caller(Starlette(routes=routes(shop))))
+        shop = TuningService(made.client, made.client.clock, AtOnce())
+        yield Bay(made, shop, ApiClient(Starlette(routes=routes(shop))))
 
 
 def test_every_address_is_for_technicians_alone() -> None:
@@ -117,12 +117,12 @@ def test_a_frame_is_frozen_looked_at_and_tried() -> None:
             assert [panel["name"] for panel in tried["panels"]] == ["hsv", "mask", "clean", "fit"]
             assert tried["exposure"] is None
             for panel in tried["panels"]:
-                shown = await page.caller.get(panel["url"])
+                shown = await page.api_client.get(panel["url"])
                 assert shown.status == 200
                 assert decoded(shown.body).shape[:2] == (panel["height_px"], panel["width_px"])
             gone = tried["panels"][0]["url"].replace(f"/{tried['number']}/", "/999/")
-            assert (await page.caller.get(gone)).status == 404
-            assert (await page.caller.get(panel["url"].replace("bay1", "bay2"))).status == 404
+            assert (await page.api_client.get(gone)).status == 404
+            assert (await page.api_client.get(panel["url"].replace("bay1", "bay2"))).status == 404
 
             live = (await page.post("trial", live=True, vision={})).json
             assert live["panels"][0]["name"] == "picture"
@@ -140,7 +140,7 @@ def decoded(data: bytes) -> np.ndarray:
 def test_a_recording_holds_the_frames_of_the_next_seconds() -> None:
     async def scene() -> None:
         async with bay() as page:
-            clock = page.made.desk.clock
+            clock = page.made.client.clock
             began_ns = clock.now_ns()
 
             async def camera() -> None:
@@ -351,7 +351,7 @@ def test_a_trial_that_a_newer_one_took_back_is_no_fault(monkeypatch: pytest.Monk
 def test_there_is_no_other_bay() -> None:
     async def scene() -> None:
         async with bay() as page:
-            told = await page.caller.get("/api/bays/bay9/profile")
+            told = await page.api_client.get("/api/bays/bay9/profile")
             assert (told.status, told.json["detail"]) == (404, "there is no bay bay9")
 
     run(scene())

@@ -22,37 +22,37 @@ from gateway.core.model import (
 from gateway.core.ne107 import Ne107, status
 from gateway.core.plc import PlcLink
 from gateway.core.scale import MarkerScale
-from gateway.web.server.gateway_client import Seen
-from gateway.web.server.metrics.family import Family, Known, Labelled, Value
+from gateway.web.server.gateway_client import BayReport
+from gateway.web.server.metrics.family import Family, Labelled, MetricsSource, Value
 
 MM_PER_M = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
-class BayKnown:
+class BayMetrics:
     """One bay of which something is known."""
 
     config: BayConfig
-    seen: Seen
+    report: BayReport
     now_ns: int
 
     @property
     def state(self) -> StateVector:
-        return self.seen.now.state
+        return self.report.now.state
 
 
-def _bays(known: Known) -> Iterator[BayKnown]:
-    now_ns = known.desk.clock.now_ns()
-    for config in known.desk.about.config.bays:
-        if (seen := known.desk.seen(config.name)) is not None:
-            yield BayKnown(config, seen, now_ns)
+def _bays(source: MetricsSource) -> Iterator[BayMetrics]:
+    now_ns = source.client.clock.now_ns()
+    for config in source.client.about.config.bays:
+        if (report := source.client.report(config.name)) is not None:
+            yield BayMetrics(config, report, now_ns)
 
 
-def _of_bays(read: Callable[[BayKnown], Value]) -> Callable[[Known], Iterator[Labelled]]:
-    return lambda known: (((bay.config.name,), read(bay)) for bay in _bays(known))
+def _of_bays(read: Callable[[BayMetrics], Value]) -> Callable[[MetricsSource], Iterator[Labelled]]:
+    return lambda source: (((bay.config.name,), read(bay)) for bay in _bays(source))
 
 
-def _gauge(name: str, help: str, read: Callable[[BayKnown], Value]) -> Family:
+def _gauge(name: str, help: str, read: Callable[[BayMetrics], Value]) -> Family:
     return Family(f"bay_{name}", "gauge", help, _of_bays(read), ("bay",))
 
 
@@ -64,36 +64,36 @@ def _states(name: str, help: str, kinds: type[Enum], read: Callable[[StateVector
     """`read` None: nothing is known, so no state is 1."""
     states = tuple(kind.name.lower() for kind in kinds)
 
-    def place(bay: BayKnown) -> Value:
+    def place(bay: BayMetrics) -> Value:
         found = read(bay.state)
         return -1 if found is None else states.index(found.name.lower())
 
     return Family(f"bay_{name}", "state set", help, _of_bays(place), ("bay",), states)
 
 
-def _seconds(bay: BayKnown, t_ns: int, *, known: bool = True) -> Value:
-    return max(0, bay.now_ns - t_ns) / NS_PER_S if known else None
+def _seconds(bay: BayMetrics, t_ns: int, *, source: bool = True) -> Value:
+    return max(0, bay.now_ns - t_ns) / NS_PER_S if source else None
 
 
 def _meters(number_mm: float | None) -> Value:
     return None if number_mm is None else number_mm / MM_PER_M
 
 
-def _scale(bay: BayKnown, read: Callable[[MarkerScale], Value]) -> Value:
+def _scale(bay: BayMetrics, read: Callable[[MarkerScale], Value]) -> Value:
     return None if bay.state.memory.scale is None else read(bay.state.memory.scale)
 
 
-def _circle(bay: BayKnown, axis: str) -> Value:
+def _circle(bay: BayMetrics, axis: str) -> Value:
     circle = bay.state.vision.circle if bay.state.vision.quality is Quality.GOOD else None
     return None if circle is None else getattr(circle, axis)
 
 
-def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[BayKnown], Value]:
+def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[BayMetrics], Value]:
     return lambda bay: None if (health := bay.state.picture) is None else read(health)
 
 
-def _picture_faults(known: Known) -> Iterator[Labelled]:
-    for bay in _bays(known):
+def _picture_faults(source: MetricsSource) -> Iterator[Labelled]:
+    for bay in _bays(source):
         if (health := bay.state.picture) is not None:
             for fault in PictureFault:
                 yield (bay.config.name, fault.name.lower()), int(fault in health.faults)
@@ -147,11 +147,11 @@ BAYS: tuple[Family, ...] = (
            ("bay", "fault")),
     _gauge("state_age_seconds", "of what is told here of the bay", lambda b: _seconds(b, b.state.t_ns)),
     _gauge("vision_age_seconds", "of the newest frame or fault",
-           lambda b: _seconds(b, b.state.vision.t_ns, known=b.state.vision.quality is not Quality.WAITING)),
+           lambda b: _seconds(b, b.state.vision.t_ns, source=b.state.vision.quality is not Quality.WAITING)),
     _gauge("range_age_seconds", "of the newest distance or fault",
-           lambda b: _seconds(b, b.state.range.t_ns, known=b.state.range.quality is not Quality.WAITING)),
+           lambda b: _seconds(b, b.state.range.t_ns, source=b.state.range.quality is not Quality.WAITING)),
     _gauge("plc_heartbeat_age_seconds", "since the PLC's heartbeat changed; no sample: it never came",
-           lambda b: _seconds(b, b.state.plc.beat_ns, known=b.state.plc.link in (PlcLink.ALIVE, PlcLink.LOST))),
+           lambda b: _seconds(b, b.state.plc.beat_ns, source=b.state.plc.link in (PlcLink.ALIVE, PlcLink.LOST))),
     _gauge("vision_rate_hertz", "vision results a second", lambda b: b.state.vision.stats.rate_hz),
     _gauge("range_rate_hertz", "distances a second", lambda b: b.state.range.stats.rate_hz),
     _counter("ticks", "of fusion; they must go on", lambda s: s.heartbeat),

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gateway.web.host.process_usage import ProcessUsage
-from gateway.web.server.gateway_client import Desk
-from gateway.web.server.live import Counts
+from gateway.web.server.gateway_client import GatewayClient
+from gateway.web.server.live import ViewerCounts
 
 PREFIX = "loading_gateway_"
 Value = float | int | None
@@ -15,20 +15,20 @@ Form = Literal["gauge", "counter", "state set"]
 
 
 @dataclass(frozen=True, slots=True)
-class Pages:
+class PageStatistics:
     """What the web process itself has done."""
 
-    viewers: Mapping[str, Counts] = field(default_factory=dict)  # by page
+    viewers: Mapping[str, ViewerCounts] = field(default_factory=dict)  # by page
     pictures_encoded: int = 0
     refusals: Mapping[str, int] = field(default_factory=dict)  # by code
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class MetricsSource:
     """All there is to tell."""
 
-    desk: Desk
-    pages: Pages
+    client: GatewayClient
+    pages: PageStatistics
     processes: tuple[ProcessUsage, ...] = ()
 
 
@@ -39,6 +39,6 @@ class Family:
     name: str
     form: Form
     help: str
-    read: Callable[[Known], Iterable[Labelled]] = field(repr=False)
+    read: Callable[[MetricsSource], Iterable[Labelled]] = field(repr=False)
     labels: tuple[str, ...] = ()
     states: tuple[str, ...] = ()

@@ -12,15 +12,15 @@ from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.web.host.process_usage import ProcessUsage
 from gateway.web.ipc.messages import TaskStatus
 from gateway.web.server.health import health
-from gateway.web.server.live import Counts
-from gateway.web.server.metrics.family import Family, Form, Known, Labelled, Value
+from gateway.web.server.live import ViewerCounts
+from gateway.web.server.metrics.family import Family, Form, Labelled, MetricsSource, Value
 
 STATUSES = ("ok", "degraded", "failing")
 
 
 def _modbus(name: str, form: Form, help: str, read: Callable[[ServerNow], Value]) -> Family:
-    def rows(known: Known) -> Iterator[Labelled]:
-        return (((_transport(server),), read(server)) for server in known.desk.links.modbus)
+    def rows(source: MetricsSource) -> Iterator[Labelled]:
+        return (((_transport(server),), read(server)) for server in source.client.links.modbus)
 
     return Family(f"modbus_{name}", form, help, rows, ("transport",))
 
@@ -29,21 +29,21 @@ def _transport(server: ServerNow) -> str:
     return "tls" if server.tls else "tcp"
 
 
-def _refusals(known: Known) -> Iterator[Labelled]:
-    for server in known.desk.links.modbus:
+def _refusals(source: MetricsSource) -> Iterator[Labelled]:
+    for server in source.client.links.modbus:
         for why, count in server.refused:
             yield (_transport(server), why.name.lower()), count
 
 
-def _peers(known: Known) -> Iterator[Labelled]:
-    for server in known.desk.links.modbus:
+def _peers(source: MetricsSource) -> Iterator[Labelled]:
+    for server in source.client.links.modbus:
         for peer in server.peers:
             yield (_transport(server), peer.address, "yes" if peer.is_plc else "no"), peer.quiet_s
 
 
 def _mqtt(name: str, form: Form, help: str, read: Callable[[DeliveryPayload], Value]) -> Family:
-    def rows(known: Known) -> list[Labelled]:
-        delivery = known.desk.links.delivery
+    def rows(source: MetricsSource) -> list[Labelled]:
+        delivery = source.client.links.delivery
         return [] if delivery is None else [((), read(delivery))]
 
     return Family(f"mqtt_{name}", form, help, rows)
@@ -54,55 +54,55 @@ def _store(name: str, form: Form, help: str, read: Callable[[StorePayload], Valu
 
 
 def _sparkplug(name: str, form: Form, help: str, read: Callable[[SparkplugNow], Value]) -> Family:
-    def rows(known: Known) -> list[Labelled]:
-        session = known.desk.links.sparkplug
+    def rows(source: MetricsSource) -> list[Labelled]:
+        session = source.client.links.sparkplug
         return [] if session is None else [((), read(session))]
 
     return Family(f"sparkplug_{name}", form, help, rows)
 
 
 def _task(name: str, form: Form, help: str, read: Callable[[TaskStatus], Value]) -> Family:
-    def rows(known: Known) -> Iterator[Labelled]:
-        return (((task.name,), read(task)) for task in known.desk.links.tasks)
+    def rows(source: MetricsSource) -> Iterator[Labelled]:
+        return (((task.name,), read(task)) for task in source.client.links.tasks)
 
     return Family(f"task_{name}", form, help, rows, ("task",))
 
 
-def _viewers(name: str, form: Form, help: str, read: Callable[[Counts], Value]) -> Family:
-    def rows(known: Known) -> Iterator[Labelled]:
-        return (((page,), read(counts)) for page, counts in known.pages.viewers.items())
+def _viewers(name: str, form: Form, help: str, read: Callable[[ViewerCounts], Value]) -> Family:
+    def rows(source: MetricsSource) -> Iterator[Labelled]:
+        return (((page,), read(counts)) for page, counts in source.pages.viewers.items())
 
     return Family(name, form, help, rows, ("page",))
 
 
 def _process(name: str, form: Form, help: str, read: Callable[[ProcessUsage], Value]) -> Family:
-    def rows(known: Known) -> Iterator[Labelled]:
-        return (((one.name,), read(one)) for one in known.processes)
+    def rows(source: MetricsSource) -> Iterator[Labelled]:
+        return (((one.name,), read(one)) for one in source.processes)
 
     return Family(f"process_{name}", form, help, rows, ("process",))
 
 
-def _whole(name: str, form: Form, help: str, read: Callable[[Known], Value]) -> Family:
-    return Family(name, form, help, lambda known: [((), read(known))])
+def _whole(name: str, form: Form, help: str, read: Callable[[MetricsSource], Value]) -> Family:
+    return Family(name, form, help, lambda source: [((), read(source))])
 
 
-def _alarms(known: Known) -> Iterator[Labelled]:
-    counts = Counter(dict(known.desk.links.alarms.counts))
+def _alarms(source: MetricsSource) -> Iterator[Labelled]:
+    counts = Counter(dict(source.client.links.alarms.counts))
     return (((state.value,), counts[state]) for state in AlarmState)
 
 
-def _announced(known: Known) -> Iterator[Labelled]:
-    counts = Counter(dict(known.desk.links.alarms.announced))
+def _announced(source: MetricsSource) -> Iterator[Labelled]:
+    counts = Counter(dict(source.client.links.alarms.announced))
     return (((kind,), counts[kind]) for kind in ALARM_DEFINITIONS)
 
 
-def _health(known: Known) -> Iterable[Labelled]:
-    return [((), STATUSES.index(health(known.desk).status))]
+def _health(source: MetricsSource) -> Iterable[Labelled]:
+    return [((), STATUSES.index(health(source.client).status))]
 
 
-def _links_age(known: Known) -> Value:
-    known_ns = known.desk.links_ns
-    return None if known_ns is None else max(0, known.desk.clock.now_ns() - known_ns) / NS_PER_S
+def _links_age(source: MetricsSource) -> Value:
+    known_ns = source.client.links_ns
+    return None if known_ns is None else max(0, source.client.clock.now_ns() - known_ns) / NS_PER_S
 
 
 PARTS: tuple[Family, ...] = (
@@ -120,7 +120,7 @@ PARTS: tuple[Family, ...] = (
     Family("modbus_peer_quiet_seconds", "gauge", "since this client was answered; a long list is cut", _peers,
            ("transport", "address", "plc")),
     Family("mqtt_connected", "gauge", "1: there is a connection to the broker",
-           lambda k: [] if k.desk.links.delivery is None else [((), k.desk.links.broker_connected)]),
+           lambda k: [] if k.client.links.delivery is None else [((), k.client.links.broker_connected)]),
     _mqtt("published", "counter", "messages the broker has acknowledged", lambda d: d.published),
     _mqtt("failed", "counter", "messages it has not", lambda d: d.failed),
     _mqtt("reconnects", "counter", "connections after the first", lambda d: d.reconnects),
@@ -138,8 +138,8 @@ PARTS: tuple[Family, ...] = (
     _sparkplug("history_dropped", "counter", "changes of stop given up", lambda s: s.history_dropped),
     _sparkplug("history_waiting", "gauge", "changes of stop to be told later", lambda s: s.history_waiting),
     _whole("event_queues_dropped", "counter", "events that queues inside of the gateway had no room for",
-           lambda k: k.desk.links.events_dropped),
-    _whole("events", "counter", "events of all bays", lambda k: k.desk.newest_event),
+           lambda k: k.client.links.events_dropped),
+    _whole("events", "counter", "events of all bays", lambda k: k.client.newest_event),
     _task("running", "gauge", "1: the task runs", lambda t: t.running),
     _task("starts", "counter", "its starts; the first one is one", lambda t: t.starts),
     _task("link_errors", "counter", "starts that ended with a lost link", lambda t: t.link_errors),
@@ -153,7 +153,7 @@ PARTS: tuple[Family, ...] = (
     _viewers("views_let_go", "counter", "live pages that did not answer", lambda c: c.let_go),
     _whole("pictures_encoded", "counter", "JPEGs made for the pages", lambda k: k.pages.pictures_encoded),
     _whole("page_events_missed", "counter", "events that the web process has not been told of",
-           lambda k: k.desk.events_missed),
+           lambda k: k.client.events_missed),
     Family("page_refusals", "counter", "requests that the guard refused",
            lambda k: [((code,), count) for code, count in k.pages.refusals.items()], ("code",)),
     _process("instances", "gauge", "processes of this name", lambda u: u.processes),

@@ -17,7 +17,7 @@ from prometheus_client.registry import Collector
 from gateway import __version__
 from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT
 from gateway.web.server.metrics.bays import BAYS
-from gateway.web.server.metrics.family import PREFIX, Family, Known
+from gateway.web.server.metrics.family import PREFIX, Family, MetricsSource
 from gateway.web.server.metrics.parts import PARTS
 
 FAMILIES = (*BAYS, *PARTS)
@@ -29,11 +29,11 @@ INFO = ("info", "version, site and instance")
 class Gateway(Collector):
     """Everything that is known, once."""
 
-    def __init__(self, known: Known) -> None:
-        self._known = known
+    def __init__(self, source: MetricsSource) -> None:
+        self._known = source
 
     def collect(self) -> Iterable[Metric]:
-        config = self._known.desk.about.config
+        config = self._known.client.about.config
         about = {"version": __version__, "site": config.site, "instance": config.instance}
         yield InfoMetricFamily(PREFIX.rstrip("_"), INFO[1], value=about)
         for family in FAMILIES:
@@ -41,39 +41,39 @@ class Gateway(Collector):
         yield from _histograms(self._known)
 
 
-def text(known: Known, accept: str = "") -> tuple[bytes, str]:
+def text(source: MetricsSource, accept: str = "") -> tuple[bytes, str]:
     """Body and content type; `accept` is the request's header: OpenMetrics for those who ask for it."""
     encode, content_type = choose_encoder(accept)
-    return encode(Gateway(known)), content_type
+    return encode(Gateway(source)), content_type
 
 
-def _metric(family: Family, known: Known) -> Metric:
+def _metric(family: Family, source: MetricsSource) -> Metric:
     name = PREFIX + family.name
     match family.form:
         case "gauge":
             gauge = GaugeMetricFamily(name, family.help, labels=family.labels)
-            for labels, value in family.read(known):
+            for labels, value in family.read(source):
                 if value is not None:
                     gauge.add_metric(labels, float(value))
             return gauge
         case "counter":
             counter = CounterMetricFamily(name, family.help, labels=family.labels)
-            for labels, value in family.read(known):
+            for labels, value in family.read(source):
                 if value is not None:
                     counter.add_metric(labels, float(value))
             return counter
         case "state set":
             states = StateSetMetricFamily(name, family.help, labels=family.labels)
-            for labels, value in family.read(known):
+            for labels, value in family.read(source):
                 states.add_metric(labels, {state: n == value for n, state in enumerate(family.states)})
             return states
 
 
-def _histograms(known: Known) -> Iterator[Metric]:
+def _histograms(source: MetricsSource) -> Iterator[Metric]:
     whole = HistogramMetricFamily(PREFIX + LATENCY[0], LATENCY[1], labels=["bay"])
     stages = HistogramMetricFamily(PREFIX + STAGE[0], STAGE[1], labels=["bay", "stage"])
     bounds = [f"{bound_s:g}" for bound_s in BOUNDS_S] + ["+Inf"]
-    for row in known.desk.links.latencies:
+    for row in source.client.links.latencies:
         buckets = list(zip(bounds, map(float, accumulate(row.counts)), strict=True))
         if row.stage == CAPTURE_TO_RESULT:
             whole.add_metric([row.bay], buckets, row.sum_s)
