@@ -31,8 +31,7 @@ from gateway.modbus.registers.image_source import image_of
 from gateway.modbus.registers.writes import writer, writer_of
 from gateway.modbus.server import tls
 from gateway.modbus.server.service import serving
-from gateway.ranger.port import check_url
-from gateway.ranger.service import RangerService
+from gateway.ranger.service import RangerService, check_port
 from gateway.shared_state import SharedStateWriter
 from gateway.sinks.mqtt import address, credentials
 from gateway.sinks.mqtt.publisher import MqttPublisher
@@ -93,7 +92,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
 
     for n, bay in enumerate(config.bays):
         look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
-        look(("bays", n, "ranger", "port"), partial(check_url, bay.ranger.port))
+        look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.server_context, config.modbus.tls))
     if config.mqtt is not None:

@@ -17,7 +17,6 @@ from gateway.core.events import diff
 from gateway.core.interlock import Remembered, Rules
 from gateway.core.model import Circle, Event, FunctionCheck, Quality, RangeReading, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, PlcWrite, Writer
-from gateway.ranger.hcsr04.protocol import QUESTION
 from gateway.ranger.hcsr04.session import Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of
@@ -162,8 +161,7 @@ class Bench:
             self._unplugged = False
             self._board.boot(now_ns, POWER_ON)
             readings += self._session.opened(now_ns)
-        if self._session.question_due(now_ns):
-            self._board.hear(QUESTION, now_ns)
+        self._board.hear(self._session.request(now_ns), now_ns)
         for reading in [
             *readings,
             *self._session.feed(self._board.advance(now_ns), now_ns),

@@ -1,14 +1,14 @@
 """The configuration's own words about itself: the table of keys for docs and `gateway check`. Pure."""
 
 from collections.abc import Iterator
-from typing import Literal, get_args, get_origin
+from typing import get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig
 from gateway.config.strict.placed_error import without_password
-from gateway.config.strict.section import bounds_of, inner_model
+from gateway.config.strict.section import bounds_of, choices_of, inner_model
 
 
 def markdown() -> str:
@@ -57,9 +57,7 @@ def _default(info: FieldInfo) -> str:
 
 
 def _allowed(info: FieldInfo) -> str:
-    if get_origin(info.annotation) is Literal:
-        return ", ".join(f'`"{choice}"`' for choice in get_args(info.annotation))
-    return bounds_of(info) or "–"
+    return ", ".join(f'`"{choice}"`' for choice in choices_of(info)) or bounds_of(info) or "–"
 
 
 def _toml(value: object) -> str:

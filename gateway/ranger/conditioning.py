@@ -1,4 +1,4 @@
-"""What stands between a raw distance and a trusted one: a glitch gate, then a median. Pure; all times in ns.
+"""From a raw distance to a trusted one, for every ranger: a glitch gate, then a median. Pure; all times in ns.
 
 The gate's rule: one odd reading is held back, a second one decides. Held back means nothing is reported and the last
 good value ages, so a sensor that stays odd can never hide behind it for longer than the staleness deadline.
@@ -8,19 +8,28 @@ is not hidden: the filtered value carries the time of the middle of its window.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from statistics import median, median_high, median_low
 
+from gateway.config import RangerConfig
+from gateway.core.model import Quality, RangeReading, RangeStats
+
+NS_PER_S = 1_000_000_000
 HISTORY = 8
 UNSTABLE_ODD = 3
 """So many odd readings among the last HISTORY: the sensor alternates, and nobody knows which of its values are true."""
+MEMORY_CYCLES = 5
+"""The glitch gate compares readings at most so many cycles apart."""
+REPEAT_NS = NS_PER_S // 10
+"""A lasting fault is reported again after so long."""
+RATE_NS = NS_PER_S
 
 
 class Verdict(Enum):
     PASS = auto()  # use it; a fault: report it
-    HOLD = auto()  # say nothing yet
-    UNSTABLE = auto()  # say that readings jump
+    HOLD = auto()  # report nothing yet
+    UNSTABLE = auto()  # report that readings jump
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,3 +114,94 @@ class MedianFilter:
         self._window.append(_Level(mm, t_ns))
         times = [level.t_ns for level in self._window]
         return median(level.mm for level in self._window), (median_low(times) + median_high(times)) // 2
+
+
+class Conditioner:
+    """Makes the readings of one ranger from its raw ones, and counts. The counters outlive connections."""
+
+    def __init__(self, config: RangerConfig, cycle_ns: int) -> None:
+        self._gate = GlitchGate(config.glitch_gate_mm, MEMORY_CYCLES * cycle_ns)
+        self._median = MedianFilter(config.median)
+        self.stats = RangeStats()
+        self._connections = 0
+        self._reported: tuple[Quality, int] | None = None
+        self._arrivals: deque[int] = deque(maxlen=256)
+
+    def set_cycle(self, cycle_ns: int) -> None:
+        """The time between two measurements, once the ranger has told it."""
+        self._gate.memory_ns = MEMORY_CYCLES * cycle_ns
+
+    def opened(self) -> None:
+        """A new connection: nothing of the one before counts, but the counters."""
+        self.restarted()
+        self._connections += 1
+        self._reported = None
+        self._arrivals.clear()
+        self.stats = replace(self.stats, reopens=self._connections - 1, rate_hz=0.0)
+
+    def restarted(self) -> None:
+        """Another sensor, or the same one after a restart."""
+        self._gate.reset()
+        self._median.reset()
+
+    def gap(self) -> None:
+        """Measurements are missing: the median begins anew."""
+        self._median.reset()
+
+    def count(self, *, lines: int = 0, damaged: int = 0, gaps: int = 0, rejected: int = 0) -> None:
+        s = self.stats
+        self.stats = replace(
+            s,
+            lines=s.lines + lines,
+            damaged=s.damaged + damaged,
+            gaps=s.gaps + gaps,
+            rejected=s.rejected + rejected,
+        )
+
+    def arrived(self, now_ns: int) -> None:
+        """A measurement arrived, usable or not."""
+        self._arrivals.append(now_ns)
+        self.update_rate(now_ns)
+
+    def update_rate(self, now_ns: int) -> None:
+        """Measurements a second, over about the last second."""
+        while self._arrivals and now_ns - self._arrivals[0] > RATE_NS:
+            self._arrivals.popleft()
+        spread_ns = self._arrivals[-1] - self._arrivals[0] if self._arrivals else 0
+        rate_hz = (len(self._arrivals) - 1) * NS_PER_S / spread_ns if spread_ns else 0.0
+        self.stats = replace(self.stats, rate_hz=rate_hz)
+
+    def measured(self, raw_mm: float, quality: Quality, t_ns: int, seq: int, detail: str = "") -> list[RangeReading]:
+        """One measurement, from an echo at `t_ns`; what is wrong with it as `quality`. Empty: it is held back."""
+        good = quality is Quality.GOOD
+        if not good:
+            self._median.reset()
+        verdict = self._gate.distance(raw_mm, t_ns) if good else self._gate.fault(t_ns)
+        if verdict is not Verdict.PASS:
+            self.count(rejected=1)
+        if verdict is Verdict.HOLD:
+            return []
+        if verdict is Verdict.UNSTABLE:
+            self._median.reset()
+            return self._emit(t_ns, Quality.UNSTABLE, None, seq, f"readings jump, now {raw_mm:.0f} mm")
+        if not good:
+            return self._emit(t_ns, quality, None, seq, detail or f"{raw_mm:.0f} mm")
+        value_mm, value_ns = self._median.push(raw_mm, t_ns)
+        return self._emit(value_ns, Quality.GOOD, value_mm, seq, "", self._median.oldest_ns)
+
+    def fault(self, quality: Quality, now_ns: int, seq: int, detail: str) -> list[RangeReading]:
+        """A fault without a measurement of its own: at once when it is new, then again every REPEAT_NS."""
+        if self._reported is not None and self._reported[0] is quality and now_ns - self._reported[1] < REPEAT_NS:
+            return []
+        return self._emit(now_ns, quality, None, seq, detail)
+
+    def lost(self, now_ns: int, detail: str) -> RangeReading:
+        """The port cannot be opened or was lost."""
+        self.stats = replace(self.stats, rate_hz=0.0)
+        return RangeReading(now_ns, Quality.LINK_DOWN, detail=detail, stats=self.stats)
+
+    def _emit(
+        self, t_ns: int, quality: Quality, mm: float | None, seq: int, detail: str, oldest_ns: int | None = None
+    ) -> list[RangeReading]:
+        self._reported = (quality, t_ns)
+        return [RangeReading(t_ns, quality, mm, seq, detail, self.stats, oldest_ns)]

@@ -1,20 +1,23 @@
-"""The ranger's shell: one thread reads the port and stamps what comes; the session decides; readings go to the loop.
+"""Runs any ranger: one thread reads the port and stamps the bytes, the session decides, readings go to the event loop.
 
 The session lives on while `run` is called again and again by the supervisor, so its counters survive a pulled cable.
 """
 
 import asyncio
+import logging
 import threading
 from collections import deque
 from collections.abc import Callable
 
 from gateway.clock import Clock
 from gateway.config import RangerConfig
+from gateway.config.sections.ranger import RANGERS
 from gateway.core.model import RangeReading
 from gateway.errors import LinkError
-from gateway.ranger.hcsr04.protocol import QUESTION
-from gateway.ranger.hcsr04.session import Session
+from gateway.ranger.contract import Connection, RangerType
 from gateway.ranger.port import READ_BYTES, Port, check_url
+
+log = logging.getLogger(__name__)
 
 FLOOD_PAUSE_S = 0.01
 """After a full read buffer: no ranger sends so much, and the other bays need the processor too."""
@@ -25,48 +28,65 @@ END_S = 0.5
 thread then closes it by itself."""
 
 
+def ranger_type(config: RangerConfig) -> RangerType:
+    """What `[ranger] type` names. Raises ConfigError for a name that the registry does not know."""
+    found: RangerType = RANGERS.load(config.type)
+    return found
+
+
+def check_port(config: RangerConfig) -> None:
+    """Raise ConfigError for a type or a port that can never work on any machine."""
+    (ranger_type(config).check_url or check_url)(config.port)
+
+
 class RangerService:
     """Reads one ranger and hands every reading to `emit`, on the event loop.
 
-    `port` overrides the configured URL. Raises ConfigError at once for a URL that no machine can open.
+    `port` overrides the configured URL. Raises ConfigError at once for a port that no machine can open.
     """
 
     def __init__(
         self, config: RangerConfig, clock: Clock, emit: Callable[[RangeReading], None], port: str | None = None
     ) -> None:
-        self._url = port or config.port
-        check_url(self._url)
-        self._baud = config.baud
-        self._clock = clock
-        self._emit = emit
-        self.session = Session(config)
+        self.config = config.model_copy(update={"port": port}) if port else config
+        check_port(self.config)
+        self.clock = clock
+        self.emit = emit
+        self._type = ranger_type(config)
+        self.session = self._type.session(config)
+        self.undelivered = 0
+        """Readings that a busy event loop did not take in time."""
+
+    def connect(self) -> Connection:
+        """Open the port. Blocks; raises LinkError."""
+        connect = self._type.connect
+        return connect(self.config) if connect is not None else Port(self.config.port, self.config.baud)
 
     async def run(self) -> None:
         """Read until cancelled. Emits LINK_DOWN and raises LinkError when the port cannot be opened or is lost."""
-        reader = _Reader(self._url, self._baud, self._clock, self.session, self._emit)
+        reader = _Reader(self)
         try:
             await reader.ended.wait()
         finally:
             await reader.stop()
-        error = reader.error or LinkError(f"ranger port {self._url}: the reading thread died")
-        self._emit(self.session.lost(self._clock.now_ns(), str(error)))
+        error = reader.error or LinkError(f"ranger port {self.config.port}: the reading thread died")
+        self.emit(self.session.lost(self.clock.now_ns(), str(error)))
         raise error
 
 
 class _Reader:
-    """One connection and its thread."""
+    """One connection of a service, and its thread."""
 
-    def __init__(
-        self, url: str, baud: int, clock: Clock, session: Session, emit: Callable[[RangeReading], None]
-    ) -> None:
+    def __init__(self, service: RangerService) -> None:
         self.ended = asyncio.Event()
         self.error: LinkError | None = None
-        self._url, self._baud, self._clock, self._session, self._emit = url, baud, clock, session, emit
+        self._service, self._session, self._clock = service, service.session, service.clock
         self._pending: deque[RangeReading] = deque(maxlen=PENDING)
         self._scheduled = False
+        self._identity = ""
         self._loop = asyncio.get_running_loop()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._work, name=f"ranger {url}", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=f"ranger {service.config.port}", daemon=True)
         self._thread.start()
 
     async def stop(self) -> None:
@@ -81,34 +101,37 @@ class _Reader:
 
     def _work(self) -> None:
         try:
-            port = Port(self._url, self._baud)
+            connection = self._service.connect()
             try:
-                self._read(port)
+                self._read(connection)
             finally:
-                port.close()
+                connection.close()
         except LinkError as error:
             self.error = error
         finally:
             self._to_loop(self.ended.set)
 
-    def _read(self, port: Port) -> None:
+    def _read(self, connection: Connection) -> None:
         session, clock = self._session, self._clock
         if self._stop.is_set():
-            return  # the connection came too late: a newer reader may own the session
+            return  # the connection was made too late: a newer reader may own the session
         self._deliver(session.opened(clock.now_ns()))
         while not self._stop.is_set():
-            if session.question_due(clock.now_ns()):
-                port.write(QUESTION)
-            data = port.read()
+            if request := session.request(clock.now_ns()):
+                connection.write(request)
+            data = connection.read()
             now_ns = clock.now_ns()
             self._deliver(session.feed(data, now_ns) + session.tick(now_ns))
+            if (identity := session.identity) != self._identity:
+                self._identity = identity
+                log.info("ranger port %s: %s", self._service.config.port, identity)
             if len(data) >= READ_BYTES:
                 clock.block(FLOOD_PAUSE_S)
 
     def _deliver(self, readings: list[RangeReading]) -> None:
         for reading in readings:
             # A loop too busy to take them gets the newest; nothing piles up.
-            self._session.undelivered += len(self._pending) == PENDING
+            self._service.undelivered += len(self._pending) == PENDING
             self._pending.append(reading)
         if readings and not self._scheduled:
             self._scheduled = True
@@ -117,7 +140,7 @@ class _Reader:
     def _hand_over(self) -> None:
         self._scheduled = False  # before looking, so that nothing appended meanwhile is forgotten
         while self._pending and not self._stop.is_set():
-            self._emit(self._pending.popleft())
+            self._service.emit(self._pending.popleft())
 
     def _to_loop(self, callback: Callable[[], None]) -> None:
         try:

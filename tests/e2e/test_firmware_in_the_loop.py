@@ -55,8 +55,8 @@ def test_a_moving_target_is_seen_where_it_is(tmp_path: Path) -> None:
             host = Host(board.port, clock)
             async with together(board.run, host.supervisor.run):
                 await host.until_measured(40)
-            assert host.service.session.stats.damaged == 0
-            assert host.service.session.hello == Hello("hcsr04", 1, 60, 1)
+            assert host.session.stats.damaged == 0
+            assert host.session.hello == Hello("hcsr04", 1, 60, 1)
         fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
         assert dated_right(fresh_ns), fresh_ns
 
@@ -118,13 +118,13 @@ def test_opening_resets_an_uno_and_pulling_the_cable_takes_its_power() -> None:
             host = Host(board.port, clock)
             async with together(board.run, host.supervisor.run):
                 await host.until_good()
-                assert host.service.session.hello == Hello("hcsr04", 1, 60, 2)  # the reset line
+                assert host.session.hello == Hello("hcsr04", 1, 60, 2)  # the reset line
                 board.forced[RangerFault.UNPLUGGED] = 0.0
                 await host.until(lambda r: r.quality is Quality.LINK_DOWN)
                 assert not plugged(board)
                 board.forced.clear()
                 await host.until_good()
-                assert host.service.session.stats.reopens >= 1
+                assert host.session.stats.reopens >= 1
 
     asyncio.run(main())
 

@@ -21,8 +21,9 @@ from gateway.clock import Clock, SystemClock
 from gateway.config import RangerConfig, Reconnect
 from gateway.core.model import Quality, RangeReading
 from gateway.errors import LinkError
-from gateway.ranger.hcsr04.arrival_times import Place
+from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import Hello, Measurement, encode_hello, encode_measurement
+from gateway.ranger.hcsr04.session import Session
 from gateway.ranger.service import RangerService
 from gateway.sim import ranger_board
 from gateway.sim.hcsr04 import SensorErrors
@@ -49,6 +50,11 @@ class Host:
         self._changed = asyncio.Event()
         self.service = RangerService(RangerConfig(**config), clock, self._heard, port=port)
         self.supervisor = Supervisor([Task("ranger", self.service.run, QUICK)], clock)
+
+    @property
+    def session(self) -> Session:
+        assert isinstance(self.service.session, Session)
+        return self.service.session
 
     def _heard(self, reading: RangeReading) -> None:
         self.said.append((self.clock.now_ns(), reading))
@@ -141,7 +147,7 @@ def test_distances_arrive_dated_and_in_time() -> None:
             flight_ns = len(line(1, 500.0)) * 10 * 1e9 / 9600
             assert min(at - r.t_ns for at, r in host.measured) >= flight_ns
             assert host.measured[-1][1].stats.damaged == 0
-            assert host.service.session.hello == Hello("hcsr04-sim", 1, 60, 1)
+            assert host.session.hello == Hello("hcsr04-sim", 1, 60, 1)
 
     asyncio.run(main())
 
@@ -195,7 +201,7 @@ def test_opening_resets_the_board_and_its_boot_is_waited_for() -> None:
             async with together(ranger.run, host.supervisor.run):
                 await host.until_good()
             assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.GOOD}
-            assert host.service.session.hello == Hello("hcsr04-sim", 1, 60, 2)
+            assert host.session.hello == Hello("hcsr04-sim", 1, 60, 2)
 
     asyncio.run(main())
 
@@ -210,7 +216,7 @@ def test_noise_on_the_line_makes_no_distance_and_is_over_when_it_is_over() -> No
                 ranger.forced[RangerFault.LINE_NOISE] = 0.05
                 await host.until(lambda r: r.stats.damaged > 100)
                 del ranger.forced[RangerFault.LINE_NOISE]
-                quiet_ns, lines = clock.now_ns(), host.service.session.stats.lines
+                quiet_ns, lines = clock.now_ns(), host.session.stats.lines
                 first = await host.until(lambda r: r.quality is Quality.GOOD and r.t_ns > quiet_ns)
                 assert first.stats.lines - lines <= 7
             distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
@@ -230,7 +236,7 @@ def test_silence_is_reported_and_the_ranger_is_asked() -> None:
                 ranger.forced[RangerFault.SILENT] = 0.0
                 stale = await host.until(lambda r: r.quality is Quality.STALE)
                 assert stale.detail == "nothing heard for 1 s"
-                assert host.service.session.question_due(clock.now_ns()) is False  # just asked
+                assert host.session.request(clock.now_ns()) == b""  # just asked
                 del ranger.forced[RangerFault.SILENT]
                 await host.until_good()
 
@@ -278,10 +284,10 @@ def test_however_the_bytes_are_cut(cut: str) -> None:
 
             async with together(host.supervisor.run):
                 lines = await board()
-                await eventually(lambda: host.service.session.stats.lines >= lines)
+                await eventually(lambda: host.session.stats.lines >= lines)
             good = [r for _, r in host.said if r.quality is Quality.GOOD]
             assert len(good) >= 6
-            assert host.service.session.stats.lines == lines
+            assert host.session.stats.lines == lines
             assert {round(r.distance_mm or 0) for r in good} == {500}
             assert good[-1].stats.damaged == 0
 
@@ -419,7 +425,7 @@ def test_a_stale_backlog_from_a_serial_server_is_not_taken_for_now() -> None:
             async with together(host.supervisor.run):
                 await host.until_measured(7)
             assert {round(r.distance_mm or 0) for _, r in host.measured} == {500}
-            assert host.service.session.unused[Place.DUPLICATE] == 0
+            assert host.session.unused[Arrival.DUPLICATE] == 0
 
     asyncio.run(main())
 
@@ -448,7 +454,7 @@ def test_a_flooding_serial_server_does_not_hold_up_the_gateway() -> None:
                 async with asyncio.timeout(20):  # it takes 1; a flood that holds up each would hold them up for ever
                     for _ in range(100):
                         await asyncio.sleep(0.01)
-            assert host.service.session.stats.lines == 0
+            assert host.session.stats.lines == 0
 
     asyncio.run(main())
 

@@ -15,7 +15,7 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.core.model import Quality
-from gateway.ranger.hcsr04.arrival_times import Place
+from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import Hello
 from gateway.sim.emulator import EmulatedRanger
 from gateway.sim.hcsr04 import SensorErrors
@@ -121,13 +121,13 @@ def test_distances_come_through_and_a_stall_never_makes_an_old_one_look_fresh(ki
                 host = Host(server.url, clock)
                 async with together(board.run, host.supervisor.run):
                     await host.until_good()
-                    assert host.service.session.hello == Hello("hcsr04", 1, 60, 1)  # it asked, through the server
+                    assert host.session.hello == Hello("hcsr04", 1, 60, 1)  # it asked, through the server
                     await host.until_measured(10)
-                    before = host.service.session.stats
+                    before = host.session.stats
                     assert before.damaged <= 1  # opening an RFC 2217 port empties buffers, perhaps amid a line
                     await stall(server, log)
                     await host.until_measured(len(host.measured) + 15)
-                    after = host.service.session.stats
+                    after = host.session.stats
                     assert after.rejected - before.rejected >= 10  # the held-up lines
                     assert after.damaged == before.damaged
         fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
@@ -150,7 +150,7 @@ def test_a_stale_backlog_at_the_start_is_not_used(tmp_path: Path) -> None:
                     await asyncio.to_thread(wait_for_a_question, log)
                     await stall(server, log)
                     await host.until_measured(15)
-                assert host.service.session.unused[Place.BACKLOG] >= 10
+                assert host.session.unused[Arrival.BACKLOG] >= 10
         fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
         assert dated_right(fresh_ns), fresh_ns
 

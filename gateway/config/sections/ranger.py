@@ -1,12 +1,19 @@
-"""`[ranger]`: the distance sensor on its serial port. Pure."""
+"""`[ranger]`: the distance sensor on its port. Pure."""
+
+from typing import Annotated
 
 from pydantic import Field, field_validator
 
 from gateway.config.sections.common import Reconnect
-from gateway.config.strict.section import Section
+from gateway.config.strict.section import NameIn, Section
+from gateway.registry import Registry
+
+RANGERS = Registry("ranger", "gateway.rangers", {"hcsr04": "gateway.ranger.hcsr04.session:RANGER"})
+"""By name the `RangerType` (gateway/ranger/contract.py) of each distance sensor."""
 
 
 class RangerConfig(Section):
+    type: Annotated[str, NameIn(RANGERS)] = Field("hcsr04", description="the kind of sensor and board")
     port: str = Field(
         "/dev/ttyACM0", min_length=1, description="any pyserial URL: device, socket://host:port, rfc2217://host:port"
     )

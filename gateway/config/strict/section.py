@@ -1,11 +1,15 @@
 """The base of every section of every file of ours, and what a section says of itself."""
 
 import math
+from dataclasses import dataclass
 from types import UnionType
-from typing import Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticKnownError, core_schema
+
+from gateway.registry import Registry
 
 
 class Section(BaseModel):
@@ -22,6 +26,30 @@ class Section(BaseModel):
         if (int in kinds or float in kinds) and isinstance(value, bool | str):
             raise ValueError("should be a number, without quotes")
         return value
+
+
+@dataclass(frozen=True)
+class NameIn:
+    """Annotates a string key: the name of a part in a registry. Refused in the same words as a `Literal`'s."""
+
+    parts: Registry
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_before_validator_function(self._checked, handler(source))
+
+    def _checked(self, value: object) -> object:
+        if not isinstance(value, str) or value not in self.parts:
+            *others, last = (repr(name) for name in self.parts.names())
+            expected = f"{', '.join(others)} or {last}" if others else last
+            raise PydanticKnownError("literal_error", {"expected": expected})
+        return value
+
+
+def choices_of(info: FieldInfo) -> tuple[str, ...]:
+    """All that a key takes, where these are a few words."""
+    if get_origin(info.annotation) is Literal:
+        return tuple(map(str, get_args(info.annotation)))
+    return next((item.parts.names() for item in info.metadata if isinstance(item, NameIn)), ())
 
 
 def bounds_of(info: FieldInfo) -> str:

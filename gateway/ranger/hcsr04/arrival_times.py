@@ -6,12 +6,12 @@ Four rules:
    number) across two pauses. A serial server hands out what it had stored in bursts; nothing in them says how old they
    are, and the pause before a burst makes its first line look live. Lines that always come in twos are no backlog.
 2. Later, a line that comes much later than its sequence number allows was held up on the way (a network, a stopped
-   process): what it says is old and is not used, and the next one is expected by the number. If the late lines keep
+   process): its content is old and is not used, and the next one is expected by the number. If the late lines keep
    the sensor's own pace, it was the sensor that paused, and they are live again.
-3. No line can come before its time. One that seems to, against those just before it, tells that they were late, and
-   that it may be: all of it is a backlog, and rule 1 begins anew.
+3. No line can arrive before its time. One that seems to, against those just before it, shows that they were late, and
+   that it may be late itself: all of it is a backlog, and rule 1 begins anew.
 4. A sequence number that cannot have been reached in the time is a restart, not a gap; so is 0 after a hello. It may
-   itself lie in a backlog, and says nothing of how old that is: rule 1 begins anew.
+   itself lie in a backlog, and tells nothing of how old that is: rule 1 begins anew.
 """
 
 from collections import deque
@@ -32,17 +32,17 @@ SLACK_NS = 1_000_000_000
 """A sequence number may run ahead of the clock by this before it counts as a restart."""
 
 
-class Place(Enum):
+class Arrival(Enum):
     LIVE = auto()
     BACKLOG = auto()
     DUPLICATE = auto()
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
-    """What the sequence number says about one line."""
+class TimedLine:
+    """What the sequence number tells about one line."""
 
-    place: Place
+    arrival: Arrival
     end_ns: int  # the line's last bit left the ranger
     missing: int = 0  # measurements lost before this one
     restarted: bool = False  # the ranger began anew
@@ -55,7 +55,7 @@ class _Last:
     end_ns: int
 
 
-class Pace:
+class ArrivalTracker:
     """Follows the sequence numbers of one connection."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Pace:
         self._lag_ns = 0  # of the newest line, against an even pace since the last backlog
         self._lags: deque[int] = deque([0], maxlen=RECENT_LINES)
 
-    def place(self, seq: int, arrived_ns: int, end_ns: int, *, after_hello: bool) -> Placed:
+    def judge(self, seq: int, arrived_ns: int, end_ns: int, *, after_hello: bool) -> TimedLine:
         """The next line: `arrived_ns` as delivered, `end_ns` as reckoned from its place in the delivery.
 
         `after_hello`: a hello came since the line before.
@@ -76,17 +76,17 @@ class Pace:
         last = self._last
         if last is None:
             self._last = self._anchor = _Last(seq, arrived_ns, end_ns)
-            return Placed(Place.BACKLOG, end_ns)
+            return TimedLine(Arrival.BACKLOG, end_ns)
         steps = (seq - last.seq) & MAX_SEQ
         elapsed_ns = arrived_ns - last.arrived_ns
         reachable = steps * self.period_ns <= 1.5 * elapsed_ns + SLACK_NS
         if not reachable or (after_hello and seq == 0 and steps != 1):
             restarted = not self._draining
             self._last = _Last(seq, arrived_ns, end_ns)
-            self._begin_anew(self._last)
-            return Placed(Place.BACKLOG, end_ns, restarted=restarted)
+            self._restart(self._last)
+            return TimedLine(Arrival.BACKLOG, end_ns, restarted=restarted)
         if steps == 0:
-            return Placed(Place.DUPLICATE, end_ns)
+            return TimedLine(Arrival.DUPLICATE, end_ns)
         own_pace = 2 * elapsed_ns >= steps * self.period_ns
         if self._draining:
             self._last = _Last(seq, arrived_ns, end_ns)
@@ -95,7 +95,7 @@ class Pace:
             else:
                 self._anchor, self._pauses = self._last, 0
             self._draining = self._pauses < PAUSES
-            return Placed(Place.BACKLOG if self._draining else Place.LIVE, end_ns)
+            return TimedLine(Arrival.BACKLOG if self._draining else Arrival.LIVE, end_ns)
         due_ns = last.end_ns + steps * self.period_ns
         held_up = end_ns - due_ns > LATE_NS and self._late_lines < LATE_LINES
         if held_up:
@@ -108,11 +108,11 @@ class Pace:
         self._lags.append(self._lag_ns)
         if max(self._lags) - self._lag_ns > LATE_NS:
             held_up = True
-            self._begin_anew(self._last)
-        return Placed(Place.BACKLOG if held_up else Place.LIVE, end_ns, missing=steps - 1)
+            self._restart(self._last)
+        return TimedLine(Arrival.BACKLOG if held_up else Arrival.LIVE, end_ns, missing=steps - 1)
 
-    def _begin_anew(self, line: _Last) -> None:
-        """What comes is a backlog until the pace proves otherwise."""
+    def _restart(self, line: _Last) -> None:
+        """All lines are a backlog until the pace proves otherwise."""
         self._draining, self._anchor, self._pauses, self._late_lines = True, line, 0, 0
         self._lag_ns = 0
         self._lags.clear()

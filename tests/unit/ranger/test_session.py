@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gateway.config import RangerConfig
 from gateway.core.model import Quality, RangeReading
-from gateway.ranger.hcsr04.arrival_times import Place
+from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import (
     NO_FLAGS,
     Damage,
@@ -19,7 +19,7 @@ from gateway.ranger.hcsr04.protocol import (
     encode_measurement,
     frame,
 )
-from gateway.ranger.hcsr04.session import Session, describe, distance_mm, speed_of_sound_m_s
+from gateway.ranger.hcsr04.session import Session, distance_mm, speed_of_sound_m_s
 
 MS = 1_000_000
 S = 1000 * MS
@@ -116,7 +116,7 @@ def test_a_broken_thermometer_bends_no_distance(said_dc: int, believed_c: float)
     bench = settled(300.0, median=1)
     (reading,) = bench.measures(300.0, temperature_dc=said_dc)
     assert reading.distance_mm == pytest.approx(300.0 * speed_of_sound_m_s(believed_c) / 343.42, abs=0.05)
-    assert bench.session.unbelieved_temperatures == (said_dc != believed_c * 10)
+    assert bench.session.implausible_temperatures == (said_dc != believed_c * 10)
 
 
 def test_a_reading_is_dated_back_to_the_echo() -> None:
@@ -300,22 +300,27 @@ def test_troubles_are_repeated_ten_times_a_second_and_no_faster() -> None:
 
 def test_questions_are_asked_at_opening_and_while_something_is_amiss() -> None:
     bench = Bench()
-    ask = bench.session.question_due
-    assert ask(T0)
+    ask = bench.session.request
+    assert ask(T0) == b"?"
     assert not ask(T0 + 999 * MS)
-    assert ask(T0 + S)
+    assert ask(T0 + S) == b"?"
     bench.hears(HELLO)
     bench.now_ns = T0 + S
     bench.measures(500.0)
     assert not ask(T0 + 2 * S)
-    assert ask(bench.now_ns + S)  # silence
+    assert ask(bench.now_ns + S) == b"?"  # silence
     assert not ask(bench.now_ns + S + 1)
 
 
-def test_describe() -> None:
-    assert (
-        describe(Hello("uno", 1, 60, 8)) == "uno, protocol version 1, a measurement every 60 ms, last reset: watchdog"
-    )
+def test_the_identity_is_that_of_the_newest_hello_of_this_connection() -> None:
+    bench = Bench()
+    assert bench.session.identity == ""
+    bench.hears(encode_hello(Hello("uno", 1, 60, 8)))
+    assert bench.session.identity == "uno, protocol version 1, a measurement every 60 ms, last reset: watchdog"
+    bench.hears(OTHER)
+    assert bench.session.identity == "uno, protocol version 2"
+    bench.session.opened(bench.now_ns)
+    assert bench.session.identity == ""
 
 
 # -- gaps, silence, backlog -------------------------------------------------------------------------------------------
@@ -362,7 +367,7 @@ def test_the_hello_sets_the_pace() -> None:
         seq = n if n < 9 else n + 2  # two lines lost
         readings += session.feed(encode_measurement(Measurement(seq, ticks(500.0))), T0 + seq * 300 * MS)
     assert qualities(readings) == [Quality.GOOD] * 9
-    assert session.unused == {Place.BACKLOG: 2}
+    assert session.unused == {Arrival.BACKLOG: 2}
     assert session.stats.gaps == 2
 
 
@@ -413,7 +418,7 @@ def test_a_stale_backlog_after_opening_is_never_dated_as_fresh() -> None:
     assert bench.measures(500.0) == []  # the gate wants a second one
     (reading,) = bench.measures(500.0)
     assert reading.distance_mm == pytest.approx(500.0, abs=0.05)
-    assert bench.session.unused[Place.BACKLOG] == 2  # the rest came before the hello
+    assert bench.session.unused[Arrival.BACKLOG] == 2  # the rest came before the hello
     assert bench.session.stats.gaps == 0
 
 
@@ -425,7 +430,7 @@ def test_a_stalled_network_gives_no_old_distance() -> None:
     said = bench.hears(burst)
     assert all(bench.now_ns - r.t_ns < 250 * MS for r in said)
     assert [r.distance_mm for r in said] == [pytest.approx(300.0, abs=0.05)] * 4  # and nothing of before the stall
-    assert bench.session.unused[Place.BACKLOG] == 47
+    assert bench.session.unused[Arrival.BACKLOG] == 47
 
 
 def test_counters_outlive_connections() -> None:

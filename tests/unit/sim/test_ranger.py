@@ -54,8 +54,7 @@ def heard_by_host(made: Board, seconds: float, faults: Callable[[int], Faults] =
     readings = session.opened(0)
     for t_ns in range(0, round(seconds * S), 4 * MS):
         made.faults = faults(t_ns)
-        if session.question_due(t_ns):
-            made.hear(b"?", t_ns)
+        made.hear(session.request(t_ns), t_ns)
         readings += session.feed(made.advance(t_ns), t_ns) + session.tick(t_ns)
     return readings
 

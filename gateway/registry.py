@@ -1,0 +1,45 @@
+"""Parts that a configuration names: those of the package, and those that other distributions offer as entry points.
+
+A registry maps a name to `module:attribute` and imports nothing until a part is loaded.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from gateway.errors import ConfigError
+
+
+class Registry:
+    """One kind of part, `kind` in words. `group`: the entry points' group that other distributions use."""
+
+    def __init__(self, kind: str, group: str, parts: Mapping[str, str]) -> None:
+        self.kind = kind
+        self.group = group
+        self._parts = dict(parts)
+
+    def names(self) -> tuple[str, ...]:
+        """The package's own first."""
+        return (*self._parts, *sorted({point.name for point in self._offered()} - self._parts.keys()))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._parts or any(point.name == name for point in self._offered())
+
+    def load(self, name: str) -> Any:
+        """Raises ConfigError for an unknown name, one that two distributions offer, or one that isn't there."""
+        if name in self._parts:
+            module, _, attribute = self._parts[name].partition(":")
+            return getattr(import_module(module), attribute)
+        offered = [point for point in self._offered() if point.name == name]
+        if not offered:
+            raise ConfigError(f"no {self.kind} is called {name!r}; there is: {', '.join(self.names())}")
+        if len({point.value for point in offered}) > 1:
+            raise ConfigError(f"{self.kind} {name!r} is offered twice: {', '.join(point.value for point in offered)}")
+        try:
+            return offered[0].load()
+        except (ImportError, AttributeError) as error:
+            raise ConfigError(f"{self.kind} {name!r}: {offered[0].value} cannot be imported: {error}") from error
+
+    def _offered(self) -> tuple[EntryPoint, ...]:
+        return tuple(entry_points(group=self.group))
