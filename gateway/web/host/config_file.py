@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gateway.errors import ConfigError
+from gateway.web.ipc.messages import ChangedOnDiskError
 
 MAX_BYTES = 4 * 1024 * 1024
 NO_FILE = (
@@ -23,10 +24,6 @@ _MEANT = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the quota is used up",
 }
-
-
-class ChangedOnDiskError(ConfigError):
-    """Somebody else has changed the file since it was read: look at it again before writing over it."""
 
 
 @dataclass(frozen=True, slots=True)

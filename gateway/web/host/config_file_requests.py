@@ -16,8 +16,8 @@ from gateway.errors import ConfigError
 from gateway.net import rate_limit
 from gateway.web.auth.audit_log import shown
 from gateway.web.host import config_file
-from gateway.web.host.config_file import ChangedOnDiskError
 from gateway.web.ipc.messages import (
+    ChangedOnDiskError,
     CommandReply,
     FileErrorKind,
     FilePreview,
@@ -28,7 +28,7 @@ from gateway.web.ipc.messages import (
     ReadFile,
     SaveFile,
 )
-from gateway.web.tuning import profile
+from gateway.web.profile import profile
 
 log = logging.getLogger(__name__)
 

@@ -2,25 +2,13 @@
 
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from gateway.core.model import FRESH_FRAME, VisionReading
+from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram
 
 NS_PER_S = 1_000_000_000
-BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _BOUNDS_NS = tuple(round(bound_s * NS_PER_S) for bound_s in BOUNDS_S)
 MAX_STAGES = 32  # of one bay; a method has a dozen
-CAPTURE_TO_RESULT = ""  # the name under which capture to result stands
-
-
-@dataclass(frozen=True, slots=True)
-class Histogram:
-    """`counts[n]`: frames up to BOUNDS_S[n] and beyond the bound before; the last one: beyond all of them."""
-
-    bay: str
-    stage: str  # WHOLE: from capture to result
-    counts: tuple[int, ...]
-    sum_s: float
 
 
 class LatencyHistograms:

@@ -15,16 +15,18 @@ from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, VisionConfig
 from gateway.core.model import Event, FunctionCheck, StateVector
 from gateway.core.plc import Writer
+from gateway.errors import ConfigError
 from gateway.modbus.server.traffic import ServerNow
 from gateway.processes.codec import Codec, Message
 from gateway.processes.notices import Failed
 from gateway.sinks.mqtt.messages import DeliveryPayload
 from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.vision.transport.ring import RingSpec
-from gateway.web.host.latencies import Histogram
 
 MAX_STATES = 6  # in one answer, which must fit into one message of the link
 MAX_EVENTS = 4
+BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of a Histogram
+CAPTURE_TO_RESULT = ""  # the stage of a Histogram from capture to result
 
 
 class WebSetup(Message, frozen=True):
@@ -130,6 +132,16 @@ class TaskStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class Histogram:
+    """`counts[n]`: frames up to BOUNDS_S[n] and beyond the bound before; the last one: beyond all of them."""
+
+    bay: str
+    stage: str  # or CAPTURE_TO_RESULT
+    counts: tuple[int, ...]
+    sum_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class SystemStatus:
     """How the gateway's parts and its links to others do."""
 
@@ -186,6 +198,10 @@ class FileSaved(Message, frozen=True):
 
     changes: tuple[str, ...]
     backup: str
+
+
+class ChangedOnDiskError(ConfigError):
+    """Somebody else has changed the file since it was read: look at it again before writing over it."""
 
 
 class FileErrorKind(StrEnum):

@@ -25,7 +25,6 @@ from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig
 from gateway.errors import LinkError
 from gateway.web.auth.caller import caller_of
-from gateway.web.host.process_usage import process_usage
 from gateway.web.server import health, lists, views
 from gateway.web.server.gateway_client import KEPT_EVENTS, GatewayClient, RefusedError
 from gateway.web.server.metrics import text as metrics
@@ -40,6 +39,7 @@ from gateway.web.server.models import (
     ShelveBody,
 )
 from gateway.web.server.problems import problem
+from gateway.web.server.process_usage import process_usage
 
 Answer = Callable[["Programs", Request], Awaitable[Response]]
 MAX_NUMBER = 2**53  # as JSON's readers count

@@ -25,7 +25,7 @@ from gateway.web.server.live import Live
 from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.pictures import Picture, Pictures
 from gateway.web.server.problems import of_starlette
-from gateway.web.tuning import routes as workbench
+from gateway.web.tuning import routes as tuning_routes
 from gateway.web.tuning.service import TuningService
 
 STATIC = Path(str(files("gateway.web") / "static"))
@@ -64,7 +64,7 @@ def routes(site: Services) -> list[BaseRoute]:
         Route("/api/bays/{bay}/picture", _picture(site)),
         WebSocketRoute("/api/live", site.live.serve),
         WebSocketRoute("/api/driver", site.drivers.serve),
-        *workbench.routes(site.workshop),
+        *tuning_routes.routes(site.workshop),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
 

@@ -22,11 +22,11 @@ from gateway.modbus.registers import register_map as registers
 from gateway.processes.channel import Link
 from gateway.processes.notices import Failed
 from gateway.vision.transport.ring import Ring, Snapshot
-from gateway.web.host.config_file import ChangedOnDiskError
 from gateway.web.ipc.messages import (
     MAX_STATES,
     ApplySettings,
     BayStatus,
+    ChangedOnDiskError,
     Command,
     CommandReply,
     FileErrorKind,

@@ -1,1 +1,1 @@
-"""The technician's workbench: vision settings tried on pictures, and written back to the configuration's file."""
+"""The tuning page: vision settings tried on pictures, and written back to the configuration's file."""

@@ -18,7 +18,7 @@ from gateway.vision.offline.tuning import thresholds
 from gateway.vision.offline.tuning.samples import Colours, Example, example
 from gateway.vision.offline.tuning.thresholds import Red
 from gateway.vision.transport.ring import Snapshot
-from gateway.web.tuning.parameter_schema import changes
+from gateway.web.profile.parameter_schema import changes
 from gateway.web.tuning.trial import TrialResult
 
 LOOKED_AT = 3  # frames of a recording, spread over it

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gateway.web.tuning.profile import MAX_PROFILE_CHARS
+from gateway.web.profile.profile import MAX_PROFILE_CHARS
 from gateway.web.tuning.snapshots import LONGEST_S
 from gateway.web.tuning.stages import LARGEST_PX, WIDTH_PX
 

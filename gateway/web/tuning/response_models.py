@@ -7,7 +7,7 @@ from urllib.parse import quote
 from gateway.config import VisionConfig
 from gateway.core.model import Detection, FunctionCheck
 from gateway.vision.offline.tuning import exposure
-from gateway.web.tuning import parameter_schema
+from gateway.web.profile import parameter_schema
 from gateway.web.tuning.eyedropper import ColourPick
 from gateway.web.tuning.service import CompletedTrial
 from gateway.web.tuning.trial import SideResult, TrialResult

@@ -14,9 +14,10 @@ from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.auth.caller import Caller, caller_of
 from gateway.web.auth.refusals import RefusalError, answer
-from gateway.web.host.config_file import ChangedOnDiskError
+from gateway.web.ipc.messages import ChangedOnDiskError
+from gateway.web.profile import parameter_schema, profile
 from gateway.web.server.gateway_client import RefusedError
-from gateway.web.tuning import parameter_schema, profile, response_models
+from gateway.web.tuning import response_models
 from gateway.web.tuning.request_models import (
     ApplyAsked,
     Asked,

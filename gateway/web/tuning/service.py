@@ -22,9 +22,10 @@ from gateway.vision.offline.tuning import exposure
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.ipc.messages import ApplySettings, FilePreview, FileSaved, FileSettings, SetFunctionCheck, WebSetup
+from gateway.web.profile import profile
 from gateway.web.server.gateway_client import BayReport
 from gateway.web.server.pictures import encoded as jpeg
-from gateway.web.tuning import eyedropper, profile, stages, trial
+from gateway.web.tuning import eyedropper, stages, trial
 from gateway.web.tuning.eyedropper import ColourPick, Mode
 from gateway.web.tuning.remarks import Remark, remarks
 from gateway.web.tuning.snapshots import LONGEST_S, Capture, CaptureStore, Recorder

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class BusyError(GatewayError):
-    """Too many people are at the workbench."""
+    """Too many people are trying settings."""
 
 
 class WorkItem:
@@ -38,7 +38,7 @@ class TrialThread:
     """One event loop, one thread: `thread`, or its own."""
 
     def __init__(self, thread: Executor | None = None) -> None:
-        self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="workbench")
+        self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="tuning")
         self._turn = asyncio.Lock()
         self._wishes: dict[str, WorkItem] = {}
         self.done = 0

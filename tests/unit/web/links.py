@@ -4,8 +4,7 @@ from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.traffic import PeerNow, ServerNow
 from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
 from gateway.sinks.sparkplug.node import SparkplugNow
-from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT, Histogram
-from gateway.web.ipc.messages import SystemStatus, TaskStatus
+from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
 
 
 def server(*, tls: bool = False) -> ServerNow:

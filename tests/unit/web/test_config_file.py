@@ -8,6 +8,7 @@ import pytest
 
 from gateway.errors import ConfigError
 from gateway.web.host import config_file
+from gateway.web.ipc.messages import ChangedOnDiskError
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def test_a_second_save_needs_a_second_look(plant: Path) -> None:
     loaded = config_file.load(plant)
     config_file.save(loaded, "a = 1\n")
 
-    with pytest.raises(config_file.ChangedOnDiskError, match=r"plant\.toml: was changed by somebody else"):
+    with pytest.raises(ChangedOnDiskError, match=r"plant\.toml: was changed by somebody else"):
         config_file.save(loaded, "b = 1\n")
 
     assert plant.read_text() == "a = 1\n"

@@ -13,14 +13,14 @@ from prometheus_client.openmetrics import parser as openmetrics_parser
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.core.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
-from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT, MAX_STAGES, LatencyHistograms
-from gateway.web.host.process_usage import ProcessUsage
-from gateway.web.ipc.messages import SystemStatus
+from gateway.web.host.latencies import MAX_STAGES, LatencyHistograms
+from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, SystemStatus
 from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.bays import BAYS
 from gateway.web.server.metrics.family import PREFIX, MetricsSource, PageStatistics
 from gateway.web.server.metrics.parts import PARTS
 from gateway.web.server.metrics.text import FAMILIES, markdown, text
+from gateway.web.server.process_usage import ProcessUsage
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
 from tests.unit.web.programs import api_client

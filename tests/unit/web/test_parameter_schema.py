@@ -4,7 +4,7 @@ import pytest
 
 from gateway.config import VisionConfig
 from gateway.errors import ConfigError
-from gateway.web.tuning import parameter_schema
+from gateway.web.profile import parameter_schema
 
 SCHEMA = {key.name: key for key in parameter_schema.schema()}
 

@@ -6,11 +6,12 @@ import random
 import string
 import subprocess
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import psutil
 import pytest
 from msgspec import structs
 
@@ -26,10 +27,9 @@ from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.sinks.mqtt.messages import DeliveryPayload
 from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.supervisor import TaskRecord
-from gateway.web.host.latencies import BOUNDS_S, Histogram
 from gateway.web.host.parts import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector
-from gateway.web.host.process_usage import process_usage
-from gateway.web.ipc.messages import TO_WEB, StateReply, StateRequest, TaskStatus
+from gateway.web.ipc.messages import BOUNDS_S, TO_WEB, Histogram, StateReply, StateRequest, TaskStatus
+from gateway.web.server.process_usage import ProcessUsage, by_name, process_usage
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full, server, store
 from tests.virtual_time import run
@@ -178,21 +178,27 @@ class TestProcesses:
         finally:
             child.communicate(b"\\n")
 
-    def test_names_with_anything_in_them_and_processes_that_go(self, tmp_path: Path) -> None:
-        def process(pid: int, comm: str, utime: int, rss: int) -> None:
-            (tmp_path / str(pid)).mkdir(exist_ok=True)
-            fields = ["S", "1", *["0"] * 9, str(utime), "0", *["0"] * 8, str(rss), "0"]
-            (tmp_path / str(pid) / "stat").write_text(f"{pid} ({comm}) {' '.join(fields)}\\n")
+    def test_processes_of_one_name_are_summed_and_those_that_go_are_left_out(self) -> None:
+        class Process:
+            def __init__(self, name: str, cpu_s: float, memory_bytes: int, gone: bool = False) -> None:
+                self.name = lambda: name
+                self.cpu_times = lambda: SimpleNamespace(user=cpu_s - 0.5, system=0.5, children_user=99.0)
+                self.memory_info = lambda: SimpleNamespace(rss=memory_bytes)
+                self.gone = gone
 
-        tick, page = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
-        process(10, "gateway", tick, 1)
-        (tmp_path / "10" / "task" / "10").mkdir(parents=True)
-        (tmp_path / "10" / "task" / "10" / "children").write_text("11 12 13 ")
-        process(11, "gw-worker (1) x", 2 * tick, 10)
-        process(12, "gw-worker (1) x", 3 * tick, 20)
-        main, workers = process_usage(10, tmp_path)  # 13 is gone
-        assert (main.name, main.processes, main.cpu_s, main.memory_bytes) == ("main", 1, 1.0, page)
-        assert (workers.name, workers.processes, workers.cpu_s, workers.memory_bytes) == (
-            "gw-worker (1) x", 2, 5.0, 30 * page,
-        )  # fmt: skip
-        assert process_usage(99, tmp_path) == ()
+            def oneshot(self) -> AbstractContextManager[None]:
+                if self.gone:
+                    raise psutil.NoSuchProcess(13)
+                return nullcontext()
+
+        rows: tuple[Any, ...] = (
+            ("main", Process("gateway", 1.0, 4096)),
+            (None, Process("gw-worker (1) x", 2.0, 40960)),
+            (None, Process("gw-worker (1) x", 3.0, 81920)),
+            (None, Process("gone", 1.0, 1, gone=True)),
+        )
+        assert by_name(*rows) == (
+            ProcessUsage("main", 1, 1.0, 4096),
+            ProcessUsage("gw-worker (1) x", 2, 5.0, 122880),
+        )
+        assert process_usage(2**22 + 1) == ()  # no such process: the kernel's highest number is 2**22

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from gateway.web.host.process_usage import ProcessUsage
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.live import ViewerCounts
+from gateway.web.server.process_usage import ProcessUsage
 
 PREFIX = "loading_gateway_"
 Value = float | int | None

@@ -9,11 +9,11 @@ from gateway.clock import NS_PER_S
 from gateway.modbus.server.traffic import ServerNow
 from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
 from gateway.sinks.sparkplug.node import SparkplugNow
-from gateway.web.host.process_usage import ProcessUsage
 from gateway.web.ipc.messages import TaskStatus
 from gateway.web.server.health import health
 from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.family import Family, Form, Labelled, MetricsSource, Value
+from gateway.web.server.process_usage import ProcessUsage
 
 STATUSES = ("ok", "degraded", "failing")
 

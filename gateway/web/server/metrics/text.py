@@ -15,7 +15,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from gateway import __version__
-from gateway.web.host.latencies import BOUNDS_S, CAPTURE_TO_RESULT
+from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT
 from gateway.web.server.metrics.bays import BAYS
 from gateway.web.server.metrics.family import PREFIX, Family, MetricsSource
 from gateway.web.server.metrics.parts import PARTS

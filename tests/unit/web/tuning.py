@@ -1,4 +1,4 @@
-"""Frames with a marker for the workbench's tests: small, seeded, with exact truth."""
+"""Frames with a marker for the tuning page's tests: small, seeded, with exact truth."""
 
 import cv2
 import numpy as np

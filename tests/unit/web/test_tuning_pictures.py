@@ -15,7 +15,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import eyedropper, stages
 from gateway.web.tuning.snapshots import RECORDINGS, STILLS, CaptureStore, Recorder, listing
-from tests.unit.web.bench import HEIGHT, MARKER, WIDTH, frame, picture
+from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, frame, picture
 
 PAPER = VisionConfig(method="paper", tracking=False)
 ROBUST = VisionConfig(tracking=False)

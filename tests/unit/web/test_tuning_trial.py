@@ -16,7 +16,7 @@ from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures, trial
 from gateway.web.tuning.remarks import Remark, exact_ranges, remarks
 from gateway.web.tuning.trial import DetectionCache, EndedError, TrialResult
-from tests.unit.web.bench import MARKER, Ticks, empty, frame
+from tests.unit.web.tuning import MARKER, Ticks, empty, frame
 
 ROBUST = VisionConfig()
 PAPER = VisionConfig(method="paper")

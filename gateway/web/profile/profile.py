@@ -14,9 +14,9 @@ from typing import Any
 from gateway.config import GatewayConfig, VisionConfig, parse
 from gateway.config.strict.toml_file import merge
 from gateway.errors import ConfigError
-from gateway.web.tuning import parameter_schema as tuned
-from gateway.web.tuning.redact import redacted
-from gateway.web.tuning.toml_edit import with_keys
+from gateway.web.profile import parameter_schema as tuned
+from gateway.web.profile.redact import redacted
+from gateway.web.profile.toml_edit import with_keys
 
 MAX_PROFILE_CHARS = 64 * 1024
 MAX_LINE_CHARS = 400  # a dotted key takes the TOML reader time by the square of its length

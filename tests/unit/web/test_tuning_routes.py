@@ -17,13 +17,14 @@ from gateway.config import BayConfig, GatewayConfig, VisionConfig
 from gateway.core.model import FunctionCheck
 from gateway.web.auth.access import RULES, Level
 from gateway.web.auth.route_check import calls
-from gateway.web.tuning import parameter_schema, trial
+from gateway.web.profile import parameter_schema
+from gateway.web.tuning import trial
 from gateway.web.tuning.routes import routes
 from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.trial import EndedError
-from tests.unit.web.bench import HEIGHT, MARKER, WIDTH, picture
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.programs import ApiClient, Said
+from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, picture
 from tests.virtual_time import AtOnce, run
 
 FILE = """\
