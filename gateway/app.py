@@ -29,8 +29,10 @@ from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.image_source import image_of
 from gateway.modbus.registers.writes import writer, writer_of
-from gateway.modbus.server import tls
 from gateway.modbus.server.service import serving
+from gateway.net import tls
+from gateway.net.listener import listening, url
+from gateway.net.tls import TlsFiles
 from gateway.ranger.service import RangerService, check_port
 from gateway.shared_state import SharedStateWriter
 from gateway.sinks.mqtt import address, credentials
@@ -44,9 +46,7 @@ from gateway.vision.process.service import slots as frame_slots
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport import ring as shm
-from gateway.web.auth import tls as pages_tls
 from gateway.web.host.event_history import EventHistory
-from gateway.web.host.listener import listening_sockets, url
 from gateway.web.host.parts import StatusCollector
 from gateway.web.host.request_handler import BayParts, RequestHandler
 from gateway.web.host.service import WebProcessService
@@ -94,7 +94,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
         look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
     if config.modbus.tls is not None:
-        look(("modbus", "tls"), partial(tls.server_context, config.modbus.tls))
+        look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
     if config.mqtt is not None:
         look(("mqtt", "url"), partial(address.parse, config.mqtt.url))
         try:
@@ -105,7 +105,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("mqtt", "root"), partial(Topics, config.mqtt.root, config.site, config.instance))
     if config.hmi.enabled:
         try:
-            pages_tls.server_context(config.hmi)
+            tls.check(TlsFiles.of_pages(config.hmi))
         except ConfigError as error:
             key, _, said = str(error).partition(": ")
             faults.append(at(tuple(key.split(".")), said, source=source, text=text))
@@ -268,13 +268,16 @@ def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple
     """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait; a certificate
     that can't be read is a ConfigError, or the port would be open and nobody would ever answer."""
     config = setup.config.hmi
-    pages_tls.server_context(config)
+    tls.check(TlsFiles.of_pages(config))
     sockets: tuple[socket.socket, ...] = ()
     try:
-        sockets = shared.enter_context(listening_sockets(config))
+        sockets = shared.enter_context(listening("hmi", config.host, config.port))
     except LinkError as error:
         log.warning("%s; trying again", error)
-    return Task("hmi", WebProcessService(handler, setup, sockets).run), url(config, sockets) if sockets else None
+    task = Task("hmi", WebProcessService(handler, setup, sockets).run)
+    if not sockets:
+        return task, None
+    return task, url("https" if config.tls_cert else "http", config.host, sockets[0].getsockname()[1])
 
 
 def _deliberate(group: BaseExceptionGroup[BaseException]) -> BaseException:

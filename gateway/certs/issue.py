@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from gateway.certs import role as roles
+from gateway.certs.client_certificate import role_extension
 
 Key = ec.EllipticCurvePrivateKey | rsa.RSAPrivateKey
 KeyType = Literal["ec", "rsa"]
@@ -61,7 +61,7 @@ def client(by: Authority, name: str, role: str | None, key: Key, now: datetime, 
     """For a Modbus client. `role` None: one that may do nothing."""
     builder = _end_entity(by, name, key, now, days, ExtendedKeyUsageOID.CLIENT_AUTH)
     if role is not None:
-        builder = builder.add_extension(roles.extension(role), critical=False)
+        builder = builder.add_extension(role_extension(role), critical=False)
     return builder.sign(by.key, hashes.SHA256())
 
 

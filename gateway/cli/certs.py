@@ -134,8 +134,8 @@ def _client(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
 
 
 def _list(_: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
+    from gateway.certs.client_certificate import role_of
     from gateway.certs.folder import days_left
-    from gateway.certs.role import role_of
 
     folder.authority()
     crl = folder.crl()

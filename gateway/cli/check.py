@@ -44,7 +44,7 @@ def main(args: argparse.Namespace) -> int:
     from gateway.config.strict.placed_error import without_password
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
-    from gateway.web.auth import tls as pages_tls
+    from gateway.net import tls
 
     if args.keys:
         print(reference.markdown(), end="")
@@ -75,7 +75,7 @@ def main(args: argparse.Namespace) -> int:
     if settings.hmi.enabled:
         hmi = settings.hmi
         print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_let_in(hmi)}")
-        for line in (*hmi.warnings(), *pages_tls.warnings(hmi, SystemClock().wall_ns())):
+        for line in (*hmi.warnings(), *tls.warnings(tls.TlsFiles.of_pages(hmi), SystemClock().wall_ns())):
             print(f"  warning: {line}")
     for bay in settings.bays:
         camera = without_password(bay.camera.url)

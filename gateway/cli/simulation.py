@@ -23,6 +23,7 @@ from gateway.config.strict.placed_error import without_password
 from gateway.config.strict.section import Section, most_of
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
+from gateway.net.listener import listening
 from gateway.shared_state import attachable
 from gateway.sim import scenario as scenarios
 from gateway.sim import trials
@@ -32,7 +33,6 @@ from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.scenario import Scenario
 from gateway.supervisor import Task
-from gateway.web.host.listener import listening_sockets
 
 LEAD_S = 2.0  # world time starts so much later, when the processes have come up and the surfaces are painted
 
@@ -160,7 +160,7 @@ def _plain(bay: config.BayConfig) -> config.BayConfig:
 def _can_listen(hmi: HmiConfig) -> bool:
     """Is the usual port free? Beside another simulation the pages take any other."""
     try:
-        with listening_sockets(hmi):
+        with listening("hmi", hmi.host, hmi.port):
             return True
     except LinkError:
         return False

@@ -16,8 +16,7 @@ from gateway.modbus.protocol.adu import MAX_FRAME_BYTES, frame_bytes
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.server.connection import TURN_FRAMES, WRITE_HIGH_BYTES
 from gateway.modbus.server.limits import Refusal
-from gateway.modbus.server.server import ModbusServer
-from gateway.modbus.server.sockets import RECEIVE_BYTES, SEND_BYTES
+from gateway.modbus.server.server import RECEIVE_BYTES, SEND_BYTES, ModbusServer
 
 PLC = "127.0.0.2"
 IMAGE = tuple(range(1000, 1100))
@@ -157,7 +156,7 @@ def test_a_connection_has_small_buffers_and_notices_a_peer_that_vanished(serve: 
         with connected(server) as client:
             assert await in_thread(poll, client)
             assert server._listener is not None
-            (end,) = server._listener._everybody
+            (end,) = server._listener._transports
             option = end.get_extra_info("socket").getsockopt
             assert option(socket.SOL_SOCKET, socket.SO_RCVBUF) == 2 * RECEIVE_BYTES  # Linux doubles both
             assert option(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * SEND_BYTES
@@ -177,12 +176,12 @@ def test_who_asks_is_not_idle_however_long_it_has_been_connected(serve: Callable
         with connected(server) as busy:
             assert await in_thread(poll, busy)
             assert server._listener is not None
-            (guest,) = server._listener._guests
-            while server._listener._guests[guest] == guest.answered:  # the sweep has seen it already
+            (client,) = server._listener._connections
+            while server._listener._connections[client] == client.answered:  # the sweep has seen it already
                 assert await in_thread(poll, busy)
-            guest.active_s -= 1000
-            long_ago_s = guest.active_s
-            await until(lambda: guest.active_s > long_ago_s)
+            client.active_s -= 1000
+            long_ago_s = client.active_s
+            await until(lambda: client.active_s > long_ago_s)
             assert await in_thread(poll, busy)
         assert not server.stats.refused
 
@@ -205,8 +204,8 @@ def test_a_client_that_does_not_read_costs_little_and_is_cut(serve: Callable[...
                     except ConnectionError:
                         break
                     assert await in_thread(poll, fair)
-                    waiting = [end.get_write_buffer_size() for end in server._listener._everybody]
-                    held = [guest._framer.held for guest in server._listener._guests]
+                    waiting = [end.get_write_buffer_size() for end in server._listener._transports]
+                    held = [client._framer.held for client in server._listener._connections]
                     most = max(most, *waiting)
                     assert max(waiting) <= WRITE_HIGH_BYTES + TURN_FRAMES * MAX_FRAME_BYTES
                     assert max(held) <= 4 * RECEIVE_BYTES

@@ -24,10 +24,10 @@ from gateway.config import ModbusConfig, TlsConfig
 from gateway.modbus.protocol.answers import MAY_NOT_WRITE, Peer, Unit
 from gateway.modbus.protocol.exceptions import ModbusException
 from gateway.modbus.registers.register_map import BLOCK_WORDS
-from gateway.modbus.server import tls
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.service import Listening, serving
-from gateway.modbus.server.tls_handshakes import PLC_AT_ONCE
+from gateway.modbus.server.tls_handshake_limiter import PLC_AT_ONCE
+from gateway.net import tls
 from tests.plant_certs import LONG_AGO, NOW, LaterClock, Plant
 
 COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))
@@ -655,7 +655,7 @@ def test_a_certificate_that_is_taken_back_ends_its_connection(
 
     with caplog.at_level(logging.WARNING):
         play(scene())
-    assert "127.0.0.1: its certificate was taken back (modbus.tls.crl) while it was connected" in caplog.text
+    assert "127.0.0.1: its certificate was revoked (modbus.tls.crl) while it was connected" in caplog.text
 
 
 def test_a_certificate_that_expires_ends_its_connection(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -13,7 +13,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.certs import role as roles
+from gateway.certs import client_certificate as roles
 from gateway.certs.folder import Folder
 from gateway.cli.main import main
 
@@ -180,19 +180,21 @@ def test_a_certificate_begins_a_little_earlier_for_slow_clocks(plant: Folder) ->
 # The role's bytes.
 
 
-@given(st.text(min_size=1, max_size=40).filter(lambda text: len(text.encode("utf-8", "replace")) <= roles.MAX_BYTES))
+@given(
+    st.text(min_size=1, max_size=40).filter(lambda text: len(text.encode("utf-8", "replace")) <= roles.MAX_ROLE_BYTES)
+)
 def test_roles_come_back(text: str) -> None:
     try:
         text.encode()
     except UnicodeEncodeError:
         return
-    assert roles.decode(roles.extension(text).value) == text
+    assert roles.decode_role(roles.role_extension(text).value) == text
 
 
 @given(st.binary(max_size=160))
 def test_any_bytes_are_a_role_or_none(der: bytes) -> None:
-    role = roles.decode(der)
-    assert role is None or roles.extension(role).value == der
+    role = roles.decode_role(der)
+    assert role is None or roles.role_extension(role).value == der
 
 
 @pytest.mark.parametrize(
@@ -209,7 +211,7 @@ def test_any_bytes_are_a_role_or_none(der: bytes) -> None:
     ],
 )
 def test_what_is_no_role(der: bytes) -> None:
-    assert roles.decode(der) is None
+    assert roles.decode_role(der) is None
 
 
 FULL = """

@@ -1,9 +1,9 @@
-"""Modbus/TCP framing, sans IO: bytes in, whole frames out, on whatever boundaries the bytes come. Pure.
+"""Modbus/TCP framing, sans IO: bytes in, complete frames out, on whatever boundaries the bytes arrive. Pure.
 
 A frame (ADU) is the MBAP header and a PDU: transaction id, protocol id (0 is Modbus), length of what follows (unit id
 and PDU), unit id; all in network order. MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 3.1.3 and 4.4.2.
 
-What is wrong with a frame is told, never raised:
+What is wrong with a frame is reported, never raised:
 
 - another protocol id: the frame is discarded without an answer, as the guide says. Its length still tells where the
   next one begins.
@@ -45,7 +45,7 @@ class Framer:
         self._at = 0
 
     def next(self) -> bytes | Fault | None:
-        """The next whole frame, header and all, or what is wrong with it; None: it is not whole yet.
+        """The next complete frame with its header, or what is wrong with it; None: it is not complete yet.
 
         After BAD_LENGTH all that was fed is gone, and the connection must end.
         """
@@ -62,7 +62,7 @@ class Framer:
         return Fault.BAD_PROTOCOL if protocol != 0 else frame
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
         """Does `next` have something to give?"""
         if self.held < 6:
             return False

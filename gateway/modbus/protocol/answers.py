@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
-from gateway.certs.validity import Standing
+from gateway.certs.client_certificate import Validity
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.exceptions import ModbusException
 from gateway.modbus.registers.bits import bits_of, masked
@@ -47,7 +47,7 @@ class Peer:
     access: Access = Access.WRITE
     role: str | None = None
     subject: str = ""  # of the certificate, for the audit
-    certificate: Standing | None = None
+    certificate: Validity | None = None
 
 
 ReadImage = Callable[[], Sequence[int]]

@@ -1,4 +1,4 @@
-"""Whole frames in, whole frames out: finds the unit, answers, keeps answers for as long as their image stands. Pure.
+"""Complete frames in, complete frames out: finds the unit, answers, keeps answers as long as their image. Pure.
 
 A PLC asks the same question again and again, far more often than the image changes. So the answer to a read is kept,
 bytes and all, until the unit shows another image. Whether it does is asked at every request: nothing old is ever shown.
@@ -21,19 +21,19 @@ BROADCAST = 0  # on a serial line; nothing is written under it
 
 
 @dataclass(slots=True)
-class DeskStats:
-    """Counters since the desk was made."""
+class RequestStats:
+    """Counters since the handler was made."""
 
     requests: int = 0  # whole frames with protocol id 0
     exceptions: int = 0  # of them, answered with a Modbus exception, whatever the reason
     image_faults: int = 0  # of these, because an image could not be had or was no image (exception 04)
 
 
-class Desk:
+class RequestHandler:
     """`units`: unit id (1..247) -> Unit. `on_fault` is told what went wrong where a unit fails at a request."""
 
-    def __init__(self, units: Mapping[int, Unit], stats: DeskStats, on_fault: Callable[[Exception], None]) -> None:
-        self._units = {unit_id: _Kept(unit) for unit_id, unit in units.items()}
+    def __init__(self, units: Mapping[int, Unit], stats: RequestStats, on_fault: Callable[[Exception], None]) -> None:
+        self._units = {unit_id: _UnitAnswers(unit) for unit_id, unit in units.items()}
         if len(self._units) == 1:
             (only,) = self._units.values()
             self._units |= {device: only for device in DEVICE_IDS if device not in self._units}
@@ -84,7 +84,7 @@ class Desk:
         return _framed(frame, exception(frame[7], why))
 
 
-class _Kept:
+class _UnitAnswers:
     """A unit, the image it shows now, and the answers made from that: request to answer, without transaction ids."""
 
     __slots__ = ("answers", "image", "unit")

@@ -7,34 +7,34 @@ not read from. Deadlines are looked at by the listener's sweep (`limits.Limits.o
 
 import asyncio
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, cast
 
 from gateway.modbus.protocol.adu import Fault, Framer
 from gateway.modbus.protocol.answers import Access, Peer
-from gateway.modbus.protocol.request_handler import READ_FRAME_BYTES, READ_FRAME_HEAD, Desk
+from gateway.modbus.protocol.request_handler import READ_FRAME_BYTES, READ_FRAME_HEAD, RequestHandler
 from gateway.modbus.server.limits import Refusal
 
 TURN_FRAMES = 16  # frames of one connection answered before the event loop looks at the others
 WRITE_HIGH_BYTES = 16 * 1024  # answers waiting in the process beyond which a client counts as not reading
 
 
-class House(Protocol):
-    """What a connection needs of the listener it belongs to."""
+class ConnectionOwner(Protocol):
+    """What a connection needs of the server it belongs to."""
 
-    desk: Desk
+    request_handler: RequestHandler
     peer_of: Callable[[asyncio.Transport], Peer | None]
 
-    def welcome(self, connection: "Connection") -> bool:
-        """A new one. False: it was refused, counted, and must be cut."""
+    def admit(self, connection: "Connection") -> bool:
+        """A new one. False: it was refused, counted, and must be aborted."""
 
-    def gone(self, connection: "Connection") -> None: ...
-
-    def refused(self, connection: "Connection", why: Refusal) -> None:
+    def opened(self, transport: asyncio.Transport) -> None: ...
+    def closed(self, transport: asyncio.Transport, connection: "Connection") -> None: ...
+    def refused(self, address: str, why: Refusal) -> None:
         """For the counters and the log."""
 
 
 class Connection(asyncio.Protocol):
-    """The data path. `limits.Guest` for the connection policy."""
+    """The data path. `limits.ConnectionInfo` for the connection policy."""
 
     is_plc = False
     active_s = 0.0
@@ -42,50 +42,51 @@ class Connection(asyncio.Protocol):
     blocked_since_s: float | None = None
     answered = 0  # requests; the sweep sees by it who is active
 
-    def __init__(self, house: House) -> None:
-        self._house = house
+    def __init__(self, owner: ConnectionOwner) -> None:
+        self._owner = owner
         self._framer = Framer()
         self._loop = asyncio.get_running_loop()
         self._tcp: asyncio.Transport | None = None
         self._fast = False  # nothing waits before the next frame, and it may be answered at once
         self._reading = True
         self._due = False  # `_work` will be called again by the event loop
-        self._ended = False  # the client has said all it will say
+        self._ended = False  # the client sends nothing more
         self.peer = Peer("", Access.NONE)
 
     @property
     def address(self) -> str:
         return self.peer.address
 
-    def opened(self, transport: asyncio.Transport) -> None:
-        """Raises nothing; a client that must not come in is cut."""
-        self._tcp = transport
-        peer = self._house.peer_of(transport)
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        tcp = self._tcp = cast(asyncio.Transport, transport)
+        self._owner.opened(tcp)
+        peer = self._owner.peer_of(tcp)
         if peer is not None:
             self.peer = peer
         self.active_s = self._loop.time()
-        if peer is None or not self._house.welcome(self):
-            transport.abort()
+        if peer is None or not self._owner.admit(self):
+            tcp.abort()
             return
-        transport.set_write_buffer_limits(high=WRITE_HIGH_BYTES)
-        self._write = transport.write
-        self._answer = self._house.desk.answer
+        tcp.set_write_buffer_limits(high=WRITE_HIGH_BYTES)
+        self._write = tcp.write
+        self._answer = self._owner.request_handler.answer
         self._fast = True
 
-    def closed(self) -> None:
+    def connection_lost(self, exc: Exception | None) -> None:
         self._fast = False
-        self._tcp = None
-        self._house.gone(self)
+        tcp, self._tcp = self._tcp, None
+        if tcp is not None:
+            self._owner.closed(tcp, self)
 
     def end(self, why: Refusal) -> None:
-        """Cut the connection, whatever it still has to send."""
-        self._house.refused(self, why)
+        """Abort the connection, whatever it still has to send."""
+        self._owner.refused(self.address, why)
         self._fast = False
         if self._tcp is not None:
             self._tcp.abort()
 
     def data_received(self, data: bytes) -> None:
-        # Nearly always: one whole read request and nothing else.
+        # Nearly always: one complete read request and nothing else.
         if self._fast and len(data) == READ_FRAME_BYTES and data[2:6] == READ_FRAME_HEAD:
             self._write(self._answer(data, self.peer))
             self.answered += 1
@@ -96,7 +97,7 @@ class Connection(asyncio.Protocol):
     def eof_received(self) -> bool:
         """True: the transport stays open for the answers that are still owed."""
         self._ended = True
-        return self._framer.whole
+        return self._framer.complete
 
     def pause_writing(self) -> None:
         self.blocked_since_s = self._loop.time()
@@ -112,7 +113,7 @@ class Connection(asyncio.Protocol):
         self._work()
 
     def _work(self) -> None:
-        """Answer up to TURN_FRAMES of what has come, then let the others have their turn."""
+        """Answer up to TURN_FRAMES of the frames received, then let the others have their turn."""
         if self._tcp is None or self._tcp.is_closing() or self.blocked_since_s is not None:
             return
         answers: list[bytes] = []
@@ -124,9 +125,9 @@ class Connection(asyncio.Protocol):
             if taken == 0:
                 self.half_since_s = None  # whatever is half from now on is another frame
             if isinstance(frame, bytes):
-                answers.append(self._house.desk.answer(frame, self.peer))
+                answers.append(self._owner.request_handler.answer(frame, self.peer))
             elif frame is Fault.BAD_PROTOCOL:
-                self._house.refused(self, Refusal.BAD_PROTOCOL)
+                self._owner.refused(self.address, Refusal.BAD_PROTOCOL)
             else:
                 lost = True
                 break
@@ -134,22 +135,22 @@ class Connection(asyncio.Protocol):
             self.answered += len(answers)
             self._tcp.write(b"".join(answers))
         if lost:
-            self._house.refused(self, Refusal.BAD_LENGTH)
+            self._owner.refused(self.address, Refusal.BAD_LENGTH)
             self._close()
             return
-        self._go_on(self._tcp)
+        self._continue(self._tcp)
 
-    def _go_on(self, tcp: asyncio.Transport) -> None:
-        whole = self._framer.whole
-        if self._ended and not whole:
+    def _continue(self, tcp: asyncio.Transport) -> None:
+        complete = self._framer.complete
+        if self._ended and not complete:
             self._close()
             return
-        if self._framer.held and not whole and self.half_since_s is None:
+        if self._framer.held and not complete and self.half_since_s is None:
             self.half_since_s = self._loop.time()
         blocked = self.blocked_since_s is not None  # by the write just made
         self._fast = self._framer.held == 0 and not blocked and self.peer.access is not Access.NONE
-        self._read(not whole and not blocked)
-        if whole and not blocked and not self._due:
+        self._read(not complete and not blocked)
+        if complete and not blocked and not self._due:
             self._due = True
             self._loop.call_soon(self._turn)
 

@@ -1,17 +1,19 @@
-"""Who may connect, who must make room, and who has to go: the connection policy, without sockets and clocks. Pure.
+"""The connection policy: who may connect, who must make room, who is closed, and which writers are connected. Pure.
 
 The two pools of the MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 4.3.1: connections from the configured PLC
 addresses have room kept for them and are never closed for being quiet; the others share what is left, one address no
 more than its share, and where either is full the quietest makes room, unless all of them are busy.
 """
 
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from typing import Protocol
 
 from gateway.config import ModbusConfig
+from gateway.modbus.protocol.answers import Access, Peer, Unit
 
 QUIET_S = 5.0  # a connection outside of plc_addresses that was asked nothing for so long makes room for a new one
 
@@ -30,11 +32,11 @@ class Refusal(Enum):
     TLS_FAILED = "its TLS handshake failed"
     TLS_BUSY = "too many TLS handshakes at once, or too soon after one another"
     CERTIFICATE_EXPIRED = "its certificate has expired while it was connected"
-    CERTIFICATE_REVOKED = "its certificate was taken back (modbus.tls.crl) while it was connected"
+    CERTIFICATE_REVOKED = "its certificate was revoked (modbus.tls.crl) while it was connected"
     BAD_PROTOCOL = "its frame has another protocol id than 0; the frame was discarded"
 
 
-class Guest(Protocol):
+class ConnectionInfo(Protocol):
     """What the policy must know of a connection. Times in seconds of one monotonic clock."""
 
     @property
@@ -47,19 +49,19 @@ class Guest(Protocol):
 
     @property
     def half_since_s(self) -> float | None:
-        """Since when a frame has begun and is not whole; None: none is."""
+        """Since when a frame has begun and is not complete; None: none is."""
 
     @property
     def blocked_since_s(self) -> float | None:
-        """Since when it does not take its answers; None: it does."""
+        """Since when it does not read its answers; None: it does."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """On a newcomer. `refusal` None: let in; `instead_of`: and end that one for it."""
+    """On a new connection. `refusal` None: accepted; `instead_of`: and close that one for it."""
 
     refusal: Refusal | None = None
-    instead_of: Guest | None = None
+    instead_of: ConnectionInfo | None = None
 
 
 class Limits:
@@ -71,27 +73,27 @@ class Limits:
     def is_plc(self, address: str) -> bool:
         return _within(address, self._plcs)
 
-    def judge(self, address: str, guests: Collection[Guest], now_s: float) -> Verdict:
-        """May a connection from `address` join `guests`?"""
+    def judge(self, address: str, connections: Collection[ConnectionInfo], now_s: float) -> Verdict:
+        """May a connection from `address` join `connections`?"""
         is_plc = self.is_plc(address)
         if self._allow and not is_plc and not _within(address, self._allow):
             return Verdict(Refusal.NOT_ALLOWED)
         if is_plc:
-            return self._judge_plc(address, guests)
-        others = [guest for guest in guests if not guest.is_plc]
-        same = [guest for guest in others if guest.address == address]
+            return self._judge_plc(address, connections)
+        others = [connection for connection in connections if not connection.is_plc]
+        same = [connection for connection in others if connection.address == address]
         if len(same) >= self._config.connections_per_address:
             return _instead_of_quietest(same, now_s, Refusal.SHARE)
-        if len(others) < self.room_for_others and len(guests) < self._config.max_connections:
+        if len(others) < self.room_for_others and len(connections) < self._config.max_connections:
             return Verdict()
         return _instead_of_quietest(others, now_s, Refusal.FULL)
 
-    def _judge_plc(self, address: str, guests: Collection[Guest]) -> Verdict:
-        """A PLC that comes again after a power failure finds its old connections still open: they give way."""
-        if len(guests) < self._config.max_connections:
+    def _judge_plc(self, address: str, connections: Collection[ConnectionInfo]) -> Verdict:
+        """A PLC that reconnects after a power failure finds its old connections still open: they make room."""
+        if len(connections) < self._config.max_connections:
             return Verdict()
-        candidates = [guest for guest in guests if not guest.is_plc]
-        candidates = candidates or [guest for guest in guests if guest.address == address]
+        candidates = [connection for connection in connections if not connection.is_plc]
+        candidates = candidates or [connection for connection in connections if connection.address == address]
         quietest = min(candidates, key=_active, default=None)
         return Verdict(Refusal.FULL) if quietest is None else Verdict(instead_of=quietest)
 
@@ -100,36 +102,53 @@ class Limits:
         """How many connections from elsewhere than plc_addresses there may be."""
         return self._config.max_connections - (self._config.plc_connections if self._plcs else 0)
 
-    def overdue(self, guest: Guest, now_s: float) -> Refusal | None:
-        """Why `guest` has to go now, if it has to."""
-        since = guest.blocked_since_s
+    def overdue(self, connection: ConnectionInfo, now_s: float) -> Refusal | None:
+        """Why `connection` must be closed now; None: it stays open."""
+        since = connection.blocked_since_s
         if since is not None and now_s - since >= self._config.send_timeout_s:
             return Refusal.NOT_READING
-        since = guest.half_since_s
+        since = connection.half_since_s
         if since is not None and now_s - since >= self._config.frame_timeout_s:
             return Refusal.HALF_FRAME
-        if not guest.is_plc and now_s - guest.active_s >= self._config.idle_timeout_s:
+        if not connection.is_plc and now_s - connection.active_s >= self._config.idle_timeout_s:
             return Refusal.IDLE
         return None
 
 
-def _instead_of_quietest(guests: Collection[Guest], now_s: float, otherwise: Refusal) -> Verdict:
-    quietest = min(guests, key=_active, default=None)
+class ConnectedWriters:
+    """Reports to the units the first connection of each peer that may write, and the end of its last."""
+
+    def __init__(self, units: Iterable[Unit]) -> None:
+        self._report = [unit.connection for unit in units if unit.connection is not None]
+        self._open: Counter[tuple[str, str]] = Counter()  # connections by address and subject
+
+    def opened(self, peer: Peer) -> None:
+        self._count(peer, 1, changed_at=1)
+
+    def closed(self, peer: Peer) -> None:
+        self._count(peer, -1, changed_at=0)
+
+    def _count(self, peer: Peer, step: int, changed_at: int) -> None:
+        if peer.access is not Access.WRITE:
+            return
+        key = (peer.address, peer.subject)
+        self._open[key] += step
+        if self._open[key] == changed_at:
+            for report in self._report:
+                report(peer, step > 0)
+        if self._open[key] == 0:
+            del self._open[key]
+
+
+def _instead_of_quietest(connections: Collection[ConnectionInfo], now_s: float, otherwise: Refusal) -> Verdict:
+    quietest = min(connections, key=_active, default=None)
     if quietest is None or now_s - quietest.active_s < QUIET_S:
         return Verdict(otherwise)
     return Verdict(instead_of=quietest)
 
 
-def plain_address(host: str) -> str:
-    """`host` as the kernel gives it, without an interface (`fe80::1%eth0`), IPv4 inside IPv6 as IPv4."""
-    address = ip_address(host.partition("%")[0])
-    if isinstance(address, IPv6Address) and address.ipv4_mapped is not None:
-        address = address.ipv4_mapped
-    return str(address)
-
-
-def _active(guest: Guest) -> float:
-    return guest.active_s
+def _active(connection: ConnectionInfo) -> float:
+    return connection.active_s
 
 
 def _networks(texts: Collection[str]) -> tuple[IPv4Network | IPv6Network, ...]:

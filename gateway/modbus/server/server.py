@@ -1,45 +1,44 @@
-"""Modbus TCP: answers for every bay under its unit id. The only file that imports pymodbus.
+"""Modbus TCP: answers for every bay under its unit id, on asyncio.
 
-pymodbus has the life cycle of listener and connections; the bytes are ours: `connection` takes them from the transport,
-`desk` and `answers` say what is answered, `limits` who may be connected. Why: docs/decisions/0009.
+`connection` takes the bytes from the transport, `request_handler` and `answers` decide what is answered, `limits` who
+may be connected. Why asyncio and not a Modbus library's server: docs/decisions/0022.
 """
 
 import asyncio
 import logging
-import ssl
+import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import TracebackType
 from typing import Self, cast
 
-from pymodbus.server import ModbusBaseServer, ModbusTcpServer
-from pymodbus.server.requesthandler import ServerRequestHandler
-from pymodbus.simulator import SimData, SimDevice
-
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Peer, Unit
-from gateway.modbus.protocol.request_handler import Desk, DeskStats
+from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.server.connection import Connection
-from gateway.modbus.server.limits import Limits, Refusal, plain_address
-from gateway.modbus.server.presence import Presence
-from gateway.modbus.server.sockets import BACKLOG, allow_open_files, bind_error, listen
-from gateway.modbus.server.tls_handshakes import Porch
-from gateway.modbus.server.traffic import Guest, ServerNow, peers
-from gateway.net.log_throttle import Teller
+from gateway.modbus.server.limits import ConnectedWriters, Limits, Refusal
+from gateway.modbus.server.tls import ModbusTls
+from gateway.modbus.server.tls_handshake_limiter import TlsHandshakeLimiter
+from gateway.modbus.server.traffic import OpenConnection, ServerNow, peers
+from gateway.net.listener import allow_open_files, bind_error, bound_sockets
+from gateway.net.rate_limit import LogThrottle, plain_address
 
 log = logging.getLogger(__name__)
-# A scanner must not fill the disk: pymodbus logs every odd frame, here the bad ones are counted.
-logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 CLOSE_TIMEOUT_S = 0.5
 ACCEPT_TURNS = 3  # of the event loop, from accept() to connection_made(); asyncio loses a socket closed in between
-ACCEPT_AT_ONCE = 8  # asyncio accepts as many before it looks at anybody else
-SWEEP_S = 0.25  # how often deadlines are looked at
+ACCEPT_AT_ONCE = 8  # asyncio accepts as many before it serves anybody else
+BACKLOG = 64  # connections that the kernel completes before they are accepted; a storm of them is taken in such bites
+RECEIVE_BYTES = 8 * 1024  # a Modbus request has at most 260 bytes; the kernel doubles this
+SEND_BYTES = 32 * 1024
+KEEPALIVE_PROBES = 4
+SWEEP_S = 0.25  # how often deadlines are checked
 SUMMARY_S = 60.0  # how often the counters of refusals are logged, if they have grown
 
 PeerOf = Callable[[asyncio.Transport], Peer | None]
-"""Who is at the other end; None: nobody who may be answered, or it is gone already."""
+"""Who is at the other end; None: nobody who may be answered, or it is closed already."""
 
 
 def plain_peer(transport: asyncio.Transport) -> Peer | None:
@@ -49,32 +48,27 @@ def plain_peer(transport: asyncio.Transport) -> Peer | None:
 
 
 @dataclass(slots=True)
-class ServerStats(DeskStats):
+class ServerStats(RequestStats):
     """Counters since the server object was made."""
 
-    connections: int = 0  # let in
+    connections: int = 0  # accepted
     open: int = 0  # connected now
-    refused: Counter[Refusal] = field(default_factory=Counter)  # connections not let in or cut, frames discarded
+    refused: Counter[Refusal] = field(default_factory=Counter)  # connections refused or closed, frames discarded
     plc_active_s: float | None = None  # a connection of plc_addresses was last answered then, by the event loop's time
 
 
-@dataclass(frozen=True, slots=True)
-class Tls:
-    """How a server speaks TLS: the context of the next connection, and which of those that stand have to go."""
-
-    contexts: Callable[[], ssl.SSLContext]
-    ended: Callable[[Peer], Refusal | None]
-    handshake_deadline_s: float
-    handshakes_per_address: int
+def ports_of(config: ModbusConfig) -> int:
+    """How many ports are listened at; each may have max_connections."""
+    return config.plain + (config.tls is not None)
 
 
 class ModbusServer:
     """`async with ModbusServer(config.modbus, {1: unit1}) as server:` listens until the block is left.
 
-    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `tls` it speaks TLS, and `peer_of`
-    reads the role from the certificate. Entering raises ConfigError where the operator must act (name,
-    privilege, open files) and LinkError where waiting may help (port in use, address not yet there). Leaving cuts every
-    connection within CLOSE_TIMEOUT_S. May be entered again.
+    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `tls` it speaks TLS and reads the
+    role from the certificate; without it `peer_of` identifies the client. Entering raises ConfigError where the
+    operator must act (name, privilege, open files) and LinkError where waiting may help (port in use, address not yet
+    there). Leaving aborts every connection within CLOSE_TIMEOUT_S. May be entered again.
     """
 
     def __init__(
@@ -83,7 +77,7 @@ class ModbusServer:
         units: Mapping[int, Unit],
         *,
         port: int | None = None,
-        tls: Tls | None = None,
+        tls: ModbusTls | None = None,
         peer_of: PeerOf = plain_peer,
     ) -> None:
         self.stats = ServerStats()
@@ -115,22 +109,22 @@ class ModbusServer:
             image_faults=stats.image_faults,
             refused=tuple((why, stats.refused[why]) for why in Refusal),
             plc_quiet_s=None if stats.plc_active_s is None else max(0.0, now_s - stats.plc_active_s),
-            peers=peers(self._listener.guests(now_s) if self._listener is not None else ()),
+            peers=peers(self._listener.open_connections(now_s) if self._listener is not None else ()),
         )
 
     async def __aenter__(self) -> Self:
-        allow_open_files(self._config)
-        listener = _Listener(self._config, self._units, self.stats, self._wanted_port, self._peer_of)
-        if self._tls is not None:
-            admit = cast(Callable[[], asyncio.Protocol], listener.handle_new_connection)  # pymodbus's base has no base
-            deadline_s, share = self._tls.handshake_deadline_s, self._tls.handshakes_per_address
-            listener.porch = Porch(self._tls.contexts, deadline_s, share, listener, admit)
-            listener.ended = self._tls.ended
+        config, port = self._config, self._wanted_port
+        allow_open_files("modbus.max_connections", config.max_connections, ports_of(config))
+        listener = _Listener(config, self._units, self.stats, self._tls, self._peer_of)
+        bind = partial(
+            bound_sockets, "modbus", config.host, port, partial(_set_options, keepalive_s=config.keepalive_s)
+        )
+        sockets = await asyncio.get_running_loop().run_in_executor(None, bind)
         try:
-            await listener.serve_forever(background=True)
-        except (OSError, ValueError) as error:
+            await listener.listen(sockets)
+        except OSError as error:
             await listener.shut_down()
-            raise bind_error(self._config, error, self._wanted_port) from error
+            raise bind_error("modbus", config.host, port, error) from error
         self._listener = listener
         return self
 
@@ -142,201 +136,169 @@ class ModbusServer:
             await listener.shut_down()
 
 
-class _Listener(ModbusTcpServer):
-    """pymodbus's server with our connections, our limits, and an end that leaves nothing open."""
+class _Listener:
+    """From listening to the end of the last connection: `connection.ConnectionOwner`, and with TLS `HandshakeOwner`."""
 
     def __init__(
         self,
         config: ModbusConfig,
         units: Mapping[int, Unit],
         stats: ServerStats,
-        port: int,
+        tls: ModbusTls | None,
         peer_of: PeerOf,
     ) -> None:
-        # The base class insists on a storage of its own; nothing ever reads it.
-        super().__init__(SimDevice(0, SimData(0)), address=(config.host, port))
-        self.desk = Desk(units, stats, self._image_fault)
-        self.peer_of = peer_of
-        self._config = config
-        self._wanted_port = port
-        self.porch: Porch | None = None  # with TLS
-        self.ended: Callable[[Peer], Refusal | None] = lambda _: None
+        self.request_handler = RequestHandler(units, stats, self._image_fault)
+        self.peer_of = peer_of if tls is None else tls.peer_of
+        self._tls = tls
         self._stats = stats
         self._limits = Limits(config)
-        self._presence = Presence(units.values())
-        self._teller = Teller()
-        self._told_faults: set[type[Exception]] = set()
+        self._writers = ConnectedWriters(units.values())
+        self._log_throttle = LogThrottle()
+        self._logged_faults: set[type[Exception]] = set()
+        self._loop = asyncio.get_running_loop()
         self._servers: list[asyncio.Server] = []
-        self._guests: dict[Connection, int] = {}  # -> how many answers it had at the last sweep
-        self._everybody: set[asyncio.Transport] = set()  # those refused too, until they are gone
+        self._connections: dict[Connection, int] = {}  # -> how many answers it had at the last sweep
+        self._transports: set[asyncio.Transport] = set()  # those refused too, until they are closed
         self._sweeping: asyncio.TimerHandle | None = None
-        self._summary_due_s = self.loop.time() + SUMMARY_S
-        self._refusals_told = 0
-        self._all_gone = asyncio.Event()
-        self._all_gone.set()
+        self._summary_due_s = self._loop.time() + SUMMARY_S
+        self._refusals_logged = 0
+        self._all_closed = asyncio.Event()
+        self._all_closed.set()
 
     @property
     def port(self) -> int:
         return int(self._servers[0].sockets[0].getsockname()[1])
 
-    async def listen(self) -> bool:
-        """As in the base class, but with the operating system's reason raised instead of swallowed."""
-        self.is_closing = False
-        self.is_listener = True
-        welcome = self.handle_new_connection if self.porch is None else self.porch.newcomer
-        for sock in await listen(self._config, self._wanted_port):
-            self._servers.append(await self.loop.create_server(welcome, sock=sock, backlog=ACCEPT_AT_ONCE))
-            sock.listen(BACKLOG)  # the kernel may keep more of them ready than are accepted in one go
-        self.transport = _Servers(self._servers)
-        self._sweep()
-        return True
+    async def listen(self, sockets: tuple[socket.socket, ...]) -> None:
+        def new_connection() -> asyncio.Protocol:
+            return Connection(self)
 
-    def allowed(self, address: str) -> Refusal | None:
-        return self._limits.judge(address, self._guests, self.loop.time()).refusal
+        protocol = new_connection
+        if self._tls is not None:
+            deadline_s, share = self._tls.config.handshake_deadline_s, self._tls.config.handshakes_per_address
+            protocol = TlsHandshakeLimiter(self._tls.context, deadline_s, share, self, new_connection).protocol
+        for sock in sockets:
+            self._servers.append(await self._loop.create_server(protocol, sock=sock, backlog=ACCEPT_AT_ONCE))
+            sock.listen(BACKLOG)  # the kernel may keep more of them ready than are accepted in one go
+        self._sweep()
+
+    def refusal_of(self, address: str) -> Refusal | None:
+        return self._limits.judge(address, self._connections, self._loop.time()).refusal
 
     def is_plc(self, address: str) -> bool:
         return self._limits.is_plc(address)
 
-    def callback_new_connection(self) -> "_Connection":
-        return _Connection(self)
-
-    def welcome(self, connection: Connection) -> bool:
-        self._all_gone.clear()
+    def admit(self, connection: Connection) -> bool:
         address = connection.address
-        verdict = self._limits.judge(address, self._guests, self.loop.time())
+        verdict = self._limits.judge(address, self._connections, self._loop.time())
         if verdict.refusal is not None:
-            self.refused(connection, verdict.refusal)
+            self.refused(address, verdict.refusal)
             return False
         if verdict.instead_of is not None:
             leaving = cast(Connection, verdict.instead_of)
             leaving.end(Refusal.MADE_ROOM)
-            self.gone(leaving)  # its place is free now, not when the event loop comes to it
+            self._forget(leaving)  # its place is free now, not when the event loop closes it
         connection.is_plc = self._limits.is_plc(address)
-        self._guests[connection] = 0
-        self._presence.came(connection.peer)
+        self._connections[connection] = 0
+        self._writers.opened(connection.peer)
         self._stats.connections += 1
         self._stats.open += 1
         return True
 
-    def guests(self, now_s: float) -> list[Guest]:
+    def open_connections(self, now_s: float) -> list[OpenConnection]:
         """Who is connected, as of the last sweep."""
         return [
-            Guest(guest.address, guest.is_plc, guest.answered, max(0.0, now_s - guest.active_s))
-            for guest in self._guests
+            OpenConnection(one.address, one.is_plc, one.answered, max(0.0, now_s - one.active_s))
+            for one in self._connections
         ]
 
-    def gone(self, connection: Connection) -> None:
-        if self._guests.pop(connection, None) is not None:
-            self._presence.left(connection.peer)
-            self._stats.open -= 1
-
-    def refused(self, connection: Connection, why: Refusal) -> None:
-        self.turned_away(connection.address, why)
-
-    def turned_away(self, address: str, why: Refusal, said: str = "") -> None:
-        """`said`: why in particular, of a TLS handshake."""
+    def refused(self, address: str, why: Refusal, detail: str = "") -> None:
+        """For the counters and the log. `detail`: of a failed TLS handshake."""
         self._stats.refused[why] += 1
-        line = self._teller.tell((why, said), f"modbus: {address}: {said or why.value}", self.loop.time())
+        line = self._log_throttle.line((why, detail), f"modbus: {address}: {detail or why.value}", self._loop.time())
         if line is not None:
             log.warning("%s", line)
 
-    def coming(self, transport: asyncio.Transport) -> None:
-        self._everybody.add(transport)
-        self._all_gone.clear()
+    def opened(self, transport: asyncio.Transport) -> None:
+        self._transports.add(transport)
+        self._all_closed.clear()
 
-    def went(self, transport: asyncio.Transport) -> None:
-        self._everybody.discard(transport)
-        if not self._everybody:
-            self._all_gone.set()
+    def closed(self, transport: asyncio.Transport, connection: Connection | None = None) -> None:
+        if connection is not None:
+            self._forget(connection)
+        self._transports.discard(transport)
+        if not self._transports:
+            self._all_closed.set()
+
+    def _forget(self, connection: Connection) -> None:
+        if self._connections.pop(connection, None) is not None:
+            self._writers.closed(connection.peer)
+            self._stats.open -= 1
 
     def _sweep(self) -> None:
-        """Note who was active, end who is overdue."""
-        now_s = self.loop.time()
-        for guest, answered in list(self._guests.items()):
-            if guest.answered != answered:
-                self._guests[guest] = guest.answered
-                guest.active_s = now_s
-                if guest.is_plc:
+        """Note who was active, close who is overdue."""
+        now_s = self._loop.time()
+        for connection, answered in list(self._connections.items()):
+            if connection.answered != answered:
+                self._connections[connection] = connection.answered
+                connection.active_s = now_s
+                if connection.is_plc:
                     self._stats.plc_active_s = now_s
-            why = self._limits.overdue(guest, now_s) or self.ended(guest.peer)
+            why = self._limits.overdue(connection, now_s)
+            if why is None and self._tls is not None:
+                why = self._tls.ended(connection.peer)
             if why is not None:
-                guest.end(why)
-                self.gone(guest)
+                connection.end(why)
+                self._forget(connection)
         if now_s >= self._summary_due_s:
             self._summary_due_s = now_s + SUMMARY_S
             self._summarise()
-        self._sweeping = self.loop.call_later(SWEEP_S, self._sweep)
+        self._sweeping = self._loop.call_later(SWEEP_S, self._sweep)
 
     def _summarise(self) -> None:
-        """All counters in one line: the lines about single refusals hold most of them back."""
+        """All counters in one line: the lines about single refusals suppress most of them."""
         total = self._stats.refused.total()
-        if total != self._refusals_told:
-            self._refusals_told = total
+        if total != self._refusals_logged:
+            self._refusals_logged = total
             counts = ", ".join(f"{why.name.lower()} {count}" for why, count in self._stats.refused.items())
             log.info(
                 "modbus: %d connected, %d requests so far; refused: %s", self._stats.open, self._stats.requests, counts
             )
 
     def _image_fault(self, error: Exception) -> None:
-        if type(error) not in self._told_faults:  # a PLC polls on and on; one traceback of each kind is enough
-            self._told_faults.add(type(error))
+        if type(error) not in self._logged_faults:  # a PLC polls on and on; one traceback of each kind is enough
+            self._logged_faults.add(type(error))
             log.error("modbus: no image to answer with", exc_info=error)
 
     async def shut_down(self) -> None:
-        """Stop accepting, then close every connection; one that won't take its answer is cut."""
+        """Stop accepting, then abort every connection."""
         if self._sweeping is not None:
             self._sweeping.cancel()
         for server in self._servers:
             for listening in server.sockets:
-                self.loop.remove_reader(listening.fileno())
+                self._loop.remove_reader(listening.fileno())
         for _ in range(ACCEPT_TURNS):
             await asyncio.sleep(0)
-        transports = list(self._everybody)
-        await self.shutdown()  # type: ignore[no-untyped-call]  # pymodbus
-        for transport in transports:
+        for server in self._servers:
+            server.close()
+        for transport in list(self._transports):
             transport.abort()
         try:
             async with asyncio.timeout(CLOSE_TIMEOUT_S):
-                await self._all_gone.wait()
+                await self._all_closed.wait()
         except TimeoutError:
-            log.warning("modbus: %d connections did not close", len(self._everybody))
+            log.warning("modbus: %d connections did not close", len(self._transports))
         self._summarise()
-        if ModbusBaseServer.active_server is self:  # a class-level reference would keep us alive
-            ModbusBaseServer.active_server = None
 
 
-class _Servers(asyncio.BaseTransport):
-    """What the base class closes when it ends: one server for each address of the host."""
-
-    def __init__(self, servers: list[asyncio.Server]) -> None:
-        super().__init__()
-        self._servers = servers
-
-    def close(self) -> None:
-        for server in self._servers:
-            server.close()
-
-
-class _Connection(Connection, ServerRequestHandler):
-    """One client: pymodbus's place in the life cycle, our data path."""
-
-    def __init__(self, listener: _Listener) -> None:
-        ServerRequestHandler.__init__(self, listener, None, None, None)  # type: ignore[no-untyped-call]  # pymodbus
-        Connection.__init__(self, listener)
-        self._listener = listener
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        tcp = cast(asyncio.Transport, transport)
-        self._listener.coming(tcp)
-        ServerRequestHandler.connection_made(self, transport)
-        self.opened(tcp)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        tcp = self._tcp
-        ServerRequestHandler.connection_lost(self, exc)
-        self.closed()
-        if tcp is not None:
-            self._listener.went(tcp)
-
-    def eof_received(self) -> bool:  # type: ignore[override]  # the base class always lets the transport close
-        return Connection.eof_received(self)
+def _set_options(sock: socket.socket, *, keepalive_s: int) -> None:
+    """Set before listening: the connections inherit them, which saves system calls under a storm."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    # Quiet for keepalive_s, then probed, given up after as long again.
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, keepalive_s)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, max(1, keepalive_s // KEEPALIVE_PROBES))
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 2000 * keepalive_s)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from gateway.clock import Clock
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Access, Peer, Unit
-from gateway.modbus.server import tls
 from gateway.modbus.server.limits import Limits
-from gateway.modbus.server.server import ModbusServer, PeerOf, Tls, plain_peer
+from gateway.modbus.server.server import ModbusServer, PeerOf, plain_peer
+from gateway.modbus.server.tls import ModbusTls
 from gateway.modbus.server.traffic import ServerNow
 
 log = logging.getLogger(__name__)
@@ -31,15 +31,15 @@ class Listening:
         return self.plain or self.tls or 0
 
     def now(self) -> tuple[ServerNow, ...]:
-        """What each of the ports has had to do."""
+        """The counters of each port."""
         return tuple(server.now() for server in self.servers)
 
 
 @asynccontextmanager
 async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock) -> AsyncIterator[Listening]:
-    """Listens until the block is left. Raises ConfigError and LinkError as `ModbusServer` and `tls.Contexts` do.
+    """Listens until the block is left. Raises ConfigError and LinkError as `ModbusServer` and `ModbusTls` do.
 
-    Where there is TLS, plain TCP only reads: whoever wants to write must show who it is.
+    Where there is TLS, plain TCP only reads: a client that writes must have a certificate.
     """
     for line in config.warnings():
         log.warning("%s", line)
@@ -48,10 +48,7 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
         secure: int | None = None
         servers: list[ModbusServer] = []
         if config.tls is not None:
-            files = tls.Contexts(config.tls, clock)
-            spoken = Tls(files.current, files.ended, config.tls.handshake_deadline_s, config.tls.handshakes_per_address)
-            peer_of = tls.Roles(config.tls).peer_of
-            server = ModbusServer(config, units, port=config.tls.port, tls=spoken, peer_of=peer_of)
+            server = ModbusServer(config, units, port=config.tls.port, tls=ModbusTls(config.tls, clock))
             servers.append(await stack.enter_async_context(server))
             secure = server.port
         if config.plain:

@@ -1,8 +1,8 @@
 """TLS on one TCP connection, by hand: bytes of the network in, bytes of the client out, on any event loop.
 
-The event loops have TLS of their own. It tells nobody whose handshake failed and why, and drops the alert that would
-tell the client; and their ways to begin TLS on a connection that is there already differ. So OpenSSL is fed here,
-through its memory buffers.
+The event loops have TLS of their own. It does not report whose handshake failed and why, and drops the alert that would
+inform the client; and their ways to begin TLS on an existing connection differ. So OpenSSL is fed here, through its
+memory buffers.
 """
 
 import asyncio
@@ -14,8 +14,8 @@ from typing import Any, Protocol, cast
 READ_BYTES = 16 * 1024  # the largest TLS record
 
 
-class House(Protocol):
-    """What a connection needs of the place it comes to."""
+class StreamOwner(Protocol):
+    """What a stream needs of the object that accepted it."""
 
     deadline_s: float
 
@@ -23,65 +23,65 @@ class House(Protocol):
     def context(self) -> ssl.SSLContext:
         """For a new connection."""
 
-    def knock(self, stream: "TlsStream", tcp: asyncio.Transport) -> bool:
+    def admit(self, stream: "TlsStream", tcp: asyncio.Transport) -> bool:
         """A TCP connection has been made. False: it was refused, and is cut."""
 
-    def enter(self, stream: "TlsStream") -> asyncio.Protocol:
-        """Its handshake is done: the protocol that it talks to from now on."""
+    def established(self, stream: "TlsStream") -> asyncio.Protocol:
+        """Its handshake is done: the protocol that handles its bytes from now on."""
 
-    def turn_away(self, stream: "TlsStream", error: Exception) -> None:
+    def failed(self, stream: "TlsStream", error: Exception) -> None:
         """Its handshake has failed."""
 
-    def left(self, stream: "TlsStream", tcp: asyncio.Transport) -> None:
-        """The TCP connection is gone."""
+    def closed(self, stream: "TlsStream", tcp: asyncio.Transport) -> None:
+        """The TCP connection is closed."""
 
 
 class TlsStream(asyncio.Protocol):
-    """The protocol of the TCP connection; `address` and `counted` are for the house."""
+    """The protocol of the TCP connection; `address` and `counted` are for its owner."""
 
-    def __init__(self, house: House) -> None:
+    def __init__(self, owner: StreamOwner) -> None:
         self.address = ""
         self.counted = False
-        self._house = house
+        self._owner = owner
         self._incoming = ssl.MemoryBIO()
         self._outgoing = ssl.MemoryBIO()
-        self._tls = house.context.wrap_bio(self._incoming, self._outgoing, server_side=True)
+        self._tls = owner.context.wrap_bio(self._incoming, self._outgoing, server_side=True)
         self._client: asyncio.Protocol | None = None  # after the handshake
-        self._outside: TlsTransport | None = None
+        self._transport: TlsTransport | None = None
         self._over = True  # nothing more is read or written
         self._deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._tcp = cast(asyncio.Transport, transport)
-        if not self._house.knock(self, self._tcp):
+        if not self._owner.admit(self, self._tcp):
             self._tcp.abort()
             return
         self._over = False
         loop = asyncio.get_running_loop()
-        self._deadline = loop.call_later(self._house.deadline_s, self._fail, TimeoutError())
+        self._deadline = loop.call_later(self._owner.deadline_s, self._fail, TimeoutError())
 
     def data_received(self, data: bytes) -> None:
         if self._over:
             return
         self._incoming.write(data)
         try:
-            if self._client is None and not self._shake_hands():
+            if self._client is None and not self._handshake():
                 return
             self._read()
         except ssl.SSLError as error:
             self._fail(error)
 
-    def _shake_hands(self) -> bool:
+    def _handshake(self) -> bool:
         try:
             self._tls.do_handshake()
         except ssl.SSLWantReadError:
             return False
         finally:
             self._flush()  # an alert, too
-        self._stop_clock()
-        self._client = self._house.enter(self)
-        self._outside = TlsTransport(self._tcp, self._tls, self.write, self.close)
-        self._client.connection_made(self._outside)
+        self._cancel_deadline()
+        self._client = self._owner.established(self)
+        self._transport = TlsTransport(self._tcp, self._tls, self.write, self.close)
+        self._client.connection_made(self._transport)
         return True
 
     def _read(self) -> None:
@@ -89,7 +89,7 @@ class TlsStream(asyncio.Protocol):
             try:
                 data = self._tls.read(READ_BYTES)
             except ssl.SSLWantReadError:
-                self._flush()  # what TLS itself has to say
+                self._flush()  # what TLS itself has to send
                 return
             except ssl.SSLZeroReturnError:
                 data = b""
@@ -119,14 +119,14 @@ class TlsStream(asyncio.Protocol):
             self._client.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._stop_clock()
+        self._cancel_deadline()
         client, self._client = self._client, None
         if client is not None:
             client.connection_lost(exc)
         elif not self._over:
-            self._house.turn_away(self, ConnectionResetError())
+            self._owner.failed(self, ConnectionResetError())
         self._over = True
-        self._house.left(self, self._tcp)
+        self._owner.closed(self, self._tcp)
 
     def write(self, data: bytes) -> None:
         if self._over or self._tcp.is_closing():
@@ -135,23 +135,23 @@ class TlsStream(asyncio.Protocol):
         self._flush()
 
     def close(self) -> None:
-        """Say goodbye and close when everything is sent."""
+        """Send the closing alert and close when everything is sent."""
         if self._over:
             return
         self._over = True
-        with contextlib.suppress(ssl.SSLError):  # its own goodbye is not waited for
+        with contextlib.suppress(ssl.SSLError):  # the peer's closing alert is not waited for
             self._tls.unwrap()
         self._flush()
         self._tcp.close()
 
     def _fail(self, error: Exception) -> None:
-        """Before the handshake's end it is told; later it is a broken connection."""
+        """Before the end of the handshake it is reported; later it is a broken connection."""
         if self._over:
             return
         self._over = True
-        self._stop_clock()
+        self._cancel_deadline()
         if self._client is None:
-            self._house.turn_away(self, error)
+            self._owner.failed(self, error)
         self._flush()
         self._tcp.close()
 
@@ -160,7 +160,7 @@ class TlsStream(asyncio.Protocol):
         if data and not self._tcp.is_closing():
             self._tcp.write(data)
 
-    def _stop_clock(self) -> None:
+    def _cancel_deadline(self) -> None:
         if self._deadline is not None:
             self._deadline.cancel()
             self._deadline = None

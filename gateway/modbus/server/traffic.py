@@ -1,11 +1,11 @@
-"""What a Modbus server has had to do, as a record for pages and metrics. Pure."""
+"""What a Modbus server has done, as a record for pages and metrics. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gateway.modbus.server.limits import Refusal
 
-MOST_PEERS = 16  # told of; a server may have thousands
+MOST_PEERS = 16  # listed; a server may have thousands
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class ServerNow:
 
 
 @dataclass(frozen=True, slots=True)
-class Guest:
+class OpenConnection:
     """One open connection."""
 
     address: str
@@ -45,16 +45,16 @@ class Guest:
     quiet_s: float
 
 
-def peers(guests: Iterable[Guest]) -> tuple[PeerNow, ...]:
+def peers(connections: Iterable[OpenConnection]) -> tuple[PeerNow, ...]:
     """Connections of one address taken together."""
     found: dict[str, PeerNow] = {}
-    for guest in guests:
-        known = found.get(guest.address)
-        found[guest.address] = PeerNow(
-            guest.address,
-            guest.is_plc,
+    for one in connections:
+        known = found.get(one.address)
+        found[one.address] = PeerNow(
+            one.address,
+            one.is_plc,
             1 + (known.connections if known else 0),
-            guest.requests + (known.requests if known else 0),
-            min(guest.quiet_s, known.quiet_s) if known else guest.quiet_s,
+            one.requests + (known.requests if known else 0),
+            min(one.quiet_s, known.quiet_s) if known else one.quiet_s,
         )
     return tuple(sorted(found.values(), key=lambda peer: (not peer.is_plc, peer.quiet_s))[:MOST_PEERS])

@@ -14,7 +14,7 @@ from gateway.net import rate_limit
 from gateway.web.auth.access import Level, Rule
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
 from gateway.web.auth.caller import Caller
-from gateway.web.auth.login_throttle import Throttle
+from gateway.web.auth.login_throttle import LoginThrottle
 from gateway.web.auth.origins import Headers, header
 from gateway.web.auth.passwords import BusyError, Passwords
 from gateway.web.auth.refusals import RefusalError
@@ -44,7 +44,7 @@ class Logins:
         )
         self.passwords = Passwords(config.users)
         self._anonymous = Level.of(config.without_login)
-        self._throttle = Throttle()
+        self._throttle = LoginThrottle()
         self._clock = clock
         self._audit = audit
         self._buckets: dict[AuditKind, rate_limit.Bucket] = {}
@@ -147,7 +147,7 @@ class Logins:
         return user
 
     async def _checked(self, address: str, name: str, password: str) -> HmiUser:
-        wait_s = self._throttle.try_(address, name, self._clock.now_ns())
+        wait_s = self._throttle.attempt(address, name, self._clock.now_ns())
         if wait_s:
             self.record(AuditRecord(AuditKind.LOGIN_THROTTLED, shown(name), address, f"{wait_s} s to wait"))
             said = f"too many failed logins; try again in {wait_s} s"
@@ -159,5 +159,5 @@ class Logins:
         if user is None:
             self.record(AuditRecord(AuditKind.LOGIN_FAILED, shown(name), address, "wrong name or password"))
             raise RefusalError(401, "login", "wrong name or password")
-        self._throttle.right(address, name, self._clock.now_ns())
+        self._throttle.succeeded(address, name, self._clock.now_ns())
         return user

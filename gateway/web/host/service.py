@@ -14,11 +14,11 @@ from msgspec.structs import replace
 
 from gateway.config.sections.hmi import HmiConfig
 from gateway.errors import ConfigError, LinkError
+from gateway.net import tls
+from gateway.net.listener import listening
 from gateway.processes.notices import Failed, Gone
 from gateway.processes.pool import Pool, Role
-from gateway.web.auth.tls import server_context
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.listener import listening_sockets
 from gateway.web.host.request_handler import RequestHandler
 from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
 
@@ -33,7 +33,7 @@ CHILD = 1
 class WebProcessService:
     """A row of the task table: `run` ends with LinkError when the web process does.
 
-    `sockets`: listening already; without any, `run` opens the door itself, as often as it takes.
+    `sockets`: listening already; without any, `run` binds them itself, as often as it takes.
     """
 
     def __init__(self, handler: RequestHandler, setup: WebSetup, sockets: tuple[socket.socket, ...]) -> None:
@@ -50,7 +50,9 @@ class WebProcessService:
         """
         try:
             with ExitStack() as own:
-                await self._serve(self._sockets or own.enter_context(listening_sockets(self._setup.config.hmi)), own)
+                hmi = self._setup.config.hmi
+                sockets = self._sockets or own.enter_context(listening("hmi", hmi.host, hmi.port))
+                await self._serve(sockets, own)
         except ConfigError as error:
             raise LinkError(str(error)) from error
 
@@ -104,7 +106,7 @@ class WebProcessService:
 def _check_certificate(config: HmiConfig, sockets: tuple[socket.socket, ...]) -> None:
     """Raises ConfigError where the web process would not come up; then the connections that wait for it are closed."""
     try:
-        server_context(config)
+        tls.check(tls.TlsFiles.of_pages(config))
     except ConfigError:
         for sock in sockets:
             with suppress(OSError):  # there are no more

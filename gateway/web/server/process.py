@@ -13,9 +13,10 @@ import uvicorn
 
 from gateway import event_loop
 from gateway.clock import SystemClock
+from gateway.net.tls import ReloadingContext, TlsFiles
 from gateway.processes import sandbox
 from gateway.processes.channel import Link
-from gateway.web.auth import slow_clients, tls
+from gateway.web.auth import slow_clients
 from gateway.web.auth.audit_log import CAUTION, AuditRecord
 from gateway.web.auth.logins import Logins
 from gateway.web.ipc.messages import TO_WEB, FromWeb, ToWeb, WebSetup
@@ -48,13 +49,14 @@ async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
     config = about.config.hmi
     for line in config.warnings():
         log.warning("%s", line)
-    context = tls.server_context(config)
+    files = TlsFiles.of_pages(config)
+    tls = None if files is None else ReloadingContext(files, pace)
     logins = Logins(config, pace, _log, instance=about.config.instance)
     site = services_of(client, pace)
     server = uvicorn.Server(
         uvicorn.Config(
             app(site, logins, pace),
-            **slow_clients.settings(context),
+            **slow_clients.settings(None if tls is None else tls.initial),
             ws_max_size=MAX_TEXT,
             limit_concurrency=4 * config.max_viewers + 64,
             timeout_graceful_shutdown=GRACE_S,
@@ -64,7 +66,7 @@ async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
     with site.workshop:
         async with asyncio.TaskGroup() as group:
             pulling = group.create_task(client.keep(), name="gateway-client")
-            fresh = None if context is None else group.create_task(tls.keep_fresh(context, config, pace), name="tls")
+            fresh = None if tls is None else group.create_task(tls.keep_current(), name="tls")
             await server.serve(sockets)
             pulling.cancel()
             if fresh is not None:

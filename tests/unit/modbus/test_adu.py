@@ -42,7 +42,7 @@ def test_any_cut_gives_the_same_frames(frames: list[bytes], data: st.DataObject)
         at += size
     assert found == expected
     assert framer.held == 0
-    assert not framer.whole
+    assert not framer.complete
 
 
 @CALM
@@ -59,9 +59,9 @@ def test_an_impossible_length_ends_it_with_the_frames_before_it(
 def test_an_impossible_length_shows_before_the_frame_is_whole() -> None:
     framer = Framer()
     framer.feed(b"\0\1\0\0\xff")
-    assert (framer.next(), framer.whole) == (None, False)
+    assert (framer.next(), framer.complete) == (None, False)
     framer.feed(b"\xff")
-    assert framer.whole
+    assert framer.complete
     assert framer.next() is Fault.BAD_LENGTH
 
 

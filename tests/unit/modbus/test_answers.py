@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gateway.modbus.protocol.adu import frame_bytes
 from gateway.modbus.protocol.answers import FUNCTIONS, Access, Peer, Unit, answer
 from gateway.modbus.protocol.exceptions import ModbusException
-from gateway.modbus.protocol.request_handler import Desk, DeskStats
+from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.registers.bits import coil_of
 from tests import modbus_oracle as oracle
 
@@ -235,14 +235,14 @@ def test_any_bytes_at_all(request: bytes, writes_on: bool) -> None:
 def test_units(units: tuple[int, ...]) -> None:
     """Every unit id; 0 and 255 are the device itself where it has one bay."""
     images = {unit: [unit * 100 + n for n in range(100)] for unit in units}
-    stats = DeskStats()
+    stats = RequestStats()
     failed: list[Exception] = []
-    desk = Desk({unit: Unit(partial(images.__getitem__, unit)) for unit in units}, stats, failed.append)
+    handler = RequestHandler({unit: Unit(partial(images.__getitem__, unit)) for unit in units}, stats, failed.append)
     server = oracle.Server({unit: oracle.Bay(words) for unit, words in images.items()})
     exceptions = 0
     for unit in range(256):
         for request in (pdu(3, 98, 2), pdu(4, 0, 1), pdu(3, 0, 0), pdu(3, 99, 2), pdu(8, 0, 0), b"\x03", pdu(6, 80, 1)):
-            told = desk.answer(frame_bytes(0xA55A, unit, request), ANYBODY)
+            told = handler.answer(frame_bytes(0xA55A, unit, request), ANYBODY)
             expected = oracle.answer(server, unit, request)
             assert told == frame_bytes(0xA55A, unit, expected)
             exceptions += expected[0] >= 0x80

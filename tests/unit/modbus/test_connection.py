@@ -9,7 +9,7 @@ import pytest
 
 from gateway.modbus.protocol.adu import frame_bytes
 from gateway.modbus.protocol.answers import Peer, Unit
-from gateway.modbus.protocol.request_handler import Desk, DeskStats
+from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.server.connection import TURN_FRAMES, Connection
 from gateway.modbus.server.limits import Refusal
 from tests import virtual_time
@@ -59,27 +59,28 @@ class Wire:
         assert high <= 64 * 1024
 
 
-class House:
+class Owner:
     def __init__(self) -> None:
-        self.stats = DeskStats()
-        self.desk = Desk({1: Unit(lambda: (0x1234,))}, self.stats, lambda error: None)
+        self.stats = RequestStats()
+        self.request_handler = RequestHandler({1: Unit(lambda: (0x1234,))}, self.stats, lambda error: None)
         self.peer_of: Callable[[asyncio.Transport], Peer | None] = lambda _: Peer("10.0.0.9")
         self.lets_in = True
         self.refusals: Counter[Refusal] = Counter()
 
-    def welcome(self, connection: Connection) -> bool:
+    def admit(self, connection: Connection) -> bool:
         return self.lets_in
 
-    def gone(self, connection: Connection) -> None: ...
+    def opened(self, transport: asyncio.Transport) -> None: ...
+    def closed(self, transport: asyncio.Transport, connection: Connection) -> None: ...
 
-    def refused(self, connection: Connection, why: Refusal) -> None:
+    def refused(self, address: str, why: Refusal) -> None:
         self.refusals[why] += 1
 
 
-def opened(house: House) -> tuple[Connection, Wire]:
-    wire, connection = Wire(), Connection(house)
+def opened(owner: Owner) -> tuple[Connection, Wire]:
+    wire, connection = Wire(), Connection(owner)
     wire.protocol = connection
-    connection.opened(cast(asyncio.Transport, wire))
+    connection.connection_made(cast(asyncio.Transport, wire))
     return connection, wire
 
 
@@ -97,9 +98,9 @@ def tells(count: int, begin: int = 0) -> bytes:
 
 def test_a_flood_gets_all_its_answers_in_order_and_others_get_their_turn_in_between() -> None:
     async def test() -> None:
-        house = House()
-        flood, flooded = opened(house)
-        other, told = opened(house)
+        owner = Owner()
+        flood, flooded = opened(owner)
+        other, told = opened(owner)
         flood.data_received(asks(1000))
         assert flooded.sent == tells(TURN_FRAMES)
         assert not flooded.is_reading()  # the rest waits in the kernel, and then with the client
@@ -122,8 +123,8 @@ def test_a_flood_gets_all_its_answers_in_order_and_others_get_their_turn_in_betw
 
 def test_a_client_that_does_not_read_is_not_read_from_and_not_answered() -> None:
     async def test() -> None:
-        house = House()
-        connection, wire = opened(house)
+        owner = Owner()
+        connection, wire = opened(owner)
         now_s = asyncio.get_running_loop().time
         await asyncio.sleep(3)
         wire.blocks = True
@@ -146,7 +147,7 @@ def test_a_client_that_does_not_read_is_not_read_from_and_not_answered() -> None
 
 def test_one_poll_at_a_time_is_held_back_too_where_answers_are_not_taken() -> None:
     async def test() -> None:
-        connection, wire = opened(House())
+        connection, wire = opened(Owner())
         wire.blocks = True
         connection.data_received(asks(1))
         assert not wire.is_reading()
@@ -166,7 +167,7 @@ def test_blocking_again_and_again_does_not_multiply_its_turns() -> None:
     """However often it stops and starts, it gets one turn for each of the event loop's."""
 
     async def test() -> None:
-        connection, wire = opened(House())
+        connection, wire = opened(Owner())
         connection.data_received(asks(2000))
         for _ in range(20):
             connection.pause_writing()
@@ -180,7 +181,7 @@ def test_blocking_again_and_again_does_not_multiply_its_turns() -> None:
 
 def test_a_half_frame_is_timed_from_its_first_byte_however_slowly_it_goes_on() -> None:
     async def test() -> None:
-        connection, _ = opened(House())
+        connection, _ = opened(Owner())
         begun = asyncio.get_running_loop().time()
         for byte in asks(1)[:-1]:
             connection.data_received(bytes([byte]))
@@ -197,25 +198,25 @@ def test_a_half_frame_is_timed_from_its_first_byte_however_slowly_it_goes_on() -
 
 def test_another_protocol_is_discarded_and_the_next_frame_is_answered() -> None:
     async def test() -> None:
-        house = House()
-        connection, wire = opened(house)
+        owner = Owner()
+        connection, wire = opened(owner)
         foreign = asks(1)[:2] + b"\0\1" + asks(1)[4:]
         connection.data_received(foreign)
         connection.data_received(foreign + asks(1, 5) + foreign)
         assert wire.sent == tells(1, 5)
-        assert house.refusals == {Refusal.BAD_PROTOCOL: 3}
-        assert (house.stats.requests, connection.answered, wire.ended) == (1, 1, "")
+        assert owner.refusals == {Refusal.BAD_PROTOCOL: 3}
+        assert (owner.stats.requests, connection.answered, wire.ended) == (1, 1, "")
 
     run(test)
 
 
 def test_an_impossible_length_closes_after_the_answers_before_it() -> None:
     async def test() -> None:
-        house = House()
-        connection, wire = opened(house)
+        owner = Owner()
+        connection, wire = opened(owner)
         connection.data_received(asks(3) + b"\0\1\0\0\xff\xff\1\3" + asks(3))
         assert (wire.sent, wire.ended) == (tells(3), "closed")
-        assert house.refusals == {Refusal.BAD_LENGTH: 1}
+        assert owner.refusals == {Refusal.BAD_LENGTH: 1}
         assert connection.blocked_since_s is not None  # the sweep cuts it if the three are not taken
         connection.data_received(asks(1))
         assert wire.sent == tells(3)
@@ -226,7 +227,7 @@ def test_an_impossible_length_closes_after_the_answers_before_it() -> None:
 @pytest.mark.parametrize("count", [0, 1, TURN_FRAMES, 100])
 def test_a_client_that_says_no_more_still_gets_its_answers(count: int) -> None:
     async def test() -> None:
-        connection, wire = opened(House())
+        connection, wire = opened(Owner())
         if count:
             connection.data_received(asks(count) + asks(1)[:5])
         stays = connection.eof_received()
@@ -242,14 +243,14 @@ def test_a_client_that_says_no_more_still_gets_its_answers(count: int) -> None:
 
 def test_who_is_not_let_in_is_cut_and_never_answered() -> None:
     async def test() -> None:
-        house = House()
-        house.lets_in = False
-        connection, wire = opened(house)
+        owner = Owner()
+        owner.lets_in = False
+        connection, wire = opened(owner)
         assert wire.ended == "cut"
         connection.data_received(asks(1))
         assert wire.sent == b""
-        house.peer_of = lambda _: None
-        house.lets_in = True
-        assert opened(house)[1].ended == "cut"
+        owner.peer_of = lambda _: None
+        owner.lets_in = True
+        assert opened(owner)[1].ended == "cut"
 
     run(test)

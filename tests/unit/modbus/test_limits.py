@@ -5,17 +5,19 @@ from dataclasses import dataclass
 
 import pytest
 
-from gateway.config import ModbusConfig, TlsConfig, parse
+from gateway.config import ModbusConfig, parse
 from gateway.errors import ConfigError
-from gateway.modbus.server import sockets
-from gateway.modbus.server.limits import QUIET_S, Limits, Refusal, Verdict, plain_address
-from gateway.net.log_throttle import MAX_KINDS, Teller
+from gateway.modbus.protocol.answers import Access, Peer, Unit
+from gateway.modbus.server.limits import QUIET_S, ConnectedWriters, Limits, Refusal, Verdict
+from gateway.modbus.server.server import ports_of
+from gateway.net.listener import allow_open_files
+from gateway.net.rate_limit import plain_address
 
 PLC, OTHER_PLC, SCADA, STRANGER = "10.0.0.7", "10.0.0.8", "10.0.1.5", "192.168.7.7"
 
 
 @dataclass
-class Someone:
+class Client:
     address: str
     is_plc: bool = False
     active_s: float = 0.0
@@ -27,8 +29,8 @@ def limits(**keys: object) -> Limits:
     return Limits(ModbusConfig.model_validate(keys))
 
 
-def guests(address: str, count: int, *, is_plc: bool = False, active_s: float = 0.0) -> list[Someone]:
-    return [Someone(address, is_plc, active_s + n) for n in range(count)]
+def connections(address: str, count: int, *, is_plc: bool = False, active_s: float = 0.0) -> list[Client]:
+    return [Client(address, is_plc, active_s + n) for n in range(count)]
 
 
 @pytest.mark.parametrize(
@@ -50,31 +52,31 @@ def test_the_allow_list(allow: tuple[str, ...], plcs: tuple[str, ...], address: 
 
 def test_without_plc_addresses_all_the_room_is_for_everybody() -> None:
     rules = limits(max_connections=10, plc_connections=4)
-    assert rules.judge(SCADA, guests(STRANGER, 9), 1.0) == Verdict()
-    assert rules.judge(SCADA, guests(STRANGER, 10, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
+    assert rules.judge(SCADA, connections(STRANGER, 9), 1.0) == Verdict()
+    assert rules.judge(SCADA, connections(STRANGER, 10, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
 
 
 def test_room_is_kept_for_the_plc() -> None:
     rules = limits(max_connections=10, plc_connections=4, plc_addresses=(PLC,))
-    assert rules.judge(STRANGER, guests(STRANGER, 5), 1.0) == Verdict()
-    assert rules.judge(STRANGER, guests(STRANGER, 6, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
+    assert rules.judge(STRANGER, connections(STRANGER, 5), 1.0) == Verdict()
+    assert rules.judge(STRANGER, connections(STRANGER, 6, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
     for there in range(4):
-        crowd = [*guests(STRANGER, 6), *guests(PLC, there, is_plc=True)]
+        crowd = [*connections(STRANGER, 6), *connections(PLC, there, is_plc=True)]
         assert rules.judge(PLC, crowd, 1.0) == Verdict()
 
 
 def test_the_quietest_makes_room_when_it_is_quiet_enough() -> None:
     rules = limits(max_connections=3)
-    crowd = [Someone(STRANGER, active_s=50.0), Someone(SCADA, active_s=40.0), Someone(SCADA, active_s=60.0)]
+    crowd = [Client(STRANGER, active_s=50.0), Client(SCADA, active_s=40.0), Client(SCADA, active_s=60.0)]
     assert rules.judge(SCADA, crowd, 40.0 + QUIET_S - 0.01) == Verdict(Refusal.FULL)
     assert rules.judge(SCADA, crowd, 40.0 + QUIET_S).instead_of is crowd[1]
 
 
 def test_one_address_has_its_share_and_no_more() -> None:
     rules = limits()  # the defaults: 64 connections, 16 of them for one address
-    there: list[Someone] = []
+    there: list[Client] = []
     while rules.judge(STRANGER, there, 1.0) == Verdict():
-        there.append(Someone(STRANGER, active_s=1.0))
+        there.append(Client(STRANGER, active_s=1.0))
     assert len(there) == 16
     assert rules.judge(STRANGER, there, 1.0) == Verdict(Refusal.SHARE)
     assert rules.judge(SCADA, there, 1.0) == Verdict(), "there is room for others"
@@ -82,7 +84,7 @@ def test_one_address_has_its_share_and_no_more() -> None:
 
 def test_the_quietest_of_the_same_address_makes_room_and_nobody_elses() -> None:
     rules = limits(max_connections=8, connections_per_address=2)
-    crowd = [Someone(SCADA, active_s=1.0), Someone(STRANGER, active_s=9.0), Someone(STRANGER, active_s=8.0)]
+    crowd = [Client(SCADA, active_s=1.0), Client(STRANGER, active_s=9.0), Client(STRANGER, active_s=8.0)]
     assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S - 0.01) == Verdict(Refusal.SHARE)
     assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S).instead_of is crowd[2]
 
@@ -90,24 +92,24 @@ def test_the_quietest_of_the_same_address_makes_room_and_nobody_elses() -> None:
 def test_a_plc_needs_no_share() -> None:
     rules = limits(max_connections=8, connections_per_address=2, plc_addresses=(PLC,))
     for there in range(7):
-        assert rules.judge(PLC, guests(PLC, there, is_plc=True), 1.0) == Verdict()
+        assert rules.judge(PLC, connections(PLC, there, is_plc=True), 1.0) == Verdict()
 
 
 def test_nobody_from_elsewhere_can_push_out_a_plc() -> None:
     rules = limits(max_connections=4, plc_connections=2, plc_addresses=("10.0.0.0/24",))
-    crowd = [*guests(PLC, 4, is_plc=True)]
+    crowd = [*connections(PLC, 4, is_plc=True)]
     assert rules.judge(STRANGER, crowd, 1e6) == Verdict(Refusal.FULL)
 
 
 def test_a_plc_is_let_in_at_the_cost_of_others_even_of_busy_ones() -> None:
     rules = limits(max_connections=4, plc_connections=1, plc_addresses=("10.0.0.0/24",))
-    crowd = [Someone(PLC, True, 1.0), *guests(STRANGER, 3, active_s=100.0)]
+    crowd = [Client(PLC, True, 1.0), *connections(STRANGER, 3, active_s=100.0)]
     assert rules.judge(OTHER_PLC, crowd, 100.0).instead_of is crowd[1]
 
 
 def test_a_plc_that_comes_again_takes_its_own_old_place_and_no_other_plcs() -> None:
     rules = limits(max_connections=4, plc_connections=4, plc_addresses=("10.0.0.0/24",))
-    crowd = [Someone(OTHER_PLC, True, 1.0), *guests(PLC, 3, is_plc=True, active_s=2.0)]
+    crowd = [Client(OTHER_PLC, True, 1.0), *connections(PLC, 3, is_plc=True, active_s=2.0)]
     assert rules.judge(PLC, crowd, 9.0).instead_of is crowd[1]
     assert rules.judge("10.0.0.99", crowd, 9.0) == Verdict(Refusal.FULL)
 
@@ -115,17 +117,17 @@ def test_a_plc_that_comes_again_takes_its_own_old_place_and_no_other_plcs() -> N
 @pytest.mark.parametrize(
     ("someone", "now_s", "why"),
     [
-        (Someone(SCADA), 59.99, None),
-        (Someone(SCADA), 60.0, Refusal.IDLE),
-        (Someone(PLC, True), 1e6, None),  # a PLC may be quiet
-        (Someone(SCADA, active_s=10.0, half_since_s=10.0), 11.99, None),
-        (Someone(SCADA, active_s=10.0, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
-        (Someone(PLC, True, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
-        (Someone(SCADA, active_s=10.0, blocked_since_s=10.0), 13.99, None),
-        (Someone(PLC, True, blocked_since_s=10.0), 14.0, Refusal.NOT_READING),
+        (Client(SCADA), 59.99, None),
+        (Client(SCADA), 60.0, Refusal.IDLE),
+        (Client(PLC, True), 1e6, None),  # a PLC may be quiet
+        (Client(SCADA, active_s=10.0, half_since_s=10.0), 11.99, None),
+        (Client(SCADA, active_s=10.0, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
+        (Client(PLC, True, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
+        (Client(SCADA, active_s=10.0, blocked_since_s=10.0), 13.99, None),
+        (Client(PLC, True, blocked_since_s=10.0), 14.0, Refusal.NOT_READING),
     ],
 )
-def test_deadlines(someone: Someone, now_s: float, why: Refusal | None) -> None:
+def test_deadlines(someone: Client, now_s: float, why: Refusal | None) -> None:
     rules = limits(plc_addresses=(PLC,), idle_timeout_s=60, frame_timeout_s=2, send_timeout_s=4)
     assert rules.overdue(someone, now_s) is why
 
@@ -162,34 +164,60 @@ def test_open_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda _: now)
     asked: list[tuple[int, int]] = []
     monkeypatch.setattr(resource, "setrlimit", lambda _, wanted: asked.append(wanted))
-    sockets.allow_open_files(ModbusConfig(max_connections=64))
+
+    def allow(connections: int, **ports: object) -> None:
+        config = ModbusConfig.model_validate({"max_connections": connections, **ports})
+        allow_open_files("modbus.max_connections", config.max_connections, ports_of(config))
+
+    allow(64)
     assert asked == []
-    sockets.allow_open_files(ModbusConfig(max_connections=1000))
+    allow(1000)
     assert asked == [(1256, 4096)]
     with pytest.raises(ConfigError, match=r"modbus.max_connections = 4000: needs 4256 open files.*at most 3840"):
-        sockets.allow_open_files(ModbusConfig(max_connections=4000))
+        allow(4000)
 
     asked.clear()
-    both = TlsConfig(cert="gateway.pem", key="gateway.key", ca="ca.pem")
-    sockets.allow_open_files(ModbusConfig(max_connections=1000, tls=both))
+    both = {"cert": "gateway.pem", "key": "gateway.key", "ca": "ca.pem"}
+    allow(1000, tls=both)
     assert asked == [(2256, 4096)]
-    sockets.allow_open_files(ModbusConfig(max_connections=1000, tls=both, plain=False))
+    allow(1000, tls=both, plain=False)
     assert asked[1:] == [(1256, 4096)]
     with pytest.raises(ConfigError, match=r"needs 4256 open files.*at most 1920"):
-        sockets.allow_open_files(ModbusConfig(max_connections=2000, tls=both))
+        allow(2000, tls=both)
 
 
-def test_a_scanner_gets_one_line_of_a_kind_and_a_count() -> None:
-    teller = Teller(period_s=10)
-    assert teller.tell("idle", "a", 0.0) == "a"
-    assert [teller.tell("idle", "b", n / 10) for n in range(1, 100)] == [None] * 99
-    assert teller.tell("full", "c", 5.0) == "c"
-    assert teller.tell("idle", "d", 10.0) == "d (99 more of these since the last such line)"
-    assert teller.tell("idle", "e", 20.0) == "e"
+WRITER = Peer("10.0.0.9")
 
 
-def test_kinds_made_of_what_peers_say_do_not_grow() -> None:
-    teller = Teller()
-    for n in range(10 * MAX_KINDS):
-        teller.tell(n, "x", float(n))
-    assert len(teller._told) == MAX_KINDS
+def connected_writers() -> tuple[ConnectedWriters, list[tuple[str, str, bool]]]:
+    told: list[tuple[str, str, bool]] = []
+    unit = Unit(list, connection=lambda peer, here: told.append((peer.address, peer.subject, here)))
+    return ConnectedWriters([unit, Unit(list)]), told
+
+
+def test_the_first_and_the_last() -> None:
+    watched, told = connected_writers()
+    for _ in range(3):
+        watched.opened(WRITER)
+    assert told == [("10.0.0.9", "", True)]
+    for _ in range(3):
+        watched.closed(WRITER)
+    assert told == [("10.0.0.9", "", True), ("10.0.0.9", "", False)]
+    assert not watched._open
+
+
+def test_each_address_and_subject_is_somebody_else() -> None:
+    watched, told = connected_writers()
+    watched.opened(Peer("10.0.0.9", subject="plc1"))
+    watched.opened(Peer("10.0.0.9", subject="plc2"))
+    watched.closed(Peer("10.0.0.9", subject="plc1"))
+    assert told[-1] == ("10.0.0.9", "plc1", False)
+    assert len(told) == 3
+
+
+@pytest.mark.parametrize("access", [Access.NONE, Access.READ])
+def test_who_may_not_write_is_nobody(access: Access) -> None:
+    watched, told = connected_writers()
+    watched.opened(Peer("10.0.0.9", access))
+    watched.closed(Peer("10.0.0.9", access))
+    assert told == []

@@ -7,7 +7,7 @@ import pytest
 from gateway.modbus.protocol.adu import frame_bytes
 from gateway.modbus.protocol.answers import Access, Peer, Unit
 from gateway.modbus.protocol.exceptions import ModbusException
-from gateway.modbus.protocol.request_handler import MAX_KEPT, Desk, DeskStats
+from gateway.modbus.protocol.request_handler import MAX_KEPT, RequestHandler, RequestStats
 
 PEER = Peer("10.0.0.9")
 
@@ -21,8 +21,8 @@ class Bench:
         self.image = image
         self.asked = 0
         self.faults: list[Exception] = []
-        self.stats = DeskStats()
-        self.desk = Desk({1: Unit(self._read, self._write)}, self.stats, self.faults.append)
+        self.stats = RequestStats()
+        self.handler = RequestHandler({1: Unit(self._read, self._write)}, self.stats, self.faults.append)
 
     def _read(self) -> Sequence[int]:
         self.asked += 1
@@ -36,7 +36,7 @@ class Bench:
         return None
 
     def ask(self, frame: bytes) -> bytes:
-        return self.desk.answer(frame, PEER)
+        return self.handler.answer(frame, PEER)
 
 
 def test_the_image_is_asked_for_once_at_every_request() -> None:
@@ -77,7 +77,7 @@ def test_a_scanner_does_not_make_the_kept_answers_grow() -> None:
             for function in (3, 4):
                 answer = bench.ask(read(address, count, function=function))
                 assert answer[9:11] == address.to_bytes(2, "big")
-    assert len(bench.desk._units[1].answers) == MAX_KEPT
+    assert len(bench.handler._units[1].answers) == MAX_KEPT
 
 
 @pytest.mark.parametrize(
@@ -104,4 +104,4 @@ def test_exceptions_are_counted_every_time() -> None:
 def test_what_is_kept_for_one_is_not_shown_to_one_who_may_not_read() -> None:
     bench = Bench((1, 2))
     assert bench.ask(read(0, 1))[-1] == 1
-    assert bench.desk.answer(read(0, 1), Peer("10.0.0.9", Access.NONE))[7:] == b"\x83\x01"
+    assert bench.handler.answer(read(0, 1), Peer("10.0.0.9", Access.NONE))[7:] == b"\x83\x01"

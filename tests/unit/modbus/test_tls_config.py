@@ -8,16 +8,18 @@ from pathlib import Path
 import pytest
 
 from gateway import app
-from gateway.certs import issue, pair
-from gateway.certs.validity import revoked, standing
+from gateway.certs import issue
+from gateway.certs.client_certificate import revoked, subject_of, validity_of
 from gateway.cli.main import main
 from gateway.clock import SystemClock
 from gateway.config import ModbusConfig, load, parse
 from gateway.errors import ConfigError
 from gateway.modbus.protocol.answers import Access, Peer
-from gateway.modbus.server import tls
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.service import serving
+from gateway.modbus.server.tls import ModbusTls
+from gateway.net import tls
+from gateway.net.tls import TlsFiles
 from tests.plant_certs import NOW, LaterClock, Plant
 
 NS = 1_000_000_000
@@ -35,11 +37,11 @@ def wall_ns(days: float) -> int:
 
 
 def test_good_files(plant: Plant) -> None:
-    context = tls.server_context(plant.config())
+    context = tls.server_context(TlsFiles.of_modbus(plant.config()))
     assert context.verify_mode.name == "CERT_REQUIRED"
     assert context.minimum_version.name == "TLSv1_2"
-    assert tls.warnings(plant.config(), wall_ns(0)) == []
-    tls.server_context(plant.config(crl=None))
+    assert tls.warnings(TlsFiles.of_modbus(plant.config()), wall_ns(0)) == []
+    tls.server_context(TlsFiles.of_modbus(plant.config(crl=None)))
 
 
 @pytest.mark.parametrize(
@@ -64,7 +66,7 @@ def test_bad_files(plant: Plant, tmp_path: Path, key: str, text: str | None, sai
         known = {"other key": plant.folder.key_path("plc1"), "a client": plant.folder.certificate_path("plc1")}
         path.write_bytes(known[text].read_bytes() if text in known else text.encode())
     with pytest.raises(ConfigError) as caught:
-        tls.server_context(plant.config(**{key: str(path)}))
+        tls.server_context(TlsFiles.of_modbus(plant.config(**{key: str(path)})))
     assert said in str(caught.value)
     assert str(path) in str(caught.value)
 
@@ -75,20 +77,20 @@ def test_a_key_with_a_passphrase_is_no_key_for_a_service(plant: Plant, tmp_path:
     lock = ["openssl", "ec", "-aes128", "-passout", "pass:secret", "-in", key, "-out", str(locked)]
     subprocess.run(lock, check=True, capture_output=True)
     with pytest.raises(ConfigError, match="the key has a passphrase"):
-        tls.server_context(plant.config(key=str(locked)))
+        tls.server_context(TlsFiles.of_modbus(plant.config(key=str(locked))))
 
 
 def test_warnings(plant: Plant, tmp_path: Path) -> None:
-    (soon,) = tls.warnings(plant.config(), wall_ns(10.5))
+    (soon,) = tls.warnings(TlsFiles.of_modbus(plant.config()), wall_ns(10.5))
     assert soon.startswith("modbus.tls.cert: ")
     assert soon.endswith("in 19 days")
-    (late,) = tls.warnings(plant.config(), wall_ns(31))
+    (late,) = tls.warnings(TlsFiles.of_modbus(plant.config()), wall_ns(31))
     assert "expired on" in late
     assert "no client will connect; renew it" in late
     key = tmp_path / "open.key"
     key.write_bytes(plant.folder.key_path("gateway").read_bytes())
     key.chmod(0o644)
-    (open_key,) = tls.warnings(plant.config(key=str(key)), wall_ns(0))
+    (open_key,) = tls.warnings(TlsFiles.of_modbus(plant.config(key=str(key))), wall_ns(0))
     assert open_key == f"modbus.tls.key: {key} can be read by others; chmod 600"
 
 
@@ -132,7 +134,7 @@ def test_what_can_not_be_configured(modbus: dict[str, object], said: str) -> Non
 
 
 def test_roles(plant: Plant) -> None:
-    roles = tls.Roles(plant.config(read_roles=["viewer", "both"], write_roles=["operator", "both"]))
+    roles = ModbusTls(plant.config(read_roles=["viewer", "both"], write_roles=["operator", "both"]), SystemClock())
     found = {role: roles.access(role) for role in ("viewer", "operator", "both", "Viewer", "", None)}
     assert found == {
         "viewer": Access.READ,
@@ -150,8 +152,8 @@ def test_a_certificate_in_use_is_looked_at_for_as_long_as_it_is_used(
     own, clock = Plant(tmp_path), LaterClock()
     days = clock.days
     first, second = own.client("plc1"), own.client("plc2")  # for 30 days
-    files = tls.Contexts(own.config(), clock)
-    one, other = (Peer("10.0.0.9", certificate=standing(certificate)) for certificate in (first, second))
+    files = ModbusTls(own.config(), clock)
+    one, other = (Peer("10.0.0.9", certificate=validity_of(certificate)) for certificate in (first, second))
     days.append(1.5)
     for _ in range(1000):
         assert files.ended(one) is files.ended(other) is files.ended(Peer("10.0.0.8")) is None
@@ -248,15 +250,17 @@ def test_a_file_that_vanishes_while_it_is_read_is_told(
     copy = tmp_path / "copy.pem"
     copy.write_bytes(Path(getattr(plant.config(), key)).read_bytes())
     config = plant.config(**{key: str(copy)})
-    monkeypatch.setattr(pair, "readable", lambda named: copy.unlink(missing_ok=True) if named[1] == str(copy) else None)
+    monkeypatch.setattr(
+        tls, "_check_readable", lambda _, path: copy.unlink(missing_ok=True) if path == str(copy) else None
+    )
     with pytest.raises(ConfigError, match=f"modbus.tls.{key}.*No such file|no such file"):
-        tls.server_context(config)
+        tls.server_context(TlsFiles.of_modbus(config))
 
 
 def test_a_subject_can_not_forge_a_line_of_the_log(plant: Plant) -> None:
     name = "plc1\n2026-01-01 INFO bay1: stop cleared\u2028\x1b[2J"
     made = issue.client(plant.by, name, "operator", issue.new_key(), NOW, 5)
-    shown = tls.subject_of(made)
+    shown = subject_of(made)
     assert shown.startswith("plc1\N{REPLACEMENT CHARACTER}2026")
     assert shown.isprintable()
     assert len(shown.splitlines()) == 1

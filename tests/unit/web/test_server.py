@@ -24,7 +24,9 @@ from gateway.clock import SystemClock
 from gateway.config import parse
 from gateway.config.sections.hmi import HmiConfig
 from gateway.errors import ConfigError
-from gateway.web.auth import slow_clients, tls
+from gateway.net import tls
+from gateway.net.tls import TlsFiles
+from gateway.web.auth import slow_clients
 from gateway.web.auth.security import ENDED
 from tests.plant_certs import NOW, Plant
 from tests.unit.web.auth import HASH, PASSWORD, USERS, SecuredApp
@@ -243,13 +245,14 @@ async def shaken(port: int, context: ssl.SSLContext) -> tuple[str | None, bytes 
 
 
 def test_tls_and_a_certificate_that_is_renewed(plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tls, "LOOK_S", 0.02)
+    monkeypatch.setattr(tls, "LOOK_NS", 20_000_000)
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
     cert.write_bytes(plant.folder.certificate_path("gateway").read_bytes())
     key.write_bytes(plant.folder.key_path("gateway").read_bytes())
-    config = pages(plant, tls_cert=str(cert), tls_key=str(key))
-    context = tls.server_context(config)
-    assert context is not None
+    files = TlsFiles.of_pages(pages(plant, tls_cert=str(cert), tls_key=str(key)))
+    assert files is not None
+    reloading = tls.ReloadingContext(files, SystemClock())
+    context = reloading.initial
     assert context.minimum_version is ssl.TLSVersion.TLSv1_2
 
     async def renewed(port: int, before: bytes | None) -> bytes | None:
@@ -260,7 +263,7 @@ def test_tls_and_a_certificate_that_is_renewed(plant: Plant, tmp_path: Path, mon
 
     async def whole() -> None:
         async with asyncio.TaskGroup() as group, served(hello, context=context) as port:
-            fresh = group.create_task(tls.keep_fresh(context, config, SystemClock()))
+            fresh = group.create_task(reloading.keep_current(0.02))
             version, first = await shaken(port, trusting(plant))
             assert version == "TLSv1.3"
             old = trusting(plant)
@@ -307,9 +310,9 @@ def test_a_certificate_that_ends_soon_and_a_key_that_others_read(plant: Plant, t
     config = pages(plant)
 
     def at(days: float) -> list[str]:
-        return tls.warnings(config, round((NOW + timedelta(days=days)).timestamp() * 1e9))
+        return tls.warnings(TlsFiles.of_pages(config), round((NOW + timedelta(days=days)).timestamp() * 1e9))
 
-    assert tls.warnings(HmiConfig(), 0) == []
+    assert tls.warnings(TlsFiles.of_pages(HmiConfig()), 0) == []
     assert at(0) == []
     (soon,) = at(10.5)
     assert soon.startswith("hmi.tls_cert: ")
@@ -319,11 +322,11 @@ def test_a_certificate_that_ends_soon_and_a_key_that_others_read(plant: Plant, t
     key = tmp_path / "open.key"
     key.write_bytes(plant.folder.key_path("gateway").read_bytes())
     key.chmod(0o644)
-    assert tls.warnings(pages(plant, tls_key=str(key)), round(NOW.timestamp() * 1e9)) == [
+    assert tls.warnings(TlsFiles.of_pages(pages(plant, tls_key=str(key))), round(NOW.timestamp() * 1e9)) == [
         f"hmi.tls_key: {key} can be read by others; chmod 600"
     ]
-    (gone,) = tls.warnings(pages(plant, tls_cert=str(tmp_path / "none.pem")), 0)
-    assert "can't be looked at" in gone
+    (gone,) = tls.warnings(TlsFiles.of_pages(pages(plant, tls_cert=str(tmp_path / "none.pem"))), 0)
+    assert "can't be read" in gone
 
 
 def test_check_says_who_may_do_what(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

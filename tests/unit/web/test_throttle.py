@@ -4,86 +4,87 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.web.auth.login_throttle import BY_ADDRESS, BY_NAME, IN_ALL, Allowance, Throttle, place_of
+from gateway.net.rate_limit import Rate
+from gateway.web.auth.login_throttle import BY_ADDRESS, BY_NAME, IN_ALL, LoginThrottle, spelled
 
 S = 1_000_000_000
 
 
-def fails(throttle: Throttle, address: str, name: str, times: int, now_ns: int = 0) -> list[int]:
-    return [throttle.try_(address, name, now_ns) for _ in range(times)]
+def fails(throttle: LoginThrottle, address: str, name: str, times: int, now_ns: int = 0) -> list[int]:
+    return [throttle.attempt(address, name, now_ns) for _ in range(times)]
 
 
 def test_one_address_many_names() -> None:
-    throttle = Throttle()
-    assert [throttle.try_("10.0.0.9", f"name {n}", 0) for n in range(12)] == [0] * 10 + [30, 30]
-    assert throttle.try_("10.0.0.9", "name 12", 29 * S) == 1
-    assert throttle.try_("10.0.0.9", "name 13", 30 * S) == 0
-    assert throttle.try_("10.0.0.9", "name 14", 30 * S) == 30
-    assert throttle.try_("10.0.0.8", "name 15", 30 * S) == 0
+    throttle = LoginThrottle()
+    assert [throttle.attempt("10.0.0.9", f"name {n}", 0) for n in range(12)] == [0] * 10 + [30, 30]
+    assert throttle.attempt("10.0.0.9", "name 12", 29 * S) == 1
+    assert throttle.attempt("10.0.0.9", "name 13", 30 * S) == 0
+    assert throttle.attempt("10.0.0.9", "name 14", 30 * S) == 30
+    assert throttle.attempt("10.0.0.8", "name 15", 30 * S) == 0
     assert fails(throttle, "10.0.0.9", "x", 12, 400 * S) == [0] * 10 + [60, 60]  # full again, then the name's turn
 
 
 def test_one_name_many_addresses() -> None:
-    throttle = Throttle()
-    assert [throttle.try_(f"10.0.0.{n}", "anna", 0) for n in range(12)] == [0] * 10 + [60, 60]
-    assert throttle.try_("10.0.0.99", "bert", 0) == 0
-    assert throttle.try_("10.0.0.99", "anna", 60 * S) == 0
+    throttle = LoginThrottle()
+    assert [throttle.attempt(f"10.0.0.{n}", "anna", 0) for n in range(12)] == [0] * 10 + [60, 60]
+    assert throttle.attempt("10.0.0.99", "bert", 0) == 0
+    assert throttle.attempt("10.0.0.99", "anna", 60 * S) == 0
 
 
 def test_many_names_and_many_addresses() -> None:
-    throttle = Throttle()
-    said = [throttle.try_(f"10.0.{n}.1", f"name {n}", 0) for n in range(200)]
+    throttle = LoginThrottle()
+    said = [throttle.attempt(f"10.0.{n}.1", f"name {n}", 0) for n in range(200)]
     assert said == [0] * 60 + [1] * 140
-    assert throttle.try_("10.1.0.1", "new", S) == 0
-    assert throttle.try_("10.1.0.1", "new", S) == 1
+    assert throttle.attempt("10.1.0.1", "new", S) == 0
+    assert throttle.attempt("10.1.0.1", "new", S) == 1
 
 
 def test_a_refused_try_costs_nothing() -> None:
-    throttle = Throttle()
+    throttle = LoginThrottle()
     fails(throttle, "10.0.0.9", "anna", 10)
     assert fails(throttle, "10.0.0.9", "anna", 1000) == [60] * 1000
-    assert throttle.try_("10.0.0.9", "anna", 60 * S) == 0
+    assert throttle.attempt("10.0.0.9", "anna", 60 * S) == 0
 
 
 def test_a_right_password_costs_nothing() -> None:
-    throttle = Throttle()
+    throttle = LoginThrottle()
     for n in range(1000):
-        assert throttle.try_("10.0.0.9", "anna", n) == 0
-        throttle.right("10.0.0.9", "anna", n)
-    assert [throttle.try_("10.0.0.9", f"name {n}", 0) for n in range(11)] == [0] * 10 + [30]
+        assert throttle.attempt("10.0.0.9", "anna", n) == 0
+        throttle.succeeded("10.0.0.9", "anna", n)
+    assert [throttle.attempt("10.0.0.9", f"name {n}", 0) for n in range(11)] == [0] * 10 + [30]
 
 
 def test_a_stranger_does_not_lock_the_owner_out() -> None:
-    throttle = Throttle()
-    assert throttle.try_("10.0.0.9", "anna", 0) == 0
-    throttle.right("10.0.0.9", "anna", 0)
+    throttle = LoginThrottle()
+    assert throttle.attempt("10.0.0.9", "anna", 0) == 0
+    throttle.succeeded("10.0.0.9", "anna", 0)
     for n in range(500):  # from everywhere, until the bucket of the name and the one for all are empty
-        throttle.try_(f"10.1.{n % 250}.{n}", "anna", 0)
-        throttle.try_(f"10.1.{n % 250}.{n}", f"name {n}", 0)
-    assert throttle.try_("10.0.0.7", "anna", 0) > 0
-    assert throttle.try_("10.0.0.9", "anna", 0) == 0
+        throttle.attempt(f"10.1.{n % 250}.{n}", "anna", 0)
+        throttle.attempt(f"10.1.{n % 250}.{n}", f"name {n}", 0)
+    assert throttle.attempt("10.0.0.7", "anna", 0) > 0
+    assert throttle.attempt("10.0.0.9", "anna", 0) == 0
     assert fails(throttle, "10.0.0.9", "anna", 10) == [0] * 9 + [30]  # and its own address is held short, too
 
 
 def test_a_name_is_known_at_its_last_four_places() -> None:
-    throttle = Throttle()
+    throttle = LoginThrottle()
     for n in range(5):
-        throttle.right(f"10.0.0.{n}", "anna", 0)
+        throttle.succeeded(f"10.0.0.{n}", "anna", 0)
     fails(throttle, "10.9.9.9", "anna", 10)
-    waits = [throttle.try_(f"10.0.0.{n}", "anna", 0) for n in range(5)]
+    waits = [throttle.attempt(f"10.0.0.{n}", "anna", 0) for n in range(5)]
     assert waits == [60, 0, 0, 0, 0]
 
 
 def test_memory_is_bounded_and_a_flood_does_not_open_the_door() -> None:
-    throttle = Throttle(in_all=Allowance(1_000_000, 0.001), most=100)
+    throttle = LoginThrottle(in_all=Rate(1_000_000, 1_000_000), most=100)
     for n in range(5000):
-        throttle.try_(f"10.{n // 250}.{n % 250}.1", f"name {n}", n)
+        throttle.attempt(f"10.{n // 250}.{n % 250}.1", f"name {n}", n)
     assert len(throttle) <= 201
     assert fails(throttle, "10.200.0.1", "anna", 11, 5000)[-1] > 0
 
 
 @pytest.mark.parametrize(
-    ("address", "place"),
+    ("address", "spelling"),
     [
         ("10.0.0.7", "10.0.0.7"),
         ("::ffff:10.0.0.7", "10.0.0.7"),
@@ -93,32 +94,32 @@ def test_memory_is_bounded_and_a_flood_does_not_open_the_door() -> None:
         ("x" * 500, "x" * 64),
     ],
 )
-def test_one_spelling_for_one_address(address: str, place: str) -> None:
-    assert place_of(address) == place
+def test_one_spelling_for_one_address(address: str, spelling: str) -> None:
+    assert spelled(address) == spelling
 
 
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.sampled_from("xy"), st.integers(0, 20 * S), st.booleans())))
 def test_failures_never_outrun_the_allowance(steps: list[tuple[str, str, int, bool]]) -> None:
     """Whatever the order: in no span did more failures pass than the burst and one for each period of it."""
-    throttle = Throttle()
+    throttle = LoginThrottle()
     now_ns = 0
     passed: dict[str, list[int]] = {"a": [], "b": []}
     for address, name, later_ns, right in steps:
         now_ns += later_ns
-        if throttle.try_(address, name, now_ns) == 0:
+        if throttle.attempt(address, name, now_ns) == 0:
             if right:
-                throttle.right(address, name, now_ns)
+                throttle.succeeded(address, name, now_ns)
             else:
                 passed[address].append(now_ns)
     for times in passed.values():
         for first, begin_ns in enumerate(times):
             for last in range(first, len(times)):
                 span_s = (times[last] - begin_ns) / S
-                assert last - first + 1 <= BY_ADDRESS.burst + span_s / BY_ADDRESS.period_s + 1e-6
+                assert last - first + 1 <= BY_ADDRESS.burst + span_s * S / BY_ADDRESS.period_ns + 1e-6
 
 
 def test_what_a_guesser_gets_in_a_year() -> None:
     """With each of these even a password of four random letters would hold for some weeks."""
     year_s = 365 * 86_400
-    assert year_s / BY_NAME.period_s < 530_000
-    assert year_s / IN_ALL.period_s < 32_000_000
+    assert year_s * S / BY_NAME.period_ns < 530_000
+    assert year_s * S / IN_ALL.period_ns < 32_000_000

@@ -6,9 +6,8 @@ import socket
 
 import pytest
 
-from gateway.config import ModbusConfig
 from gateway.errors import ConfigError, GatewayError, LinkError
-from gateway.modbus.server.sockets import bind_error
+from gateway.net.listener import bind_error
 
 
 def os_error(number: int) -> OSError:
@@ -30,7 +29,7 @@ def os_error(number: int) -> OSError:
     ],
 )
 def test_bind_error(error: Exception, kind: type[GatewayError], said: str) -> None:
-    told = bind_error(ModbusConfig(host="10.0.0.9", port=502), error)
+    told = bind_error("modbus", "10.0.0.9", 502, error)
     assert type(told) is kind
     assert str(told).startswith("modbus: cannot listen on 10.0.0.9 port 502: ")
     assert said in str(told)

@@ -1,0 +1,218 @@
+"""TLS of a listener: its context, made from the files of the configuration and made anew when they change. IO."""
+
+import logging
+import ssl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from cryptography import x509
+
+from gateway.certs.client_certificate import Serial, revoked
+from gateway.clock import NS_PER_S, Clock
+from gateway.config import HmiConfig, TlsConfig
+from gateway.errors import ConfigError
+
+log = logging.getLogger(__name__)
+
+CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
+LOOK_NS = NS_PER_S  # between two looks at the files, at least
+DAY_NS = 24 * 3600 * NS_PER_S
+WARN_NS = DAY_NS  # warnings are repeated: a gateway runs for years
+WARN_DAYS = 30
+
+
+@dataclass(frozen=True, slots=True)
+class TlsFiles:
+    """`keys`: what the configuration keys begin with. With `ca` every client must have a certificate."""
+
+    keys: str
+    cert: str
+    key: str
+    ca: str | None = None
+    crl: str | None = None
+    alpn: tuple[str, ...] = ()
+
+    @classmethod
+    def of_modbus(cls, config: TlsConfig) -> "TlsFiles":
+        return cls("modbus.tls.", config.cert, config.key, config.ca, config.crl)
+
+    @classmethod
+    def of_pages(cls, config: HmiConfig) -> "TlsFiles | None":
+        """None: without TLS."""
+        if config.tls_cert is None or config.tls_key is None:
+            return None
+        return cls("hmi.tls_", config.tls_cert, config.tls_key, alpn=("http/1.1",))
+
+    def named(self) -> Iterator[tuple[str, str]]:
+        """Configuration key and file, of those that are configured."""
+        for name, path in (("cert", self.cert), ("key", self.key), ("ca", self.ca), ("crl", self.crl)):
+            if path is not None:
+                yield f"{self.keys}{name}", path
+
+
+def server_context(files: TlsFiles) -> ssl.SSLContext:
+    """Raises ConfigError, naming key and file, for files that can't be read, are no PEM or don't fit together."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.set_ciphers(CIPHERS)
+    context.options |= ssl.OP_NO_RENEGOTIATION
+    if files.alpn:
+        context.set_alpn_protocols(list(files.alpn))
+    for key, path in files.named():
+        _check_readable(key, path)
+    _load_certificate(context, files)
+    if files.ca is not None:
+        _demand_certificates(context, files)
+    return context
+
+
+def _load_certificate(context: ssl.SSLContext, files: TlsFiles) -> None:
+    try:
+        context.load_cert_chain(files.cert, files.key, password=_no_passphrase)
+    except (OSError, ValueError) as error:  # OSError: an SSLError, or somebody has taken the file away just now
+        raise ConfigError(
+            f"{files.keys}cert: {files.cert} and {files.keys}key {files.key}: not a certificate and its private key, "
+            f"in PEM form, without a passphrase: {_reason(error)}"
+        ) from error
+
+
+def _demand_certificates(context: ssl.SSLContext, files: TlsFiles) -> None:
+    context.verify_mode = ssl.CERT_REQUIRED
+    # A resumed session would not look at the certificate again, which may have expired or been revoked since.
+    context.options |= ssl.OP_NO_TICKET
+    context.num_tickets = 0
+    for key, path in files.named():
+        if key.endswith(("ca", "crl")):
+            try:
+                context.load_verify_locations(path)
+            except OSError as error:
+                raise ConfigError(f"{key}: {path}: nothing in PEM form in it: {_reason(error)}") from error
+    loaded = context.cert_store_stats()
+    if loaded["x509_ca"] == 0:
+        raise ConfigError(f"{files.keys}ca: {files.ca}: holds no certificate of an authority")
+    if files.crl is not None:
+        if loaded["crl"] == 0:
+            raise ConfigError(f"{files.keys}crl: {files.crl}: holds no revocation list")
+        context.verify_flags |= ssl.VerifyFlags.VERIFY_CRL_CHECK_LEAF
+
+
+def check(files: TlsFiles | None) -> None:
+    """Raises ConfigError as `server_context` does."""
+    if files is not None:
+        server_context(files)
+
+
+def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
+    """What an operator should correct soon: certificates about to expire, a key that others may read."""
+    if files is None:
+        return []
+    found: list[str] = []
+    now = datetime.fromtimestamp(wall_ns // NS_PER_S, UTC)
+    for key, path in files.named():
+        try:
+            if key == f"{files.keys}key" and Path(path).stat().st_mode & 0o077:
+                found.append(f"{key}: {path} can be read by others; chmod 600")
+            if not key.endswith(("cert", "ca")):
+                continue
+            for certificate in x509.load_pem_x509_certificates(Path(path).read_bytes()):
+                end = certificate.not_valid_after_utc
+                if end < now:
+                    found.append(f"{key}: {path} expired on {end:%Y-%m-%d}: no client will connect; renew it")
+                elif (end - now).days < WARN_DAYS:
+                    found.append(f"{key}: {path} expires on {end:%Y-%m-%d}, in {(end - now).days} days")
+        except (OSError, ValueError) as error:
+            found.append(f"{key}: {path}: can't be read: {error}")
+    return found
+
+
+class ReloadingContext:
+    """The context for the next connection: its files are read anew when they have changed.
+
+    A renewed certificate or a newer revocation list is in force without a restart, for every connection made from then
+    on. Files that are no longer valid are reported, and the last valid ones stay in force. A server that keeps one
+    context for ever takes `initial`: a renewed certificate and key are loaded into that, too.
+    """
+
+    def __init__(self, files: TlsFiles, clock: Clock) -> None:
+        """Raises ConfigError as `server_context` does."""
+        self.files = files
+        self._clock = clock
+        self.initial = server_context(files)
+        self._context, self.revoked = self.initial, _revoked(files)
+        self._stamps = _stamps(files)
+        self._looked_ns = self._warned_ns = clock.now_ns()
+        self._warn()
+
+    def current(self) -> ssl.SSLContext:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._looked_ns >= LOOK_NS:
+            self._looked_ns = now_ns
+            self._reload()
+            if now_ns - self._warned_ns >= WARN_NS:
+                self._warned_ns = now_ns
+                self._warn()
+        return self._context
+
+    async def keep_current(self, period_s: float = 60.0) -> None:
+        """For ever; for a server that takes `initial` and calls nothing else here."""
+        while True:
+            await self._clock.sleep(period_s)
+            self.current()
+
+    def _reload(self) -> None:
+        stamps = _stamps(self.files)
+        if stamps == self._stamps:
+            return
+        self._stamps = stamps
+        try:
+            self._context, self.revoked = server_context(self.files), _revoked(self.files)
+            _load_certificate(self.initial, self.files)
+        except ConfigError as error:
+            log.error("%s; the files read before stay in force", error)
+        else:
+            log.warning("%s: certificate and key were read anew", self.files.keys.rpartition(".")[0])
+
+    def _warn(self) -> None:
+        for line in warnings(self.files, self._clock.wall_ns()):
+            log.warning("%s", line)
+
+
+def _revoked(files: TlsFiles) -> frozenset[Serial]:
+    """Raises ConfigError for a list that can't be read."""
+    if files.crl is None:
+        return frozenset()
+    try:
+        return revoked(Path(files.crl).read_bytes())
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{files.keys}crl: {files.crl}: cannot be read: {_reason(error)}") from error
+
+
+def _check_readable(key: str, path: str) -> None:
+    try:
+        with Path(path).open("rb") as file:
+            file.read(1)
+    except OSError as error:
+        raise ConfigError(f"{key}: cannot read {path}: {error.strerror}") from error
+
+
+def _stamps(files: TlsFiles) -> list[tuple[int, int] | None]:
+    """Other than before: a file was written, replaced, put there or taken away."""
+    found: list[tuple[int, int] | None] = []
+    for _, path in files.named():
+        try:
+            stat = Path(path).stat()
+            found.append((stat.st_mtime_ns, stat.st_ino))
+        except OSError:
+            found.append(None)
+    return found
+
+
+def _reason(error: Exception) -> str:
+    """OpenSSL's reason in readable letters."""
+    return str(getattr(error, "reason", None) or error).lower().replace("_", " ")
+
+
+def _no_passphrase() -> str:
+    raise ValueError("the key has a passphrase, and nobody would be there to type it")
