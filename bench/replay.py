@@ -9,6 +9,7 @@ import numpy as np
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
+from gateway.vision.detect.method import Detector, NowNs
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
 from gateway.vision.source.contract import Frame
@@ -77,6 +78,6 @@ class Replay:
         pass
 
 
-def plain(params: VisionConfig, now_ns: pipeline.NowNs) -> pipeline.Detector:
+def plain(params: VisionConfig, now_ns: NowNs) -> Detector:
     """The detector that vision processes build for the baseline."""
     return lambda image, t_ns=0: pipeline.detect(image, params, now_ns)

@@ -30,6 +30,7 @@ from bench.speed_scenes import SCENES, SIZES, back_and_forth
 from gateway.config import VisionConfig
 from gateway.processes.pool import ENVIRONMENT
 from gateway.vision.detect import registry
+from gateway.vision.detect.method import Detector
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact import kernel
 from gateway.vision.detect.paper.exact.search import ExactSearch
@@ -96,7 +97,7 @@ def _blobs() -> Method:
     return lambda image, t_ns: detector.detect(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
 
 
-def _detector(detect: pipeline.Detector) -> Method:
+def _detector(detect: Detector) -> Method:
     return detect
 
 

@@ -27,8 +27,7 @@ from gateway.ranger.hcsr04 import c_header, protocol
 from gateway.sim import gallery, robust_gallery, scenario_reference
 from gateway.sinks.mqtt import reference
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
-from gateway.vision.detect.paper import reference as parameters
-from gateway.vision.detect.robust import reference as robust_reference
+from gateway.vision.detect import reference as detection
 from gateway.vision.offline.evaluation import gate, labels, scoring
 from gateway.vision.view import example
 from gateway.web.auth import access
@@ -88,8 +87,8 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "phases": visit_phases,
         "keys": lambda: "\n".join(configdoc.key_table(VisitConfig)),
     },
-    "vision.md": {"stages and parameters": parameters.markdown},
-    "vision-robust.md": robust_reference.BLOCKS,
+    "vision.md": {"stages and parameters": detection.paper_stages_and_parameters},
+    "vision-robust.md": detection.ROBUST_BLOCKS,
 }
 PLC_EXAMPLES = ("ignition", "kepware", "st", "plcopen", "codesys", "tcpou", "scl", "l5x", "node-red", "openplc")
 

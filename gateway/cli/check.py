@@ -45,6 +45,7 @@ def main(args: argparse.Namespace) -> int:
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
     from gateway.net import tls
+    from gateway.vision.detect import registry
 
     if args.keys:
         print(reference.markdown(), end="")
@@ -80,6 +81,6 @@ def main(args: argparse.Namespace) -> int:
     for bay in settings.bays:
         camera = without_password(bay.camera.url)
         print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, ranger {bay.ranger.port}")
-        if idle := bay.vision.idle():
+        if idle := registry.method(bay.vision.method).idle(bay.vision):
             print(f'  bay {bay.name}: no effect with vision.method = "{bay.vision.method}": {", ".join(idle)}')
     return 0

@@ -72,7 +72,7 @@ class Look:
                     row["tracking"] = found.tracking.name.lower()
                     row["predicted"] = found.predicted and _circle(found.predicted)
                 if self._stages is not None:
-                    row["stages"] = str(self._write_stages(self._stages, path, picture))
+                    row["stages"] = str(self._write_stages(self._stages, path, picture, found))
                 if self._drawn is not None:
                     row["drawn"] = str(self._write_drawn(self._drawn, path, picture, found))
                 yield row
@@ -99,14 +99,13 @@ class Look:
         self._looked += 1
         return round(self._looked * 1e9 / (self._fps or 1.0))
 
-    def _write_stages(self, names: Names, path: Path, picture: "Picture") -> Path:
+    def _write_stages(self, names: Names, path: Path, picture: "Picture", found: "Detection") -> Path:
         """Returns the beginning of the names of what was written."""
-        from gateway.vision.detect.paper import pipeline
-        from gateway.vision.view import drawing, figures
+        from gateway.vision.detect import registry
+        from gateway.vision.view import drawing
 
         name = names.of(path, picture)
-        trace = pipeline.trace(picture.image, self._params)
-        drawing.save(names.folder, name, figures.figure3(trace) | figures.figure4(trace))
+        drawing.save(names.folder, name, registry.stage_pictures(self._params, picture.image, found))
         return names.folder / name
 
     def _write_drawn(self, names: Names, path: Path, picture: "Picture", found: "Detection") -> Path:
@@ -117,6 +116,8 @@ class Look:
 
 
 def _row(path: Path, picture: "Picture", found: "Detection", *, known_lens: bool) -> Row:
+    from gateway.vision.detect.stage_timer import total_ns
+
     circle, ellipse = found.circle, found.ellipse
     row: Row = {"file": str(path)}
     if picture.frame is not None:
@@ -141,7 +142,7 @@ def _row(path: Path, picture: "Picture", found: "Detection", *, known_lens: bool
         row["x_n"], row["y_n"] = found.x_n, found.y_n
     row["width"], row["height"] = picture.image.shape[1], picture.image.shape[0]
     row["ms"] = {stage: round(ns / 1e6, 3) for stage, ns in found.stage_ns}
-    row["ms"]["total"] = round(sum(ns for _, ns in found.stage_ns) / 1e6, 3)
+    row["ms"]["total"] = round(total_ns(found.stage_ns) / 1e6, 3)
     return row
 
 

@@ -141,9 +141,10 @@ def _series(pattern: str | None) -> "SeriesOf":
 def _methods(params: "VisionConfig", asked: str | None) -> dict[str, "MakeDetector"]:
     """A maker of detectors for each method asked for."""
     from gateway.clock import SystemClock
+    from gateway.config.sections.vision import DETECTION_METHODS
     from gateway.vision.detect import registry
 
-    known = vision_args.known_methods()
+    known = DETECTION_METHODS.names()
     if asked is not None and asked != "all" and asked not in known:
         raise ConfigError(f"--method {asked}: there is: {', '.join(known)}, all")
     now_ns = SystemClock().now_ns
@@ -174,8 +175,8 @@ def _report(
     series: "SeriesOf",
     unmet: tuple[str, ...] | None,
 ) -> None:
+    from gateway.vision.detect.registry import rejection_meanings
     from gateway.vision.offline.evaluation import report, trial
-    from gateway.vision.offline.evaluation.reasons import REASONS
     from gateway.vision.offline.reports.page import write
 
     about = _about(args, results, unmet)
@@ -186,7 +187,7 @@ def _report(
             about,
             series,
             lambda label: trial.picture(found, label),
-            REASONS,
+            rejection_meanings(),
             worst=args.worst,
             advance=advance,
         )

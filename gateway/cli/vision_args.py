@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from gateway.errors import ConfigError
 
@@ -43,13 +43,6 @@ def bay_vision(config: Path | None, bay: str | None) -> "VisionConfig":
     if name not in bays:
         raise ConfigError(f"{config}: no bay {name}; there is: {', '.join(bays)}")
     return bays[name].vision
-
-
-def known_methods() -> tuple[str, ...]:
-    """What `vision.method` may be."""
-    from gateway.config import VisionConfig
-
-    return get_args(VisionConfig.model_fields["method"].annotation)
 
 
 @contextmanager

@@ -59,3 +59,9 @@ def natural_key(path: Path) -> list[tuple[int, str]]:
     """Sort key in which frame9 comes before frame10, whatever the case of the letters."""
     parts = re.split(r"([0-9]+)", str(path).casefold())
     return [(int(part), "") if i % 2 else (-1, part) for i, part in enumerate(parts)] + [(-1, str(path))]
+
+
+def check_bgr8(image: Image) -> None:
+    """Raises ValueError for anything but a (H, W, 3) uint8 picture with at least one pixel."""
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")

@@ -15,7 +15,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.source.contract import Frame
 
 if TYPE_CHECKING:  # the camera process need not load OpenCV
-    from gateway.vision.detect.paper.pipeline import Detector
+    from gateway.vision.detect.method import Detector
 
 THROW, HANG, DIE, EXIT = 200, 210, 220, 230  # pictures of this shade are poison
 

@@ -6,7 +6,18 @@ from pydantic import Field, field_validator, model_validator
 
 from gateway.config.sections.common import Reconnect
 from gateway.config.strict.placed_error import PlacedError
-from gateway.config.strict.section import Section
+from gateway.config.strict.section import NameIn, Section
+from gateway.registry import Registry
+
+DETECTION_METHODS = Registry(
+    "detection method",
+    "gateway.detection_methods",
+    {
+        "robust": "gateway.vision.detect.robust.method:METHOD",
+        "paper": "gateway.vision.detect.paper.method:METHOD",
+    },
+)
+"""By name the `Method` that finds the marker. A key whose description begins with such a name is that method's own."""
 
 Hsv = tuple[
     Annotated[int, Field(ge=0, le=180, strict=True)],
@@ -116,7 +127,9 @@ class CameraConfig(Section):
 class VisionConfig(Section):
     """Method, tracking and the parameters of both methods; those of the paper's are its Table I."""
 
-    method: Literal["robust", "paper"] = Field("robust", description="how the marker is found in a picture")
+    method: Annotated[str, NameIn(DETECTION_METHODS)] = Field(
+        "robust", description="how the marker is found in a picture"
+    )
     tracking: bool = Field(
         True,
         description="follow the marker from frame to frame: the same answers, sooner; and say how each was come by",
@@ -150,14 +163,6 @@ class VisionConfig(Section):
     affinity: Cpus | None = Field(None, description="CPUs the vision processes may use")
     deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long before its worker is replaced")
 
-    def idle(self) -> tuple[str, ...]:
-        """The keys that were set and belong to the other method: they have no effect."""
-        other = "robust: " if self.method == "paper" else "paper: "
-        fields = type(self).model_fields
-        return tuple(
-            key for key in fields if key in self.model_fields_set and (fields[key].description or "").startswith(other)
-        )
-
     @field_validator("gaussian_kernel_px", "morph_kernel_px")
     @classmethod
     def _odd(cls, value: int) -> int:
@@ -178,3 +183,9 @@ class VisionConfig(Section):
                 if lo > hi:
                     raise PlacedError(f"{axis} = {lo} lies above red_high_{n}'s {axis} = {hi}", f"red_low_{n}")
         return self
+
+
+def keys_of(method: str) -> tuple[str, ...]:
+    """The keys of `[vision]` that are this method's own."""
+    fields = VisionConfig.model_fields
+    return tuple(key for key in fields if (fields[key].description or "").startswith(f"{method}: "))

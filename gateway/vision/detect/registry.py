@@ -1,49 +1,51 @@
 """The detection methods by name: what `vision.method` and `vision.tracking` ask for, ready to be called."""
 
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, cast
+
 from gateway.config import VisionConfig
+from gateway.config.sections.vision import DETECTION_METHODS
 from gateway.core.model import Detection
-from gateway.vision.detect.paper import pipeline
-from gateway.vision.detect.paper.exact import search, tracker
-from gateway.vision.detect.paper.exact.search import ExactSearch
-from gateway.vision.detect.paper.pipeline import Detector, NowNs
-from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
-from gateway.vision.detect.robust import detect as robust
-from gateway.vision.detect.robust.roi_search import NearSearch
-from gateway.vision.pixels import Image
+from gateway.vision.detect.method import Detector, Method, NowNs
 from gateway.vision.track.follower import Follower
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from gateway.vision.pixels import Image
+
+
+def method(name: str) -> Method:
+    """Raises ConfigError for a name that no method has."""
+    return cast(Method, DETECTION_METHODS.load(name))
+
+
+def methods() -> tuple[Method, ...]:
+    return tuple(method(name) for name in DETECTION_METHODS.names())
 
 
 def detector(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
-    """To be called picture by picture, in order: with tracking it keeps state between them. `now_ns` times stages."""
-    match params.method, params.tracking:
-        case "paper", False:
-            return _paper(params, now_ns)
-        case "paper", _:
-            near = tracker.of(params, now_ns) if ExactSearch.knows(params) else _paper(params, now_ns)
-            return Follower(lambda image, t_ns, *_: near(image, t_ns), params.coast_s)
-        case _, False:
-            return Robust(params, now_ns)
-        case _:
-            return Follower(NearSearch(params, now_ns), params.coast_s)
+    """To be called frame by frame, in order: with tracking it keeps state between them. `now_ns` times the stages."""
+    made = method(params.method)
+    if params.tracking:
+        return Follower(made.search(params, now_ns), params.coast_s)
+    return made.detector(params, now_ns)
 
 
-class Robust:
-    """The robust method without tracking: each picture by itself."""
-
-    def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
-        self._params = params
-        self._now_ns = now_ns
-        self._radii = WITHDRAWN
-
-    def expect(self, radii: MarkerRadii) -> None:
-        self._radii = radii
-
-    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
-        return robust.detect(image, self._params, self._now_ns, radii_px=self._radii.at(t_ns))
+def once(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
+    """For a single frame: without tracking, and without what would be prepared for further frames."""
+    made = method(params.method)
+    return (made.once or made.detector)(params, now_ns)
 
 
-def _paper(params: VisionConfig, now_ns: NowNs) -> Detector:
-    """The paper's method on whole pictures: by the shortcuts that change no bit, where they hold."""
-    if ExactSearch.knows(params):
-        return search.of(params, now_ns)
-    return lambda image, t_ns=0: pipeline.detect(image, params, now_ns)
+def rejection_meanings() -> dict[str, str]:
+    """`Rejection.why` -> meaning, of every method."""
+    return {code: meaning for made in methods() for code, meaning in made.rejections.items()}
+
+
+def stage_pictures(params: VisionConfig, image: "Image", found: Detection) -> Mapping[str, "NDArray[Any]"]:
+    """By name: the method's figures of a frame, or its panels where it has none."""
+    made = method(params.method)
+    if made.figures is not None:
+        return made.figures(image, params, found)
+    return {panel.name: panel.image for panel in made.panels(image, params, found, 1.0)}

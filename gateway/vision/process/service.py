@@ -11,6 +11,7 @@ from gateway.core.model import VisionReading
 from gateway.errors import ConfigError
 from gateway.processes.notices import Failed, Gone
 from gateway.processes.pool import Pool, Role
+from gateway.vision.detect import registry
 from gateway.vision.detect.radii import MarkerRadii, Pace
 from gateway.vision.process import actions
 from gateway.vision.process.dispatcher import Dispatcher
@@ -97,8 +98,12 @@ class VisionService:
 
     def expect(self, radii_px: tuple[float, float] | None) -> None:
         """The marker's radius lies between these now, px; None: nobody knows. To be called again and again: it is
-        forgotten soon. Not for the paper's method."""
-        if self._turns is None or self._dispatcher is None or self._vision.method != "robust":
+        forgotten soon. Only for a method that uses it."""
+        if (
+            self._turns is None
+            or self._dispatcher is None
+            or not registry.method(self._vision.method).uses_radius_limits
+        ):
             return
         now_ns = self._clock.now_ns()
         if (message := self._pace.due(radii_px, now_ns)) is not None:

@@ -6,7 +6,7 @@ import cv2
 
 from gateway.processes.channel import Link
 from gateway.processes.codec import Codec
-from gateway.vision.detect.paper.pipeline import Sized
+from gateway.vision.detect.method import RadiusLimited
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.process.worker_job import WorkerJob
@@ -30,7 +30,7 @@ def run(link: Link[Ready | Looked, Look | MarkerRadii], job: WorkerJob) -> None:
     while True:
         message = link.receive()
         if isinstance(message, MarkerRadii):
-            if isinstance(detect, Sized):
+            if isinstance(detect, RadiusLimited):
                 detect.expect(message)
             continue
         frame = message.frame

@@ -11,7 +11,7 @@ from gateway.processes.codec import Message
 from gateway.vision.transport.ring import RingSpec
 
 if TYPE_CHECKING:  # the main process need not load OpenCV
-    from gateway.vision.detect.paper.pipeline import Detector, NowNs
+    from gateway.vision.detect.method import Detector, NowNs
 
 
 class DetectorSpec(Struct, frozen=True, array_like=True):

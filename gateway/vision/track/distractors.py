@@ -13,18 +13,16 @@ Where the ranger's distance tells which radii are possible, what has another rad
 beside it or not (`size`).
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gateway.core.model import Circle, Rejection
+from gateway.vision.detect.geometry import same_circle
 
 HELD_NS = 10_000_000_000
 WEAKER = "weaker"  # the search's code for a candidate that passed every gate, beside a better one
 SIZE = "size"  # and for one that passed all but that of the radii that the ranger's distance allows
 RED_DISC = (WEAKER, SIZE)
-NEAR = 0.5  # of its radius: so far from where it should be, a bystander is known again
-ALIKE = 1.4  # and so much larger or smaller
 ROOM = 1.1  # of its radius round the marker: with less to the picture's edge it may have driven out
 
 
@@ -51,13 +49,13 @@ class Bystanders:
         """Is `found` a bystander, left alone in the frame of `t_ns`, `width` x `height` px, by a covered marker?"""
         if not 0 <= t_ns - self.t_ns <= HELD_NS or not self._inside(width, height):
             return False
-        if any(refused.why == WEAKER and alike(refused.circle, self.marker) for refused in rejected):
+        if any(refused.why == WEAKER and same_circle(refused.circle, self.marker) for refused in rejected):
             return False
         return self.has(found)
 
     def refused_for_size(self, rejected: Iterable[Rejection]) -> Circle | None:
         """The thing followed, if this frame shows it and it has no radius that the marker can have."""
-        return next((r.circle for r in rejected if r.why == SIZE and alike(r.circle, self.marker)), None)
+        return next((r.circle for r in rejected if r.why == SIZE and same_circle(r.circle, self.marker)), None)
 
     def wrong_size(self, rejected: Iterable[Rejection]) -> Circle | None:
         """The best red disc that was refused for its radius and is no bystander: the marker, for all one can see."""
@@ -65,7 +63,7 @@ class Bystanders:
 
     def has(self, found: Circle) -> bool:
         """Was it seen beside the marker, at whatever time?"""
-        return any(alike(found, place) for other in self.others for place in self._places(other))
+        return any(same_circle(found, place) for other in self.others for place in self._places(other))
 
     def _places(self, other: Circle) -> Iterable[Circle]:
         yield other
@@ -78,10 +76,3 @@ class Bystanders:
     def _inside(self, width: int, height: int) -> bool:
         m, room = self.marker, ROOM * self.marker.radius_px
         return room <= m.u_px <= width - 1 - room and room <= m.v_px <= height - 1 - room
-
-
-def alike(one: Circle, other: Circle, reach_px: float | None = None) -> bool:
-    """The same thing, roughly measured: nearly as large, and no farther off than `reach_px`, or NEAR of its radius."""
-    larger, smaller = max(one.radius_px, other.radius_px), min(one.radius_px, other.radius_px)
-    apart = math.hypot(one.u_px - other.u_px, one.v_px - other.v_px)
-    return larger <= ALIKE * smaller and apart <= (NEAR * larger if reach_px is None else reach_px)

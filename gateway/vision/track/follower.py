@@ -21,30 +21,17 @@ though, if it is only a known bystander.
 """
 
 from dataclasses import replace
-from typing import Protocol
 
 from gateway.core.model import Circle, Detection, Rejection, Tracking
+from gateway.vision.detect.geometry import same_circle
+from gateway.vision.detect.method import Search
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.pixels import Image
-from gateway.vision.track.distractors import HELD_NS, Bystanders, alike
+from gateway.vision.track.distractors import HELD_NS, Bystanders
 from gateway.vision.track.kalman_filter import NS_PER_S, Prediction, Track, usable
 
 JUMP = "jump"  # the code of a circle on trial among those refused
 TOLD = 5  # of those refused
-
-
-class Search(Protocol):
-    """Looks for the marker in one picture."""
-
-    def __call__(
-        self, image: Image, t_ns: int, expected: Prediction | None, radii_px: tuple[float, float] | None
-    ) -> Detection:
-        """`expected`: where it should be, None where nobody knows. A hint of where to look first, not what to find.
-
-        It may be a poor one: see `Prediction.useful`. `radii_px`: the marker's radius lies between these; None: nobody
-        knows.
-        """
-        ...
 
 
 class Follower:
@@ -86,7 +73,7 @@ class Follower:
 
     def _of_possible_size(self, found: Detection, known: Bystanders, t_ns: int) -> Detection:
         """What follows from the radii that were refused; it may end the track."""
-        seen = found.circle is not None and alike(found.circle, known.marker)
+        seen = found.circle is not None and same_circle(found.circle, known.marker)
         followed = None if seen else known.refused_for_size(found.rejected)
         if followed is None:
             return found if found.wrong_size is None else replace(found, wrong_size=known.wrong_size(found.rejected))
@@ -137,7 +124,7 @@ class Follower:
     def _explained(self, expected: Prediction, found: Circle) -> bool:
         """Where the track leads, or where the marker was seen last: frames that come in bursts mislead the motion."""
         places = [expected.circle] if self._others is None else [expected.circle, self._others.marker]
-        return expected.admits(found) or any(alike(place, found, expected.near_px) for place in places)
+        return expected.admits(found) or any(same_circle(place, found, expected.near_px) for place in places)
 
 
 def _on_trial(found: Detection) -> Detection:

@@ -6,14 +6,15 @@ Unit, range and meaning stand once, in gateway/config/sections/vision.py; the pa
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_origin
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from gateway.config import VisionConfig
+from gateway.config.sections.vision import DETECTION_METHODS
 from gateway.config.strict.placed_error import explain
-from gateway.config.strict.section import Section
+from gateway.config.strict.section import Section, choices_of
 from gateway.errors import ConfigError
 
 _NOT_TUNED = {
@@ -28,7 +29,6 @@ TUNED: tuple[str, ...] = tuple(key for key in VisionConfig.model_fields if key n
 """The keys of a profile, in the order of the file's documentation."""
 
 Kind = Literal["choice", "flag", "whole", "number", "colour"]
-Belongs = Literal["both", "paper", "robust"]
 _UNITS = {"px": "px", "px2": "px²", "s": "s", "share": "of the diagonal"}
 
 
@@ -37,7 +37,7 @@ class Parameter:
     """One control of the page."""
 
     name: str
-    belongs: Belongs  # to which method; keys of the other one have no effect
+    belongs: str  # to which method, or "both"; keys of the other one have no effect
     kind: Kind
     meaning: str
     unit: str
@@ -104,19 +104,15 @@ def _key(name: str, info: FieldInfo) -> Parameter:
     )
 
 
-def _meaning(info: FieldInfo) -> tuple[Belongs, str]:
-    said = info.description or ""
-    if said.startswith("paper: "):
-        return "paper", said.removeprefix("paper: ")
-    if said.startswith("robust: "):
-        return "robust", said.removeprefix("robust: ")
-    return "both", said
+def _meaning(info: FieldInfo) -> tuple[str, str]:
+    method, colon, meaning = (info.description or "").partition(": ")
+    return (method, meaning) if colon and method in DETECTION_METHODS else ("both", info.description or "")
 
 
 def _kind(info: FieldInfo) -> tuple[Kind, tuple[str, ...]]:
     annotation = info.annotation
-    if get_origin(annotation) is Literal:
-        return "choice", tuple(map(str, get_args(annotation)))
+    if choices := choices_of(info):
+        return "choice", choices
     if get_origin(annotation) is tuple:
         return "colour", ()
     if annotation is bool:

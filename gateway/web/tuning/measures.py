@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gateway.clock import NS_PER_MS, NS_PER_S
 from gateway.core.model import Circle, Detection
+from gateway.vision.detect.stage_timer import total_ns
 
 FEWEST = 5  # frames that can be judged, for a spread
 _SIGMA = 1.4826  # from the median of absolute values to sigma, for a Gaussian
@@ -104,7 +105,7 @@ def time_ratio(found: Sequence[Detection], other: Sequence[Detection]) -> float:
 
 
 def _total_ns(one: Detection) -> int:
-    return sum(ns for _, ns in one.stage_ns)
+    return total_ns(one.stage_ns)
 
 
 def _numbers(circle: Circle) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from gateway.config import VisionConfig
 from gateway.core.model import FunctionCheck
 from gateway.core.plc import Writer
 from gateway.errors import LinkError
+from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.offline.tuning import exposure
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.transport.ring import Snapshot
@@ -27,9 +28,8 @@ from gateway.web.server.gateway_client import BayReport
 from gateway.web.server.pictures import encoded as jpeg
 from gateway.web.tuning import eyedropper, stages, trial
 from gateway.web.tuning.eyedropper import ColourPick, Mode
-from gateway.web.tuning.remarks import Remark, remarks
+from gateway.web.tuning.remarks import remarks
 from gateway.web.tuning.snapshots import LONGEST_S, Capture, CaptureStore, Recorder
-from gateway.web.tuning.stages import Panel
 from gateway.web.tuning.trial import DetectionCache, TrialResult
 from gateway.web.tuning.trial_thread import BusyError, TrialThread
 

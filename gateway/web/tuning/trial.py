@@ -13,8 +13,7 @@ from gateway.config import VisionConfig
 from gateway.core.model import Detection
 from gateway.errors import GatewayError
 from gateway.vision.detect import registry
-from gateway.vision.detect.paper import pipeline
-from gateway.vision.detect.paper.pipeline import NowNs
+from gateway.vision.detect.method import NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures
@@ -69,7 +68,7 @@ class DetectionCache:
         if key not in self._known:
             while len(self._known) >= self.KEPT:
                 del self._known[next(iter(self._known))]
-            self._known[key] = _plainly(frame.image, alone, now_ns)
+            self._known[key] = registry.once(alone, now_ns)(frame.image)
         return self._known[key]
 
     def reference(self, frame: Snapshot, lens: VisionConfig) -> Detection:
@@ -77,20 +76,14 @@ class DetectionCache:
         return self.of(frame, shipped(lens))
 
 
-def _plainly(image: Image, alone: VisionConfig, now_ns: NowNs) -> Detection:
-    """The paper's method by its plain pipeline: the same to the bit, and nothing is prepared for frames to come."""
-    if alone.method == "paper":
-        return pipeline.detect(image, alone, now_ns)
-    return registry.detector(alone, now_ns)(image, 0)
-
-
 def shipped(lens: VisionConfig) -> VisionConfig:
-    """The robust method as it is shipped. With a lens it tells the tilted disc's own centre, the paper's never does."""
+    """The robust method as it is shipped; with a lens, and so with the tilted disc's own centre, only beside a method
+    that reports that one, too."""
     return VisionConfig(
         method="robust",
         tracking=False,
         min_confidence=LIKELY,
-        intrinsics=lens.intrinsics if lens.method == "robust" else None,
+        intrinsics=lens.intrinsics if registry.method(lens.method).corrects_tilt else None,
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 from gateway.clock import SystemClock
 from gateway.core.model import Circle, Detection
 from gateway.errors import ConfigError
-from gateway.vision.detect.paper.pipeline import Detector
+from gateway.vision.detect.method import Detector
 from gateway.vision.offline.evaluation.labels import Label, Labels, load
 from gateway.vision.offline.evaluation.result import series_by
 from gateway.vision.offline.evaluation.trial import picture, run

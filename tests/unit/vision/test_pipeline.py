@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from gateway.config import Intrinsics, VisionConfig
 from gateway.core.model import Circle, Detection
 from gateway.vision.detect import lens as intrinsics
-from gateway.vision.detect.paper import pipeline, stages
+from gateway.vision.detect.paper import method, pipeline, stages
 from gateway.vision.view import example
 
 ROOT = Path(__file__).parents[3]
 PAPER = VisionConfig()
+STAGES = [stage.name for stage in method.STAGES]
 CONCRETE, VIVID, FADED = (95, 95, 92), (30, 30, 200), (60, 60, 170)
 
 
@@ -202,8 +203,8 @@ def test_every_number_of_the_settings_reaches_its_stage() -> None:
 def test_each_stage_is_timed(image: NDArray[np.uint8]) -> None:
     times = iter([100, 101, 103, 107, 115, 131, 163, 227, 355, 611])
     found = pipeline.detect(image, PAPER, lambda: next(times))
-    assert dict(found.stage_ns) == {name: 2**n for n, (name, _, _) in enumerate(pipeline.STAGES)}
-    assert [name for name, _ in found.stage_ns] == [name for name, _, _ in pipeline.STAGES]
+    assert dict(found.stage_ns) == {name: 2**n for n, name in enumerate(STAGES)}
+    assert [name for name, _ in found.stage_ns] == STAGES
     assert sum(ns for _, ns in pipeline.detect(image, PAPER).stage_ns) == 0
 
 
@@ -263,5 +264,5 @@ def test_detection_carries_the_direction() -> None:
     assert found.y_n == pytest.approx(-0.05, abs=2e-4)
     assert pipeline.detect(image, PAPER).x_n is None
     assert pipeline.detect(np.zeros_like(image), VisionConfig(intrinsics=lens)) == Detection(
-        circle=None, stage_ns=tuple((name, 0) for name, _, _ in pipeline.STAGES)
+        circle=None, stage_ns=tuple((name, 0) for name in STAGES)
     )

@@ -16,11 +16,11 @@ from gateway.sim.render import Painter
 from gateway.sim.scenario import parse
 from gateway.sim.world import World
 from gateway.vision.detect import registry
-from gateway.vision.detect.paper.pipeline import Detector, Sized
+from gateway.vision.detect.method import Detector, RadiusLimited
 from gateway.vision.detect.radii import LIFE_NS, PERIOD_NS, WITHDRAWN, MarkerRadii, Pace
 from gateway.vision.detect.robust import roi_search
 from gateway.vision.detect.robust.detect import detect
-from gateway.vision.detect.robust.roi_search import NearSearch
+from gateway.vision.detect.robust.roi_search import RoiSearch
 from gateway.vision.pixels import Image
 from gateway.vision.process import worker
 from gateway.vision.track.distractors import HELD_NS
@@ -70,7 +70,7 @@ def picture(n: int, *, lamp: bool) -> Image:
 def followed(find: Detector, frames: range, radii: MarkerRadii | None = None) -> list[Detection]:
     """The lamp is lit from the moment in which the marker is covered, for good."""
     if radii is not None:
-        assert isinstance(find, Sized)
+        assert isinstance(find, RadiusLimited)
         find.expect(radii)
     return [find(picture(n, lamp=n >= COVERED.start), n * FRAME_NS) for n in frames]
 
@@ -152,7 +152,7 @@ def test_a_range_ends_in_its_time() -> None:
 def test_the_papers_method_is_told_nothing_it_would_heed() -> None:
     paper = VisionConfig(method="paper", tracking=True)
     assert find_in(registry.detector(paper), RADII) == find_in(registry.detector(paper), None)
-    assert not isinstance(registry.detector(VisionConfig(method="paper", tracking=False)), Sized)
+    assert not isinstance(registry.detector(VisionConfig(method="paper", tracking=False)), RadiusLimited)
 
 
 # -- the search --------------------------------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeyp
         return Detection(Circle(200.0, 90.0, 45.0))
 
     monkeypatch.setattr(roi_search, "detect", watched)
-    search = NearSearch(ROBUST, lambda: 0)
+    search = RoiSearch(ROBUST, lambda: 0)
     track = Track.begun(Circle(60.0, 60.0, 18.0), 0)
     assert track is not None
     search(discs(), 1, track.at(1), (30.0, 60.0))

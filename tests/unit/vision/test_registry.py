@@ -12,7 +12,7 @@ from gateway.config import VisionConfig
 from gateway.core.model import Tracking
 from gateway.vision.detect import registry
 from gateway.vision.detect.paper import pipeline
-from gateway.vision.detect.paper.exact import search
+from gateway.vision.detect.paper.method import EXACT_STAGES, STAGES
 from gateway.vision.detect.robust import detect as robust
 from gateway.vision.process import worker_job
 
@@ -32,12 +32,12 @@ def test_the_papers_method_by_name() -> None:
     plain = pipeline.detect(image, PLAIN)
     assert replace(registry.detector(PLAIN)(image), stage_ns=()) == replace(plain, stage_ns=())
     ticks = itertools.count(0, 10)
-    stages = [*search.STAGES, *pipeline.STAGES[-3:]]  # the first six by a shortcut, to the same bits
+    stages = [*EXACT_STAGES, *STAGES[-3:]]  # the first six by a shortcut, to the same bits
     for built in (
         registry.detector(PLAIN, lambda: next(ticks)),
         worker_job.DetectorSpec(PLAIN).build(lambda: next(ticks)),
     ):
-        assert built(image).stage_ns == tuple((name, 10) for name, _, _ in stages)
+        assert built(image).stage_ns == tuple((stage.name, 10) for stage in stages)
 
 
 def test_where_no_shortcut_is_exact_every_stage_runs() -> None:
@@ -83,14 +83,17 @@ def test_two_detectors_share_nothing() -> None:
     assert other(empty, 5 * NS_PER_MS).tracking is Tracking.LOST
 
 
-def test_keys_of_the_other_method_are_idle_and_told() -> None:
-    assert VisionConfig().idle() == ()
-    assert VisionConfig(method="paper", min_fill=0.5, red_low_1=(0, 60, 60), workers=2).idle() == ()
-    assert VisionConfig(method="robust", min_fill=0.5, red_low_1=(0, 60, 60), workers=2).idle() == (
-        "red_low_1",
-        "min_fill",
-    )
-    assert VisionConfig(method="paper", min_confidence=0.6, coast_s=0.1).idle() == ("min_confidence",)
+@pytest.mark.parametrize(
+    ("params", "idle"),
+    [
+        (VisionConfig(), ()),
+        (VisionConfig(method="paper", min_fill=0.5, red_low_1=(0, 60, 60), workers=2), ()),
+        (VisionConfig(method="robust", min_fill=0.5, red_low_1=(0, 60, 60), workers=2), ("red_low_1", "min_fill")),
+        (VisionConfig(method="paper", min_confidence=0.6, coast_s=0.1), ("min_confidence",)),
+    ],
+)
+def test_keys_of_the_other_method_are_idle_and_reported(params: VisionConfig, idle: tuple[str, ...]) -> None:
+    assert registry.method(params.method).idle(params) == idle
 
 
 def test_the_default_is_robust_and_followed() -> None:

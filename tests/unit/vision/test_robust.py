@@ -11,8 +11,8 @@ from gateway.config import Intrinsics, VisionConfig
 from gateway.core.model import Circle, Detection
 from gateway.sim import decoys
 from gateway.vision.detect.robust.decision import GATES
-from gateway.vision.detect.robust.detect import STAGES, detect
-from gateway.vision.detect.robust.rejections import REJECTION_MEANING
+from gateway.vision.detect.robust.detect import detect
+from gateway.vision.detect.robust.method import REJECTIONS, STAGES
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import WEAKER
 from gateway.vision.track.follower import JUMP
@@ -223,7 +223,7 @@ def test_stages_are_timed_under_their_names() -> None:
     whole = detect(scene(disc()), PARAMS, lambda: next(ticks))
     near = detect(scene(disc()), PARAMS, lambda: next(ticks), window=(80, 40, 250, 200), expected=PLACE)
 
-    names = [name for name, _ in STAGES]
+    names = [stage.name for stage in STAGES]
     assert [name for name, _ in whole.stage_ns] == names[1:]
     assert [name for name, _ in near.stage_ns] == ["expected", "normalise"]
     assert {ns for _, ns in whole.stage_ns} == {10}
@@ -238,7 +238,7 @@ def test_the_same_picture_gives_the_same_answer_bit_for_bit() -> None:
 def test_every_code_of_a_rejection_is_explained() -> None:
     codes = {code for code, _ in GATES} | {"rim", WEAKER, JUMP}
 
-    assert codes == set(REJECTION_MEANING)
+    assert codes == set(REJECTIONS)
 
 
 def test_a_large_picture_is_searched_like_a_small_one() -> None:

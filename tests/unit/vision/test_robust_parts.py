@@ -8,13 +8,14 @@ import pytest
 
 from gateway.core.model import Ellipse
 from gateway.sim import decoys
+from gateway.vision.detect.geometry import same_ellipse
+from gateway.vision.detect.reference import SHARE_MEANING
 from gateway.vision.detect.robust import candidates, colours, ellipses, evidence
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
-from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, alike, confidence, veto, weight
+from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, veto, weight
 from gateway.vision.detect.robust.evidence import Evidence, masked_median
 from gateway.vision.detect.robust.redness import pyramid, redness
-from gateway.vision.detect.robust.reference import SHARE_MEANING
 from gateway.vision.detect.robust.rim import Rim, refine
 from gateway.vision.detect.robust.search import _rim_near
 from gateway.vision.offline.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
@@ -223,9 +224,9 @@ def test_a_rim_is_even_if_it_waves_no_more_than_its_noise_explains() -> None:
 def test_rims_are_alike_within_a_share_of_their_size() -> None:
     one = Ellipse(50, 50, 30, 28, 0)
 
-    assert alike(one, Ellipse(53, 47, 31, 27, 1))
-    assert not alike(one, Ellipse(58, 50, 30, 28, 0))
-    assert not alike(one, Ellipse(50, 50, 38, 28, 0))
+    assert same_ellipse(one, Ellipse(53, 47, 31, 27, 1))
+    assert not same_ellipse(one, Ellipse(58, 50, 30, 28, 0))
+    assert not same_ellipse(one, Ellipse(50, 50, 38, 28, 0))
 
 
 def test_the_rim_of_a_dark_sign_with_a_white_line_is_measured_in_red_against_green() -> None:

@@ -14,7 +14,7 @@ from gateway.config import VisionConfig
 from gateway.core.model import Circle
 from gateway.sim import decoys
 from gateway.vision.detect.robust.detect import detect
-from gateway.vision.detect.robust.rejections import REJECTION_MEANING
+from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.pixels import Image
 
 PARAMS = VisionConfig()
@@ -32,7 +32,7 @@ def test_a_decoy_alone_is_no_marker(name: str, ground: str) -> None:
     assert found.circle is None, found.confidence
     assert found.ellipse is None
     assert found.confidence is None
-    assert {rejection.why for rejection in found.rejected} <= set(REJECTION_MEANING)
+    assert {rejection.why for rejection in found.rejected} <= set(REJECTIONS)
 
 
 @pytest.mark.parametrize("ground", decoys.GROUNDS)

@@ -18,9 +18,10 @@ from gateway.sim.render import Painter
 from gateway.sim.scenario import parse
 from gateway.sim.world import World
 from gateway.vision.detect import registry
+from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.robust import roi_search
 from gateway.vision.detect.robust.detect import detect
-from gateway.vision.detect.robust.roi_search import FAINT, LOOK, WHOLE, NearSearch, same_place, window_round
+from gateway.vision.detect.robust.roi_search import FAINT, LOOK, WHOLE, RoiSearch, window_round
 from gateway.vision.pixels import Image
 from gateway.vision.track.kalman_filter import Prediction, Track
 
@@ -136,7 +137,7 @@ def test_where_window_and_whole_frame_disagree_the_one_with_more_evidence_stands
 ) -> None:
     held = Detection(Circle(100.0, 100.0, 30.0), confidence=0.7)
     monkeypatch.setattr(roi_search, "detect", lambda *_, window=None, **__: held if window is not None else rival)
-    search = NearSearch(FOLLOWED, lambda: 0)
+    search = RoiSearch(FOLLOWED, lambda: 0)
     track = Track.begun(Circle(100.0, 100.0, 30.0), 0)
     assert track is not None
     found = [search(np.zeros((480, 640, 3), np.uint8), 1, track.at(1)) for _ in range(LOOK)]  # nothing was heard yet
@@ -348,7 +349,7 @@ def test_a_window_holds_every_near_circle_that_would_be_admitted(
 
 def test_times_of_both_searches_are_told() -> None:
     ticks = iter(range(0, 10**9, 1000))
-    search = NearSearch(FOLLOWED, lambda: next(ticks))
+    search = RoiSearch(FOLLOWED, lambda: next(ticks))
     track = Track.begun(Circle(40.0, 40.0, 20.0), 0)
     assert track is not None
     image = picture(Circle(200.0, 150.0, 30.0))

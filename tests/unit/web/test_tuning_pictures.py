@@ -9,8 +9,10 @@ import pytest
 from gateway.config import VisionConfig
 from gateway.core.model import Detection, Ellipse
 from gateway.vision.detect import registry
+from gateway.vision.detect.method import Panel
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper import stages as paper
+from gateway.vision.detect.robust.tuning_view import RAYS, edges
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import eyedropper, stages
@@ -21,7 +23,7 @@ PAPER = VisionConfig(method="paper", tracking=False)
 ROBUST = VisionConfig(tracking=False)
 
 
-def panels(params: VisionConfig, image: Image | None = None, width_px: int = WIDTH) -> dict[str, stages.Panel]:
+def panels(params: VisionConfig, image: Image | None = None, width_px: int = WIDTH) -> dict[str, Panel]:
     image = picture() if image is None else image
     found = registry.detector(params)(image)
     return {panel.name: panel for panel in stages.panels(image, params, found, width_px)}
@@ -86,12 +88,12 @@ def test_masks_are_encoded_without_loss() -> None:
 
 def test_edges_lie_on_the_rim_and_tell_a_wrong_fit() -> None:
     u, v, radius = MARKER
-    seen = stages.edges(picture(), Ellipse(u, v, radius, radius, 0.0))
+    seen = edges(picture(), Ellipse(u, v, radius, radius, 0.0))
 
-    assert len(seen.points) == stages.RAYS
+    assert len(seen.points) == RAYS
     assert np.abs(np.hypot(*(seen.points - (u, v)).T) - radius).max() < 0.6
     assert abs(float(np.median(seen.off_px))) < 0.1
-    off = stages.edges(picture(), Ellipse(u, v, radius + 2, radius + 2, 0.0))
+    off = edges(picture(), Ellipse(u, v, radius + 2, radius + 2, 0.0))
     assert np.median(off.off_px) == pytest.approx(-2, abs=0.1)
 
 
@@ -100,17 +102,17 @@ def test_edges_of_a_tilted_disc_are_measured_along_its_normals() -> None:
     image = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
     cv2.ellipse(image, (80, 60), (54, 18), 30, 0, 360, (40, 36, 190), -1, cv2.LINE_AA)
 
-    seen = stages.edges(image, Ellipse(80, 60, 54.3, 18.3, math.radians(30)))
-    large = stages.edges(image, Ellipse(80, 60, 57.3, 21.3, math.radians(30)))
+    seen = edges(image, Ellipse(80, 60, 54.3, 18.3, math.radians(30)))
+    large = edges(image, Ellipse(80, 60, 57.3, 21.3, math.radians(30)))
 
-    assert len(seen.points) == len(large.points) == stages.RAYS
+    assert len(seen.points) == len(large.points) == RAYS
     assert float(np.median(np.abs(seen.off_px))) < 0.5
     assert -3.3 < large.off_px.min() <= large.off_px.max() < -2
 
 
 def test_edges_outside_the_picture_are_not_invented() -> None:
-    assert len(stages.edges(picture(), Ellipse(0, 0, 30, 30, 0.0)).points) < stages.RAYS / 2
-    assert len(stages.edges(np.zeros((HEIGHT, WIDTH, 3), np.uint8), Ellipse(80, 60, 20, 20, 0.0)).points) == 0
+    assert len(edges(picture(), Ellipse(0, 0, 30, 30, 0.0)).points) < RAYS / 2
+    assert len(edges(np.zeros((HEIGHT, WIDTH, 3), np.uint8), Ellipse(80, 60, 20, 20, 0.0)).points) == 0
 
 
 def test_a_wild_detection_is_drawn_without_harm() -> None:

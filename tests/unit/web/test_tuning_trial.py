@@ -9,12 +9,12 @@ import pytest
 from gateway.config import VisionConfig
 from gateway.core.model import Circle, Detection, Ellipse
 from gateway.vision.detect import registry
-from gateway.vision.detect.paper import pipeline
-from gateway.vision.detect.paper.pipeline import Detector, NowNs
+from gateway.vision.detect.method import Detector, NowNs, Remark
+from gateway.vision.detect.paper.tuning_view import exact_ranges
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures, trial
-from gateway.web.tuning.remarks import Remark, exact_ranges, remarks
+from gateway.web.tuning.remarks import remarks
 from gateway.web.tuning.trial import DetectionCache, EndedError, TrialResult
 from tests.unit.web.tuning import MARKER, Ticks, empty, frame
 
@@ -109,18 +109,13 @@ def test_a_look_at_a_frame_tells_all_three_sides_apart() -> None:
 
 def test_what_is_known_of_a_frame_is_not_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
-    robust, paper = registry.detector, pipeline.detect
+    once = registry.once
 
     def counting(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
         asked.append(params.method)
-        return robust(params, now_ns)
+        return once(params, now_ns)
 
-    def counting_paper(image: Image, params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detection:
-        asked.append(params.method)
-        return paper(image, params, now_ns)
-
-    monkeypatch.setattr(registry, "detector", counting)
-    monkeypatch.setattr(pipeline, "detect", counting_paper)
+    monkeypatch.setattr(registry, "once", counting)
     known, one = DetectionCache(), frame()
     for _ in range(3):
         trial.look(one, ROBUST, ROBUST, known, Ticks())  # all three sides the same

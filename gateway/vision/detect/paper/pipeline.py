@@ -2,53 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any, Protocol, runtime_checkable
-
-import numpy as np
+from typing import Any
 
 from gateway.config import VisionConfig
 from gateway.core.model import Detection
 from gateway.vision.detect.lens import normalise
+from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import stages
 from gateway.vision.detect.paper.stages import Contour, Mask
-from gateway.vision.detect.radii import MarkerRadii
-from gateway.vision.pixels import Image
-
-NowNs = Callable[[], int]
-
-
-class Detector(Protocol):
-    """A method, ready to be called picture by picture, in order: it may keep state between them."""
-
-    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
-        """`t_ns`: when the picture was taken, monotonic; a method that follows the marker's motion needs it."""
-        ...
-
-
-@runtime_checkable
-class Sized(Protocol):
-    """A Detector that may be told how large the marker can be."""
-
-    def expect(self, radii: MarkerRadii) -> None:
-        """From the next picture on."""
-        ...
-
+from gateway.vision.detect.stage_timer import StageTimer
+from gateway.vision.pixels import Image, check_bgr8
 
 Seen = Callable[[str, Any], None]  # called with the name and the result of a stage that has just ended
-
-STAGES = (
-    ("gaussian", "1", "Gaussian blur"),
-    ("hsv", "2, 3", "BGR to HSV"),
-    ("threshold", "4", "the two red ranges"),
-    ("opening", "5-7", "erosion, then dilation"),
-    ("closing", "5-7", "dilation, then erosion"),
-    ("contours", "", "outer borders of the connected components"),
-    ("select", "8, 9", "the largest that is valid"),
-    ("circle", "10", "minimum enclosing circle"),
-    ("normalise", "11", "from the centre to a direction, where intrinsics are given"),
-)
-"""Name in `stage_ns`, equations of the paper, meaning; in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +36,9 @@ def detect(image: Image, params: VisionConfig, now_ns: NowNs = lambda: 0) -> Det
 
     Raises ValueError for anything but such a picture with at least one pixel.
     """
-    stamps = [("", now_ns())]
-    found = _run(image, params, lambda stage, _: stamps.append((stage, now_ns())))
-    stage_ns = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
-    return replace(found, stage_ns=stage_ns)
+    timer = StageTimer(now_ns)
+    found = _run(image, params, timer.ended)
+    return replace(found, stage_ns=timer.stage_ns)
 
 
 def trace(image: Image, params: VisionConfig) -> Trace:
@@ -96,7 +60,7 @@ def trace(image: Image, params: VisionConfig) -> Trace:
 
 def _run(image: Image, params: VisionConfig, seen: Seen) -> Detection:
     """The one composition of the stages; `seen` is called after each, whether or not there was anything to do."""
-    check(image)
+    check_bgr8(image)
     blurred = stages.gaussian(image, params.gaussian_kernel_px, params.gaussian_sigma_px)
     seen("gaussian", blurred)
     hsv = stages.bgr_to_hsv(blurred)
@@ -113,12 +77,6 @@ def _run(image: Image, params: VisionConfig, seen: Seen) -> Detection:
     seen("contours", borders)
     _, detection = conclude(borders, params, seen)
     return detection
-
-
-def check(image: Image) -> None:
-    """Raises ValueError for anything but a (H, W, 3) uint8 picture with at least one pixel."""
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
-        raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")
 
 
 def conclude(borders: Sequence[Contour], params: VisionConfig, seen: Seen) -> tuple[Contour | None, Detection]:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.vision.detect.geometry import same_candidate
 from gateway.vision.detect.robust.redness import Level, Plane, redness
 
 RADII = np.arange(4.5, 13.0, 0.75, dtype=np.float32)  # px of a level that are voted for
@@ -123,12 +124,6 @@ def distinct(seeds: list[Seed], limit: int) -> list[Seed]:
     for seed in seeds:
         if len(kept) == limit:
             break
-        if not any(_same(seed, other) for other in kept):
+        if not any(same_candidate(seed, other) for other in kept):
             kept.append(seed)
     return kept
-
-
-def _same(one: Seed, other: Seed) -> bool:
-    reach = 0.22 * min(one.radius_px, other.radius_px)
-    near = abs(one.u_px - other.u_px) < reach and abs(one.v_px - other.v_px) < reach
-    return near and 0.8 < one.radius_px / other.radius_px < 1.25

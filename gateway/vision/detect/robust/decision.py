@@ -97,7 +97,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
     ("size", _of_possible_size),
 )
-"""Code and test, in order: a candidate must pass them all. The codes are explained in `rejections`.
+"""Code and test, in order: a candidate must pass them all. The codes are explained in `method.REJECTIONS`.
 
 `size` is the last: what it refuses is a red disc, as good as a marker.
 """
@@ -142,14 +142,3 @@ def weight(found: Candidate) -> float:
 def circle_of(ellipse: Ellipse) -> Circle:
     """The circle round a rim: equation 10's meaning for a disc that is seen as an ellipse."""
     return Circle(ellipse.u_px, ellipse.v_px, ellipse.semi_major_px)
-
-
-def alike(one: Ellipse, other: Ellipse) -> bool:
-    """Whether two rims are the same one, fitted twice."""
-    reach = 0.15 * min(one.semi_minor_px, other.semi_minor_px) + 1
-    near = abs(one.u_px - other.u_px) < reach and abs(one.v_px - other.v_px) < reach
-    return (
-        near
-        and abs(one.semi_major_px - other.semi_major_px) < reach
-        and abs(one.semi_minor_px - other.semi_minor_px) < reach
-    )

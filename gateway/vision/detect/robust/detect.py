@@ -1,39 +1,23 @@
 """The robust method: candidates, evidence for each, rim to sub-pixel, decision. Pure: the clock is handed in."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
-
-import numpy as np
 
 from gateway.config import VisionConfig
 from gateway.core.model import Circle, Detection, Ellipse, Rejection
 from gateway.vision.detect.lens import normalise
+from gateway.vision.detect.method import NowNs
+from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
 from gateway.vision.detect.robust.perspective import disc_pose
 from gateway.vision.detect.robust.search import Told, everywhere, where_expected
-from gateway.vision.pixels import Image
+from gateway.vision.detect.stage_timer import StageTimer
+from gateway.vision.pixels import Image, check_bgr8
 from gateway.vision.track.distractors import SIZE
 
-NowNs = Callable[[], int]
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the whole picture, the last two beyond it
 
 SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is no rim
-
-STAGES = (
-    (
-        "expected",
-        "with a window and a prediction: the rim there, its evidence and the gates; if it passes, the only stage",
-    ),
-    ("pyramid", "the picture reduced to a half, a quarter, ..."),
-    ("candidates", "votes of redness edges for centres, octave by octave; red blobs at several thresholds"),
-    ("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
-    ("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
-    ("decision", "gates, confidence, the best one"),
-    ("normalise", "the tilted disc's own centre and equation 11, where intrinsics are given"),
-)
-"""Name in `stage_ns` and meaning; in order."""
 
 
 def detect(
@@ -52,13 +36,8 @@ def detect(
     always the whole picture's. A disc whose radius lies outside `radii_px` is not the marker; where there is none, the
     best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one pixel.
     """
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
-        raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")
-    stamps = [("", now_ns())]
-
-    def done(stage: str) -> None:
-        stamps.append((stage, now_ns()))
-
+    check_bgr8(image)
+    timer = StageTimer(now_ns)
     limits = _limits(image, params, radii_px)
     x0, y0, part = _part(image, window)
     taken: Candidate | None = None
@@ -67,9 +46,9 @@ def detect(
     if window is not None and expected is not None:
         near = replace(expected, u_px=expected.u_px - x0, v_px=expected.v_px - y0)
         taken = where_expected(part, near, limits)
-        done("expected")
+        timer.ended("expected")
     if taken is None:
-        taken, seeds, told = everywhere(part, limits, done)
+        taken, seeds, told = everywhere(part, limits, timer)
     found = Detection(
         circle=None,
         candidates=seeds,
@@ -85,9 +64,23 @@ def detect(
         circle = found.circle if pose is None else replace(found.circle, u_px=pose.u_px, v_px=pose.v_px)
         x_n, y_n = normalise(circle.u_px, circle.v_px, params.intrinsics) or (None, None)
         found = replace(found, circle=circle, x_n=x_n, y_n=y_n)
-    done("normalise")
-    stage_ns = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
-    return replace(found, stage_ns=stage_ns)
+    timer.ended("normalise")
+    return replace(found, stage_ns=timer.stage_ns)
+
+
+class FullFrameDetector:
+    """A Detector without tracking: each frame by itself."""
+
+    def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
+        self._params = params
+        self._now_ns = now_ns
+        self._radii = WITHDRAWN
+
+    def expect(self, radii: MarkerRadii) -> None:
+        self._radii = radii
+
+    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
+        return detect(image, self._params, self._now_ns, radii_px=self._radii.at(t_ns))
 
 
 def _limits(image: Image, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:

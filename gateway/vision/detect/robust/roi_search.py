@@ -19,9 +19,11 @@ from dataclasses import replace
 
 from gateway.config import VisionConfig
 from gateway.core.model import Circle, Detection
-from gateway.vision.detect.paper.pipeline import NowNs
+from gateway.vision.detect.geometry import same_place
+from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.robust.detect import Window, detect
 from gateway.vision.detect.robust.red_change import Spots, spots
+from gateway.vision.detect.stage_timer import StageTimer, total_ns
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import RED_DISC
 from gateway.vision.track.kalman_filter import Prediction
@@ -29,10 +31,9 @@ from gateway.vision.track.kalman_filter import Prediction
 LOOK, WHOLE, FAINT = 8, 64, 128  # frames; each a multiple of the one before
 LOOK_NS = 300_000_000  # a slow camera's truck is no slower
 ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
-SAME_PLACE = 0.5  # of two circles: their centres are closer than so many radii
 
 
-class NearSearch:
+class RoiSearch:
     """A `follow.Search` that counts its frames."""
 
     def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
@@ -59,9 +60,10 @@ class NearSearch:
             return self._also_whole(image, found)
         self._near += 1
         if self._near % LOOK == 0 or abs(t_ns - self._looked_ns) >= LOOK_NS or not expected.useful:
-            start_ns = self._now_ns()
+            timer = StageTimer(self._now_ns)
             contested = self._contested(image, found.circle)
-            found = replace(found, stage_ns=(*found.stage_ns, ("rivals", self._now_ns() - start_ns)))
+            timer.ended("rivals")
+            found = replace(found, stage_ns=found.stage_ns + timer.stage_ns)
             if contested:
                 return self._also_whole(image, found)
         return found
@@ -73,9 +75,8 @@ class NearSearch:
     def _also_whole(self, image: Image, before: Detection) -> Detection:
         """`before`: what the window gave; its time is told, too."""
         whole = self._whole(image)
-        spent_ns = sum(ns for _, ns in before.stage_ns)
         better = self._remembered(image, _better(whole, before))
-        return replace(better, stage_ns=(("window", spent_ns), *whole.stage_ns))
+        return replace(better, stage_ns=(("window", total_ns(before.stage_ns)), *whole.stage_ns))
 
     def _remembered(self, image: Image, found: Detection) -> Detection:
         """The whole frame has been searched: the red things that are in it now have been heard."""
@@ -127,8 +128,3 @@ def window_round(expected: Prediction, width: int, height: int) -> Window:
     x0, y0 = (min(max(0, math.floor(at - half)), size - 1) for at, size in ((u, width), (v, height)))
     x1, y1 = (max(min(math.ceil(at + half) + 1, size), low + 1) for at, size, low in ((u, width, x0), (v, height, y0)))
     return x0, y0, x1, y1
-
-
-def same_place(one: Circle, other: Circle) -> bool:
-    apart = math.hypot(one.u_px - other.u_px, one.v_px - other.v_px)
-    return apart < SAME_PLACE * max(one.radius_px, other.radius_px)

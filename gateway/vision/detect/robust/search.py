@@ -1,21 +1,22 @@
 """From a picture to the one candidate that is the marker, and the others with the reasons why they are not. Pure."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
 
 from gateway.core.model import Circle, Ellipse
+from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.robust import candidates, evidence
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import CLEARLY, clearest_rim, quality
-from gateway.vision.detect.robust.decision import Candidate, Limits, alike, circle_of, confidence, promise, veto, weight
+from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence, promise, veto, weight
 from gateway.vision.detect.robust.evidence import LOOK_PX, Evidence
 from gateway.vision.detect.robust.redness import Level, pyramid
 from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image
 
 Told = tuple[float, Circle, str]  # how near a rejected candidate came, where it is, why it was not taken
-Done = Callable[[str], None]  # called with the name of a stage that has just ended
 
 SEEDS = 24  # looked at
 RIMS = 5  # whose rim is refined
@@ -26,18 +27,18 @@ FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
 EXPECTED_REACH = 0.25  # how far off a prediction's rim is looked for, of its radius
 
 
-def everywhere(image: Image, limits: Limits, done: Done) -> tuple[Candidate | None, int, list[Told]]:
+def everywhere(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Told]]:
     """The marker, how many candidates there were, and the best few of the others."""
     levels = pyramid(image, max(1, int(limits.min_radius_px // FINEST_PX)), COARSEST_PX)
-    done("pyramid")
+    timer.ended("pyramid")
     seeds = candidates.distinct(_seeds(levels, limits), SEEDS)
-    done("candidates")
+    timer.ended("candidates")
     worth, nothing = _worth_a_rim(seeds, evidence.gather(levels, seeds))
-    done("evidence")
+    timer.ended("evidence")
     refined, no_rims = _refined(image, levels, worth)
-    done("rim")
+    timer.ended("rim")
     taken, others = _decided(refined, limits)
-    done("decision")
+    timer.ended("decision")
     told = sorted([*nothing, *no_rims, *others], key=lambda entry: -entry[0])[:REJECTED]
     return taken, len(seeds), told
 
@@ -86,7 +87,7 @@ def _worth_a_rim(seeds: Sequence[Seed], looked: Sequence[Evidence | None]) -> tu
             hopeful.append(found)
     kept: list[Evidence] = []
     for found in sorted(hopeful, key=lambda found: -promise(found)):
-        if len(kept) < RIMS and not any(alike(found.ellipse, other.ellipse) for other in kept):
+        if len(kept) < RIMS and not any(same_ellipse(found.ellipse, other.ellipse) for other in kept):
             kept.append(found)
     return kept, told
 
@@ -99,7 +100,7 @@ def _refined(image: Image, levels: Sequence[Level], worth: Sequence[Evidence]) -
         rim = _rim_near(image, found.ellipse)
         if rim is None:
             told.append((promise(found), circle_of(found.ellipse), "rim"))
-        elif not any(alike(rim.ellipse, other.ellipse) for other in rims):
+        elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = evidence.of_ellipses(levels, [rim.ellipse for rim in rims])
     return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], told

@@ -11,7 +11,7 @@ import cv2
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import ConfigError
-from gateway.vision.detect.paper.pipeline import Detector
+from gateway.vision.detect.method import Detector
 from gateway.vision.offline import inputs
 from gateway.vision.offline.evaluation.labels import Label, Labels, outside
 from gateway.vision.offline.evaluation.result import SeriesOf, in_sequence

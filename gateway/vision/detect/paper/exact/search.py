@@ -5,27 +5,22 @@ looked at, not the largest alone, which costs little and leaves nothing to be ex
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 
 from gateway.config import VisionConfig
 from gateway.core.model import Detection
+from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact import kernel as compiled
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
 from gateway.vision.detect.paper.exact.kernel import Kernel
 from gateway.vision.detect.paper.exact.lattice import Lattice, scanner
 from gateway.vision.detect.paper.exact.look import Look, extent
-from gateway.vision.detect.paper.pipeline import NowNs
 from gateway.vision.detect.paper.stages import Contour, Mask
-from gateway.vision.pixels import Image
-
-STAGES = (
-    ("scan", "1-7", "where red can survive the opening: a lattice of points"),
-    ("look", "1-8", "the plain stages, in windows round what was found"),
-)
-"""As `pipeline.STAGES`; they stand in for all up to `contours`."""
+from gateway.vision.detect.stage_timer import StageTimer
+from gateway.vision.pixels import Image, check_bgr8
 
 FEW = 10  # boxes are compared one by one in less time than numpy's calls take
 WINDOW_COST_PX = 20_000  # what a further window costs, in pixels looked at: the price of some ten calls
@@ -61,21 +56,16 @@ class ExactSearch:
         return self.find(image).detection
 
     def find(self, image: Image) -> Found:
-        pipeline.check(image)
+        check_bgr8(image)
         image = packed(image)
-        stamps = [("", self._now_ns())]
-
-        def seen(stage: str, _: object) -> None:
-            stamps.append((stage, self._now_ns()))
-
+        timer = StageTimer(self._now_ns)
         lattice = self.lattice(image)
         cells = lattice.scan(image)
-        seen("scan", None)
+        timer.ended("scan")
         borders = self._borders(image, lattice, cells)
-        seen("look", None)
-        chosen, detection = pipeline.conclude(borders, self.params, seen)
-        stage_ns = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
-        return Found(replace(detection, stage_ns=stage_ns), cells, chosen)
+        timer.ended("look")
+        chosen, detection = pipeline.conclude(borders, self.params, timer.ended)
+        return Found(replace(detection, stage_ns=timer.stage_ns), cells, chosen)
 
     def lattice(self, image: Image) -> Lattice:
         height, width = image.shape[:2]

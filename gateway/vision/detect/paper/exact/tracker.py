@@ -18,13 +18,13 @@ that the window cuts comes close to the marker, the whole frame is searched ever
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import cv2
 import numpy as np
 
 from gateway.config import VisionConfig
 from gateway.core.model import Detection
+from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact import kernel as compiled
 from gateway.vision.detect.paper.exact.geometry import Box
@@ -32,20 +32,14 @@ from gateway.vision.detect.paper.exact.kernel import Kernel
 from gateway.vision.detect.paper.exact.lattice import Lattice
 from gateway.vision.detect.paper.exact.look import extent
 from gateway.vision.detect.paper.exact.search import ExactSearch, Found, in_plain_order, packed
-from gateway.vision.detect.paper.pipeline import NowNs
 from gateway.vision.detect.paper.stages import Mask
-from gateway.vision.pixels import Image
+from gateway.vision.detect.stage_timer import StageTimer, total_ns
+from gateway.vision.pixels import Image, check_bgr8
 
 ROUND = 8  # frames in which every lattice point is scanned
 SLACK_PX = 4  # the window goes so much farther than the marker is expected to,
 SLACK_ERRORS = 3  # and so many times as far as it was off the last time
 LONGEST_LEAP = 4.0  # frames may come so many times as far apart as before; a guess beyond is none
-
-STAGES = (
-    ("window", "1-8", "the plain stages, in a window round the marker's expected place"),
-    ("rescan", "1-7", "an eighth of the lattice: has anything red come elsewhere?"),
-)
-"""As `pipeline.STAGES`; a frame searched whole has the stages of the search after `window`, or after both."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,20 +75,15 @@ class ExactTracker:
         self._since_whole = 0  # frames
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
-        pipeline.check(image)
+        check_bgr8(image)
         image = packed(image)
-        stamps = [("", self._now_ns())]
-
-        def seen(stage: str, _: object) -> None:
-            stamps.append((stage, self._now_ns()))
-
-        found = self._near(image, t_ns, seen)
-        spent = tuple((stage, end_ns - start_ns) for (_, start_ns), (stage, end_ns) in pairwise(stamps))
+        timer = StageTimer(self._now_ns)
+        found = self._near(image, t_ns, timer.ended)
+        spent = timer.stage_ns
         if found is not None:
             return replace(found, stage_ns=spent)
         whole = self._whole(image, t_ns)
-        wasted_ns = sum(ns for _, ns in spent)
-        return replace(whole, stage_ns=(("window", wasted_ns), *whole.stage_ns)) if spent else whole
+        return replace(whole, stage_ns=(("window", total_ns(spent)), *whole.stage_ns)) if spent else whole
 
     def _whole(self, image: Image, t_ns: int) -> Detection:
         found = self.search.find(image)

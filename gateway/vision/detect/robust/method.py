@@ -1,0 +1,88 @@
+"""The robust method as the rest of the gateway sees it."""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from gateway.config import VisionConfig
+from gateway.config.sections.vision import keys_of
+from gateway.core.model import Detection
+from gateway.vision.detect.method import Detector, Method, NowNs, Panel, Remark, Search, Stage
+from gateway.vision.detect.paper.method import figures
+
+if TYPE_CHECKING:
+    from gateway.vision.pixels import Image
+
+STAGES = (
+    Stage(
+        "expected",
+        "with a window and a prediction: the rim there, its evidence and the gates; if it passes, the only stage",
+    ),
+    Stage("pyramid", "the picture reduced to a half, a quarter, ..."),
+    Stage("candidates", "votes of redness edges for centres, octave by octave; red blobs at several thresholds"),
+    Stage("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
+    Stage("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
+    Stage("decision", "gates, confidence, the best one"),
+    Stage("normalise", "the tilted disc's own centre and equation 11, where intrinsics are given"),
+)
+"""In order."""
+
+REJECTIONS: dict[str, str] = {
+    "rim": "no closed curve fits the edges round it",
+    "radius": "smaller or larger than the radius limits",
+    "shape": "too flat for a disc that faces the camera",
+    "contrast": "not redder inside than outside by more than the noise and the texture there",
+    "surroundings": "what lies round it is nearly as red: a stain or a reflection on a red ground",
+    "colour": "the inside is not red: blue, green, yellow or grey",
+    "brown": "a weak red that leans to orange: rust, wood",
+    "coverage": "too little of the rim that lies in the picture is redder inside than outside",
+    "leak": "the red goes on outside the rim: a part of a larger red thing",
+    "visible": "too little of the whole rim lies in the picture and shows an edge",
+    "fill": "too little of the inside is red: an arc, a letter, a half of something",
+    "hollow": "not red round the centre: a ring, the letter O",
+    "support": "too few edges lie on the rim",
+    "blur": "a glow, not a disc: no rim that is sharp for its size",
+    "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not whole",
+    "size": "a red disc, but at the ranger's distance the marker is larger or smaller",
+    "weaker": "a red disc, but another one in this picture has more evidence",
+    "jump": "with tracking: a red disc where the marker that is followed can't be, or of another size; on trial",
+}
+"""`Rejection.why` -> meaning."""
+
+
+def _detector(params: VisionConfig, now_ns: NowNs) -> Detector:
+    from gateway.vision.detect.robust.detect import FullFrameDetector
+
+    return FullFrameDetector(params, now_ns)
+
+
+def _search(params: VisionConfig, now_ns: NowNs) -> Search:
+    from gateway.vision.detect.robust.roi_search import RoiSearch
+
+    return RoiSearch(params, now_ns)
+
+
+def _panels(image: "Image", params: VisionConfig, found: Detection, scale: float) -> tuple[Panel, ...]:
+    from gateway.vision.detect.robust import tuning_view
+
+    return tuning_view.panels(image, found, scale)
+
+
+def _remarks(image: "Image", params: VisionConfig, found: Detection, reference: Detection) -> Iterable[Remark]:
+    from gateway.vision.detect.robust import tuning_view
+
+    return tuning_view.remarks(image, params, found, reference)
+
+
+METHOD = Method(
+    name="robust",
+    detector=_detector,
+    search=_search,
+    stages=STAGES,
+    rejections=REJECTIONS,
+    keys=keys_of("robust"),
+    uses_radius_limits=True,
+    corrects_tilt=True,
+    panels=_panels,
+    figures=figures,  # the paper's of the same picture
+    remarks=_remarks,
+)
