@@ -20,7 +20,8 @@ from gateway.vision.detect import registry
 from gateway.vision.pixels import Image
 from gateway.vision.process.service import VisionService
 from gateway.vision.source.specs import source_spec
-from gateway.web.tuning import parameter_schema, stages
+from gateway.web.profile import parameter_schema
+from gateway.web.tuning import stages
 from tests import brightest_spot
 
 ROOT = Path(__file__).parents[2]
