@@ -39,16 +39,16 @@ NS_PER_S = 1_000_000_000
 HISTORY = 1000  # changes kept, of all alarms
 MAX_DETAIL = 120
 # What an operator must look at first.
-_RANK = {
-    AlarmState.UNACKNOWLEDGED: 0,
-    AlarmState.LATCHED_UNACKNOWLEDGED: 1,
-    AlarmState.RETURNED: 2,
-    AlarmState.ACKNOWLEDGED: 3,
-    AlarmState.LATCHED_ACKNOWLEDGED: 4,
-    AlarmState.SHELVED: 5,
-    AlarmState.OUT_OF_SERVICE: 6,
-    AlarmState.SUPPRESSED: 7,
-}
+_ORDER = (
+    AlarmState.UNACKNOWLEDGED,
+    AlarmState.LATCHED_UNACKNOWLEDGED,
+    AlarmState.RETURNED,
+    AlarmState.ACKNOWLEDGED,
+    AlarmState.LATCHED_ACKNOWLEDGED,
+    AlarmState.SHELVED,
+    AlarmState.OUT_OF_SERVICE,
+    AlarmState.SUPPRESSED,
+)
 
 
 class AlarmEngine:
@@ -58,14 +58,12 @@ class AlarmEngine:
 
     def __init__(self, bays: Mapping[str, FusionConfig]) -> None:
         self._thresholds = dict(bays)
-        self._bays: dict[str, list[_AlarmInstance[BayInputs]]] = {
-            bay: [_AlarmInstance(kind, bay) for kind in BAY_ALARMS] for bay in self._thresholds
-        }
-        self._gateway: list[_AlarmInstance[GatewayInputs]] = [_AlarmInstance(kind, None) for kind in GATEWAY_ALARMS]
+        self._bays = {bay: [_AlarmInstance(kind, bay) for kind in BAY_ALARMS] for bay in bays}
+        self._gateway = [_AlarmInstance(kind, None) for kind in GATEWAY_ALARMS]
         self._by_id: dict[str, _AlarmInstance[BayInputs] | _AlarmInstance[GatewayInputs]] = {
-            instance.alarm.id: instance for instances in self._bays.values() for instance in instances
+            **{instance.alarm.id: instance for instances in self._bays.values() for instance in instances},
+            **{instance.alarm.id: instance for instance in self._gateway},
         }
-        self._by_id |= {instance.alarm.id: instance for instance in self._gateway}
         self._conditions = GatewayConditions()
         self._history: deque[AlarmChange] = deque(maxlen=HISTORY)
         self._changes_count = 0
@@ -73,23 +71,16 @@ class AlarmEngine:
     def update_bay(self, state: StateVector, now_ns: int) -> list[AlarmChange]:
         """`state` as a PLC would be shown it now, a dead control task included. KeyError: no such bay."""
         fusion = self._thresholds[state.bay]
-        seen = BayInputs(state, fusion.radius_threshold_px, fusion.distance_threshold_mm)
-        return self._update(self._bays[state.bay], seen, now_ns)
+        inputs = BayInputs(state, fusion.radius_threshold_px, fusion.distance_threshold_mm)
+        return self._update(self._bays[state.bay], inputs, now_ns)
 
     def update_gateway(self, conditions: GatewayConditions, now_ns: int) -> list[AlarmChange]:
-        seen = GatewayInputs(conditions, self._conditions)
+        inputs = GatewayInputs(conditions, self._conditions)
         self._conditions = conditions
-        return self._update(self._gateway, seen, now_ns)
+        return self._update(self._gateway, inputs, now_ns)
 
-    def _update(self, instances: "Iterable[_AlarmInstance[Inputs]]", seen: Inputs, now_ns: int) -> list[AlarmChange]:
-        suppressions = seen.suppressions
-        changes: list[AlarmChange] = []
-        for instance in instances:
-            changes += [
-                self._note(change)
-                for change in instance.update(seen, bool(suppressions & instance.kind.suppressed_by), now_ns)
-            ]
-        return changes
+    def _update(self, instances: "Iterable[_AlarmInstance[Inputs]]", inputs: Inputs, now_ns: int) -> list[AlarmChange]:
+        return [self._number(change) for instance in instances for change in instance.update(inputs, now_ns)]
 
     def act(self, action: OperatorAction, now_ns: int) -> tuple[ActionReply, list[AlarmChange]]:
         """Do what a person asks for, and give what changed; or say why not, and change nothing."""
@@ -98,22 +89,19 @@ class AlarmEngine:
             return ActionReply(ActionOutcome.UNKNOWN, f"there is no alarm {action.id[:100]!r}"), []
         if invalid := _invalid(action):
             return ActionReply(ActionOutcome.INVALID, invalid), []
-        alarm = instance.alarm
-        if action.occurrence is not None and action.occurrence != alarm.occurrences:
+        if action.occurrence not in (None, instance.alarm.occurrences):
             return ActionReply(ActionOutcome.REFUSED, f"{action.id} has occurred again since: look at it first"), []
-        change = instance.act(action, now_ns)
-        if change is None:
-            return ActionReply(
-                ActionOutcome.REFUSED, f"{action.event.value}: not possible, {action.id} is {alarm.state.value}"
-            ), []
-        return ActionReply(), [self._note(change)]
+        if changes := instance.transition(action.event, now_ns, action):
+            return ActionReply(), [self._number(change) for change in changes]
+        state = instance.alarm.state.value
+        return ActionReply(ActionOutcome.REFUSED, f"{action.event.value}: not possible, {action.id} is {state}"), []
 
     def alarm(self, name: str) -> Alarm | None:
         instance = self._by_id.get(name)
         return None if instance is None else instance.alarm
 
     def summary(self, most: int = 200) -> AlarmSummary:
-        """What stands, the most important first, at most so many."""
+        """The alarms that are not normal, the most important first, at most so many."""
         alarms = [instance.alarm for instance in self._by_id.values()]
         counts = Counter(alarm.state for alarm in alarms)
         announced: Counter[str] = Counter()
@@ -132,7 +120,7 @@ class AlarmEngine:
         """Changes numbered above `after`, the oldest first; a gap in the numbers: older ones are not kept any more."""
         return tuple(change for change in self._history if change.number > after)[:most]
 
-    def _note(self, change: AlarmChange) -> AlarmChange:
+    def _number(self, change: AlarmChange) -> AlarmChange:
         self._changes_count += 1
         numbered = replace(change, number=self._changes_count)
         self._history.append(numbered)
@@ -149,25 +137,26 @@ class _AlarmInstance(Generic[Inputs]):
         self.alarm = Alarm(alarm_id(kind.id, bay), kind.id, bay)
         self._pending_ns: int | None = None  # since when the cause is other than `alarm.active`
 
-    def update(self, seen: Inputs, suppressed: bool, now_ns: int) -> list[AlarmChange]:
+    def update(self, inputs: Inputs, now_ns: int) -> list[AlarmChange]:
         changes: list[AlarmChange] = []
+        suppressed = bool(inputs.suppressions & self.kind.suppressed_by)
         if suppressed:
             # After it the on-delay begins anew: what was hidden by design settles before it is judged.
             self._pending_ns = None
             if self.alarm.active:
                 self.alarm = replace(self.alarm, active=False)
         if self.alarm.state is AlarmState.SHELVED and now_ns >= (self.alarm.shelved_until_ns or 0):
-            changes += self._transition(AlarmEvent.UNSHELVE, now_ns)
+            changes += self.transition(AlarmEvent.UNSHELVE, now_ns)
         if suppressed:
-            return changes + self._transition(AlarmEvent.SUPPRESS, now_ns)
+            return changes + self.transition(AlarmEvent.SUPPRESS, now_ns)
         if self.alarm.state is AlarmState.SUPPRESSED:
-            changes += self._transition(AlarmEvent.UNSUPPRESS, now_ns)
-        return changes + self._evaluate(seen, now_ns)
+            changes += self.transition(AlarmEvent.UNSUPPRESS, now_ns)
+        return changes + self._evaluate(inputs, now_ns)
 
-    def _evaluate(self, seen: Inputs, now_ns: int) -> list[AlarmChange]:
+    def _evaluate(self, inputs: Inputs, now_ns: int) -> list[AlarmChange]:
         """Does the cause hold, delays counted?"""
         kind = self.kind
-        holds = kind.holds(seen)
+        holds = kind.condition(inputs)
         if holds == self.alarm.active:
             self._pending_ns = None
             return []
@@ -176,15 +165,11 @@ class _AlarmInstance(Generic[Inputs]):
         if now_ns - self._pending_ns < (kind.on_delay_s if holds else kind.off_delay_s) * NS_PER_S:
             return []
         self._pending_ns = None
-        detail = kind.detail(seen)[:MAX_DETAIL] if holds else self.alarm.detail
+        detail = kind.detail(inputs)[:MAX_DETAIL] if holds else self.alarm.detail
         self.alarm = replace(self.alarm, active=holds, detail=detail)
-        return self._transition(AlarmEvent.OCCURS if holds else AlarmEvent.RETURNS, now_ns)
+        return self.transition(AlarmEvent.OCCURS if holds else AlarmEvent.RETURNS, now_ns)
 
-    def act(self, action: OperatorAction, now_ns: int) -> AlarmChange | None:
-        changes = self._transition(action.event, now_ns, action)
-        return changes[0] if changes else None
-
-    def _transition(self, event: AlarmEvent, now_ns: int, action: OperatorAction | None = None) -> list[AlarmChange]:
+    def transition(self, event: AlarmEvent, now_ns: int, action: OperatorAction | None = None) -> list[AlarmChange]:
         """Follow the arrow, if there is one."""
         alarm = self.alarm
         after = next_state(alarm.state, event, latching=self.kind.latching, active=alarm.active)
@@ -221,4 +206,4 @@ def _invalid(action: OperatorAction) -> str:
 
 def _display_order(alarm: Alarm) -> tuple[int, int, int]:
     """Sorts the most important first: what nobody has looked at, then by priority, then the newest."""
-    return _RANK[alarm.state], -ALARM_DEFINITIONS[alarm.kind].priority, -(alarm.raised_ns or 0)
+    return _ORDER.index(alarm.state), -ALARM_DEFINITIONS[alarm.kind].priority, -(alarm.raised_ns or 0)

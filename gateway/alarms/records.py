@@ -1,4 +1,4 @@
-"""What is told of alarms, and asked of them, as records: they cross a process boundary. Pure."""
+"""What is reported of alarms and asked of them, as records: they cross a process boundary. Pure."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -21,7 +21,7 @@ OPERATOR_EVENTS = (
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One alarm as it stands. Times are the gateway's clock."""
+    """One alarm now. Times are the gateway's clock."""
 
     id: str
     kind: str  # row of the table
@@ -32,7 +32,7 @@ class Alarm:
     raised_ns: int | None = None  # last announced; None: never
     occurrences: int = 0  # times announced since the start of the gateway
     detail: str = ""  # in words, when it was last announced
-    who: str = ""  # who did the newest action on it since it was announced
+    who: str = ""  # who acted on it last since it was announced
     note: str = ""  # and why
     shelved_until_ns: int | None = None
 
@@ -84,7 +84,7 @@ class ActionOutcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ActionReply:
-    """To a action. `why` tells people what is wrong with it; empty: it was done."""
+    """To an action. `why`: what is wrong with it, for people; empty: it was done."""
 
     outcome: ActionOutcome = ActionOutcome.DONE
     why: str = ""
@@ -92,7 +92,7 @@ class ActionReply:
 
 @dataclass(frozen=True, slots=True)
 class AlarmSummary:
-    """All alarms, as one record. Those in NORMAL are left out; `omitted` more stand that had no room here."""
+    """All alarms, as one record. Those in NORMAL are left out; `omitted` more had no room here."""
 
     alarms: tuple[Alarm, ...] = ()  # the most important first
     omitted: int = 0

@@ -57,7 +57,7 @@ class BayInputs:
             Suppression.NOT_COMPUTED: state.reason is Reason.GATEWAY_FAULT,
             Suppression.SHUTDOWN: state.reason is Reason.SHUTDOWN,
         }
-        return frozenset(design for design, on in holds.items() if on)
+        return frozenset(suppression for suppression, on in holds.items() if on)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +92,8 @@ Inputs = TypeVar("Inputs", BayInputs, GatewayInputs)
 
 @dataclass(frozen=True, slots=True)
 class AlarmDefinition(Generic[Inputs]):
-    """One row. `holds`: does its cause hold? It must do so for `on_delay_s` to be announced, and be gone for
-    `off_delay_s` to be over. `suppressed_by`: reasons for which it means nothing.
+    """One row. `condition`: is its cause active? It must be for `on_delay_s` to be raised, and be gone for
+    `off_delay_s` to return to normal. `suppressed_by`: when it means nothing; the gateway's own are never suppressed.
     """
 
     id: str
@@ -104,104 +104,95 @@ class AlarmDefinition(Generic[Inputs]):
     causes: tuple[str, ...]
     action: str
     respond_min: int  # within so many minutes
-    holds: Callable[[Inputs], bool] = field(repr=False)
+    condition: Callable[[Inputs], bool] = field(repr=False)
     detail: Callable[[Inputs], str] = field(repr=False, default=lambda _: "")
     on_delay_s: float = 2.0
     off_delay_s: float = 5.0
     latching: bool = False
-    suppressed_by: frozenset[Suppression] = frozenset()
+    suppressed_by: frozenset[Suppression] = frozenset(Suppression)
 
 
-SENSORS_SILENT = frozenset({Suppression.FUNCTION_CHECK, Suppression.NOT_COMPUTED, Suppression.SHUTDOWN})
+Condition = Callable[[BayInputs], bool]
+Detail = Callable[[BayInputs], str]
 
 
-def _vision(quality: Quality) -> Callable[[BayInputs], bool]:
-    return lambda seen: seen.state.vision.quality is quality
+def _vision(quality: Quality) -> tuple[Condition, Detail]:
+    return lambda inputs: inputs.state.vision.quality is quality, lambda inputs: inputs.state.vision.detail
 
 
-def _range(quality: Quality) -> Callable[[BayInputs], bool]:
-    return lambda seen: seen.state.range.quality is quality
+def _range(quality: Quality) -> tuple[Condition, Detail]:
+    return lambda inputs: inputs.state.range.quality is quality, lambda inputs: inputs.state.range.detail
 
 
-def _vision_detail(seen: BayInputs) -> str:
-    return seen.state.vision.detail
-
-
-def _range_detail(seen: BayInputs) -> str:
-    return seen.state.range.detail
-
-
-def expected_mm(seen: BayInputs) -> float | None:
+def expected_mm(inputs: BayInputs) -> float | None:
     """How far the marker looks: by the cross-check where it is configured, else by R Z = R_th Z_th. None: no marker."""
-    state = seen.state
+    state = inputs.state
     if state.z_vision_mm is not None:
         return state.z_vision_mm
     circle = state.vision.circle
     if circle is None or circle.radius_px <= 0:
         return None
-    return seen.distance_threshold_mm * seen.radius_threshold_px / circle.radius_px
+    return inputs.distance_threshold_mm * inputs.radius_threshold_px / circle.radius_px
 
 
-def _no_echo(seen: BayInputs) -> bool:
-    if seen.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
+def _no_echo(inputs: BayInputs) -> bool:
+    if inputs.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
         return False
-    far_mm = expected_mm(seen)
+    far_mm = expected_mm(inputs)
     return far_mm is not None and far_mm < ECHO_DUE_MM
 
 
-def _no_echo_detail(seen: BayInputs) -> str:
-    far_mm = expected_mm(seen)
+def _no_echo_detail(inputs: BayInputs) -> str:
+    far_mm = expected_mm(inputs)
     return "" if far_mm is None else f"the marker looks {far_mm:.0f} mm away"
 
 
-def _disagree_detail(seen: BayInputs) -> str:
-    far_mm, near_mm = seen.state.z_vision_mm, seen.state.range.distance_mm
+def _disagree_detail(inputs: BayInputs) -> str:
+    far_mm, near_mm = inputs.state.z_vision_mm, inputs.state.range.distance_mm
     return "" if far_mm is None or near_mm is None else f"camera {far_mm:.0f} mm, ranger {near_mm:.0f} mm"
 
 
-def _truck_moved(seen: BayInputs) -> bool:
+def _truck_moved(inputs: BayInputs) -> bool:
     """Where nobody can release a truck, every one that leaves has moved: only one under the spout is news."""
-    visit = seen.state.visit
-    return visit.moved is not Moved.NO and (visit.moved_covered or seen.state.plc.link is not PlcLink.UNUSED)
+    visit = inputs.state.visit
+    return visit.moved is not Moved.NO and (visit.moved_covered or inputs.state.plc.link is not PlcLink.UNUSED)
 
 
-def _truck_moved_detail(seen: BayInputs) -> str:
-    place, now_mm = seen.state.visit.place, seen.state.range.distance_mm
+def _truck_moved_detail(inputs: BayInputs) -> str:
+    place, now_mm = inputs.state.visit.place, inputs.state.range.distance_mm
     was = "" if place is None else f"; in place at {place.distance_mm:.0f} mm"
-    return f"{MOVED_MEANING[seen.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
+    return f"{MOVED_MEANING[inputs.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
 
 
-def _in_place_lost(seen: BayInputs) -> bool:
-    state, visit = seen.state, seen.state.visit
+def _in_place_lost(inputs: BayInputs) -> bool:
+    state, visit = inputs.state, inputs.state.visit
     was_in_place = visit.place is not None and not visit.in_place and not visit.released and visit.moved is Moved.NO
     alive = not {state.vision.quality, state.range.quality} & (DEAD | {Quality.WAITING})
     return was_in_place and alive and state.d is not False and state.function_check is FunctionCheck.OFF
 
 
-def _jump(seen: BayInputs) -> float | None:
-    scale = seen.state.memory.scale
+def _jump(inputs: BayInputs) -> float | None:
+    scale = inputs.state.memory.scale
     return None if scale is None else scale.jump
 
 
-def _scale_detail(seen: BayInputs) -> str:
-    scale, jump = seen.state.memory.scale, _jump(seen)
+def _scale_detail(inputs: BayInputs) -> str:
+    scale, jump = inputs.state.memory.scale, _jump(inputs)
     if scale is None or jump is None:
         return ""
     return f"R x Z {scale.newest.px_mm:.0f} px mm, {100 * jump:+.0f} %; learned from {scale.visits} visits"
 
 
-_BLIND = (PictureFault.DARK, PictureFault.BRIGHT, PictureFault.FLAT)
-_POOR = (PictureFault.BLURRED, PictureFault.DUSTY)
-_MOVED = (PictureFault.SHIFTED,)
+def _picture(*faults: PictureFault) -> tuple[Condition, Detail]:
+    def holds(inputs: BayInputs) -> bool:
+        return (health := inputs.state.picture) is not None and any(fault in health.faults for fault in faults)
+
+    return holds, _picture_detail
 
 
-def _picture(*faults: PictureFault) -> Callable[[BayInputs], bool]:
-    return lambda seen: (health := seen.state.picture) is not None and any(fault in health.faults for fault in faults)
-
-
-def _picture_detail(seen: BayInputs) -> str:
+def _picture_detail(inputs: BayInputs) -> str:
     """What of the picture is wrong, with the numbers."""
-    health = seen.state.picture
+    health = inputs.state.picture
     if health is None or not health.faults:
         return ""
     numbers = {
@@ -227,7 +218,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("a fault in the software", "a machine that is overloaded or short of memory"),
         "work by hand; look at the machine's load and the gateway's log; restart the gateway; report the log",
         5,
-        lambda seen: seen.state.reason is Reason.GATEWAY_FAULT,
+        lambda inputs: inputs.state.reason is Reason.GATEWAY_FAULT,
         on_delay_s=0.5,
         suppressed_by=frozenset({Suppression.SHUTDOWN}),
     ),
@@ -240,7 +231,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("the PLC is in stop or was restarted", "network or cable", "the heartbeat is missing in the PLC's program"),
         "look at the PLC and at its network; see docs/handshake.md",
         5,
-        lambda seen: seen.state.plc.missed,
+        lambda inputs: inputs.state.plc.missed,
         on_delay_s=1.0,
         suppressed_by=frozenset({Suppression.NOT_COMPUTED, Suppression.SHUTDOWN}),
     ),
@@ -253,9 +244,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("cable or power of the camera", "wrong camera.url", "another program has the camera"),
         "look at the camera's power and cable; the detail says what the gateway was told",
         10,
-        _vision(Quality.LINK_DOWN),
-        _vision_detail,
-        suppressed_by=SENSORS_SILENT,
+        *_vision(Quality.LINK_DOWN),
     ),
     AlarmDefinition(
         "camera_stale",
@@ -266,9 +255,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("the stream stalls", "pictures that never change", "a machine that is overloaded", "deadlines that are tight"),
         "look at the live picture and at the rates; restart the camera",
         10,
-        _vision(Quality.STALE),
-        _vision_detail,
-        suppressed_by=SENSORS_SILENT,
+        *_vision(Quality.STALE),
     ),
     AlarmDefinition(
         "vision_fault",
@@ -279,9 +266,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("a picture that the software cannot cope with", "a machine that is overloaded or short of memory"),
         "look at the machine's load and the gateway's log; report the log",
         10,
-        _vision(Quality.PROCESS_FAULT),
-        _vision_detail,
-        suppressed_by=SENSORS_SILENT,
+        *_vision(Quality.PROCESS_FAULT),
     ),
     AlarmDefinition(
         "ranger_down",
@@ -292,9 +277,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("USB or serial cable", "power of the Arduino", "wrong ranger.port", "another program has the port"),
         "look at the Arduino's light and cable; the detail says what the gateway was told",
         10,
-        _range(Quality.LINK_DOWN),
-        _range_detail,
-        suppressed_by=SENSORS_SILENT,
+        *_range(Quality.LINK_DOWN),
     ),
     AlarmDefinition(
         "ranger_stale",
@@ -305,9 +288,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("the Arduino hangs or runs another sketch", "wrong ranger.baud", "a damaged cable"),
         "press the Arduino's reset; look at docs/ranger.md",
         10,
-        _range(Quality.STALE),
-        _range_detail,
-        suppressed_by=SENSORS_SILENT,
+        *_range(Quality.STALE),
     ),
     AlarmDefinition(
         "ranger_stuck",
@@ -318,9 +299,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("a wire to the sensor is off", "the sensor is broken or has no power"),
         "look at the sensor's four wires (docs/wiring.md); exchange the sensor",
         30,
-        _range(Quality.STUCK),
-        _range_detail,
-        suppressed_by=SENSORS_SILENT,
+        *_range(Quality.STUCK),
     ),
     AlarmDefinition(
         "ranger_version",
@@ -331,9 +310,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("the gateway was updated and the Arduino was not, or the other way round",),
         "flash the firmware that belongs to this gateway (docs/firmware.md)",
         30,
-        _range(Quality.WRONG_VERSION),
-        _range_detail,
-        suppressed_by=SENSORS_SILENT,
+        *_range(Quality.WRONG_VERSION),
     ),
     AlarmDefinition(
         "ranger_no_echo",
@@ -348,7 +325,6 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         _no_echo_detail,
         on_delay_s=5.0,
         off_delay_s=10.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "ranger_unstable",
@@ -359,11 +335,9 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("another ultrasonic sensor nearby", "dust or steam in between", "compressed air", "a loose sensor"),
         "look at what is between sensor and truck, and for other sensors; see docs/ranger.md",
         15,
-        _range(Quality.UNSTABLE),
-        _range_detail,
+        *_range(Quality.UNSTABLE),
         on_delay_s=10.0,
         off_delay_s=10.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "ranger_too_near",
@@ -374,11 +348,9 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("dirt, ice or a cover on the sensor", "something leans against it"),
         "look at the sensor and clear it",
         15,
-        _range(Quality.TOO_NEAR),
-        _range_detail,
+        *_range(Quality.TOO_NEAR),
         on_delay_s=10.0,
         off_delay_s=10.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "sensors_disagree",
@@ -395,10 +367,9 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "measure the distance by hand, see which one is wrong, and mend that one; after an exchange stop the gateway, "
         "delete the bay's file in state_dir and start it: what was learned is forgotten",
         10,
-        lambda seen: seen.state.memory.disagree,
+        lambda inputs: inputs.state.memory.disagree,
         _disagree_detail,
         on_delay_s=0.0,  # it lasts for scale_lasting_s or cross_check.lasting_s before it is called one
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "picture_blind",
@@ -409,10 +380,8 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("the light is off or failed", "something covers the lens", "the sun or a lamp shines into the lens", "fog"),
         "look at the live picture; switch the light on, clean the lens, take away what covers it; set the exposure",
         30,
-        _picture(*_BLIND),
-        _picture_detail,
+        *_picture(PictureFault.DARK, PictureFault.BRIGHT, PictureFault.FLAT),
         off_delay_s=10.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "picture_poor",
@@ -423,11 +392,9 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("dust, dirt, water or a cobweb on the lens", "the focus has moved", "a dust filter that fails"),
         "clean the lens and its window; focus; look at the dust extraction",
         8 * 60,
-        _picture(*_POOR),
-        _picture_detail,
+        *_picture(PictureFault.BLURRED, PictureFault.DUSTY),
         on_delay_s=10.0,
         off_delay_s=60.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "camera_moved",
@@ -439,10 +406,8 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "put the camera back or align it anew (docs/commissioning-vision.md), then restart the gateway: it learns the "
         "background again",
         60,
-        _picture(*_MOVED),
-        _picture_detail,
+        *_picture(PictureFault.SHIFTED),
         off_delay_s=60.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "maintenance",
@@ -453,10 +418,9 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("a loose cable", "electric noise on the serial line", "a camera or disk that begins to fail"),
         "look at the counters, and mend what restarts, reopens or is damaged",
         8 * 60,
-        lambda seen: worn(seen.state),
+        lambda inputs: worn(inputs.state),
         on_delay_s=10.0,
         off_delay_s=60.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "function_check_forgotten",
@@ -467,8 +431,8 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("the technician forgot to end it",),
         "ask the technician; end the function check on the technician's page",
         60,
-        lambda seen: seen.state.function_check is not FunctionCheck.OFF,
-        lambda seen: seen.state.function_check.name.lower(),
+        lambda inputs: inputs.state.function_check is not FunctionCheck.OFF,
+        lambda inputs: inputs.state.function_check.name.lower(),
         on_delay_s=30 * MINUTE_S,
         off_delay_s=0.0,
         suppressed_by=frozenset({Suppression.SHUTDOWN}),
@@ -490,7 +454,6 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         _truck_moved,
         _truck_moved_detail,
         on_delay_s=0.0,  # the truck has moved further than visit.band_mm before it is called so
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "in_place_lost",
@@ -507,9 +470,8 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "raise the spout until the camera sees the marker: in_place comes by itself; else look at both sensors",
         5,
         _in_place_lost,
-        lambda seen: seen.state.visit.ended,
+        lambda inputs: inputs.state.visit.ended,
         on_delay_s=5.0,
-        suppressed_by=SENSORS_SILENT,
     ),
     AlarmDefinition(
         "scale_changed",
@@ -527,11 +489,10 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "thresholds anew (docs/wiring.md), then stop the gateway, delete the bay's file in state_dir and start it, "
         "with no function check on: what was learned is forgotten",
         60,
-        lambda seen: _jump(seen) is not None,
+        lambda inputs: _jump(inputs) is not None,
         _scale_detail,
         on_delay_s=0.0,
         off_delay_s=5.0,
-        suppressed_by=SENSORS_SILENT,
     ),
 )
 
@@ -545,7 +506,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("the PLC is in stop or was restarted", "network or cable", "the PLC has another address now"),
         "look at the PLC and at its network; look at modbus.plc_addresses",
         5,
-        lambda seen: seen.now.plc_reads is False,
+        lambda inputs: inputs.now.plc_reads is False,
         on_delay_s=10.0,
     ),
     AlarmDefinition(
@@ -557,7 +518,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("the broker or its network is down", "password or certificate is no longer accepted"),
         "look at the broker and at the gateway's log",
         60,
-        lambda seen: seen.now.broker_connected is False,
+        lambda inputs: inputs.now.broker_connected is False,
         on_delay_s=30.0,
     ),
     AlarmDefinition(
@@ -569,7 +530,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("the broker, the host application or the network is down",),
         "look at the broker, the host application and the gateway's log",
         60,
-        lambda seen: seen.now.sparkplug_connected is False,
+        lambda inputs: inputs.now.sparkplug_connected is False,
         on_delay_s=30.0,
     ),
     AlarmDefinition(
@@ -581,8 +542,8 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("the broker was away for longer than the outbox lasts", "mqtt.outbox_events is small"),
         "mend the broker; note the gap in the records; reset this alarm",
         8 * 60,
-        lambda seen: seen.now.events_lost > seen.before.events_lost,
-        lambda seen: f"{seen.now.events_lost} since the start of the gateway",
+        lambda inputs: inputs.now.events_lost > inputs.before.events_lost,
+        lambda inputs: f"{inputs.now.events_lost} since the start of the gateway",
         on_delay_s=0.0,
         off_delay_s=60.0,
         latching=True,
@@ -596,8 +557,8 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("the disk is full, read-only or broken", "the folder's owner or permissions"),
         "look at the disk and at the file that the detail names",
         60,
-        lambda seen: bool(seen.now.store_fault),
-        lambda seen: seen.now.store_fault,
+        lambda inputs: bool(inputs.now.store_fault),
+        lambda inputs: inputs.now.store_fault,
         on_delay_s=5.0,
         off_delay_s=10.0,
     ),
@@ -610,8 +571,8 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("a fault in the software",),
         "report the gateway's log to its maker; reset this alarm",
         8 * 60,
-        lambda seen: seen.now.crashes > seen.before.crashes,
-        lambda seen: seen.now.crashed,
+        lambda inputs: inputs.now.crashes > inputs.before.crashes,
+        lambda inputs: inputs.now.crashed,
         on_delay_s=0.0,
         off_delay_s=60.0,
         latching=True,
@@ -626,8 +587,8 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "look at the disk and at the file that the detail names; until it is mended, do not rely on a function check "
         "through a restart",
         60,
-        lambda seen: bool(seen.now.bay_file_fault),
-        lambda seen: seen.now.bay_file_fault,
+        lambda inputs: bool(inputs.now.bay_file_fault),
+        lambda inputs: inputs.now.bay_file_fault,
         on_delay_s=5.0,
         off_delay_s=5.0,
     ),
@@ -641,8 +602,8 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("a disk that fails", "a file edited by hand, or written by a newer gateway"),
         "see that nobody works on the bay, then end its function check on the technician's page; look at the disk",
         30,
-        lambda seen: bool(seen.now.bay_file_damaged),
-        lambda seen: seen.now.bay_file_damaged,
+        lambda inputs: bool(inputs.now.bay_file_damaged),
+        lambda inputs: inputs.now.bay_file_damaged,
         on_delay_s=0.0,
         off_delay_s=5.0,
     ),
@@ -685,7 +646,8 @@ def responses_markdown() -> str:
     parts: list[str] = []
     for kind in ALARM_DEFINITIONS.values():
         causes = "".join(f"\n  - {cause}" for cause in kind.causes)
-        silent = ", ".join(f"`{design.value}`" for design in Suppression if design in kind.suppressed_by) or "never"
+        reasons = [f"`{reason.value}`" for reason in Suppression if reason in kind.suppressed_by]
+        silent = ", ".join(reasons) if kind in BAY_ALARMS else "never"
         parts.append(
             f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {kind.consequence}.\n"
             f"- What to do, within {_time(kind.respond_min)}: {kind.action}.\n- Likely causes:{causes}\n"
@@ -695,5 +657,5 @@ def responses_markdown() -> str:
 
 
 def suppressions_markdown() -> str:
-    rows = [f"| `{design.value}` | {meaning} |" for design, meaning in SUPPRESSION_MEANING.items()]
+    rows = [f"| `{suppression.value}` | {meaning} |" for suppression, meaning in SUPPRESSION_MEANING.items()]
     return "\n".join(["| name | when |", "|---|---|", *rows]) + "\n"
