@@ -42,7 +42,7 @@ from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from gateway.config import BayConfig, CameraConfig, VisionConfig
 from gateway.core.model import Detection, Quality, VisionReading
 from gateway.hub import Hub
-from gateway.modbus.registers.current_image import CurrentImage
+from gateway.modbus.registers.bay_unit import CurrentImage
 from gateway.modbus.registers.register_map import decode
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image

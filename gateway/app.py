@@ -22,13 +22,9 @@ from gateway.clock import Clock, SystemClock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
 from gateway.config.strict.placed_error import at
 from gateway.core.model import RangeReading
-from gateway.core.plc import PlcConnection
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hub import Hub
-from gateway.modbus.protocol import identity
-from gateway.modbus.protocol.answers import Unit
-from gateway.modbus.registers.image_source import image_of
-from gateway.modbus.registers.writes import writer, writer_of
+from gateway.modbus.registers.bay_unit import unit_of
 from gateway.modbus.server.service import serving
 from gateway.net import tls
 from gateway.net.listener import listening, url
@@ -183,17 +179,7 @@ async def run(
                 Task(f"{bay.name}.ranger", ranger.run, bay.ranger.reconnect),
             ]
 
-        def unit_of(control: BayControl) -> Unit:
-            write = writer(control.on_write, control.on_refused) if config.modbus.writes else None
-            return Unit(
-                image_of(control, config.modbus.word_order, clock),
-                write,
-                identity.objects(f"{config.site}/{control.name}"),
-                lambda peer, why: control.on_refused(writer_of(peer), why),
-                lambda peer, here: control.on_connection(PlcConnection(writer_of(peer), here)),
-            )
-
-        units = {bay.unit_id: unit_of(controls[bay.name]) for bay in config.bays}
+        units = {bay.unit_id: unit_of(controls[bay.name], config.modbus, config.site, clock) for bay in config.bays}
         alarm_monitor = AlarmMonitor(
             {bay.name: bay.fusion for bay in config.bays},
             lambda bay: controls[bay].state(),

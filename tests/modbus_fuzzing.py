@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol import identity
+from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Peer, Unit
-from gateway.modbus.protocol.exceptions import ModbusException
 from gateway.modbus.server.server import ModbusServer
 from tests import modbus_oracle as oracle
 

@@ -17,7 +17,7 @@ from gateway.clock import SystemClock
 from gateway.config import BayConfig, ModbusConfig
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage, Unit
-from gateway.modbus.registers.image_source import image_of
+from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 from gateway.modbus.server.server import ModbusServer
 

@@ -17,9 +17,8 @@ from gateway.core.model import Circle, EventKind, GuidanceCode, Quality, RangeRe
 from gateway.core.plc import Control, Outcome, RecipeVerdict, ResetVerdict
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Unit
-from gateway.modbus.registers.current_image import CurrentImage
+from gateway.modbus.registers.bay_unit import CurrentImage, writer, writer_of
 from gateway.modbus.registers.handshake import HandshakeBit
-from gateway.modbus.registers.writes import writer, writer_of
 from gateway.modbus.server.service import serving
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Plc

@@ -15,9 +15,8 @@ from pymodbus.client import AsyncModbusTcpClient
 from gateway import __version__, event_loop
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol import identity
-from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.adu import ModbusException, frame_bytes
 from gateway.modbus.protocol.answers import Peer, Unit
-from gateway.modbus.protocol.exceptions import ModbusException
 from gateway.modbus.registers.bits import coil_of
 from gateway.modbus.server.server import ModbusServer
 from tests import modbus_oracle as oracle

@@ -23,8 +23,8 @@ from gateway.errors import ConfigError, LinkError
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bits import BLOCK_BITS
+from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import BLOCK_WORDS, decode, encode
-from gateway.modbus.registers.words import WordOrder
 from gateway.modbus.server.server import CLOSE_TIMEOUT_S, ModbusServer
 
 MS = 1_000_000

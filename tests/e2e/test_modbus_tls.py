@@ -21,8 +21,8 @@ from gateway import event_loop
 from gateway.certs import issue
 from gateway.clock import SystemClock
 from gateway.config import ModbusConfig, TlsConfig
+from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import MAY_NOT_WRITE, Peer, Unit
-from gateway.modbus.protocol.exceptions import ModbusException
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.service import Listening, serving

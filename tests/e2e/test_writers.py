@@ -17,10 +17,9 @@ from gateway.core.model import Circle, EventKind, Quality, RangeReading, VisionR
 from gateway.core.plc import Control, PlcConnection
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.registers.bay_unit import image_of, writer, writer_of
 from gateway.modbus.registers.bits import coil_of
-from gateway.modbus.registers.image_source import image_of
 from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
-from gateway.modbus.registers.writes import writer, writer_of
 from gateway.modbus.server.service import serving
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway

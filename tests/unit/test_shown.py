@@ -18,7 +18,7 @@ from gateway.config import GatewayConfig, MqttConfig, SparkplugConfig, parse
 from gateway.core.model import Circle, FunctionCheck, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.shown import shown
-from gateway.modbus.registers.image_source import image_of
+from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register_map import decode
 from gateway.shared_state import SharedStateReader, SharedStateWriter
 from gateway.sinks.mqtt.publisher import MqttPublisher

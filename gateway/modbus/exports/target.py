@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 
 from gateway.errors import ConfigError
-from gateway.modbus.registers.words import WordOrder
+from gateway.modbus.registers.register import WordOrder
 
 # 192.0.2.0/24 is set aside for documentation: an address that nobody's plant can have.
 EXAMPLE_HOST = "192.0.2.10"

@@ -1,4 +1,4 @@
-"""Modbus/TCP framing, sans IO: bytes in, complete frames out, on whatever boundaries the bytes arrive. Pure.
+"""Modbus/TCP framing, sans IO: bytes in, complete frames out, however the bytes arrive; and the exception codes. Pure.
 
 A frame (ADU) is the MBAP header and a PDU: transaction id, protocol id (0 is Modbus), length of what follows (unit id
 and PDU), unit id; all in network order. MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 3.1.3 and 4.4.2.
@@ -11,7 +11,7 @@ What is wrong with a frame is reported, never raised:
 """
 
 import struct
-from enum import Enum
+from enum import Enum, IntEnum
 
 HEADER = struct.Struct(">HHHB")
 HEADER_BYTES = HEADER.size  # 7
@@ -26,6 +26,30 @@ class Fault(Enum):
 
     BAD_PROTOCOL = "another protocol id than 0"
     BAD_LENGTH = "a length outside of 2 to 254"
+
+
+class ModbusException(IntEnum):
+    """The second byte of an exception answer: Modbus Application Protocol V1.1b3, chapter 7, as far as it is used."""
+
+    ILLEGAL_FUNCTION = 0x01
+    ILLEGAL_ADDRESS = 0x02
+    ILLEGAL_VALUE = 0x03
+    DEVICE_FAILURE = 0x04
+    SERVER_BUSY = 0x06
+    TARGET_FAILED_TO_RESPOND = 0x0B
+
+
+EXCEPTION_MEANING: dict[ModbusException, str] = {
+    ModbusException.ILLEGAL_FUNCTION: "a function code (or MEI type of FC 43) that this server does not have, writes "
+    "where they are off, and whatever the peer's address or role does not allow",
+    ModbusException.ILLEGAL_ADDRESS: "part of what is asked for lies beyond the last register or bit, is written "
+    "although it is read only, or is an object id that does not exist",
+    ModbusException.ILLEGAL_VALUE: "a count of 0 or more than fits, a request that is shorter or longer than its own "
+    "numbers say, a value out of its range, a control bit that has no meaning, or an unknown kind of identification",
+    ModbusException.DEVICE_FAILURE: "the gateway could not make an image; its log says why",
+    ModbusException.SERVER_BUSY: "a write to the handshake registers while another PLC owns them; nothing was written",
+    ModbusException.TARGET_FAILED_TO_RESPOND: "no bay has this unit id, or something is written under unit id 0",
+}
 
 
 class Framer:

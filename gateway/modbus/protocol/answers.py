@@ -16,7 +16,7 @@ from typing import Protocol
 
 from gateway.certs.client_certificate import Validity
 from gateway.modbus.protocol import identity
-from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.registers.bits import bits_of, masked
 from gateway.modbus.registers.register_map import STATUS_ADDRESS, StatusBit
 

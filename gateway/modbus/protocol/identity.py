@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 
 from gateway import __version__
-from gateway.modbus.protocol.exceptions import ModbusException
+from gateway.modbus.protocol.adu import ModbusException
 
 ROOM = 253 - 7  # of a PDU, after function code, MEI type and the five bytes of the head
 MAX_OBJECT_BYTES = ROOM - 2

@@ -7,9 +7,8 @@ bytes and all, until the unit shows another image. Whether it does is asked at e
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.adu import ModbusException, frame_bytes
 from gateway.modbus.protocol.answers import FUNCTIONS, Peer, Unit, answer, exception
-from gateway.modbus.protocol.exceptions import ModbusException
 
 MAX_KEPT = 256  # answers a unit keeps for one image; a scanner asking for everything must not make them grow
 READ_FRAME_BYTES = 12

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
+from gateway.modbus.protocol.adu import EXCEPTION_MEANING
 from gateway.modbus.protocol.answers import FUNCTIONS
-from gateway.modbus.protocol.exceptions import EXCEPTION_MEANING
 from gateway.modbus.protocol.identity import ObjectId, objects
 from gateway.modbus.registers import bits
 from gateway.modbus.server.limits import Refusal

@@ -4,8 +4,7 @@ from enum import IntEnum
 
 from gateway.core.model import StateVector
 from gateway.core.plc import CONTROL_MEANING, OUTCOME_MEANING, RECIPE_MEANING, RESET_MEANING, Acquired, Phase, PlcLink
-from gateway.modbus.registers.row import Of, Register, Value, named
-from gateway.modbus.registers.words import MEASURED_INT16, MEASURED_UINT16, UINT16
+from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named
 
 NS_PER_MS = 1_000_000
 
@@ -83,38 +82,38 @@ def _result_distance(state: StateVector, _: int) -> Value:
     return None if (held := _held(state)) is None else held.distance_mm
 
 
-BLOCK: tuple[Register, ...] = (
+HANDSHAKE: tuple[Register, ...] = (
     Register(80, "plc_heartbeat", UINT16, 1, "", "written by the PLC: any number, changed with every cycle",
-             lambda s, _: s.plc.heartbeat, writable=True, of=Of.PLC),
+             lambda s, _: s.plc.heartbeat, writable=True),
     Register(81, "plc_control", UINT16, 1, "", "written by the PLC: what it wants, one bit each",
-             lambda s, _: s.plc.control, bits=named(CONTROL_MEANING), writable=True, of=Of.PLC),
+             lambda s, _: s.plc.control, bits=named(CONTROL_MEANING), writable=True),
     Register(82, "recipe_select", UINT16, 1, "", "written by the PLC: id of the recipe it wants; 0: the configuration",
-             lambda s, _: s.plc.recipe_asked, writable=True, of=Of.PLC),
+             lambda s, _: s.plc.recipe_asked, writable=True),
     Register(83, "handshake_status", UINT16, 1, "", "the gateway's side of the handshake, one bit each", _status,
              bits=named(HANDSHAKE_MEANING)),
     Register(84, "recipe_active", UINT16, 1, "", "id of the recipe in force; 0: the configuration as it is",
-             lambda s, _: s.plc.recipe, of=Of.PLC),
+             lambda s, _: s.plc.recipe),
     Register(85, "recipe_verdict", UINT16, 1, "", "what became of the newest recipe_select",
-             lambda s, _: int(s.plc.recipe_verdict), named(RECIPE_MEANING), of=Of.PLC),
+             lambda s, _: int(s.plc.recipe_verdict), named(RECIPE_MEANING)),
     Register(86, "reset_verdict", UINT16, 1, "", "what became of the newest reset",
-             lambda s, _: int(s.plc.reset_verdict), named(RESET_MEANING), of=Of.PLC),
+             lambda s, _: int(s.plc.reset_verdict), named(RESET_MEANING)),
     Register(87, "acquisition_id", UINT16, 1, "", "number of the newest trigger taken: 1 to 65535, 1 again; 0: none",
-             lambda s, _: s.plc.acquisition, of=Of.PLC),
+             lambda s, _: s.plc.acquisition),
     Register(88, "result_id", UINT16, 1, "", "acquisition_id that the held result belongs to; 0: no result is held",
-             lambda s, _: 0 if (held := _held(s)) is None else held.number, of=Of.PLC),
+             lambda s, _: 0 if (held := _held(s)) is None else held.number),
     Register(89, "result_outcome", UINT16, 1, "", "what the held result says",
-             lambda s, _: 0 if (held := _held(s)) is None else int(held.outcome), named(OUTCOME_MEANING), of=Of.PLC),
+             lambda s, _: 0 if (held := _held(s)) is None else int(held.outcome), named(OUTCOME_MEANING)),
     Register(90, "result_u", MEASURED_INT16, 0.1, "px", "marker centre of the held result, to the right",
-             _result_u, of=Of.PLC),
+             _result_u),
     Register(91, "result_v", MEASURED_INT16, 0.1, "px", "marker centre of the held result, downwards",
-             _result_v, of=Of.PLC),
+             _result_v),
     Register(92, "result_radius", MEASURED_UINT16, 0.1, "px", "marker radius of the held result",
-             _result_radius, of=Of.PLC),
+             _result_radius),
     Register(93, "result_distance", MEASURED_UINT16, 1, "mm", "distance of the held result",
-             _result_distance, of=Of.PLC),
+             _result_distance),
     Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
     Register(95, "plc_writes", UINT16, 1, "", "writes taken since the start of the gateway, modulo 65536",
-             lambda s, _: s.plc.writes & 0xFFFF, of=Of.PLC),
+             lambda s, _: s.plc.writes & 0xFFFF),
     Register(96, "write_conflicts", UINT16, 1, "", "writes refused because another PLC owns the block: count since the "
-             "start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF, of=Of.PLC),
+             "start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF),
 )  # fmt: skip

@@ -1,12 +1,11 @@
-"""Rows 60 to 68: the gateway's own health after NAMUR NE 107, and what the driver is told; and, where there is room,
-58, 59, 69, 78, 79 and 97: the health of the picture. Pure."""
+"""Rows 60 to 68: the gateway's own health after NAMUR NE 107, and the driver's guidance; and, where there was room, 58,
+59, 69, 78, 79 and 97: the health of the picture. Pure."""
 
 from collections.abc import Callable
 
 from gateway.core.model import GUIDANCE_MEANING, PICTURE_MEANING, PictureHealth, StateVector
 from gateway.core.ne107 import NE107_MEANING, Ne107, active, status
-from gateway.modbus.registers.row import Register, Value, named
-from gateway.modbus.registers.words import MEASURED_INT16, MEASURED_UINT16, UINT16
+from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named
 
 _BITS = {
     signal - 1: (signal.name.lower(), NE107_MEANING[signal]) for signal in Ne107 if signal is not Ne107.GOOD
@@ -25,7 +24,7 @@ def _active(state: StateVector, _: int) -> Value:
     return sum(1 << signal - 1 for signal in active(state))
 
 
-ADVICE: tuple[Register, ...] = (
+HEALTH: tuple[Register, ...] = (
     Register(60, "ne107", UINT16, 1, "", "NAMUR NE 107 status of the bay: the signal that counts most",
              lambda s, _: int(status(s)), named(NE107_MEANING)),
     Register(61, "ne107_active", UINT16, 1, "", "every NE 107 signal that holds, one bit each; 0: good", _active,

@@ -3,8 +3,7 @@
 from enum import IntEnum
 
 from gateway.core.model import MOVED_MEANING, VISIT_PHASE_MEANING, Moved, StateVector
-from gateway.modbus.registers.row import Register, Value, named
-from gateway.modbus.registers.words import MEASURED_UINT16, UINT16
+from gateway.modbus.registers.register import MEASURED_UINT16, UINT16, Register, Value, named
 
 NS_PER_S = 1_000_000_000
 

@@ -8,7 +8,7 @@ the image of a gateway whose control task has died, so that it can't share a num
 Equal numbers therefore mean one image, however many reads fetched it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import IntEnum
 
 from gateway.core import fusion
@@ -26,13 +26,10 @@ from gateway.core.model import (
     StateVector,
 )
 from gateway.errors import ProtocolError
-from gateway.modbus.registers.handshake import BLOCK
-from gateway.modbus.registers.health import ADVICE, PICTURE
+from gateway.modbus.registers.handshake import HANDSHAKE
+from gateway.modbus.registers.health import HEALTH, PICTURE
 from gateway.modbus.registers.position import POSITION
-from gateway.modbus.registers.row import Of, Reserved, named
-from gateway.modbus.registers.row import Register as Register  # noqa: PLC0414 - for those who read the table
-from gateway.modbus.registers.row import Value as Value  # noqa: PLC0414
-from gateway.modbus.registers.words import (
+from gateway.modbus.registers.register import (
     FLOAT32,
     MEASURED_FLOAT32,
     MEASURED_INT16,
@@ -40,11 +37,14 @@ from gateway.modbus.registers.words import (
     UINT16,
     UINT32,
     UINT64,
-    Packed,
+    Reserved,
     WordOrder,
+    named,
     packer,
     unpack,
 )
+from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
+from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
 
 MAP_VERSION = 3
 BLOCK_WORDS = 100
@@ -53,7 +53,6 @@ KNOWN_FLOAT32 = 123456.0  # 0x47F12000
 NS_PER_MS = 1_000_000
 
 Image = tuple[int, ...]
-Plan = tuple[tuple[int, int, Callable[[StateVector, int], Value], Callable[[Value], Packed], bool], ...]
 
 
 class StatusBit(IntEnum):
@@ -207,7 +206,7 @@ _WRAPS = "count since the start of the gateway, modulo 65536"
 REGISTERS: tuple[Register, ...] = (
     Register(0, "seq_begin", UINT16, 1, "", "sequence number of the image; equal to seq_end in one image", _sequence),
     Register(1, "map_version", UINT16, 1, "", "version of this table; grows when registers are added; none ever moves",
-             lambda s, _: MAP_VERSION, of=Of.NOTHING),
+             lambda s, _: MAP_VERSION),
     Register(2, "heartbeat", UINT16, 1, "", "+1 with every fusion tick, modulo 65536; stands still when fusion does",
              lambda s, _: s.heartbeat & 0xFFFF),
     Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", _status,
@@ -220,13 +219,13 @@ REGISTERS: tuple[Register, ...] = (
     Register(7, "vision_quality", UINT16, 1, "", "0: u, v, radius may be used; else why not",
              lambda s, _: int(s.vision.quality), _QUALITY),
     Register(8, "range_quality", UINT16, 1, "", "0: distance may be used; else why not",
-             lambda s, _: int(s.range.quality), _QUALITY, of=Of.RANGE),
+             lambda s, _: int(s.range.quality), _QUALITY),
     Register(9, "d", MEASURED_UINT16, 1, "", "equation 14: 1 when R >= R_th and Z <= Z_th; ends by fusion.decision",
              lambda s, _: None if s.d is None else int(s.d)),
     Register(10, "u", MEASURED_INT16, 0.1, "px", "marker centre, to the right", _u),
     Register(11, "v", MEASURED_INT16, 0.1, "px", "marker centre, downwards", _v),
     Register(12, "radius", MEASURED_UINT16, 0.1, "px", "marker radius R", _radius),
-    Register(13, "distance", MEASURED_UINT16, 1, "mm", "distance Z from the ranger", _distance, of=Of.RANGE),
+    Register(13, "distance", MEASURED_UINT16, 1, "mm", "distance Z from the ranger", _distance),
     Register(14, "z_vision", MEASURED_UINT16, 1, "mm", "distance f r / R from the camera, where configured", _z_vision),
     Register(15, "vision_age", MEASURED_UINT16, 1, "ms", "age of the newest camera result or fault, at `timestamp`",
              lambda s, _: _age_ms(s, s.vision.t_ns, s.vision.quality)),
@@ -235,7 +234,7 @@ REGISTERS: tuple[Register, ...] = (
     Register(17, "vision_rate", MEASURED_UINT16, 0.1, "Hz", "camera results a second",
              lambda s, _: s.vision.stats.rate_hz),
     Register(18, "range_rate", MEASURED_UINT16, 0.1, "Hz", "ranger results a second",
-             lambda s, _: s.range.stats.rate_hz, of=Of.RANGE),
+             lambda s, _: s.range.stats.rate_hz),
     Register(19, "vision_latency", MEASURED_UINT16, 0.1, "ms", "capture to result, newest frame",
              lambda s, _: s.vision.stats.latency_ms),
     Register(20, "frame_id", UINT32, 1, "", "number of the newest frame looked at, modulo 2^32",
@@ -251,29 +250,29 @@ REGISTERS: tuple[Register, ...] = (
     Register(29, "camera_reopens", UINT16, 1, "", f"camera opened again: {_WRAPS}",
              lambda s, _: s.vision.stats.reopens & 0xFFFF),
     Register(30, "ranger_damaged", UINT16, 1, "", f"damaged lines from the ranger, dropped: {_WRAPS}",
-             lambda s, _: s.range.stats.damaged & 0xFFFF, of=Of.RANGE),
+             lambda s, _: s.range.stats.damaged & 0xFFFF),
     Register(31, "ranger_gaps", UINT16, 1, "", f"ranger measurements missing by their number: {_WRAPS}",
-             lambda s, _: s.range.stats.gaps & 0xFFFF, of=Of.RANGE),
+             lambda s, _: s.range.stats.gaps & 0xFFFF),
     Register(32, "ranger_rejected", UINT16, 1, "", f"ranger readings held back by the glitch gate: {_WRAPS}",
-             lambda s, _: s.range.stats.rejected & 0xFFFF, of=Of.RANGE),
+             lambda s, _: s.range.stats.rejected & 0xFFFF),
     Register(33, "ranger_reopens", UINT16, 1, "", f"ranger's port opened again: {_WRAPS}",
-             lambda s, _: s.range.stats.reopens & 0xFFFF, of=Of.RANGE),
+             lambda s, _: s.range.stats.reopens & 0xFFFF),
     Register(34, "range_seq", UINT16, 1, "", "the ranger's own number of its newest measurement, modulo 65536",
-             lambda s, _: s.range.seq & 0xFFFF, of=Of.RANGE),
+             lambda s, _: s.range.seq & 0xFFFF),
     *POSITION,
     Register(40, "known_u32", UINT32, 1, "", f"always {KNOWN_UINT32} (0x{KNOWN_UINT32:08X}): proves the word order",
-             lambda s, _: KNOWN_UINT32, of=Of.NOTHING),
+             lambda s, _: KNOWN_UINT32),
     Register(42, "known_f32", FLOAT32, 1, "", f"always {KNOWN_FLOAT32}: proves the word order",
-             lambda s, _: KNOWN_FLOAT32, of=Of.NOTHING),
+             lambda s, _: KNOWN_FLOAT32),
     Register(44, "u_f32", MEASURED_FLOAT32, 1, "px", "u, not rounded", _u),
     Register(46, "v_f32", MEASURED_FLOAT32, 1, "px", "v, not rounded", _v),
     Register(48, "radius_f32", MEASURED_FLOAT32, 1, "px", "radius, not rounded", _radius),
-    Register(50, "distance_f32", MEASURED_FLOAT32, 1, "mm", "distance, not rounded", _distance, of=Of.RANGE),
+    Register(50, "distance_f32", MEASURED_FLOAT32, 1, "mm", "distance, not rounded", _distance),
     Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
     Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured", _x_n),
     Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured", _y_n),
     *PICTURE[:2],
-    *ADVICE,
+    *HEALTH,
     PICTURE[2],
     Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was come by; no value: no fresh frame",
              _tracking, _TRACKING),
@@ -290,7 +289,7 @@ REGISTERS: tuple[Register, ...] = (
     Register(77, "tilt", MEASURED_UINT16, 0.1, "deg", "of the disc against the line of sight, from the ellipse's axes",
              _tilt_deg),
     *PICTURE[3:5],
-    *BLOCK,
+    *HANDSHAKE,
     PICTURE[5],
     Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
 )  # fmt: skip
@@ -307,38 +306,28 @@ def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
     `unix_ns`: wall time of `state.t_ns`. Equal arguments give equal images.
     """
     image = [0] * BLOCK_WORDS
-    clamped = [fill(image, plan, state, unix_ns) for plan in PLANS[word_order].values()]
-    image[STATUS_ADDRESS] |= any(clamped) << StatusBit.CLAMPED
+    clamped = False
+    for begin, end, read, packed, reported in _PLANS[word_order]:
+        image[begin:end], cut = packed(read(state, unix_ns))
+        clamped |= cut and reported
+    image[STATUS_ADDRESS] |= clamped << StatusBit.CLAMPED
     return tuple(image)
 
 
-def fill(image: list[int], plan: Plan, state: StateVector, unix_ns: int) -> bool:
-    """Encode some registers; whether one was cut that is to be told."""
-    clamped = False
-    for begin, end, read, packed, told in plan:
-        image[begin:end], cut = packed(read(state, unix_ns))
-        clamped |= cut and told
-    return clamped
-
-
-# Ages, rates and counters at their limit are no news; a position at its limit is.
-_CLAMP_TOLD = frozenset({"u", "v", "radius", "distance", "z_vision"})
+# Ages, rates and counters at their limit need no report; a position at its limit does.
+_CLAMP_REPORTED = frozenset({"u", "v", "radius", "distance", "z_vision"})
 _ORDERS: tuple[WordOrder, ...] = ("big", "little")
-PLANS: dict[WordOrder, dict[Of, Plan]] = {
-    order: {
-        of: tuple(
-            (
-                register.address,
-                register.address + register.words,
-                register.read,
-                packer(register.kind, register.scale, order),
-                register.name in _CLAMP_TOLD,
-            )
-            for register in REGISTERS
-            if register.of is of
+_PLANS = {
+    order: tuple(
+        (
+            register.address,
+            register.address + register.words,
+            register.read,
+            packer(register.kind, register.scale, order),
+            register.name in _CLAMP_REPORTED,
         )
-        for of in Of
-    }
+        for register in REGISTERS
+    )
     for order in _ORDERS
 }
 

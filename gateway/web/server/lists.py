@@ -9,8 +9,8 @@ from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig
 from gateway.errors import ProtocolError
+from gateway.modbus.registers.register import Register
 from gateway.modbus.registers.register_map import REGISTERS, decode
-from gateway.modbus.registers.row import Register
 from gateway.modbus.server.traffic import ServerNow
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.sparkplug.node import SparkplugNow

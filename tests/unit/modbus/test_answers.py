@@ -9,9 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.adu import ModbusException, frame_bytes
 from gateway.modbus.protocol.answers import FUNCTIONS, Access, Peer, Unit, answer
-from gateway.modbus.protocol.exceptions import ModbusException
 from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.registers.bits import coil_of
 from tests import modbus_oracle as oracle

@@ -30,11 +30,11 @@ from gateway.core.plc import (
     Writer,
     WriteVerdict,
 )
+from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Access, Peer
-from gateway.modbus.protocol.exceptions import ModbusException
-from gateway.modbus.registers.handshake import BLOCK, HANDSHAKE_MEANING, HandshakeBit
+from gateway.modbus.registers.bay_unit import WRITABLE, writer
+from gateway.modbus.registers.handshake import HANDSHAKE, HANDSHAKE_MEANING, HandshakeBit
 from gateway.modbus.registers.register_map import REGISTERS, decode, encode
-from gateway.modbus.registers.writes import WRITABLE, writer
 
 S = 1_000_000_000
 HELD = Acquired(41, 99 * S, Outcome.IN_PLACE, 640.27, -3.06, 181.26, 298.6)
@@ -147,7 +147,7 @@ def test_age_of_a_heartbeat_that_never_came(link: PlcLink) -> None:
 def test_bits_and_words_have_names() -> None:
     assert set(CONTROL_MEANING) == set(Control)
     assert set(HANDSHAKE_MEANING) == set(HandshakeBit)
-    assert [register for register in REGISTERS if register.writable] == list(BLOCK[:3])
+    assert [register for register in REGISTERS if register.writable] == list(HANDSHAKE[:3])
     assert WRITABLE == {80: "heartbeat", 81: "control", 82: "recipe"}
 
 

@@ -25,7 +25,8 @@ from gateway.core.model import (
 )
 from gateway.core.plc import Handshake, Phase, PlcLink
 from gateway.errors import ProtocolError
-from gateway.modbus.registers.current_image import CurrentImage
+from gateway.modbus.registers.bay_unit import CurrentImage
+from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import (
     BLOCK_WORDS,
     REGISTERS,
@@ -36,8 +37,6 @@ from gateway.modbus.registers.register_map import (
     decode,
     encode,
 )
-from gateway.modbus.registers.row import Of
-from gateway.modbus.registers.words import WordOrder
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -391,7 +390,6 @@ def test_the_current_image_is_encoded_once_per_state() -> None:
     assert revived[6] == 1
 
 
-PARTS = {Of.RANGE: "range", Of.PLC: "plc"}
 SHAKES = st.builds(
     Handshake,
     link=st.sampled_from(PlcLink),
@@ -430,33 +428,12 @@ STATES = st.builds(
 )
 
 
-@given(one=STATES, other=STATES)
-def test_a_register_that_is_said_to_depend_on_one_part_depends_on_nothing_else(
-    one: StateVector, other: StateVector
-) -> None:
-    for register in REGISTERS:
-        if register.of is Of.STATE:
-            continue
-        part = PARTS.get(register.of)
-        mixed = other if part is None else replace(other, **{part: getattr(one, part)})
-        assert register.read(mixed, 1) == register.read(one, 2), register.name
-
-
-@given(states=st.lists(STATES, min_size=2, max_size=6), kept=st.lists(st.booleans(), min_size=10, max_size=10))
-def test_the_image_of_a_state_that_shares_parts_with_the_last_one_is_as_if_encoded_anew(
-    states: list[StateVector], kept: list[bool]
-) -> None:
+@given(states=st.lists(STATES, min_size=2, max_size=6))
+def test_the_current_image_of_any_state_is_that_of_the_state_alone(states: list[StateVector]) -> None:
     current = CurrentImage("little")
-    last = states[0]
     for n, fresh in enumerate(states):
-        state = replace(
-            fresh,
-            seq=n,
-            range=last.range if kept[2 * n - 2] else fresh.range,
-            plc=last.plc if kept[2 * n - 1] else fresh.plc,
-        )
+        state = replace(fresh, seq=n)
         assert current.of(state, state.t_ns, n * S) == encode(state, n * S, "little")
-        last = state
 
 
 @pytest.mark.parametrize("order", ["big", "little"])

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from gateway.modbus.protocol.adu import frame_bytes
+from gateway.modbus.protocol.adu import ModbusException, frame_bytes
 from gateway.modbus.protocol.answers import Access, Peer, Unit
-from gateway.modbus.protocol.exceptions import ModbusException
 from gateway.modbus.protocol.request_handler import MAX_KEPT, RequestHandler, RequestStats
 
 PEER = Peer("10.0.0.9")

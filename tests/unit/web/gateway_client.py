@@ -14,7 +14,7 @@ from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
 from gateway.errors import ConfigError
 from gateway.hub import Hub
-from gateway.modbus.registers.image_source import image_of
+from gateway.modbus.registers.bay_unit import image_of
 from gateway.processes.channel import Link
 from gateway.vision.transport import ring
 from gateway.vision.transport.ring import Ring

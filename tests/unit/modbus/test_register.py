@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.registers.words import (
+from gateway.modbus.registers.register import (
     FLOAT32,
     MEASURED_FLOAT32,
     MEASURED_INT16,

@@ -1,4 +1,4 @@
-"""How one value becomes 16-bit words and back: types, scaling, saturation, sentinels, word order. Pure.
+"""What a register is: its row of the map, its type on the wire, and how its value becomes 16-bit words and back. Pure.
 
 Bytes inside a word are always big-endian (Modbus Application Protocol V1.1b3, 4.2); the order of the words of a longer
 value is not standardised, hence the choice. Nothing wraps by accident: a value too large for its register stands at
@@ -7,12 +7,19 @@ the register's limit, a value that does not exist is the type's sentinel, and ne
 
 import math
 import struct
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Literal, TypeVar
+
+from gateway.core.model import StateVector
 
 WordOrder = Literal["big", "little"]
 """`big`: the high word has the lowest address. `little`: the low word has it."""
+
+Value = float | None
+Code = TypeVar("Code", bound=IntEnum)
+Names = Mapping[int, tuple[str, str]]
 
 _FLOAT32_MAX = 3.4028234663852886e38
 _FLOAT32_NAN = 0x7FC0_0000
@@ -42,6 +49,40 @@ MEASURED_UINT16 = WireType("uint16", 1, 0, 0xFFFE, no_value=0xFFFF)
 MEASURED_INT16 = WireType("int16", 1, -0x7FFF, 0x7FFF, no_value=0x8000)
 FLOAT32 = WireType("float32", 2, is_float=True)
 MEASURED_FLOAT32 = WireType("float32", 2, no_value=_FLOAT32_NAN, is_float=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One row. `read` gives the value in `unit` from (state, unix_ns); None: no value. `scale`: unit per count."""
+
+    address: int
+    name: str
+    kind: WireType
+    scale: float
+    unit: str
+    meaning: str
+    read: Callable[[StateVector, int], Value] = field(repr=False)
+    codes: Names | None = field(default=None, repr=False)  # value -> (name, meaning)
+    bits: Names | None = field(default=None, repr=False)  # bit -> (name, meaning)
+    writable: bool = False  # by the PLC, where writes are on
+
+    @property
+    def words(self) -> int:
+        return self.kind.words
+
+
+@dataclass(frozen=True, slots=True)
+class Reserved:
+    """Addresses kept free; they read 0 until a later map version gives them a meaning."""
+
+    address: int
+    words: int
+    purpose: str
+
+
+def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
+    """A table of names for a register: number -> (name in small letters, meaning)."""
+    return {int(code): (code.name.lower(), meaning) for code, meaning in meanings.items()}
 
 
 def pack(kind: WireType, value: float | None, scale: float, order: WordOrder) -> tuple[tuple[int, ...], bool]:
