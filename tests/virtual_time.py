@@ -5,8 +5,10 @@ import selectors
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -66,3 +68,23 @@ def run(coroutine: Coroutine[Any, Any, T]) -> T:
     """Run to the end in virtual time."""
     with asyncio.Runner(loop_factory=VirtualLoop) as runner:
         return runner.run(coroutine)
+
+
+def in_virtual_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """An `async def` test as pytest runs it."""
+    return _synchronous(test, run)
+
+
+def in_real_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """As above, for what has real threads."""
+    return _synchronous(test, asyncio.run)
+
+
+def _synchronous(
+    test: Callable[P, Coroutine[Any, Any, None]], runner: Callable[[Coroutine[Any, Any, None]], None]
+) -> Callable[P, None]:
+    @wraps(test)
+    def synchronous(*args: P.args, **kwargs: P.kwargs) -> None:
+        runner(test(*args, **kwargs))
+
+    return synchronous

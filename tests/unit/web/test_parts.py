@@ -32,7 +32,7 @@ from gateway.web.ipc.messages import BOUNDS_S, TO_WEB, Histogram, StateReply, St
 from gateway.web.server.process_usage import ProcessUsage, by_name, process_usage
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full, server, store
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 
 def parts(*, plc: str = "", mqtt: bool = False, **changes: Any) -> StatusCollector:
@@ -80,21 +80,19 @@ class TestSigns:
         assert (conditions.crashes, conditions.crashed) == (2, "a: KeyError()")
 
 
-def test_links_hold_what_the_parts_say_and_no_password() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            tasks = {"bay1.control": TaskRecord(starts=1, running=True, last_error="x" * 900)}
-            gathered = parts(mqtt=True, publisher=voice(), tasks=tasks, modbus=lambda: (server(),))
-            links = gathered.system_status(made.monitor)
-            assert links.broker == "mqtt://anna:***@broker" or "secret" not in str(links.broker)
-            assert "secret" not in repr(links)
-            assert (links.tasks[0].name, links.tasks[0].running, len(links.tasks[0].last_error)) == (
-                "bay1.control", True, MAX_ERROR,
-            )  # fmt: skip
-            assert (links.modbus, links.broker_connected) == ((server(),), True)
-            assert sum(count for _, count in links.alarms.counts) == len(BAY_ALARMS) + len(GATEWAY_ALARMS)
-
-    run(scene())
+@in_virtual_time
+async def test_links_hold_what_the_parts_say_and_no_password() -> None:
+    async with plant() as made:
+        tasks = {"bay1.control": TaskRecord(starts=1, running=True, last_error="x" * 900)}
+        gathered = parts(mqtt=True, publisher=voice(), tasks=tasks, modbus=lambda: (server(),))
+        links = gathered.system_status(made.monitor)
+        assert links.broker == "mqtt://anna:***@broker" or "secret" not in str(links.broker)
+        assert "secret" not in repr(links)
+        assert (links.tasks[0].name, links.tasks[0].running, len(links.tasks[0].last_error)) == (
+            "bay1.control", True, MAX_ERROR,
+        )  # fmt: skip
+        assert (links.modbus, links.broker_connected) == ((server(),), True)
+        assert sum(count for _, count in links.alarms.counts) == len(BAY_ALARMS) + len(GATEWAY_ALARMS)
 
 
 def test_frames_are_timed_only_for_pages() -> None:
@@ -106,65 +104,63 @@ def test_frames_are_timed_only_for_pages() -> None:
         assert (len(passed), bool(made.latencies.histograms())) == (1, enabled)
 
 
-def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None:
+@in_virtual_time
+async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None:
     chance = random.Random(1)
 
     def words(length: int) -> str:
         return "".join(chance.choices(string.ascii_lowercase + " ", k=length))
 
-    async def scene() -> None:
-        async with plant(bays=64) as made:
-            for bay in made.client.bays:
-                made.controls[bay].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
-            await asyncio.sleep(8)
-            alarms = made.monitor.summary(MAX_ALARMS)
-            assert len(alarms.alarms) == 100
-            alarms = replace(
-                alarms, alarms=tuple(replace(a, detail=words(MAX_DETAIL), note=words(MAX_NOTE)) for a in alarms.alarms)
-            )
-            change = AlarmChange(
-                1,
-                2,
-                "bay1.camera_down",
-                "camera_down",
-                "bay1",
-                AlarmEvent.OCCURS,
-                AlarmState.NORMAL,
-                AlarmState.SHELVED,
-            )
-            links = full(
-                alarms=alarms,
-                changes=tuple(replace(change, number=n, detail=words(MAX_DETAIL)) for n in range(REPORTED_CHANGES)),
-                tasks=tuple(
-                    TaskStatus(
-                        f"bay{n}.{part}",
-                        False,
-                        5,
-                        4,
-                        0,
-                        f"camera 10.0.{n}.3: {words(20)} connection refused by the camera",
-                    )
-                    for n in range(64)
-                    for part in ("vision", "ranger", "control")
-                ),
-                latencies=tuple(
-                    Histogram(
-                        f"bay{n}", f"stage {m}", tuple(chance.randrange(10**6) for _ in range(len(BOUNDS_S) + 1)), 1.5
-                    )
-                    for n in range(64)
-                    for m in range(9)
-                ),
-            )
-            made.links = links
-            answer = made.feed.answer(StateRequest(1, made.client.bays))
-            packed = Codec.packed(structs.replace(answer, links=links))
-            assert len(packed) < MAX_MESSAGE_BYTES, len(packed)
-            again: StateReply = TO_WEB.unpacked(packed)
-            assert again.links == links
-            assert again.links is not None
-            assert isinstance(again.links.alarms, AlarmSummary)
-
-    run(scene())
+    async with plant(bays=64) as made:
+        for bay in made.client.bays:
+            made.controls[bay].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
+        await asyncio.sleep(8)
+        alarms = made.monitor.summary(MAX_ALARMS)
+        assert len(alarms.alarms) == 100
+        alarms = replace(
+            alarms, alarms=tuple(replace(a, detail=words(MAX_DETAIL), note=words(MAX_NOTE)) for a in alarms.alarms)
+        )
+        change = AlarmChange(
+            1,
+            2,
+            "bay1.camera_down",
+            "camera_down",
+            "bay1",
+            AlarmEvent.OCCURS,
+            AlarmState.NORMAL,
+            AlarmState.SHELVED,
+        )
+        links = full(
+            alarms=alarms,
+            changes=tuple(replace(change, number=n, detail=words(MAX_DETAIL)) for n in range(REPORTED_CHANGES)),
+            tasks=tuple(
+                TaskStatus(
+                    f"bay{n}.{part}",
+                    False,
+                    5,
+                    4,
+                    0,
+                    f"camera 10.0.{n}.3: {words(20)} connection refused by the camera",
+                )
+                for n in range(64)
+                for part in ("vision", "ranger", "control")
+            ),
+            latencies=tuple(
+                Histogram(
+                    f"bay{n}", f"stage {m}", tuple(chance.randrange(10**6) for _ in range(len(BOUNDS_S) + 1)), 1.5
+                )
+                for n in range(64)
+                for m in range(9)
+            ),
+        )
+        made.links = links
+        answer = made.feed.answer(StateRequest(1, made.client.bays))
+        packed = Codec.packed(structs.replace(answer, links=links))
+        assert len(packed) < MAX_MESSAGE_BYTES, len(packed)
+        again: StateReply = TO_WEB.unpacked(packed)
+        assert again.links == links
+        assert again.links is not None
+        assert isinstance(again.links.alarms, AlarmSummary)
 
 
 class TestProcesses:

@@ -20,7 +20,7 @@ from gateway.web.host.request_handler import MAX_NAME, MAX_REPORTED
 from gateway.web.host.service import WebProcessService
 from gateway.web.ipc.messages import FROM_WEB, ApplySettings, Command, SetFunctionCheck, StateRequest, WebSetup
 from tests.unit.web.gateway_client import Plant, plant
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 ANNA = Writer("127.0.0.1", "anna", "technician")
 
@@ -41,81 +41,68 @@ def test_all_that_an_honest_web_process_says_is_understood() -> None:
         assert FROM_WEB.unpacked(Codec.packed(word)) == word
 
 
-def test_settings_go_live_as_they_were_sent_and_forged_ones_are_no_message() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.feed.execute(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
-            forged = VisionConfig.model_construct(_fields_set={"deadline_s"}, deadline_s=1e9)
-            with pytest.raises(ProtocolError, match="a VisionConfig out of its range"):
-                FROM_WEB.unpacked(Codec.packed(Command(2, ANNA, ApplySettings("bay1", forged))))
-            wished = VisionConfig(coast_s=0.5, red_low_1=(0, 50, 50))
-            assert made.feed.execute(Command(3, ANNA, ApplySettings("bay1", wished))).why == ""
-            assert made.eyes["bay1"].settings == wished
-
-    run(scene())
+@in_virtual_time
+async def test_settings_go_live_as_they_were_sent_and_forged_ones_are_no_message() -> None:
+    async with plant() as made:
+        made.feed.execute(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
+        forged = VisionConfig.model_construct(_fields_set={"deadline_s"}, deadline_s=1e9)
+        with pytest.raises(ProtocolError, match="a VisionConfig out of its range"):
+            FROM_WEB.unpacked(Codec.packed(Command(2, ANNA, ApplySettings("bay1", forged))))
+        wished = VisionConfig(coast_s=0.5, red_low_1=(0, 50, 50))
+        assert made.feed.execute(Command(3, ANNA, ApplySettings("bay1", wished))).why == ""
+        assert made.eyes["bay1"].settings == wished
 
 
-def test_orders_that_come_faster_than_people_give_them_are_refused_and_change_nothing() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            modes = (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF)
-            whys = [
-                made.feed.execute(Command(n, ANNA, SetFunctionCheck("bay1", modes[n % 2]))).why
-                for n in range(3 * BURST)
-            ]
-            assert whys[:BURST] == [""] * BURST
-            assert all("too many" in why for why in whys[BURST:])
-            assert made.feed.answer(StateRequest(1, ())).newest_event <= BURST + 1  # and the start
-
-    run(scene())
+@in_virtual_time
+async def test_orders_that_come_faster_than_people_give_them_are_refused_and_change_nothing() -> None:
+    async with plant() as made:
+        modes = (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF)
+        whys = [
+            made.feed.execute(Command(n, ANNA, SetFunctionCheck("bay1", modes[n % 2]))).why for n in range(3 * BURST)
+        ]
+        assert whys[:BURST] == [""] * BURST
+        assert all("too many" in why for why in whys[BURST:])
+        assert made.feed.answer(StateRequest(1, ())).newest_event <= BURST + 1  # and the start
 
 
-def test_long_names_are_clipped_where_they_are_kept() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            long = "x" * 60_000
-            who = Writer(long, long, long)
-            made.feed.execute(Command(1, who, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
-            made.feed.execute(Command(2, who, ApplySettings("bay1", VisionConfig(method="paper"))))
-            made.feed.execute(Command(3, who, OperatorAction("bay1.camera", AlarmEvent.SHELVE, long, "", 5)))
-            assert len(made.feed.execute(Command(4, who, SetFunctionCheck(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
-            details = told(made, EventKind.FUNCTION_CHECK_BEGUN) + told(made, EventKind.SETTINGS_CHANGED)
-            assert len(details) == 2
-            assert max(map(len, details)) < 4 * MAX_NAME + MAX_REPORTED
-            assert all(len(alarm.who) <= MAX_NOTE for alarm in made.monitor.summary(100).alarms)
-
-    run(scene())
+@in_virtual_time
+async def test_long_names_are_clipped_where_they_are_kept() -> None:
+    async with plant() as made:
+        long = "x" * 60_000
+        who = Writer(long, long, long)
+        made.feed.execute(Command(1, who, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
+        made.feed.execute(Command(2, who, ApplySettings("bay1", VisionConfig(method="paper"))))
+        made.feed.execute(Command(3, who, OperatorAction("bay1.camera", AlarmEvent.SHELVE, long, "", 5)))
+        assert len(made.feed.execute(Command(4, who, SetFunctionCheck(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
+        details = told(made, EventKind.FUNCTION_CHECK_BEGUN) + told(made, EventKind.SETTINGS_CHANGED)
+        assert len(details) == 2
+        assert max(map(len, details)) < 4 * MAX_NAME + MAX_REPORTED
+        assert all(len(alarm.who) <= MAX_NOTE for alarm in made.monitor.summary(100).alarms)
 
 
-def test_what_only_people_can_mend_in_the_pages_does_not_end_the_gateway() -> None:
+@in_virtual_time
+async def test_what_only_people_can_mend_in_the_pages_does_not_end_the_gateway() -> None:
     """A ConfigError would: the supervisor takes it for the end. No page is worth a bay."""
-
-    async def scene() -> None:
-        async with plant() as made:
-            host = f"{'x' * 70}.example"  # no name can have a label so long; nobody is asked
-            named = HmiConfig(host="localhost").model_copy(update={"host": host})
-            about = WebSetup(GatewayConfig(hmi=named), SystemClock(), {})
-            with pytest.raises(LinkError, match=r"hmi\.host"):
-                await WebProcessService(made.feed, about, ()).run()
-
-    run(scene())
+    async with plant() as made:
+        host = f"{'x' * 70}.example"  # no name can have a label so long; nobody is asked
+        named = HmiConfig(host="localhost").model_copy(update={"host": host})
+        about = WebSetup(GatewayConfig(hmi=named), SystemClock(), {})
+        with pytest.raises(LinkError, match=r"hmi\.host"):
+            await WebProcessService(made.feed, about, ()).run()
 
 
-def test_a_visitor_whom_nobody_could_answer_is_not_kept_waiting(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_visitor_whom_nobody_could_answer_is_not_kept_waiting(tmp_path: Path) -> None:
     """The certificate has gone since the start: the web process would not come up."""
-
-    async def scene() -> None:
-        async with plant(keep=False) as made:
-            gone = HmiConfig(tls_cert=str(tmp_path / "gone.pem"), tls_key=str(tmp_path / "gone.key"))
-            about = WebSetup(GatewayConfig(hmi=gone), SystemClock(), {})
-            with (
-                socket.create_server(("127.0.0.1", 0)) as door,
-                socket.create_connection(door.getsockname()) as caller,
-            ):
-                door.setblocking(False)
-                with pytest.raises(LinkError, match=r"hmi\.tls_cert: cannot read .*gone\.pem"):
-                    await WebProcessService(made.feed, about, (door,)).run()
-                caller.settimeout(5)
-                assert caller.recv(1) == b""
-
-    run(scene())
+    async with plant(keep=False) as made:
+        gone = HmiConfig(tls_cert=str(tmp_path / "gone.pem"), tls_key=str(tmp_path / "gone.key"))
+        about = WebSetup(GatewayConfig(hmi=gone), SystemClock(), {})
+        with (
+            socket.create_server(("127.0.0.1", 0)) as door,
+            socket.create_connection(door.getsockname()) as caller,
+        ):
+            door.setblocking(False)
+            with pytest.raises(LinkError, match=r"hmi\.tls_cert: cannot read .*gone\.pem"):
+                await WebProcessService(made.feed, about, (door,)).run()
+            caller.settimeout(5)
+            assert caller.recv(1) == b""

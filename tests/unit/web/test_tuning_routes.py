@@ -25,7 +25,7 @@ from gateway.web.tuning.trial import EndedError
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.programs import ApiClient, Said
 from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, picture
-from tests.virtual_time import AtOnce, run
+from tests.virtual_time import AtOnce, in_virtual_time, run
 
 FILE = """\
 # The plant's file.
@@ -66,70 +66,62 @@ async def bay(source: Path | None = None) -> AsyncIterator[Bay]:
         yield Bay(made, shop, ApiClient(Starlette(routes=routes(shop))))
 
 
-def test_every_address_is_for_technicians_alone() -> None:
+@in_virtual_time
+async def test_every_address_is_for_technicians_alone() -> None:
     table: dict[tuple[str, str], Level] = {(rule.method, rule.path): rule.least for rule in RULES}
-
-    async def scene() -> None:
-        async with bay() as page:
-            found = list(calls(routes(page.shop)))
-            assert len(found) == 16
-            assert {table[method, path] for method, path in found} == {Level.TECHNICIAN}
-
-    run(scene())
+    async with bay() as page:
+        found = list(calls(routes(page.shop)))
+        assert len(found) == 16
+        assert {table[method, path] for method, path in found} == {Level.TECHNICIAN}
 
 
-def test_the_profile_tells_settings_schema_and_where_saving_goes(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_the_profile_tells_settings_schema_and_where_saving_goes(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
     path.write_text(FILE.replace('vision.method = "paper"', "").replace("# the first", '\nvision.method = "paper"'))
-
-    async def scene() -> None:
-        async with bay(path) as page:
-            told = (await page.get("profile")).json
-            assert told["vision"] == parameter_schema.values(VisionConfig())
-            assert (told["function_check"], told["undo_steps"]) == ("off", 0)
-            assert told["file"] == {"path": str(path), "why_not": "", "unsaved": ["method"]}
-            kernel = next(key for key in told["schema"] if key["name"] == "gaussian_kernel_px")
-            assert (kernel["low"], kernel["high"], kernel["step"], kernel["unit"]) == (1, 31, 2, "px")
-            assert kernel["belongs"] == "paper"
-        async with bay() as page:
-            assert "export a profile" in (await page.get("profile")).json["file"]["why_not"]
-
-    run(scene())
+    async with bay(path) as page:
+        told = (await page.get("profile")).json
+        assert told["vision"] == parameter_schema.values(VisionConfig())
+        assert (told["function_check"], told["undo_steps"]) == ("off", 0)
+        assert told["file"] == {"path": str(path), "why_not": "", "unsaved": ["method"]}
+        kernel = next(key for key in told["schema"] if key["name"] == "gaussian_kernel_px")
+        assert (kernel["low"], kernel["high"], kernel["step"], kernel["unit"]) == (1, 31, 2, "px")
+        assert kernel["belongs"] == "paper"
+    async with bay() as page:
+        assert "export a profile" in (await page.get("profile")).json["file"]["why_not"]
 
 
-def test_a_frame_is_frozen_looked_at_and_tried() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            assert (await page.post("freeze")).status == 503  # no frame yet
-            assert (await page.post("trial", live=True, vision={})).status == 204
-            page.film()
-            frozen = (await page.post("freeze")).json
-            assert (frozen["kind"], frozen["width_px"], frozen["height_px"]) == ("snapshot", WIDTH, HEIGHT)
-            assert (await page.get("taken")).json == [frozen]
-            shot = await page.get(f"taken/{frozen['name']}/0")
-            assert shot.headers["content-type"] == "image/jpeg"
-            assert decoded(shot.body).shape == (HEIGHT, WIDTH, 3)
-            assert (await page.get(f"taken/{frozen['name']}/1")).status == 400
-            assert (await page.get("taken/s99/0")).status == 404
+@in_virtual_time
+async def test_a_frame_is_frozen_looked_at_and_tried() -> None:
+    async with bay() as page:
+        assert (await page.post("freeze")).status == 503  # no frame yet
+        assert (await page.post("trial", live=True, vision={})).status == 204
+        page.film()
+        frozen = (await page.post("freeze")).json
+        assert (frozen["kind"], frozen["width_px"], frozen["height_px"]) == ("snapshot", WIDTH, HEIGHT)
+        assert (await page.get("taken")).json == [frozen]
+        shot = await page.get(f"taken/{frozen['name']}/0")
+        assert shot.headers["content-type"] == "image/jpeg"
+        assert decoded(shot.body).shape == (HEIGHT, WIDTH, 3)
+        assert (await page.get(f"taken/{frozen['name']}/1")).status == 400
+        assert (await page.get("taken/s99/0")).status == 404
 
-            page.film(2, u=30)  # the truck goes on; the frozen frame stays what it is
-            tried = (await page.post("trial", snapshot=frozen["name"], vision={"method": "paper"})).json
-            assert tried["tried"]["frames"][0]["u_px"] == pytest.approx(MARKER[0], abs=0.5)
-            assert [panel["name"] for panel in tried["panels"]] == ["hsv", "mask", "clean", "fit"]
-            assert tried["exposure"] is None
-            for panel in tried["panels"]:
-                shown = await page.api_client.get(panel["url"])
-                assert shown.status == 200
-                assert decoded(shown.body).shape[:2] == (panel["height_px"], panel["width_px"])
-            gone = tried["panels"][0]["url"].replace(f"/{tried['number']}/", "/999/")
-            assert (await page.api_client.get(gone)).status == 404
-            assert (await page.api_client.get(panel["url"].replace("bay1", "bay2"))).status == 404
+        page.film(2, u=30)  # the truck goes on; the frozen frame stays what it is
+        tried = (await page.post("trial", snapshot=frozen["name"], vision={"method": "paper"})).json
+        assert tried["tried"]["frames"][0]["u_px"] == pytest.approx(MARKER[0], abs=0.5)
+        assert [panel["name"] for panel in tried["panels"]] == ["hsv", "mask", "clean", "fit"]
+        assert tried["exposure"] is None
+        for panel in tried["panels"]:
+            shown = await page.api_client.get(panel["url"])
+            assert shown.status == 200
+            assert decoded(shown.body).shape[:2] == (panel["height_px"], panel["width_px"])
+        gone = tried["panels"][0]["url"].replace(f"/{tried['number']}/", "/999/")
+        assert (await page.api_client.get(gone)).status == 404
+        assert (await page.api_client.get(panel["url"].replace("bay1", "bay2"))).status == 404
 
-            live = (await page.post("trial", live=True, vision={})).json
-            assert live["panels"][0]["name"] == "picture"
-            assert live["tried"]["frames"][0]["u_px"] == pytest.approx(30, abs=0.5)
-
-    run(scene())
+        live = (await page.post("trial", live=True, vision={})).json
+        assert live["panels"][0]["name"] == "picture"
+        assert live["tried"]["frames"][0]["u_px"] == pytest.approx(30, abs=0.5)
 
 
 def decoded(data: bytes) -> np.ndarray:
@@ -138,140 +130,125 @@ def decoded(data: bytes) -> np.ndarray:
     return image
 
 
-def test_a_recording_holds_the_frames_of_the_next_seconds() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            clock = page.made.client.clock
-            began_ns = clock.now_ns()
+@in_virtual_time
+async def test_a_recording_holds_the_frames_of_the_next_seconds() -> None:
+    async with bay() as page:
+        clock = page.made.client.clock
+        began_ns = clock.now_ns()
 
-            async def camera() -> None:
-                for seq in range(1, 40):
-                    page.film(seq, u=50 + seq)
-                    await clock.sleep(0.1)
+        async def camera() -> None:
+            for seq in range(1, 40):
+                page.film(seq, u=50 + seq)
+                await clock.sleep(0.1)
 
-            async with TaskGroup() as group:
-                filming = group.create_task(camera())
-                recorded = (await page.post("record", seconds=2.0)).json
-                filming.cancel()
-            assert 2.0 <= (clock.now_ns() - began_ns) / 1e9 < 2.2
-            assert 19 <= recorded["frames"] <= 21
-            assert recorded["seconds"] == pytest.approx(2.0, abs=0.15)
-            tried = (await page.post("trial", recording=recorded["name"], frame=4, timed=True, vision={})).json
-            assert tried["frames"] == recorded["frames"]
-            assert (tried["shown"], tried["timed"]) == (4, True)
-            assert tried["exposure"]["advice"]
-            look = (await page.post("trial", recording=recorded["name"], frame=4, vision={})).json
-            assert (look["frames"], look["shown"]) == (1, 4)
-            assert look["tried"]["frames"][0]["u_px"] == pytest.approx(tried["tried"]["frames"][4]["u_px"], abs=0.2)
-
-    run(scene())
+        async with TaskGroup() as group:
+            filming = group.create_task(camera())
+            recorded = (await page.post("record", seconds=2.0)).json
+            filming.cancel()
+        assert 2.0 <= (clock.now_ns() - began_ns) / 1e9 < 2.2
+        assert 19 <= recorded["frames"] <= 21
+        assert recorded["seconds"] == pytest.approx(2.0, abs=0.15)
+        tried = (await page.post("trial", recording=recorded["name"], frame=4, timed=True, vision={})).json
+        assert tried["frames"] == recorded["frames"]
+        assert (tried["shown"], tried["timed"]) == (4, True)
+        assert tried["exposure"]["advice"]
+        look = (await page.post("trial", recording=recorded["name"], frame=4, vision={})).json
+        assert (look["frames"], look["shown"]) == (1, 4)
+        assert look["tried"]["frames"][0]["u_px"] == pytest.approx(tried["tried"]["frames"][4]["u_px"], abs=0.2)
 
 
-def test_only_so_many_record_at_the_same_time() -> None:
-    async def scene() -> None:
-        async with bay() as page, TaskGroup() as group:
-            page.film()
-            asked = [group.create_task(page.post("record", seconds=1.0)) for _ in range(5)]
-            assert sorted([(await one).status for one in asked]) == [200, 200, 503, 503, 503]
-            assert (await page.post("record", seconds=0.2)).status == 200
-
-    run(scene())
+@in_virtual_time
+async def test_only_so_many_record_at_the_same_time() -> None:
+    async with bay() as page, TaskGroup() as group:
+        page.film()
+        asked = [group.create_task(page.post("record", seconds=1.0)) for _ in range(5)]
+        assert sorted([(await one).status for one in asked]) == [200, 200, 503, 503, 503]
+        assert (await page.post("record", seconds=0.2)).status == 200
 
 
-def test_the_eyedropper_answers_for_a_place_in_a_frame() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            page.film()
-            name = (await page.post("freeze")).json["name"]
-            picked = (await page.post("eyedropper", snapshot=name, u_px=80, v_px=60, vision={})).json
-            assert picked["warnings"] == []
-            assert set(picked["keys"]) == {"red_low_1", "red_high_1", "red_low_2", "red_high_2"}
-            beside = await page.post("eyedropper", snapshot=name, u_px=WIDTH, v_px=60, vision={})
-            assert (beside.status, beside.json["error"]) == (422, "beside")
-
-    run(scene())
+@in_virtual_time
+async def test_the_eyedropper_answers_for_a_place_in_a_frame() -> None:
+    async with bay() as page:
+        page.film()
+        name = (await page.post("freeze")).json["name"]
+        picked = (await page.post("eyedropper", snapshot=name, u_px=80, v_px=60, vision={})).json
+        assert picked["warnings"] == []
+        assert set(picked["keys"]) == {"red_low_1", "red_high_1", "red_low_2", "red_high_2"}
+        beside = await page.post("eyedropper", snapshot=name, u_px=WIDTH, v_px=60, vision={})
+        assert (beside.status, beside.json["error"]) == (422, "beside")
 
 
-def test_settings_go_live_in_a_function_check_and_back_again() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            refused = await page.post("profile/apply", vision={"method": "paper"})
-            assert refused.status == 409
-            assert "function check" in refused.json["detail"]
-            assert (await page.post("profile/undo")).status == 409
+@in_virtual_time
+async def test_settings_go_live_in_a_function_check_and_back_again() -> None:
+    async with bay() as page:
+        refused = await page.post("profile/apply", vision={"method": "paper"})
+        assert refused.status == 409
+        assert "function check" in refused.json["detail"]
+        assert (await page.post("profile/undo")).status == 409
 
-            began = (await page.post("function-check", mode="may_move_kept")).json
-            assert began["function_check"] == "may_move_kept"
-            assert page.made.controls["bay1"].state().function_check is FunctionCheck.MAY_MOVE_KEPT
-            live = (await page.post("profile/apply", vision={"method": "paper", "coast_s": 0.5})).json
-            assert (live["vision"]["method"], live["vision"]["coast_s"], live["undo_steps"]) == ("paper", 0.5, 1)
-            assert page.made.eyes["bay1"].settings == VisionConfig(method="paper", coast_s=0.5)
-            assert page.made.eyes["bay2"].settings == VisionConfig()
-            same = (await page.post("profile/apply", vision={})).json
-            assert same["undo_steps"] == 1
+        began = (await page.post("function-check", mode="may_move_kept")).json
+        assert began["function_check"] == "may_move_kept"
+        assert page.made.controls["bay1"].state().function_check is FunctionCheck.MAY_MOVE_KEPT
+        live = (await page.post("profile/apply", vision={"method": "paper", "coast_s": 0.5})).json
+        assert (live["vision"]["method"], live["vision"]["coast_s"], live["undo_steps"]) == ("paper", 0.5, 1)
+        assert page.made.eyes["bay1"].settings == VisionConfig(method="paper", coast_s=0.5)
+        assert page.made.eyes["bay2"].settings == VisionConfig()
+        same = (await page.post("profile/apply", vision={})).json
+        assert same["undo_steps"] == 1
 
-            back = (await page.post("profile/undo")).json
-            assert (back["vision"]["method"], back["undo_steps"]) == ("robust", 0)
-            assert page.made.eyes["bay1"].settings == VisionConfig()
-            assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
-
-    run(scene())
+        back = (await page.post("profile/undo")).json
+        assert (back["vision"]["method"], back["undo_steps"]) == ("robust", 0)
+        assert page.made.eyes["bay1"].settings == VisionConfig()
+        assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
 
 
-def test_undos_that_overlap_each_go_one_step_back() -> None:
+@in_virtual_time
+async def test_undos_that_overlap_each_go_one_step_back() -> None:
     """A double click, or two technicians."""
-
-    async def scene() -> None:
-        async with bay() as page:
-            await page.post("function-check", mode="permit_off")
-            for coast_s in (0.5, 0.75, 1.0):
-                assert (await page.post("profile/apply", vision={"coast_s": coast_s})).status == 200
-            async with TaskGroup() as group:
-                both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
-            assert [said.result().status for said in both] == [200, 200]
-            assert page.made.eyes["bay1"].settings.coast_s == 0.5
-            assert (await page.get("profile")).json["undo_steps"] == 1
-            async with TaskGroup() as group:
-                both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
-            assert sorted(said.result().status for said in both) == [200, 409]  # there was one step left
-            assert page.made.eyes["bay1"].settings.coast_s == 0.3
-
-    run(scene())
+    async with bay() as page:
+        await page.post("function-check", mode="permit_off")
+        for coast_s in (0.5, 0.75, 1.0):
+            assert (await page.post("profile/apply", vision={"coast_s": coast_s})).status == 200
+        async with TaskGroup() as group:
+            both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
+        assert [said.result().status for said in both] == [200, 200]
+        assert page.made.eyes["bay1"].settings.coast_s == 0.5
+        assert (await page.get("profile")).json["undo_steps"] == 1
+        async with TaskGroup() as group:
+            both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
+        assert sorted(said.result().status for said in both) == [200, 409]  # there was one step left
+        assert page.made.eyes["bay1"].settings.coast_s == 0.3
 
 
-def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            await page.post("function-check", mode="permit_off")
-            async with TaskGroup() as group:
-                for coast_s in (0.5, 0.75):
-                    group.create_task(page.post("profile/apply", vision={"coast_s": coast_s}))
-            assert page.made.eyes["bay1"].settings.coast_s == 0.75
-            steps = [(await page.post("profile/undo")).json["vision"]["coast_s"] for _ in range(2)]
-            assert steps == [0.5, 0.3]
-
-    run(scene())
+@in_virtual_time
+async def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
+    async with bay() as page:
+        await page.post("function-check", mode="permit_off")
+        async with TaskGroup() as group:
+            for coast_s in (0.5, 0.75):
+                group.create_task(page.post("profile/apply", vision={"coast_s": coast_s}))
+        assert page.made.eyes["bay1"].settings.coast_s == 0.75
+        steps = [(await page.post("profile/undo")).json["vision"]["coast_s"] for _ in range(2)]
+        assert steps == [0.5, 0.3]
 
 
-def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go_live() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            await page.post("function-check", mode="may_move_off")
-            both_saw = (await page.get("profile")).json["vision"]
-            first = await page.post("profile/apply", vision={**both_saw, "coast_s": 0.5}, over=both_saw)
-            assert first.status == 200
-            second = await page.post("profile/apply", vision={**both_saw, "min_fill": 0.5}, over=both_saw)
-            assert (second.status, second.json["error"]) == (409, "refused")
-            assert "coast_s: 0.3 -> 0.5" in second.json["detail"]
-            assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5)
-            page.film()
-            tried = (await page.post("trial", live=True, vision={})).json
-            assert tried["settings_in_force"] == first.json["vision"]
-            anew = await page.post("profile/apply", vision={"min_fill": 0.5}, over=first.json["vision"])
-            assert (anew.status, anew.json["undo_steps"]) == (200, 2)
-            assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5, min_fill=0.5)
-
-    run(scene())
+@in_virtual_time
+async def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go_live() -> None:
+    async with bay() as page:
+        await page.post("function-check", mode="may_move_off")
+        both_saw = (await page.get("profile")).json["vision"]
+        first = await page.post("profile/apply", vision={**both_saw, "coast_s": 0.5}, over=both_saw)
+        assert first.status == 200
+        second = await page.post("profile/apply", vision={**both_saw, "min_fill": 0.5}, over=both_saw)
+        assert (second.status, second.json["error"]) == (409, "refused")
+        assert "coast_s: 0.3 -> 0.5" in second.json["detail"]
+        assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5)
+        page.film()
+        tried = (await page.post("trial", live=True, vision={})).json
+        assert tried["settings_in_force"] == first.json["vision"]
+        anew = await page.post("profile/apply", vision={"min_fill": 0.5}, over=first.json["vision"])
+        assert (anew.status, anew.json["undo_steps"]) == (200, 2)
+        assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5, min_fill=0.5)
 
 
 @pytest.mark.parametrize(
@@ -286,23 +263,21 @@ def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go_live(
         ({"tracking": "yes"}, "true or false"),
     ],
 )
-def test_bad_settings_are_refused_by_every_address_in_the_words_of_the_file(vision: dict[str, Any], said: str) -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            page.film()
-            await page.post("function-check", mode="may_move_off")
-            for path, more in (
-                ("trial", {"live": True}),
-                ("profile/apply", {}),
-                ("profile/diff", {}),
-                ("profile/export", {}),
-            ):
-                told = await page.post(path, vision=vision, **more)
-                assert (told.status, told.json["error"]) == (422, "settings")
-                assert re.search(said, told.json["detail"]), told.json
-            assert page.made.eyes["bay1"].settings == VisionConfig()
-
-    run(scene())
+@in_virtual_time
+async def test_bad_settings_are_refused_by_every_address_as_in_the_file(vision: dict[str, Any], said: str) -> None:
+    async with bay() as page:
+        page.film()
+        await page.post("function-check", mode="may_move_off")
+        for path, more in (
+            ("trial", {"live": True}),
+            ("profile/apply", {}),
+            ("profile/diff", {}),
+            ("profile/export", {}),
+        ):
+            told = await page.post(path, vision=vision, **more)
+            assert (told.status, told.json["error"]) == (422, "settings")
+            assert re.search(said, told.json["detail"]), told.json
+        assert page.made.eyes["bay1"].settings == VisionConfig()
 
 
 @pytest.mark.parametrize(
@@ -323,39 +298,33 @@ def test_bad_settings_are_refused_by_every_address_in_the_words_of_the_file(visi
         ("freeze", {"x": 1}),
     ],
 )
-def test_a_strange_body_is_refused(path: str, body: dict[str, Any]) -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            page.film()
-            told = await page.post(path, **body)
-            assert (told.status, told.json["error"]) == (400, "json")
-
-    run(scene())
+@in_virtual_time
+async def test_a_strange_body_is_refused(path: str, body: dict[str, Any]) -> None:
+    async with bay() as page:
+        page.film()
+        told = await page.post(path, **body)
+        assert (told.status, told.json["error"]) == (400, "json")
 
 
-def test_a_trial_that_a_newer_one_took_back_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            page.film()
+@in_virtual_time
+async def test_a_trial_that_a_newer_one_took_back_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with bay() as page:
+        page.film()
 
-            def taken_back(*_: object) -> None:
-                raise EndedError("given up for a newer one")
+        def taken_back(*_: object) -> None:
+            raise EndedError("given up for a newer one")
 
-            monkeypatch.setattr(trial, "look", taken_back)
-            told = await page.post("trial", live=True, vision={})
-            assert (told.status, told.body) == (204, b"")
-            assert page.shop.bench.withdrawn == 1
-
-    run(scene())
+        monkeypatch.setattr(trial, "look", taken_back)
+        told = await page.post("trial", live=True, vision={})
+        assert (told.status, told.body) == (204, b"")
+        assert page.shop.bench.withdrawn == 1
 
 
-def test_there_is_no_other_bay() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            told = await page.api_client.get("/api/bays/bay9/profile")
-            assert (told.status, told.json["detail"]) == (404, "there is no bay bay9")
-
-    run(scene())
+@in_virtual_time
+async def test_there_is_no_other_bay() -> None:
+    async with bay() as page:
+        told = await page.api_client.get("/api/bays/bay9/profile")
+        assert (told.status, told.json["detail"]) == (404, "there is no bay bay9")
 
 
 def test_saving_shows_the_difference_first_and_writes_just_that(tmp_path: Path) -> None:
@@ -382,33 +351,29 @@ def test_saving_shows_the_difference_first_and_writes_just_that(tmp_path: Path) 
     assert path.with_name("plant.toml.bak").read_text() == FILE
 
 
-def test_saving_without_a_file_says_why(tmp_path: Path) -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            told = await page.post("profile/diff", vision={})
-            assert told.status == 422
-            assert "export a profile" in told.json["detail"]
-        gone = tmp_path / "gone.toml"
-        async with bay(gone) as page:
-            assert "cannot be read" in (await page.post("profile/diff", vision={})).json["detail"]
-            assert "cannot be read" in (await page.get("profile")).json["file"]["why_not"]
-
-    run(scene())
+@in_virtual_time
+async def test_saving_without_a_file_says_why(tmp_path: Path) -> None:
+    async with bay() as page:
+        told = await page.post("profile/diff", vision={})
+        assert told.status == 422
+        assert "export a profile" in told.json["detail"]
+    gone = tmp_path / "gone.toml"
+    async with bay(gone) as page:
+        assert "cannot be read" in (await page.post("profile/diff", vision={})).json["detail"]
+        assert "cannot be read" in (await page.get("profile")).json["file"]["why_not"]
 
 
-def test_a_profile_goes_out_and_comes_back_in_without_going_live() -> None:
-    async def scene() -> None:
-        async with bay() as page:
-            out = await page.post("profile/export", vision={"method": "paper", "min_fill": 0.75})
-            assert 'filename="vision-bay1.toml"' in out.headers["content-disposition"]
-            told = (await page.post("profile/import", text=out.body.decode(), name="x.toml")).json
-            assert told["changes"] == ["method", "min_fill"]
-            assert told["vision"]["min_fill"] == 0.75
-            assert page.made.eyes["bay1"].settings == VisionConfig()
-            in_force = await page.get("profile/export")
-            assert 'method = "robust"' in in_force.body.decode()
-            bad = await page.post("profile/import", text="[vision]\nmin_fill = 7\n", name="x.toml")
-            assert bad.status == 422
-            assert bad.json["detail"].startswith("x.toml:2: vision.min_fill = 7: ")
-
-    run(scene())
+@in_virtual_time
+async def test_a_profile_goes_out_and_comes_back_in_without_going_live() -> None:
+    async with bay() as page:
+        out = await page.post("profile/export", vision={"method": "paper", "min_fill": 0.75})
+        assert 'filename="vision-bay1.toml"' in out.headers["content-disposition"]
+        told = (await page.post("profile/import", text=out.body.decode(), name="x.toml")).json
+        assert told["changes"] == ["method", "min_fill"]
+        assert told["vision"]["min_fill"] == 0.75
+        assert page.made.eyes["bay1"].settings == VisionConfig()
+        in_force = await page.get("profile/export")
+        assert 'method = "robust"' in in_force.body.decode()
+        bad = await page.post("profile/import", text="[vision]\nmin_fill = 7\n", name="x.toml")
+        assert bad.status == 422
+        assert bad.json["detail"].startswith("x.toml:2: vision.min_fill = 7: ")
