@@ -151,7 +151,7 @@ async def run(
         tasks.append(Task("bay-files", files.run))
         controls = {
             bay.name: BayControl(
-                bay, hub, clock, (vectors[bay.name].write, files.note), config, files.remembered(bay.name)
+                bay, hub, clock, (vectors[bay.name].write, files.note), config, files.retained(bay.name)
             )
             for bay in config.bays
         }

@@ -1,4 +1,4 @@
-"""One bay's control task: a thin shell that feeds fusion, publishes each state whole, and never waits for anyone."""
+"""One bay's control task: a thin shell that feeds fusion, publishes each state as one record, and never waits."""
 
 import logging
 from collections.abc import Callable
@@ -32,17 +32,17 @@ class BayControl:
         clock: Clock,
         mirrors: tuple[Callable[[StateVector], None], ...] = (),
         gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
-        remembered: interlock.Remembered | None = None,  # from before the restart
+        retained: interlock.RetainedState | None = None,  # from before the restart
     ) -> None:
         self.name = config.name
         self._config = config.fusion
         self._hub = hub
         self._clock = clock
         self._mirrors = mirrors
-        self._over = False
+        self._shut_down = False
         self._rules = interlock.Rules.of(config, gateway)
-        self._audit = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
-        state = interlock.initial(self.name, clock.now_ns(), self._rules, remembered)
+        self._buckets = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
+        state = interlock.initial(self.name, clock.now_ns(), self._rules, retained)
         check = "" if state.function_check is FunctionCheck.OFF else "with a function check on"
         self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state, detail=check)])
 
@@ -57,7 +57,7 @@ class BayControl:
 
         A write must not make a bay look alive whose control task is dead.
         """
-        if self._over or not valid(self._hub.state(self.name).valid_until_ns, self._clock.now_ns()):
+        if self._shut_down or not valid(self._hub.state(self.name).valid_until_ns, self._clock.now_ns()):
             return WriteVerdict.UNDECIDED
         conflicts = self._hub.state(self.name).plc.conflicts
         self._step(write)
@@ -65,28 +65,28 @@ class BayControl:
         return WriteVerdict.TAKEN if taken else WriteVerdict.CONFLICT
 
     def on_connection(self, change: PlcConnection) -> None:
-        """One who may write has come or gone. Only of the owner of the block does it mean anything."""
+        """A permitted writer has connected or disconnected. It matters only for the owner of the block."""
         owner = self._hub.state(self.name).plc.owner
         if owner is not None and owner.identity == change.writer.identity:
             self._step(change)
 
     def on_refused(self, writer: Writer, why: str) -> None:
-        """Somebody tried to write what they may not. Told, but no state: it must not make a dead bay look alive."""
+        """A write was refused. Reported without a new state: it must not make a dead bay look alive."""
         now_ns = self._clock.now_ns()
         detail = f"{writer}: {why}"
         refused = Event(EventKind.WRITE_REFUSED, self.name, now_ns, self.state(), detail=detail, writer=writer)
-        if told := self._bearable([refused]):  # a scanner's thousands of tries cost nothing but their count
-            self._tell(self._hub.state(self.name), told)
+        if reported := self._rate_limited([refused]):  # thousands of tries by a scanner cost only a counter
+            self._report(self._hub.state(self.name), reported)
 
     def check_function(self, mode: FunctionCheck, who: Writer | None = None) -> None:
-        """A technician begins to work on the bay, or has finished."""
+        """A technician begins a function check, or ends it."""
         self._step(mode, by=who)
 
     def settings_changed(self, what: str, who: Writer) -> None:
-        """Somebody let other settings go live: told, for the record."""
+        """Somebody put other settings into effect: an event for the record."""
         now_ns, state = self._clock.now_ns(), self.state()
         changed = Event(EventKind.SETTINGS_CHANGED, self.name, now_ns, state, detail=f"{who}: {what}")
-        self._tell(self._hub.state(self.name), [changed])
+        self._report(self._hub.state(self.name), [changed])
 
     async def run(self) -> None:
         """Tick for ever: ages grow, the heartbeat counts."""
@@ -113,17 +113,17 @@ class BayControl:
         )
 
     def shut_down(self) -> None:
-        """The last word: stop on, no values, and no observation changes it any more."""
-        if self._over:
+        """The final state: stop on, no values, and no observation changes it any more."""
+        if self._shut_down:
             return
-        self._over = True
+        self._shut_down = True
         old = self._hub.state(self.name)
         new = fusion.forced_stop(old, Reason.SHUTDOWN, self._clock.now_ns())
         stop_raised = [event for event in events.diff(old, new) if event.kind is EventKind.STOP_RAISED]
         self._publish(new, [*stop_raised, Event(EventKind.SHUTDOWN, self.name, new.t_ns, new)])
 
     def _step(self, observation: fusion.Observation, by: Writer | None = None) -> None:
-        if self._over:
+        if self._shut_down:
             return
         old = self._hub.state(self.name)
         new = interlock.step(old, observation, self._clock.now_ns(), self._rules)
@@ -131,27 +131,27 @@ class BayControl:
         happened = events.diff(old, new)
         if by is not None:
             happened = [replace(e, detail=str(by)) if e.kind in CHECK_EVENTS else e for e in happened]
-        self._publish(new, self._bearable([*written, *happened]))
+        self._publish(new, self._rate_limited([*written, *happened]))
 
-    def _bearable(self, happened: list[Event]) -> list[Event]:
-        """Without those about writes that come faster than anybody could read; they are counted."""
+    def _rate_limited(self, happened: list[Event]) -> list[Event]:
+        """Without those about writes that arrive faster than anybody could read them; these are counted."""
         kept: list[Event] = []
         for event in happened:
             if event.kind not in WRITE_EVENTS:
                 kept.append(event)
                 continue
-            self._audit[event.kind], untold = rate_limit.take(self._audit[event.kind], event.t_ns)
-            if untold is not None:
-                more = f" (and {untold} before it that were not told)" if untold else ""
+            self._buckets[event.kind], suppressed = rate_limit.take(self._buckets[event.kind], event.t_ns)
+            if suppressed is not None:
+                more = f" (and {suppressed} before it not reported)" if suppressed else ""
                 kept.append(replace(event, detail=event.detail + more))
         return kept
 
     def _publish(self, state: StateVector, happened: list[Event]) -> None:
         for mirror in self._mirrors:
             mirror(state)
-        self._tell(state, happened)
+        self._report(state, happened)
 
-    def _tell(self, state: StateVector, happened: list[Event]) -> None:
+    def _report(self, state: StateVector, happened: list[Event]) -> None:
         self._hub.publish(state, happened)
         for event in happened:
             log.info(

@@ -23,9 +23,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core.interlock import Remembered
+from gateway.core.interlock import RetainedState
 from gateway.core.model import FunctionCheck, StateVector
-from gateway.core.scale import KEPT, ScaleSample
+from gateway.core.scale import MAX_VISITS, ScaleSample
 from gateway.errors import LinkError
 
 log = logging.getLogger(__name__)
@@ -49,36 +49,36 @@ class _Visit(BaseModel):
 
 
 class _BayFile(BaseModel):
-    """What stands in the file. `picture_px`: camera.width_px and height_px, for which alone the visits hold."""
+    """The content of the file. `picture_px`: camera.width_px and height_px, for which alone the visits hold."""
 
     model_config = STRICT
     version: Annotated[int, Field(ge=VERSION, le=VERSION)]
     function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
     picture_px: tuple[Pixels, Pixels]
-    visits: Annotated[tuple[_Visit, ...], Field(max_length=KEPT)]
+    visits: Annotated[tuple[_Visit, ...], Field(max_length=MAX_VISITS)]
 
 
-def own_folder() -> Path:
+def default_folder() -> Path:
     """The gateway's folder for what it keeps, where the configuration names none."""
     if os.geteuid() == 0:
         return Path("/var/lib/loading-gateway")
     try:
         home = Path.home()
-    except RuntimeError:  # a user that the system does not know: nothing can be written there, which is told
+    except RuntimeError:  # a user unknown to the system: nothing can be written there, which is reported
         home = Path("/")
     return home / ".local" / "state" / "loading-gateway"
 
 
 def path_of(config: GatewayConfig, bay: str) -> Path | None:
-    """Of a bay's file; None: nothing is kept. No name of the three holds a dot."""
+    """The path of a bay's file; None: nothing is kept. None of the three names contains a dot."""
     if not config.state_dir:
         return None
-    folder = own_folder() if config.state_dir == "auto" else Path(config.state_dir)
+    folder = default_folder() if config.state_dir == "auto" else Path(config.state_dir)
     return folder / f"bay.{config.site}.{config.instance}.{bay}.json"
 
 
-def decoded(data: bytes, bay: BayConfig) -> Remembered:
-    """What a bay file says. Raises ValueError for one that this gateway has not written."""
+def decoded(data: bytes, bay: BayConfig) -> RetainedState:
+    """The content of a bay file. Raises ValueError for one that this gateway has not written."""
     try:
         kept = _BayFile.model_validate_json(data)
     except ValidationError as error:
@@ -86,22 +86,22 @@ def decoded(data: bytes, bay: BayConfig) -> Remembered:
         raise ValueError(f"{'.'.join(map(str, wrong['loc'])) or 'file'}: {wrong['msg']}") from None
     visits = kept.visits if kept.picture_px == (bay.camera.width_px, bay.camera.height_px) else ()
     if len(visits) < len(kept.visits):
-        log.warning("%s: the picture has another size now, so the learned R x Z is forgotten", bay.name)
-    return Remembered(
+        log.warning("%s: the picture size has changed: the learned R x Z is discarded", bay.name)
+    return RetainedState(
         FunctionCheck[kept.function_check],
         tuple(ScaleSample(v.recipe, v.radius_px, v.distance_mm, unix_s=v.unix_s) for v in visits),
     )
 
 
-def encoded(remembered: Remembered, bay: BayConfig, offset_ns: int) -> bytes:
+def encoded(retained: RetainedState, bay: BayConfig, offset_ns: int) -> bytes:
     """The file's text. `offset_ns`: Unix time minus monotonic time."""
     kept = _BayFile(
         version=VERSION,
-        function_check=remembered.function_check.name,
+        function_check=retained.function_check.name,
         picture_px=(bay.camera.width_px, bay.camera.height_px),
         visits=tuple(
             _Visit(unix_s=s.date_s(offset_ns), recipe=s.recipe, radius_px=s.radius_px, distance_mm=s.distance_mm)
-            for s in remembered.scale_samples
+            for s in retained.scale_samples
         ),
     )
     return kept.model_dump_json(indent=1).encode() + b"\n"
@@ -115,10 +115,10 @@ def read_file(path: Path) -> bytes | None:
         return None
     with os.fdopen(fd, "rb") as file:
         if not stat.S_ISREG(os.fstat(fd).st_mode):
-            raise OSError("no plain file")
+            raise OSError("not a regular file")
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
-        raise OSError("far too long")
+        raise OSError("too large")
     return data
 
 
@@ -140,8 +140,8 @@ def write_file(path: Path, data: bytes) -> None:
         os.close(folder)
 
 
-def _in_a_thread(work: Callable[[], None]) -> None:
-    """A dead disk may keep it for ever: nothing waits for it at the exit."""
+def _run_in_thread(work: Callable[[], None]) -> None:
+    """A failed disk may block it for ever: nothing waits for it at the exit."""
     threading.Thread(target=work, name="bay-files", daemon=True).start()
 
 
@@ -149,8 +149,8 @@ def _in_a_thread(work: Callable[[], None]) -> None:
 class _Bay:
     config: BayConfig
     path: Path
-    wanted: Remembered
-    written: Remembered | None = None  # None: what is in the file is not known to be `wanted`
+    wanted: RetainedState
+    written: RetainedState | None = None  # None: what is in the file is not known to be `wanted`
     damaged: str = ""  # why the file could not be read; until a technician has had a look
 
 
@@ -160,10 +160,10 @@ class BayFiles:
 
     clock: Clock
     write: Callable[[Path, bytes], None] = write_file
-    start: Callable[[Callable[[], None]], None] = _in_a_thread
+    start: Callable[[Callable[[], None]], None] = _run_in_thread
     fault: str = ""
     _bays: dict[str, _Bay] = field(default_factory=dict)
-    _news: asyncio.Event = field(default_factory=asyncio.Event)
+    _changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     @staticmethod
     def read(config: GatewayConfig, clock: Clock) -> "BayFiles":
@@ -179,12 +179,12 @@ class BayFiles:
         """Bays whose file could not be read, and why, until somebody has begun or ended a function check there."""
         return {name: bay.damaged for name, bay in self._bays.items() if bay.damaged}
 
-    def remembered(self, bay: str) -> Remembered | None:
-        """What a bay begins with; None: nothing is kept of it."""
+    def retained(self, bay: str) -> RetainedState | None:
+        """What a bay starts with; None: nothing is kept of it."""
         return self._bays[bay].wanted if bay in self._bays else None
 
     def note(self, state: StateVector) -> None:
-        """Every state that is published. Never waits."""
+        """Called with every state that is published. Never waits."""
         bay = self._bays.get(state.bay)
         if bay is None:
             return
@@ -193,23 +193,23 @@ class BayFiles:
             return
         if state.function_check is not known.function_check:
             bay.damaged = ""
-        bay.wanted = Remembered(state.function_check, state.memory.scale_samples)
-        self._news.set()
+        bay.wanted = RetainedState(state.function_check, state.memory.scale_samples)
+        self._changed.set()
 
     async def run(self) -> NoReturn:
-        """Write what is new, at once, and all of it after a start. Raises LinkError when the disk does not take it."""
+        """Write changes at once, and everything after a start. Raises LinkError when the disk refuses."""
         while True:
-            self._news.clear()
-            faults = [fault for bay in self._bays.values() if (fault := await self._kept(bay))]
+            self._changed.clear()
+            faults = [fault for bay in self._bays.values() if (fault := await self._update(bay))]
             if faults:
                 self.fault = faults[0]
                 raise LinkError(self.fault)
             if self.fault:
-                log.warning("the bay files are written again")
+                log.warning("the bay files can be written again")
                 self.fault = ""
-            await self._news.wait()
+            await self._changed.wait()
 
-    async def _kept(self, bay: _Bay) -> str:
+    async def _update(self, bay: _Bay) -> str:
         """Write the bay's file if it needs to be; what went wrong."""
         wanted = bay.wanted
         if wanted == bay.written:
@@ -245,7 +245,7 @@ class BayFiles:
             async with self.clock.timeout(SLOW_S):
                 return await asyncio.shield(done)
         except TimeoutError:
-            self.fault = f"{path}: not written after {SLOW_S:g} s"
+            self.fault = f"{path}: not written within {SLOW_S:g} s"
             log.warning("%s; waiting", self.fault)
         return await done
 
@@ -253,19 +253,19 @@ class BayFiles:
 def _read(bay: BayConfig, path: Path) -> _Bay:
     try:
         data = read_file(path)
-        return _Bay(bay, path, Remembered() if data is None else decoded(data, bay))
+        return _Bay(bay, path, RetainedState() if data is None else decoded(data, bay))
     except OSError as error:
         why = error.strerror or str(error)
     except ValueError as error:
         why = str(error)
     log.error(
-        "%s: %s cannot be read (%s): somebody may be working on the bay, so it begins with a function check",
+        "%s: %s cannot be read (%s): the bay starts with a function check, because somebody may be working on it",
         bay.name,
         path,
         why,
     )
     aside = path.with_name(f"{path.name}.damaged")
-    with contextlib.suppress(OSError):  # for somebody to look at; a link, so that the file itself is never missing
+    with contextlib.suppress(OSError):  # a copy for inspection; a link, so that the file itself is never missing
         aside.unlink(missing_ok=True)
         os.link(path, aside, follow_symlinks=False)
-    return _Bay(bay, path, Remembered(FunctionCheck.MAY_MOVE_OFF), damaged=why)
+    return _Bay(bay, path, RetainedState(FunctionCheck.MAY_MOVE_OFF), damaged=why)

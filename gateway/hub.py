@@ -57,11 +57,11 @@ class Hub:
 
     @property
     def dropped(self) -> int:
-        """Events that the queues of those who subscribe now had no room for."""
+        """Events dropped because a present subscriber's queue was full."""
         return sum(queue.dropped for queue in self._queues)
 
     def state(self, bay: str) -> StateVector:
-        """The newest state, however old: for its control task alone. Everybody else asks `shown`."""
+        """The newest state, however old: for its control task only. All others call `shown`."""
         return self._states[bay]
 
     def shown(self, bay: str, now_ns: int) -> StateVector:

@@ -1,10 +1,10 @@
-"""The table of tasks, and the one place that starts them, starts them again and catches broadly.
+"""The table of tasks, and the one place that starts them, restarts them and catches broadly.
 
-A LinkError or ProtocolError is life in a plant: the task is started again after a jittered exponential backoff, for
-ever. Any other exception is a bug: it is logged with its traceback, and the task is started again, too. A `vital` task
+A LinkError or ProtocolError is normal in a plant: the task is restarted after a jittered exponential backoff, without
+limit. Any other exception is a bug: it is logged with its traceback, and the task is restarted, too. A `vital` task
 (fusion) may crash only `max_crashes` times within `window_s`; then the gateway gives up, because a control path that
-keeps crashing must not look alive. Any other may crash for ever without taking the rest along: what it no longer
-delivers goes stale. A ConfigError ends the gateway at once: only the operator can mend it.
+keeps crashing must not look alive. Any other task may crash any number of times without affecting the rest: what it no
+longer delivers becomes stale. A ConfigError ends the gateway at once: only the operator can correct it.
 """
 
 import asyncio
@@ -39,7 +39,7 @@ class CrashLoopError(GatewayError):
 
 @dataclass(slots=True)
 class TaskRecord:
-    """What the supervisor knows of one task; for health pages and tests."""
+    """State of one task; for health pages and tests."""
 
     starts: int = 0
     link_errors: int = 0
@@ -49,7 +49,7 @@ class TaskRecord:
 
 
 class Supervisor:
-    """Runs a table of tasks until cancelled or until one of them is past help."""
+    """Runs a table of tasks until cancelled or until one of them must not be restarted any more."""
 
     def __init__(self, tasks: Sequence[Task], clock: Clock, rng: random.Random | None = None) -> None:
         names = [task.name for task in tasks]
@@ -64,24 +64,24 @@ class Supervisor:
         """Raises ConfigError or CrashLoopError (in an ExceptionGroup) when a task can't go on."""
         async with asyncio.TaskGroup() as group:
             for task in self._tasks:
-                group.create_task(self._keep(task), name=f"keep {task.name}")
+                group.create_task(self._supervise(task), name=f"supervise {task.name}")
 
-    async def _keep(self, task: Task) -> None:
+    async def _supervise(self, task: Task) -> None:
         record = self.records[task.name]
         crashes: deque[int] = deque()
         attempt = 0
         while True:
             started_ns = self._clock.now_ns()
-            failure = await self._once(task, record)
+            failure = await self._run_once(task, record)
             if failure is None:
                 return
             now_ns = self._clock.now_ns()
             if now_ns - started_ns > task.backoff.max_s * NS_PER_S:
-                attempt = 0  # it had been well for a while
+                attempt = 0  # it had run without failure for a while
             if isinstance(failure, LinkError | ProtocolError):
                 record.link_errors += 1
                 record.last_error = str(failure)
-                if attempt == 0:  # the first failure of a row is news, the rest is waiting
+                if attempt == 0:  # only the first failure of a series is a warning
                     log.warning("%s: %s; trying again", task.name, failure)
                 else:
                     log.debug("%s: %s", task.name, failure)
@@ -102,22 +102,22 @@ class Supervisor:
             attempt += 1
             await self._clock.sleep(delay_s(task.backoff, attempt, self._rng))
 
-    async def _once(self, task: Task, record: TaskRecord) -> BaseException | None:
-        """Run one start to its end: None, or what ended it. Raises ConfigError, and CancelledError when all is over."""
+    async def _run_once(self, task: Task, record: TaskRecord) -> BaseException | None:
+        """Run one start to its end: None, or what ended it. Raises ConfigError, and CancelledError when cancelled."""
         record.starts += 1
         record.running = True
         try:
             # In an asyncio task of its own: in Python before 3.13 a task group whose children fail at the same time may
-            # leave its task counted as cancelled for ever, and here that count must mean that all is over.
+            # leave its task counted as cancelled for ever, and here that count must mean that the supervisor ends.
             await asyncio.create_task(_start(task), name=task.name)  # noqa: TID251
         except ConfigError:
             raise
         except asyncio.CancelledError as error:
-            if _all_over():
+            if _cancel_requested():
                 raise
-            return error  # nobody asked for it: passed on, it would end the task in silence
+            return error  # nobody requested it: passed on, it would end the task silently
         except Exception as error:
-            if _all_over():  # it failed while it tidied up; starting it again would keep the gateway from ending
+            if _cancel_requested():  # failed while it cleaned up; a restart would keep the gateway from ending
                 log.warning("%s: while ending: %r", task.name, error)
                 raise asyncio.CancelledError from error
             return error
@@ -130,8 +130,8 @@ async def _start(task: Task) -> None:
     await task.factory()
 
 
-def _all_over() -> bool:
-    """Has somebody asked the running task to end?"""
+def _cancel_requested() -> bool:
+    """Has the running task been cancelled?"""
     current = asyncio.current_task()
     return current is not None and current.cancelling() > 0
 

@@ -5,11 +5,11 @@ from typing import Any
 
 from gateway.core.model import (
     Circle,
-    Place,
     Quality,
     RangeReading,
     Reason,
     StateVector,
+    TruckPosition,
     VisionReading,
     Visit,
     VisitPhase,
@@ -51,7 +51,7 @@ def standing(heartbeat: int = 7, *, covered: bool = False, **changes: Any) -> St
         visit=Visit(
             VisitPhase.HELD if covered else VisitPhase.IN_PLACE,
             in_place=True,
-            place=Place(281.0, circle),
+            place=TruckPosition(281.0, circle),
             covered_since_ns=t_ns - 3_000_000_000 if covered else None,
         ),
     )

@@ -14,7 +14,7 @@ from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, parse
 from gateway.core import interlock
 from gateway.core.events import diff
-from gateway.core.interlock import Remembered, Rules
+from gateway.core.interlock import RetainedState, Rules
 from gateway.core.model import Circle, Event, FunctionCheck, Quality, RangeReading, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.ranger.hcsr04.session import Session
@@ -95,9 +95,9 @@ class Bench:
     def now_ns(self) -> int:
         return self._origin_ns + round(self.t_s * NS_PER_S)
 
-    def power_on(self, remembered: Remembered | None = None) -> None:
+    def power_on(self, retained: RetainedState | None = None) -> None:
         """The gateway begins anew; the sensors were on all along."""
-        self.state = interlock.initial("bay1", self.now_ns, self.rules, remembered)
+        self.state = interlock.initial("bay1", self.now_ns, self.rules, retained)
         self._session = Session(self.config.bays[0].ranger)
         self._unplugged = False
         for reading in self._session.opened(self.now_ns):

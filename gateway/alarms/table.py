@@ -10,7 +10,7 @@ from enum import IntEnum, StrEnum
 from typing import Generic, TypeVar
 
 from gateway.core.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, PictureFault, Quality, Reason, StateVector
-from gateway.core.ne107 import worn
+from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
 
 ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
@@ -418,7 +418,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         ("a loose cable", "electric noise on the serial line", "a camera or disk that begins to fail"),
         "look at the counters, and mend what restarts, reopens or is damaged",
         8 * 60,
-        lambda inputs: worn(inputs.state),
+        lambda inputs: degraded(inputs.state),
         on_delay_s=10.0,
         off_delay_s=60.0,
     ),

@@ -25,7 +25,7 @@ from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.config.sections.ranger import RangerConfig
 from gateway.config.sections.vision import CameraConfig, Intrinsics, PictureConfig, VisionConfig
 from gateway.config.sections.visit import VisitConfig
-from gateway.config.strict.placed_error import PlacedError, explain
+from gateway.config.strict.placed_error import FieldError, explain
 from gateway.config.strict.section import Section
 from gateway.config.strict.toml_file import merge, read_toml
 from gateway.errors import ConfigError
@@ -77,7 +77,7 @@ class BayConfig(Section):
     def _leaves_beyond_the_threshold(self) -> Self:
         least_mm = self.fusion.distance_threshold_mm + self.fusion.distance_hysteresis_mm + self.visit.band_mm
         if self.visit.leave_distance_mm is not None and self.visit.leave_distance_mm < least_mm:
-            raise PlacedError(
+            raise FieldError(
                 f"must be at least {least_mm:g} mm: Z_th, its hysteresis and visit.band_mm",
                 "visit",
                 "leave_distance_mm",
@@ -90,7 +90,7 @@ class BayConfig(Section):
         for key in ("width_px", "height_px"):
             asked, held = getattr(self.camera, key), None if lens is None else getattr(lens, key)
             if None not in (asked, held) and asked != held:
-                raise PlacedError(f"camera.{key} is {asked}: other intrinsics", "vision", "intrinsics", key)
+                raise FieldError(f"camera.{key} is {asked}: other intrinsics", "vision", "intrinsics", key)
         return self
 
 
@@ -118,12 +118,12 @@ class GatewayConfig(Section):
                 value = getattr(bay, key)
                 folded = value.lower() if isinstance(value, str) else value  # `Bay1` beside `bay1` is a trap
                 if folded in seen:
-                    raise PlacedError(f"an earlier bay has the {key} {value}, too", "bays", n, key)
+                    raise FieldError(f"an earlier bay has the {key} {value}, too", "bays", n, key)
                 seen.add(folded)
         ids: set[int] = set()
         for n, recipe in enumerate(self.recipes):
             if recipe.id in ids:
-                raise PlacedError(f"an earlier recipe has the id {recipe.id}, too", "recipes", n, "id")
+                raise FieldError(f"an earlier recipe has the id {recipe.id}, too", "recipes", n, "id")
             ids.add(recipe.id)
         return self
 

@@ -22,8 +22,8 @@ from gateway.core.scale import expected_radius_px
 NS_PER_S = 1_000_000_000
 LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
 FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
-PAIRS_LEAST = 5  # they make a constant
-PAIRS_MOST = 15  # of them are kept
+MIN_PAIRS = 5  # they make a constant
+MAX_PAIRS = 15  # of them are kept
 DOUBT_MM = 600.0  # a truck comes from farther away, so that R has followed Z by then, also where Z_th is larger
 FOLLOW_Z = 1.5
 FOLLOW_R = 1.03  # far less than FOLLOW_Z, for the camera may stand two metres behind the ranger
@@ -31,7 +31,7 @@ FOLLOW_R = 1.03  # far less than FOLLOW_Z, for the camera may stand two metres b
 Pair = tuple[float, float]  # R in px, Z in mm
 
 
-def sane(number: float) -> bool:
+def in_range(number: float) -> bool:
     return -LARGEST <= number <= LARGEST  # false for NaN, too
 
 
@@ -47,11 +47,11 @@ def checked(
     return _cross_check(memory, vision, rng, now_ns, config.cross_check)
 
 
-def forgotten(memory: FusionMemory, config: FusionConfig) -> FusionMemory:
+def without_marker(memory: FusionMemory, config: FusionConfig) -> FusionMemory:
     """No truck is there: what was seen of the last one is not that of the next."""
-    if config.cross_check is not None or not (memory.pairs or memory.marker_proven):
+    if config.cross_check is not None or not (memory.pairs or memory.marker_confirmed):
         return memory
-    return _agreed(replace(memory, pairs=(), followed=None, marker_proven=False))
+    return _agreed(replace(memory, pairs=(), followed=None, marker_confirmed=False))
 
 
 def _cross_check(
@@ -63,7 +63,7 @@ def _cross_check(
     radius_px = vision.circle.radius_px
     far_mm = check.focal_px * check.marker_radius_mm / radius_px if radius_px > 0 else math.inf
     seen_mm = far_mm - check.camera_offset_mm
-    z_vision_mm = seen_mm if sane(seen_mm) else None
+    z_vision_mm = seen_mm if in_range(seen_mm) else None
     if rng.distance_mm is None:
         return memory, z_vision_mm
     tolerance_mm = check.tolerance_mm + check.tolerance_share * rng.distance_mm
@@ -89,33 +89,33 @@ def _constant(
     if expected_px is not None:
         # What was learned from visit to visit is believed before the newest pairs, which may be of something else.
         fits = expected_px[0] <= pair[0] <= expected_px[1]
-        memory = replace(memory, marker_proven=True) if fits and not memory.marker_proven else memory
+        memory = replace(memory, marker_confirmed=True) if fits and not memory.marker_confirmed else memory
         restart = fits and not _alike(memory.pairs, pair, tolerance)
         memory = replace(memory, pairs=(), followed=None) if restart else memory
     else:
-        fits = _alike(memory.pairs, pair, tolerance) and not _doubtful(memory, pair, config)
+        fits = _alike(memory.pairs, pair, tolerance) and not _implausible(memory, pair, config)
     if fits:
-        memory, fits = _followed(replace(memory, pairs=(*memory.pairs, pair)[-PAIRS_MOST:]))
+        memory, fits = _followed(replace(memory, pairs=(*memory.pairs, pair)[-MAX_PAIRS:]))
     return _agreed(memory) if fits else _contradicted(memory, now_ns, config.scale_lasting_s)
 
 
 def _alike(pairs: tuple[Pair, ...], pair: Pair, tolerance: float) -> bool:
     """Is R Z that of the newest pairs, by a share of the smaller one? Few pairs say nothing."""
-    if len(pairs) < PAIRS_LEAST:
+    if len(pairs) < MIN_PAIRS:
         return True
     known, this = median(r * z for r, z in pairs), pair[0] * pair[1]
     return max(known, this) <= (1 + tolerance) * min(known, this)
 
 
-def _doubtful(memory: FusionMemory, pair: Pair, config: FusionConfig) -> bool:
+def _implausible(memory: FusionMemory, pair: Pair, config: FusionConfig) -> bool:
     """Near enough for D = 1, far too small for it, and nothing has shown yet that it is the marker?"""
     near = pair[1] <= min(config.distance_threshold_mm + config.distance_hysteresis_mm, DOUBT_MM)
-    return near and pair[0] < FAR_SHARE * config.radius_threshold_px and not memory.marker_proven
+    return near and pair[0] < FAR_SHARE * config.radius_threshold_px and not memory.marker_confirmed
 
 
 def _followed(memory: FusionMemory) -> tuple[FusionMemory, bool]:
     """Has R changed with Z, since Z was last judged? Of medians: a glitch is no change."""
-    if len(memory.pairs) < PAIRS_LEAST:
+    if len(memory.pairs) < MIN_PAIRS:
         return memory, True
     radius_px, distance_mm = median(r for r, _ in memory.pairs), median(z for _, z in memory.pairs)
     if memory.followed is None:
@@ -126,7 +126,7 @@ def _followed(memory: FusionMemory) -> tuple[FusionMemory, bool]:
     growth = radius_px / was_px if distance_mm < was_mm else was_px / radius_px
     if growth < FOLLOW_R:
         return memory, False
-    return replace(memory, followed=(radius_px, distance_mm), marker_proven=True), True
+    return replace(memory, followed=(radius_px, distance_mm), marker_confirmed=True), True
 
 
 def _agreed(memory: FusionMemory) -> FusionMemory:

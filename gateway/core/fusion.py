@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from gateway.config import FusionConfig
 from gateway.core import agreement
-from gateway.core.agreement import FAR_SHARE, sane
+from gateway.core.agreement import FAR_SHARE, in_range
 from gateway.core.model import (
     DEAD,
     FRESH_FRAME,
@@ -31,12 +31,12 @@ from gateway.core.model import (
     FusionMemory,
     Guidance,
     GuidanceCode,
-    Place,
     Quality,
     RangeReading,
     Reason,
     StateVector,
     Tick,
+    TruckPosition,
     VisionReading,
 )
 from gateway.core.plc import PlcConnection, PlcWrite
@@ -106,8 +106,8 @@ def step(
     calm = not stop and fault is Reason.NONE
     # Two sensors that contradict each other don't end a stop, not even before that is a fault.
     sure = memory.disagree_since_ns is None or not state.stop or config.decision == "plain"
-    memory = _calm_since(memory, now_ns if calm and sure else None)
-    if calm and not _calm_for_long(memory, now_ns, config):
+    memory = _no_cause_since(memory, now_ns if calm and sure else None)
+    if calm and not _no_cause_for_long(memory, now_ns, config):
         calm = False
         if state.stop and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
             stop, reason = True, state.reason
@@ -193,9 +193,9 @@ def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
     circle = reading.circle
     if reading.quality is not Quality.GOOD:
         return _without_circle(reading, reading.quality)
-    if circle is None or not all(map(sane, (circle.u_px, circle.v_px, circle.radius_px))) or circle.radius_px < 0:
+    if circle is None or not all(map(in_range, (circle.u_px, circle.v_px, circle.radius_px))) or circle.radius_px < 0:
         return replace(_without_circle(reading, Quality.PROCESS_FAULT), detail="detection without a usable circle")
-    if all(n is None or sane(n) for n in (reading.x_n, reading.y_n)):
+    if all(n is None or in_range(n) for n in (reading.x_n, reading.y_n)):
         return reading
     return replace(reading, x_n=None, y_n=None)
 
@@ -206,7 +206,7 @@ def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
     z = reading.distance_mm
     if reading.quality is not Quality.GOOD:
         return replace(reading, distance_mm=None) if z is not None else reading
-    if z is not None and sane(z) and z > 0:
+    if z is not None and in_range(z) and z > 0:
         return reading
     return replace(reading, quality=Quality.UNSTABLE, distance_mm=None, detail="reading without a usable distance")
 
@@ -323,7 +323,7 @@ def _held(
     A red lamp for the covered marker, or an echo from the spout, changes one of them alone.
     """
     if circle.radius_px >= config.radius_threshold_px and distance_mm <= config.distance_threshold_mm:
-        return replace(memory, mark=Place(distance_mm, circle)), raw
+        return replace(memory, mark=TruckPosition(distance_mm, circle)), raw
     if raw or not memory.d or memory.mark is None:
         return memory, raw
     away = distance_mm >= memory.mark.distance_mm + config.away_mm
@@ -332,16 +332,16 @@ def _held(
     return memory, not (away and smaller and fitting)
 
 
-def _calm_since(memory: FusionMemory, now_ns: int | None) -> FusionMemory:
+def _no_cause_since(memory: FusionMemory, now_ns: int | None) -> FusionMemory:
     """`now_ns` None: there is a cause for a stop now."""
-    if (now_ns is None) == (memory.calm_since_ns is None):
+    if (now_ns is None) == (memory.no_cause_since_ns is None):
         return memory
-    return replace(memory, calm_since_ns=now_ns)
+    return replace(memory, no_cause_since_ns=now_ns)
 
 
-def _calm_for_long(memory: FusionMemory, now_ns: int, config: FusionConfig) -> bool:
+def _no_cause_for_long(memory: FusionMemory, now_ns: int, config: FusionConfig) -> bool:
     hold_s = 0.0 if config.decision == "plain" else config.clear_hold_s
-    return memory.calm_since_ns is not None and now_ns - memory.calm_since_ns >= hold_s * NS_PER_S
+    return memory.no_cause_since_ns is not None and now_ns - memory.no_cause_since_ns >= hold_s * NS_PER_S
 
 
 def _arrives(memory: FusionMemory, vision: VisionReading, rng: RangeReading, config: FusionConfig) -> bool:

@@ -17,9 +17,9 @@ from gateway.core.model import FunctionCheck, Guidance, GuidanceCode, Quality, R
 
 NS_PER_S = 1_000_000_000
 TRACK_NS = 1_000_000_000  # readings older than this say nothing about the speed now
-TRACK_MOST = 16  # of them are kept: 120 pairs
-TRACK_LEAST = 4
-TRACK_LEAST_NS = 150_000_000  # over a shorter time the ranger's 1 mm steps would look like speed
+TRACK_MAX = 16  # of them are kept: 120 pairs
+TRACK_MIN = 4
+TRACK_MIN_NS = 150_000_000  # over a shorter time the ranger's 1 mm steps would look like speed
 
 Track = tuple[tuple[int, float], ...]
 
@@ -46,7 +46,7 @@ def tracked(track: Track, reading: RangeReading, now_ns: int) -> Track:
     if track and reading.t_ns <= track[-1][0]:
         fresh = track
     else:
-        fresh = (*track, (reading.t_ns, reading.distance_mm))[-TRACK_MOST:]
+        fresh = (*track, (reading.t_ns, reading.distance_mm))[-TRACK_MAX:]
     if now_ns - fresh[0][0] <= TRACK_NS:
         return fresh
     return tuple(point for point in fresh if now_ns - point[0] <= TRACK_NS)
@@ -54,7 +54,7 @@ def tracked(track: Track, reading: RangeReading, now_ns: int) -> Track:
 
 def closing_mm_s(track: Sequence[tuple[int, float]]) -> float | None:
     """Speed of approach; None while there are too few readings to tell."""
-    if len(track) < TRACK_LEAST or track[-1][0] - track[0][0] < TRACK_LEAST_NS:
+    if len(track) < TRACK_MIN or track[-1][0] - track[0][0] < TRACK_MIN_NS:
         return None
     slopes = [
         (later[1] - earlier[1]) / (later[0] - earlier[0])
@@ -114,12 +114,12 @@ def _code(
         said.add(GuidanceCode.WAIT)
     if state.memory.latched and state.d is not True:
         said.add(GuidanceCode.STOP)
-    if told := _visiting(state, said, speed, config):
+    if told := _from_visit(state, said, speed, config):
         return told
     if found := [code for code in _WORST_FIRST if code in said]:
         return found[0]
     if state.stop or go_mm is None:
-        return _standing(state, config, go_mm, speed)
+        return _at_mark(state, config, go_mm, speed)
     if offset_u_px is not None and abs(offset_u_px) > config.tolerance_px:
         # The marker is right of the aim point: the truck must go to the picture's left.
         return GuidanceCode.LEFT if (offset_u_px > 0) != config.mirrored else GuidanceCode.RIGHT
@@ -127,7 +127,7 @@ def _code(
     return GuidanceCode.SLOW if soon or go_mm <= config.slow_mm else GuidanceCode.FORWARD
 
 
-def _visiting(
+def _from_visit(
     state: StateVector, said: set[GuidanceCode], speed: float | None, config: GuidanceConfig
 ) -> GuidanceCode | None:
     """What the visit says, before what the sensors say one by one: in place, leaving, arriving."""
@@ -146,7 +146,7 @@ def _visiting(
     return None
 
 
-def _standing(state: StateVector, config: GuidanceConfig, go_mm: float | None, speed: float | None) -> GuidanceCode:
+def _at_mark(state: StateVector, config: GuidanceConfig, go_mm: float | None, speed: float | None) -> GuidanceCode:
     """Stop is on though nothing is broken: at the mark and not yet in place, or past it."""
     still = speed is not None and abs(speed) < config.still_mm_s
     if state.d is not True or go_mm is None:

@@ -34,8 +34,8 @@ from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrit
 from gateway.core.scale import ScaleSample
 
 NS_PER_S = 1_000_000_000
-DEAD_AFTER_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
-DEAD_AFTER_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
+VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
+VALID_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
 # A lost PLC is told before these: they are how an idle bay looks, or how a good one stops.
 _BELOW_PLC_LOST = frozenset(
     {Reason.NONE, Reason.TARGET_REACHED, Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED}
@@ -70,9 +70,9 @@ class Rules:
         return self.recipes[0].fusion.latch_stop
 
     @property
-    def dead_after_ns(self) -> int:
+    def valid_for_ns(self) -> int:
         """Without a tick for so long, nobody decides any more."""
-        return int(max(DEAD_AFTER_MIN_S, DEAD_AFTER_PERIODS * self.recipes[0].fusion.period_s) * NS_PER_S)
+        return int(max(VALID_MIN_S, VALID_PERIODS * self.recipes[0].fusion.period_s) * NS_PER_S)
 
     @staticmethod
     def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
@@ -86,16 +86,16 @@ class Rules:
 
 
 @dataclass(frozen=True, slots=True)
-class Remembered:
+class RetainedState:
     """What of a bay outlives a restart: gateway/bay_file.py."""
 
     function_check: FunctionCheck = FunctionCheck.OFF
     scale_samples: tuple[ScaleSample, ...] = ()
 
 
-def initial(bay: str, now_ns: int, rules: Rules, remembered: Remembered | None = None) -> StateVector:
+def initial(bay: str, now_ns: int, rules: Rules, retained: RetainedState | None = None) -> StateVector:
     """The state before any observation. Whether stop was latched before the restart is not known, so it is now."""
-    kept = remembered or Remembered()
+    kept = retained or RetainedState()
     memory = FusionMemory(
         latched=rules.latch_stop, scale_samples=kept.scale_samples, scale=scale.learned(kept.scale_samples, 0)
     )
@@ -104,13 +104,13 @@ def initial(bay: str, now_ns: int, rules: Rules, remembered: Remembered | None =
         memory=memory,
         plc=handshake.initial(now_ns, writes=rules.handshake is not None),
         function_check=kept.function_check,
-        valid_until_ns=now_ns + rules.dead_after_ns,
+        valid_until_ns=now_ns + rules.valid_for_ns,
     )
 
 
 def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules: Rules) -> StateVector:
     """The next state after `observation`, as of `now_ns` (monotonic). Never raises on any observation."""
-    plc, write = _claimed(state, observation, now_ns, rules.handshake)
+    plc, write = _accepted_write(state, observation, now_ns, rules.handshake)
     before = plc
     if isinstance(observation, FunctionCheck):
         state = replace(state, function_check=observation)
@@ -118,7 +118,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         asked = handshake.merged(plc.recipe_asked, write.recipe, write.mask)
         plc = handshake.select(plc, asked, state, rules.recipes)
     recipe = rules.recipes[plc.recipe]
-    until_ns = now_ns + rules.dead_after_ns if isinstance(observation, Tick) else state.valid_until_ns
+    until_ns = now_ns + rules.valid_for_ns if isinstance(observation, Tick) else state.valid_until_ns
     fused = fusion.step(state, observation, now_ns, recipe.fusion, valid_until_ns=until_ns)
     if rules.handshake is not None:
         plc = handshake.step(plc, write, fused, rules.handshake)
@@ -135,13 +135,13 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         release=handshake.rose(before, plc, Control.RELEASE),
     )
     memory, plc = _latch(state.memory, before, plc, fused, stay, limits)
-    stay, plc = _forgiven(stay, before, plc, fused)
-    memory = _learned(_worn(memory, fused), state, stay, plc.recipe, limits, fused)
+    stay, plc = _reset_after_move(stay, before, plc, fused)
+    memory = _learned(_count_restarts(memory, fused), state, stay, plc.recipe, limits, fused)
     if track is not memory.track:
         memory = replace(memory, track=track)
 
     fail_safe = recipe.fusion.fail_safe
-    released = visit.lets_go(stay, fused, limits)
+    released = visit.may_leave(stay, fused, limits)
     rolled = stay.moved is not Moved.NO and rules.handshake is not None  # without writes nobody could release it
     stop = (fused.stop and not released) or memory.latched or stay.in_place or rolled or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
@@ -165,7 +165,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     return decided if told == decided.guidance else replace(decided, guidance=told)
 
 
-def _claimed(
+def _accepted_write(
     state: StateVector, observation: fusion.Observation, now_ns: int, config: HandshakeConfig | None
 ) -> tuple[Handshake, PlcWrite | None]:
     """The block as whoever writes finds it, and the write; None: there is none, or it is not its writer's to make."""
@@ -214,7 +214,7 @@ def _latch(
     return memory, plc
 
 
-def _forgiven(stay: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
+def _reset_after_move(stay: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
     """A reset ends the stop after a move, too, once both sensors say D = 0: the truck may be brought back."""
     if stay.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
         return stay, plc
@@ -239,7 +239,7 @@ def _learned(
         memory = replace(memory, scale_samples=scale.with_visit(memory.scale_samples, sample))
     if memory.scale_samples is not old.memory.scale_samples or recipe != old.plc.recipe:
         memory = replace(memory, scale=scale.learned(memory.scale_samples, recipe))
-    return agreement.forgotten(memory, limits.fusion) if visit.is_over(stay, fused, limits) else memory
+    return agreement.without_marker(memory, limits.fusion) if visit.has_ended(stay, fused, limits) else memory
 
 
 def _track(fused: StateVector, observation: fusion.Observation) -> guidance.Track:
@@ -249,9 +249,9 @@ def _track(fused: StateVector, observation: fusion.Observation) -> guidance.Trac
     return track
 
 
-def _worn(memory: FusionMemory, fused: StateVector) -> FusionMemory:
-    wear = ne107.wear(fused)
-    return memory if wear == memory.wear else replace(memory, wear=wear, wear_ns=fused.t_ns)
+def _count_restarts(memory: FusionMemory, fused: StateVector) -> FusionMemory:
+    restarts = ne107.restarts(fused)
+    return memory if restarts == memory.restarts else replace(memory, restarts=restarts, restarted_ns=fused.t_ns)
 
 
 def _allowed(plc: Handshake, config: HandshakeConfig) -> bool:

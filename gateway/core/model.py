@@ -288,7 +288,7 @@ class Tick:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TruckPosition:
     """Where both sensors had the truck at one time."""
 
     distance_mm: float
@@ -305,21 +305,21 @@ class FusionMemory:
     disagree: bool = False
     target_seen: bool = False  # what the last frame that could be judged showed
     latched: bool = False  # stop by D stays until reset; only with latch_stop
-    mark: Place | None = None  # the newest pair with D = 1 by equation 14 itself; it ends with D
-    calm_since_ns: int | None = None  # no cause for a stop since
+    mark: TruckPosition | None = None  # the newest pair with D = 1 by equation 14 itself; it ends with D
+    no_cause_since_ns: int | None = None  # no cause for a stop since
     vision_failed: Quality | None = None  # how the camera was dead, until it has been good for recovery_s
     vision_alive_since_ns: int | None = None
     range_failed: Quality | None = None
     range_alive_since_ns: int | None = None
     pairs: tuple[tuple[float, float], ...] = ()  # (R px, Z mm), the newest that fit each other, oldest first
     followed: tuple[float, float] | None = None  # R and Z when R was last seen to follow Z
-    marker_proven: bool = False  # of this visit: R has followed Z, or fitted what was learned
+    marker_confirmed: bool = False  # of this visit: R has followed Z, or fitted what was learned
     scale_samples: tuple[ScaleSample, ...] = ()  # one a visit, oldest first; outlives restarts
     scale: MarkerScale | None = None  # learned from them, for the recipe in force
     absent_since_ns: int | None = None  # no truck to be seen since
     track: tuple[tuple[int, float], ...] = ()  # (t_ns, distance_mm) of the newest good distances, for the speed
-    wear: int = 0  # what had to be restarted, reopened or was lost, in all
-    wear_ns: int | None = None  # `wear` last grew then
+    restarts: int = 0  # what had to be restarted, reopened or was lost, in all
+    restarted_ns: int | None = None  # `restarts` last grew then
 
 
 class VisitPhase(IntEnum):
@@ -377,14 +377,14 @@ class Visit:
     moved: Moved = Moved.NO
     moved_covered: bool = False  # it moved while the marker was covered: under the spout
     released: bool = False  # by the PLC, for this visit; it lets the truck go until off_mark
-    place: Place | None = None
+    place: TruckPosition | None = None
     still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
     in_place_since_ns: int | None = None
     covered_since_ns: int | None = None  # the camera is alive, and the marker not seen at its place since
-    doubt_since_ns: int | None = None  # in place, and nothing confirms it since
+    unconfirmed_since_ns: int | None = None  # in place, and nothing confirms it since
     clear_since_ns: int | None = None  # no truck within leave_distance_mm since
-    sure_since_ns: int | None = None  # both sensors alive, the distance known and no contradiction since
-    settling: Place | None = None  # where the truck stood when still_since_ns began
+    usable_since_ns: int | None = None  # both sensors alive, the distance known and no contradiction since
+    candidate: TruckPosition | None = None  # where the truck stood when still_since_ns began
     off_mark: bool = False  # since it was in place, D was 0 and Z well beyond Z_th
     farthest_mm: float | None = None  # Z at most since the release; a truck that comes nearer is not leaving
     ended: str = ""  # why in_place ended last, in words

@@ -49,7 +49,7 @@ def active(state: StateVector) -> frozenset[Ne107]:
         or Quality.WAITING in qualities
         or state.reason is Reason.SHUTDOWN,
         Ne107.OUT_OF_SPECIFICATION: beyond or bool(qualities & _OUT) or state.memory.disagree,
-        Ne107.MAINTENANCE_REQUIRED: worn(state) or (state.picture is not None and state.picture.status != 0),
+        Ne107.MAINTENANCE_REQUIRED: degraded(state) or (state.picture is not None and state.picture.status != 0),
     }
     return frozenset(signal for signal, on in holds.items() if on)
 
@@ -64,15 +64,15 @@ def status(state: StateVector) -> Ne107:
     return next((signal for signal in ORDER if signal in signals), Ne107.GOOD)
 
 
-def wear(state: StateVector) -> int:
+def restarts(state: StateVector) -> int:
     """What had to mend itself since the start of the gateway."""
     vision, rng = state.vision.stats, state.range.stats
     return vision.restarts + vision.reopens + vision.lost + rng.reopens
 
 
-def worn(state: StateVector) -> bool:
+def degraded(state: StateVector) -> bool:
     """Has something had to be restarted lately, or do many lines come damaged?"""
-    since_ns = state.memory.wear_ns
+    since_ns = state.memory.restarted_ns
     if since_ns is not None and state.t_ns - since_ns < MAINTENANCE_NS:
         return True
     lines, damaged = state.range.stats.lines, state.range.stats.damaged

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 NS_PER_S = 1_000_000_000
-KEPT = 60  # visits
-LEAST = 3  # of them, before it is believed
+MAX_VISITS = 60  # visits
+MIN_VISITS = 3  # of them, before it is believed
 NEAR_SHARE = 1.5  # of the learned Z: up to there R Z is judged by it
 SLACK = 1.15  # the search is told so much wider a range than the one beyond which fusion sees a contradiction
 LAG_S = 0.7  # so old may the distance be, by which a frame is searched: sensor, median, message, and no newer one
@@ -55,7 +55,7 @@ class MarkerScale:
 def learned(samples: Sequence[ScaleSample], recipe: int) -> MarkerScale | None:
     """None: too few visits yet."""
     of_recipe = [sample for sample in samples if sample.recipe == recipe]
-    if len(of_recipe) < LEAST:
+    if len(of_recipe) < MIN_VISITS:
         return None
     products = [sample.px_mm for sample in of_recipe]
     middle = median(products)
@@ -72,7 +72,7 @@ def learned(samples: Sequence[ScaleSample], recipe: int) -> MarkerScale | None:
 
 def with_visit(samples: tuple[ScaleSample, ...], sample: ScaleSample) -> tuple[ScaleSample, ...]:
     """Newest last, bounded."""
-    return (*samples, sample)[-KEPT:]
+    return (*samples, sample)[-MAX_VISITS:]
 
 
 def expected_radius_px(

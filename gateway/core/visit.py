@@ -15,12 +15,22 @@ from dataclasses import dataclass, replace
 from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
 from gateway.core.agreement import FAR_SHARE
 from gateway.core.guidance import to_go_mm
-from gateway.core.model import DEAD, Circle, FunctionCheck, Moved, Place, Quality, StateVector, Visit, VisitPhase
+from gateway.core.model import (
+    DEAD,
+    Circle,
+    FunctionCheck,
+    Moved,
+    Quality,
+    StateVector,
+    TruckPosition,
+    Visit,
+    VisitPhase,
+)
 
 NS_PER_S = 1_000_000_000
-LEAVE_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured
+LEFT_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured
 NO_TRUCK_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
-BLIND = DEAD | {Quality.WAITING}
+NOT_MEASURING = DEAD | {Quality.WAITING}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +51,7 @@ class Limits:
         """A truck farther away than this has left."""
         asked_mm = self.visit.leave_distance_mm
         if asked_mm is None:
-            return self.fusion.distance_threshold_mm + LEAVE_BEYOND_MM
+            return self.fusion.distance_threshold_mm + LEFT_BEYOND_MM
         return max(asked_mm, self.off_mark_mm)
 
 
@@ -54,11 +64,11 @@ def step(
     risen.
     """
     clear_since_ns = _since(visit.clear_since_ns, state, on=clear(state, limits))
-    sure_since_ns = _since(visit.sure_since_ns, state, on=usable(state))
-    if (clear_since_ns, sure_since_ns) != (visit.clear_since_ns, visit.sure_since_ns):
-        visit = replace(visit, clear_since_ns=clear_since_ns, sure_since_ns=sure_since_ns)
-    if is_over(visit, state, limits):
-        visit = _over(visit)
+    usable_since_ns = _since(visit.usable_since_ns, state, on=usable(state))
+    if (clear_since_ns, usable_since_ns) != (visit.clear_since_ns, visit.usable_since_ns):
+        visit = replace(visit, clear_since_ns=clear_since_ns, usable_since_ns=usable_since_ns)
+    if has_ended(visit, state, limits):
+        visit = _after_visit(visit)
     if visit.place is not None and not visit.off_mark and _is_off_mark(state, limits):
         visit = replace(visit, off_mark=True)
     if visit.released:
@@ -68,7 +78,7 @@ def step(
         visit = replace(visit, released=True, farthest_mm=state.range.distance_mm)
     if not visit.released:
         if visit.place is not None:
-            visit = _watched(visit, visit.place, state, limits)
+            visit = _monitored(visit, visit.place, state, limits)
         visit = _settled(visit, state, speed_mm_s, limits)
     phase = _phase(visit, state, limits)
     return visit if phase is visit.phase else replace(visit, phase=phase)
@@ -76,19 +86,19 @@ def step(
 
 def usable(state: StateVector) -> bool:
     """Are both sensors alive, the distance known, and no contradiction? The marker may be covered."""
-    alive = state.vision.quality not in BLIND and state.range.quality is Quality.GOOD
+    alive = state.vision.quality not in NOT_MEASURING and state.range.quality is Quality.GOOD
     return alive and not state.memory.disagree
 
 
-def lets_go(visit: Visit, state: StateVector, limits: Limits) -> bool:
+def may_leave(visit: Visit, state: StateVector, limits: Limits) -> bool:
     """May a released truck drive, whatever D is? Only until it has left the mark, and while both sensors are fine."""
     if not visit.released or visit.off_mark or not usable(state):
         return False
     hold_s = limits.fusion.clear_hold_s if limits.fusion.decision == "held" else 0.0
-    return _lasts(visit.sure_since_ns, state, hold_s)
+    return _lasts(visit.usable_since_ns, state, hold_s)
 
 
-def is_over(visit: Visit, state: StateVector, limits: Limits) -> bool:
+def has_ended(visit: Visit, state: StateVector, limits: Limits) -> bool:
     """Has the bay been clear for leave_s?"""
     return _lasts(visit.clear_since_ns, state, limits.visit.leave_s)
 
@@ -108,12 +118,12 @@ def _leaving(visit: Visit, state: StateVector, limits: Limits, *, released: bool
     nearer = farthest_mm is not None and distance_mm is not None and distance_mm < farthest_mm - limits.visit.band_mm
     if visit.off_mark:
         # It comes back, or another truck comes in: for that one nothing has been released.
-        return _over(visit) if nearer or state.d is True else _farther(visit, distance_mm)
-    visit = replace(visit, doubt_since_ns=_since(visit.doubt_since_ns, state, on=not usable(state)))
-    dead = state.vision.quality in BLIND or state.range.quality in BLIND
-    doubtful = _lasts(visit.doubt_since_ns, state, limits.visit.hold_grace_s)
+        return _after_visit(visit) if nearer or state.d is True else _farther(visit, distance_mm)
+    visit = replace(visit, unconfirmed_since_ns=_since(visit.unconfirmed_since_ns, state, on=not usable(state)))
+    dead = state.vision.quality in NOT_MEASURING or state.range.quality in NOT_MEASURING
+    doubtful = _lasts(visit.unconfirmed_since_ns, state, limits.visit.hold_grace_s)
     if nearer or dead or doubtful or not released:
-        return replace(visit, released=False, farthest_mm=None, doubt_since_ns=None)
+        return replace(visit, released=False, farthest_mm=None, unconfirmed_since_ns=None)
     return _farther(visit, distance_mm)
 
 
@@ -136,23 +146,30 @@ def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits:
         return visit
     # A marker seen where it was, at another distance: one of the two is wrong, and standing still does not mend it.
     doubtful = visit.place is not None and _compared(visit.place, state, limits.visit)[1]
-    if circle is None or distance_mm is None or doubtful or not _stands(state, circle, distance_mm, speed_mm_s, limits):
-        return visit if visit.settling is None else replace(visit, still_since_ns=None, settling=None)
-    if visit.settling is None or _compared(visit.settling, state, limits.visit) != (Moved.NO, False):
-        return replace(visit, still_since_ns=state.t_ns, settling=Place(distance_mm, circle))
+    if (
+        circle is None
+        or distance_mm is None
+        or doubtful
+        or not _stands_at_mark(state, circle, distance_mm, speed_mm_s, limits)
+    ):
+        return visit if visit.candidate is None else replace(visit, still_since_ns=None, candidate=None)
+    if visit.candidate is None or _compared(visit.candidate, state, limits.visit) != (Moved.NO, False):
+        return replace(visit, still_since_ns=state.t_ns, candidate=TruckPosition(distance_mm, circle))
     if not _lasts(visit.still_since_ns, state, limits.visit.settle_s):
         return visit
     return Visit(
         phase=visit.phase,
         in_place=True,
-        place=Place(distance_mm, circle),
+        place=TruckPosition(distance_mm, circle),
         in_place_since_ns=state.t_ns,
         clear_since_ns=visit.clear_since_ns,
-        sure_since_ns=visit.sure_since_ns,
+        usable_since_ns=visit.usable_since_ns,
     )
 
 
-def _stands(state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: Limits) -> bool:
+def _stands_at_mark(
+    state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: Limits
+) -> bool:
     """D = 1, standing, aligned where an aim is set, not too far in, nothing contradicts, nobody works on the bay."""
     fusion, guidance = limits.fusion, limits.guidance
     # D may be held at a circle that is not the marker, so that both values must be those of a truck at the mark.
@@ -166,10 +183,10 @@ def _stands(state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: 
     return state.d is True and large and near and still and aligned and not_past and sure and not working
 
 
-def _watched(visit: Visit, place: Place, state: StateVector, limits: Limits) -> Visit:
+def _monitored(visit: Visit, place: TruckPosition, state: StateVector, limits: Limits) -> Visit:
     """A truck that is or was in place: does it still stand there, and may in_place be held?"""
     moved, contradicts = _compared(place, state, limits.visit)
-    covered = contradicts or (state.vision.circle is None and state.vision.quality not in BLIND)
+    covered = contradicts or (state.vision.circle is None and state.vision.quality not in NOT_MEASURING)
     if moved is not Moved.NO and visit.moved is Moved.NO:
         # One frame without the marker, or with it again, is not enough to tell.
         lasts = _lasts(visit.covered_since_ns, state, limits.visit.hold_grace_s)
@@ -183,8 +200,8 @@ def _watched(visit: Visit, place: Place, state: StateVector, limits: Limits) -> 
         return _out_of_place(visit, why)
     disagree = contradicts or state.memory.disagree or state.vision.wrong_size is not None
     doubtful = disagree or state.range.distance_mm is None
-    visit = replace(visit, doubt_since_ns=_since(visit.doubt_since_ns, state, on=doubtful))
-    if doubtful and _lasts(visit.doubt_since_ns, state, limits.visit.hold_grace_s):
+    visit = replace(visit, unconfirmed_since_ns=_since(visit.unconfirmed_since_ns, state, on=doubtful))
+    if doubtful and _lasts(visit.unconfirmed_since_ns, state, limits.visit.hold_grace_s):
         return _out_of_place(visit, "contradiction" if state.range.distance_mm is not None else "no distance")
     if covered and _lasts(visit.covered_since_ns, state, limits.visit.hold_limit_s):
         return _out_of_place(visit, "held for too long")
@@ -195,16 +212,16 @@ def _ended(visit: Visit, state: StateVector, moved: Moved) -> str:
     """What ends in_place at once; empty: nothing."""
     if moved is not Moved.NO:
         return "moved"
-    if state.vision.quality in BLIND:
+    if state.vision.quality in NOT_MEASURING:
         return "camera dead"
-    if state.range.quality in BLIND:
+    if state.range.quality in NOT_MEASURING:
         return "ranger dead"
     if state.function_check is not FunctionCheck.OFF:
         return "function check"
     return "D = 0" if state.d is False else ""
 
 
-def _compared(place: Place, state: StateVector, config: VisitConfig) -> tuple[Moved, bool]:
+def _compared(place: TruckPosition, state: StateVector, config: VisitConfig) -> tuple[Moved, bool]:
     """How the truck has left its place, and whether the sensors contradict each other about it."""
     circle, distance_mm = state.vision.circle, state.range.distance_mm
     left_band = distance_mm is not None and abs(distance_mm - place.distance_mm) > config.band_mm
@@ -259,13 +276,13 @@ def _lasts(since_ns: int | None, state: StateVector, for_s: float) -> bool:
 
 
 def _out_of_place(visit: Visit, why: str) -> Visit:
-    return replace(visit, in_place=False, in_place_since_ns=None, doubt_since_ns=None, ended=why)
+    return replace(visit, in_place=False, in_place_since_ns=None, unconfirmed_since_ns=None, ended=why)
 
 
-def _over(visit: Visit) -> Visit:
+def _after_visit(visit: Visit) -> Visit:
     return Visit(
         phase=visit.phase,
         clear_since_ns=visit.clear_since_ns,
-        sure_since_ns=visit.sure_since_ns,
+        usable_since_ns=visit.usable_since_ns,
         ended="the bay is clear" if visit.in_place else visit.ended,
     )

@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 
 from gateway import bay_file
 from gateway.bay import BayControl
-from gateway.bay_file import BayFiles, decoded, encoded, own_folder, path_of, write_file
+from gateway.bay_file import BayFiles, decoded, default_folder, encoded, path_of, write_file
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
-from gateway.core.interlock import Remembered
+from gateway.core.interlock import RetainedState
 from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
 from gateway.core.plc import Writer
-from gateway.core.scale import KEPT, ScaleSample
+from gateway.core.scale import MAX_VISITS, ScaleSample
 from gateway.hub import Hub
 from gateway.supervisor import Supervisor, Task
 from tests.virtual_time import LoopClock, run
@@ -32,7 +32,7 @@ BAY = BayConfig(camera=CameraConfig(width_px=640, height_px=480))
 OFFSET_NS = 1_700_000_000 * S
 ANNA = Writer("10.0.0.9", "anna", "technician")
 VISITS = (ScaleSample(0, 200.5, 280.25, t_ns=7 * S), ScaleSample(3, 190.0, 295.0, unix_s=1_600_000_000))
-KNOWN = Remembered(FunctionCheck.MAY_MOVE_KEPT, VISITS)
+KNOWN = RetainedState(FunctionCheck.MAY_MOVE_KEPT, VISITS)
 
 
 def config(folder: Path, **changes: Any) -> GatewayConfig:
@@ -75,11 +75,11 @@ class TestText:
                 st.floats(0.01, 1e9),
                 unix_s=st.integers(0, 2**40),
             ),
-            max_size=KEPT,
+            max_size=MAX_VISITS,
         ),
     )
     def test_it_comes_back_as_it_went(self, check: FunctionCheck, visits: list[ScaleSample]) -> None:
-        there = Remembered(check, tuple(visits))
+        there = RetainedState(check, tuple(visits))
         data = encoded(there, BAY, 0)
         assert decoded(data, BAY) == there
         assert len(data) < bay_file.MAX_BYTES
@@ -112,7 +112,7 @@ class TestText:
             ("visits", [{"unix_s": 1, "recipe": 0, "radius_px": float("inf"), "distance_mm": 1.0}]),
             ("visits", [{"unix_s": 1, "recipe": 0, "radius_px": "5", "distance_mm": 1.0}]),
             ("visits", [{"unix_s": 1, "recipe": -1, "radius_px": 5.0, "distance_mm": 1.0}]),
-            ("visits", [{"unix_s": 1, "recipe": 0, "radius_px": 5.0, "distance_mm": 1.0}] * (KEPT + 1)),
+            ("visits", [{"unix_s": 1, "recipe": 0, "radius_px": 5.0, "distance_mm": 1.0}] * (MAX_VISITS + 1)),
             ("more", 1),
         ],
     )
@@ -125,7 +125,7 @@ class TestText:
         """R counts pixels. A function check has nothing to do with it."""
         data = encoded(KNOWN, BAY, OFFSET_NS)
         other = BayConfig(camera=CameraConfig(width_px=1280, height_px=960))
-        assert decoded(data, other) == Remembered(FunctionCheck.MAY_MOVE_KEPT, ())
+        assert decoded(data, other) == RetainedState(FunctionCheck.MAY_MOVE_KEPT, ())
 
 
 class TestFile:
@@ -136,7 +136,7 @@ class TestFile:
         assert path_of(GatewayConfig(), "b") == Path("/var/lib/loading-gateway/bay.site1.gateway.b.json")
         monkeypatch.setattr(os, "geteuid", lambda: 1000)
         monkeypatch.setenv("HOME", "/home/anna")
-        assert own_folder() == Path("/home/anna/.local/state/loading-gateway")
+        assert default_folder() == Path("/home/anna/.local/state/loading-gateway")
 
     def test_a_user_without_a_home_is_no_reason_not_to_start(self, monkeypatch: pytest.MonkeyPatch) -> None:
         def none() -> Path:
@@ -144,7 +144,7 @@ class TestFile:
 
         monkeypatch.setattr(os, "geteuid", lambda: 1000)
         monkeypatch.setattr(Path, "home", none)
-        assert own_folder() == Path("/.local/state/loading-gateway")
+        assert default_folder() == Path("/.local/state/loading-gateway")
 
     def test_the_old_file_or_the_new_one_and_never_a_part(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -186,14 +186,14 @@ class TestFile:
 
     def test_none_is_a_first_start(self, tmp_path: Path) -> None:
         files = run(opened(config(tmp_path / "nothing")))
-        assert files.remembered("bay1") == Remembered(FunctionCheck.OFF, ())
+        assert files.retained("bay1") == RetainedState(FunctionCheck.OFF, ())
         assert files.damaged == {}
 
     def test_nothing_is_kept_where_nothing_shall_be(self, tmp_path: Path) -> None:
         async def main() -> None:
             clock = LoopClock()
             files = BayFiles.read(GatewayConfig(state_dir="", bays=(BAY,)), clock)
-            assert files.remembered("bay1") is None
+            assert files.retained("bay1") is None
             BayControl(BAY, Hub(["bay1"]), clock, (files.note,)).check_function(FunctionCheck.MAY_MOVE_OFF)
 
         run(main())
@@ -206,7 +206,7 @@ class TestFile:
         self, tmp_path: Path, what: str, caplog: pytest.LogCaptureFixture
     ) -> None:
         path = file_in(tmp_path)
-        good = encoded(Remembered(), BAY, OFFSET_NS)
+        good = encoded(RetainedState(), BAY, OFFSET_NS)
         where = config(tmp_path)
         match what:
             case "empty":
@@ -228,10 +228,10 @@ class TestFile:
             case _:
                 path.write_bytes(good.replace(b'"version": 1', b'"version": 2'))
         files = run(opened(where))
-        assert files.remembered("bay1") == Remembered(FunctionCheck.MAY_MOVE_OFF, ())
+        assert files.retained("bay1") == RetainedState(FunctionCheck.MAY_MOVE_OFF, ())
         assert list(files.damaged) == ["bay1"]
         (record,) = caplog.records
-        assert (record.levelno, "begins with a function check" in record.message) == (logging.ERROR, True)
+        assert (record.levelno, "starts with a function check" in record.message) == (logging.ERROR, True)
 
     def test_a_damaged_one_is_kept_beside_the_new_one(self, tmp_path: Path) -> None:
         path = file_in(tmp_path)
@@ -276,9 +276,7 @@ class Bench:
         self.files.write, self.files.start = disk.write, disk.start
         self.hub = Hub(["bay1"])
         self.events = self.hub.subscribe()
-        self.control = BayControl(
-            BAY, self.hub, self.clock, (self.files.note,), remembered=self.files.remembered("bay1")
-        )
+        self.control = BayControl(BAY, self.hub, self.clock, (self.files.note,), retained=self.files.retained("bay1"))
         tasks = [Task("bay-files", self.files.run), Task("bay1.control", self.control.run, vital=True)]
         self.supervisor = Supervisor(tasks, self.clock, random.Random(1))
 
@@ -313,7 +311,7 @@ class Bench:
         self.control.on_range(RangeReading(now_ns, Quality.GOOD, distance_mm))
 
 
-def kept(folder: Path) -> Remembered:
+def kept(folder: Path) -> RetainedState:
     return decoded(file_in(folder).read_bytes(), BAY)
 
 
@@ -399,7 +397,7 @@ class TestWork:
         path = file_in(tmp_path)
         assert warnings == [
             f"bay-files: {path}: No space left on device; trying again",
-            "the bay files are written again",
+            "the bay files can be written again",
         ]
 
     def test_a_disk_that_hangs_holds_up_nobody(self, tmp_path: Path) -> None:
@@ -412,7 +410,7 @@ class TestWork:
                 beats = bench.hub.state("bay1").heartbeat
                 await asyncio.sleep(60)
                 assert bench.hub.state("bay1").heartbeat - beats == pytest.approx(3000, abs=10)
-                assert bench.files.fault == f"{file_in(tmp_path)}: not written after 5 s"
+                assert bench.files.fault == f"{file_in(tmp_path)}: not written within 5 s"
                 assert len(disk.waiting) == 1  # no second one beside it
                 disk.hangs = False
                 disk.waiting.pop()()

@@ -43,7 +43,7 @@ TOLD = ("stop", "may_move", "in_place", "moved", "reason")
 
 
 @pytest.fixture(autouse=True)
-def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def default_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_state, "folder", lambda: tmp_path)
 
 

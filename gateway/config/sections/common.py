@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.placed_error import FieldError
 from gateway.config.strict.section import Section
 
 
@@ -17,5 +17,5 @@ class Reconnect(Section):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.max_s < self.min_s:
-            raise PlacedError(f"max_s = {self.max_s} must be at least min_s = {self.min_s}", "max_s")
+            raise FieldError(f"max_s = {self.max_s} must be at least min_s = {self.min_s}", "max_s")
         return self

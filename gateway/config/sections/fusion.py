@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.placed_error import FieldError
 from gateway.config.strict.section import Section
 
 
@@ -81,7 +81,7 @@ class FusionConfig(Section):
     def _ages_in_time(self) -> Self:
         shorter_s = min(self.vision_deadline_s, self.range_deadline_s)
         if self.period_s > shorter_s:  # ages are looked at once a tick: a value would stand after its deadline
-            raise PlacedError(f"must not be longer than the shorter deadline, {shorter_s:g} s", "period_s")
+            raise FieldError(f"must not be longer than the shorter deadline, {shorter_s:g} s", "period_s")
         return self
 
 

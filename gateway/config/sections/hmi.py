@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from gateway.config.strict.network import is_loopback
-from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.placed_error import FieldError
 from gateway.config.strict.section import Section
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
@@ -104,33 +104,33 @@ class HmiConfig(Section):
         seen: set[str] = set()
         for n, user in enumerate(self.users):
             if user.name.lower() in seen:  # `Anna` beside `anna` is a trap
-                raise PlacedError(f"an earlier user has the name {user.name}, too", "users", n, "name")
+                raise FieldError(f"an earlier user has the name {user.name}, too", "users", n, "name")
             seen.add(user.name.lower())
         return self
 
     @model_validator(mode="after")
     def _somebody(self) -> Self:
         if self.without_login == "technician" and not self.loopback:
-            raise PlacedError(
+            raise FieldError(
                 f'"technician" opens tuning to everybody who reaches {self.host}; only loopback may have it so. '
                 'Make users (gateway password), and set "none", "driver" or "viewer"',
                 "without_login",
             )
         if self.without_login == "none" and not self.users:
-            raise PlacedError('"none" needs [[hmi.users]]: nobody could log in (gateway password)', "without_login")
+            raise FieldError('"none" needs [[hmi.users]]: nobody could log in (gateway password)', "without_login")
         return self
 
     @model_validator(mode="after")
     def _pair(self) -> Self:
         for key, other in (("tls_cert", "tls_key"), ("tls_key", "tls_cert")):
             if getattr(self, key) is not None and getattr(self, other) is None:
-                raise PlacedError(f"needs {other}, too", key)
+                raise FieldError(f"needs {other}, too", key)
         return self
 
     @model_validator(mode="after")
     def _called(self) -> Self:
         if not self.allowed_hosts and self.host in ("0.0.0.0", "::"):
-            raise PlacedError(
+            raise FieldError(
                 f"must name what the pages are called by: nobody calls them {self.host}, and pages that answer to any "
                 "name let a foreign web site read them (DNS rebinding)",
                 "allowed_hosts",

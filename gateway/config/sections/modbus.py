@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from gateway.config.strict.network import is_loopback, network
-from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.placed_error import FieldError
 from gateway.config.strict.section import Section
 
 Network = Annotated[str, AfterValidator(network)]
@@ -28,7 +28,7 @@ class HandshakeConfig(Section):
     def _watched(self) -> Self:
         for key in ("enable_required", "truck_required"):
             if getattr(self, key) and not self.heartbeat_required:
-                raise PlacedError("needs heartbeat_required: the bit of a dead PLC would stand for ever", key)
+                raise FieldError("needs heartbeat_required: the bit of a dead PLC would stand for ever", key)
         return self
 
 
@@ -87,13 +87,13 @@ class ModbusConfig(Section):
     @model_validator(mode="after")
     def _room(self) -> Self:
         if self.plc_addresses and self.plc_connections > self.max_connections:
-            raise PlacedError(f"must not be more than max_connections = {self.max_connections}", "plc_connections")
+            raise FieldError(f"must not be more than max_connections = {self.max_connections}", "plc_connections")
         return self
 
     @model_validator(mode="after")
     def _written_by_somebody(self) -> Self:
         if self.writes and not self.plc_addresses and self.tls is None:
-            raise PlacedError(
+            raise FieldError(
                 "needs to know who may write: set modbus.plc_addresses to the PLC's address, such as "
                 '["10.20.0.10"] (in a simulation ["127.0.0.1"]), or [modbus.tls] with write_roles',
                 "writes",
@@ -104,7 +104,7 @@ class ModbusConfig(Section):
     def _asked(self) -> Self:
         for key in ("enable_required", "truck_required"):
             if getattr(self.handshake, key) and not self.writes:
-                raise PlacedError(
+                raise FieldError(
                     "needs modbus.writes = true: nobody could set the bit, and may_move would not wait for it",
                     "handshake",
                     key,
@@ -114,9 +114,9 @@ class ModbusConfig(Section):
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
         if not self.plain and self.tls is None:
-            raise PlacedError("nothing would be served: plain = false needs [modbus.tls]", "plain")
+            raise FieldError("nothing would be served: plain = false needs [modbus.tls]", "plain")
         if self.plain and self.tls is not None and self.port == self.tls.port != 0:
-            raise PlacedError(f"{self.port} is modbus.port, too", "tls", "port")
+            raise FieldError(f"{self.port} is modbus.port, too", "tls", "port")
         return self
 
     def warnings(self) -> list[str]:

@@ -5,7 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from gateway.config.sections.common import Reconnect
-from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.placed_error import FieldError
 from gateway.config.strict.section import Section
 
 
@@ -37,7 +37,7 @@ class MqttTls(Section):
     def _paired(self) -> Self:
         if (self.cert_file is None) != (self.key_file is None):
             missing = "key_file" if self.key_file is None else "cert_file"
-            raise PlacedError("is missing; cert_file and key_file belong together", missing)
+            raise FieldError("is missing; cert_file and key_file belong together", missing)
         return self
 
 
@@ -80,5 +80,5 @@ class MqttConfig(Section):
     @model_validator(mode="after")
     def _one_password(self) -> Self:
         if self.password_file is not None and self.password_env is not None:
-            raise PlacedError("password_file is given, too; keep one of them", "password_env")
+            raise FieldError("password_file is given, too; keep one of them", "password_env")
         return self

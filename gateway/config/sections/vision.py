@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from gateway.config.sections.common import Reconnect
-from gateway.config.strict.placed_error import PlacedError
+from gateway.config.strict.placed_error import FieldError
 from gateway.config.strict.section import NameIn, Section
 from gateway.registry import Registry
 
@@ -53,7 +53,7 @@ class Intrinsics(Section):
     def _whole_size(self) -> Self:
         if (self.width_px is None) != (self.height_px is None):
             missing, given = ("width_px", "height_px") if self.width_px is None else ("height_px", "width_px")
-            raise PlacedError(f"{given} is set, so {missing} must be, too", given)
+            raise FieldError(f"{given} is set, so {missing} must be, too", given)
         return self
 
 
@@ -173,7 +173,7 @@ class VisionConfig(Section):
     @model_validator(mode="after")
     def _radii(self) -> Self:
         if self.min_radius_share > self.max_radius_share:
-            raise PlacedError(f"lies above max_radius_share, {self.max_radius_share:g}", "min_radius_share")
+            raise FieldError(f"lies above max_radius_share, {self.max_radius_share:g}", "min_radius_share")
         return self
 
     @model_validator(mode="after")
@@ -181,7 +181,7 @@ class VisionConfig(Section):
         for n, low, high in ((1, self.red_low_1, self.red_high_1), (2, self.red_low_2, self.red_high_2)):
             for axis, lo, hi in zip("HSV", low, high, strict=True):
                 if lo > hi:
-                    raise PlacedError(f"{axis} = {lo} lies above red_high_{n}'s {axis} = {hi}", f"red_low_{n}")
+                    raise FieldError(f"{axis} = {lo} lies above red_high_{n}'s {axis} = {hi}", f"red_low_{n}")
         return self
 
 

@@ -20,7 +20,7 @@ _SAID = {
 _SECRET = re.compile(r"(?i)(pass(word|wd|phrase)?|pwd|secret|token)[^.]*$")
 
 
-class PlacedError(ValueError):
+class FieldError(ValueError):
     """A fault found by comparing keys; `place` leads from the section to the one to edit."""
 
     def __init__(self, said: str, *place: str | int) -> None:
@@ -42,7 +42,7 @@ def explain(
         place, value = fault["loc"], fault["input"]
         said = _SAID.get(fault["type"], fault["msg"].removeprefix("Value error, "))
         cause = fault.get("ctx", {}).get("error")
-        if isinstance(cause, PlacedError):
+        if isinstance(cause, FieldError):
             depth, found = _follow(value, cause.place)
             place, value = (*place, *cause.place), found if depth == len(cause.place) else {}
         elif fault["type"] == "too_short" and any(f["loc"][: len(place)] == place != f["loc"] for f in faults):

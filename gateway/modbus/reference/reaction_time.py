@@ -50,7 +50,7 @@ def shares(config: GatewayConfig, bay: BayConfig) -> tuple[Part, ...]:
         _s("a tick: ages are looked at so often", fusion.period_s, "`fusion.period_s`"),
         _s(
             "a dead decision: nothing is vouched for any more",
-            Rules.of(bay).dead_after_ns / 1e9,
+            Rules.of(bay).valid_for_ns / 1e9,
             "`fusion.period_s`: two periods, at least 250 ms",
         ),
         _s("a doubt while in place", visit.hold_grace_s, "`visit.hold_grace_s`"),
@@ -84,7 +84,7 @@ def guaranteed(config: GatewayConfig, bay: BayConfig) -> tuple[Bound, ...]:
         Bound(
             "the gateway's decision stands still, its server lives",
             "MayMove, InPlace off",
-            (_s("dead after", Rules.of(bay).dead_after_ns / 1e9), *_tail()),
+            (_s("dead after", Rules.of(bay).valid_for_ns / 1e9), *_tail()),
         ),
         Bound("gateway killed, frozen, or cut off from the PLC", "MayMove, InPlace off", (beat, scan)),
         Bound(

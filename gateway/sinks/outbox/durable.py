@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from gateway.bay_file import own_folder
+from gateway.bay_file import default_folder
 from gateway.config import MqttConfig
 from gateway.sinks.outbox.journal import Journal
 from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox
@@ -48,7 +48,7 @@ def path_of(config: MqttConfig, site: str, instance: str) -> Path | None:
     """Where the configured outbox lies; None: in memory only."""
     if config.outbox_file != "auto":
         return Path(config.outbox_file) if config.outbox_file else None
-    return own_folder() / f"outbox-{site}-{instance}.sqlite"
+    return default_folder() / f"outbox-{site}-{instance}.sqlite"
 
 
 @contextlib.contextmanager

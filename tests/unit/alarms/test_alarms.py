@@ -29,11 +29,11 @@ from gateway.core.model import (
     Moved,
     PictureFault,
     PictureHealth,
-    Place,
     Quality,
     RangeReading,
     Reason,
     StateVector,
+    TruckPosition,
     VisionReading,
     Visit,
 )
@@ -154,7 +154,7 @@ def ranger(quality: Quality) -> StateVector:
     return permitted(range=RangeReading(4_980_000_000, quality))
 
 
-PLACE = Place(280.0, Circle(320, 240, 200.0))
+PLACE = TruckPosition(280.0, Circle(320, 240, 200.0))
 SCALE = MarkerScale(56_000.0, 280.0, 0.01, 12, ScaleSample(0, 224.0, 280.0), jump=0.12)
 LONG = (0, 40 * 60)
 CAUSES = {
@@ -174,7 +174,7 @@ CAUSES = {
     "picture_blind": picture(PictureFault.DARK),
     "picture_poor": picture(PictureFault.DUSTY),
     "camera_moved": picture(PictureFault.SHIFTED),
-    "maintenance": permitted(memory=FusionMemory(wear=1, wear_ns=4_000_000_000)),
+    "maintenance": permitted(memory=FusionMemory(restarts=1, restarted_ns=4_000_000_000)),
     "function_check_forgotten": permitted(function_check=FunctionCheck.MAY_MOVE_KEPT),
     "truck_moved": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE, moved_covered=True)),
     "in_place_lost": permitted(d=None, visit=Visit(place=PLACE, ended="held for too long")),

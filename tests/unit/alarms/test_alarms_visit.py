@@ -10,7 +10,7 @@ from gateway.alarms.states import AlarmState
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, VisitConfig
 from gateway.core import interlock
 from gateway.core.fusion import Observation
-from gateway.core.interlock import Remembered
+from gateway.core.interlock import RetainedState
 from gateway.core.model import Circle, FunctionCheck, Moved, Quality, RangeReading, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.scale import ScaleSample
@@ -26,7 +26,7 @@ class Bay:
 
     writes: bool = False
     visit: VisitConfig = field(default_factory=VisitConfig)
-    remembered: Remembered = field(default_factory=Remembered)
+    retained: RetainedState = field(default_factory=RetainedState)
     px_mm: float = 56_000.0
 
     def __post_init__(self) -> None:
@@ -35,7 +35,7 @@ class Bay:
         gateway = GatewayConfig(bays=(bay,), modbus=modbus)
         self.rules = interlock.Rules.of(bay, gateway)
         self.now_ns = 1_000_000 * MS
-        self.state: StateVector = interlock.initial("bay1", self.now_ns, self.rules, self.remembered)
+        self.state: StateVector = interlock.initial("bay1", self.now_ns, self.rules, self.retained)
         self.board = AlarmEngine({"bay1": bay.fusion})
         self.changes: list[AlarmChange] = []
         self.beat = 0
@@ -181,7 +181,7 @@ def test_in_place_that_was_lost_is_told_until_it_is_there_again() -> None:
 
 
 def test_another_marker_is_told_and_over_when_the_next_one_fits() -> None:
-    bay = Bay(remembered=Remembered(FunctionCheck.OFF, tuple(ScaleSample(0, 200.0, 280.0) for _ in range(5))))
+    bay = Bay(retained=RetainedState(FunctionCheck.OFF, tuple(ScaleSample(0, 200.0, 280.0) for _ in range(5))))
     bay.px_mm = 63_000.0  # an eighth larger
     bay.comes_to_stand()
     bay.see(1, 280)

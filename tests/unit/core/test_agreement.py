@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gateway.config import CrossCheck, FusionConfig
 from gateway.core import agreement
-from gateway.core.agreement import checked, forgotten
+from gateway.core.agreement import checked, without_marker
 from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample
 
@@ -58,7 +58,7 @@ def test_a_truck_that_comes_and_goes_is_no_contradiction_wherever_the_camera_sta
 ) -> None:
     pairs = Pairs()
     assert not pairs.approach(1500, 200, offset_mm=offset_mm, speed_mm_s=speed_mm_s)
-    assert pairs.memory.marker_proven
+    assert pairs.memory.marker_confirmed
     assert not pairs.approach(200, 1500, offset_mm=offset_mm, speed_mm_s=speed_mm_s)
 
 
@@ -126,7 +126,7 @@ def test_a_small_circle_at_the_mark_is_not_believed_unless_r_has_followed_z() ->
     assert not Pairs().see(20, 310, 17), "D = 0 by Z alone"
     proven = Pairs()
     proven.approach(1200, 320)
-    assert proven.memory.marker_proven
+    assert proven.memory.marker_confirmed
 
 
 def test_a_z_th_that_is_meant_to_be_far_stops_nobody() -> None:
@@ -139,7 +139,7 @@ def test_what_was_learned_is_believed_before_the_newest_pairs() -> None:
     pairs = Pairs(FusionMemory(scale=LEARNED))
     assert pairs.see(20, 350, 20), "a lamp, and nothing else seen yet"
     assert not pairs.see(PX_MM / 350, 350)
-    assert pairs.memory.marker_proven
+    assert pairs.memory.marker_confirmed
     far = Pairs(FusionMemory(scale=LEARNED))
     far.see(20, 900, 20)  # too far for what was learned near the mark
     assert not far.see(PX_MM / 400, 400, 20)
@@ -150,10 +150,10 @@ def test_a_bay_that_is_clear_forgets_what_it_saw() -> None:
     pairs = Pairs()
     pairs.approach(1200, 280)
     pairs.see(20, 280, 17)
-    memory = forgotten(pairs.memory, CONFIG)
-    assert (memory.pairs, memory.followed, memory.marker_proven, memory.disagree) == ((), None, False, False)
+    memory = without_marker(pairs.memory, CONFIG)
+    assert (memory.pairs, memory.followed, memory.marker_confirmed, memory.disagree) == ((), None, False, False)
     checked_by_lens = CONFIG.model_copy(update={"cross_check": CrossCheck(focal_px=600, marker_radius_mm=90)})
-    assert forgotten(pairs.memory, checked_by_lens) is pairs.memory, "that verdict is the lens's"
+    assert without_marker(pairs.memory, checked_by_lens) is pairs.memory, "that verdict is the lens's"
 
 
 def test_equation_14_alone_asks_no_such_thing() -> None:
@@ -171,6 +171,6 @@ def test_it_is_bounded_and_never_forgets_that_it_doubts(seen: list[tuple[float |
     for radius_px, distance_mm in seen:
         pairs.see(radius_px, distance_mm)
         memory = pairs.memory
-        assert len(memory.pairs) <= agreement.PAIRS_MOST
+        assert len(memory.pairs) <= agreement.MAX_PAIRS
         assert not memory.disagree or memory.disagree_since_ns is not None
         assert replace(memory, pairs=()).scale is None

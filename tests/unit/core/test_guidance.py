@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
 from gateway.core import guidance
-from gateway.core.guidance import TRACK_MOST, closing_mm_s, to_go_mm, tracked
+from gateway.core.guidance import TRACK_MAX, closing_mm_s, to_go_mm, tracked
 from gateway.core.model import (
     Circle,
     FusionMemory,
@@ -221,7 +221,7 @@ def test_too_little_is_no_speed() -> None:
 def test_the_track_ends_with_its_sensor_and_forgets() -> None:
     readings = approach(100.0, count=40)
     track = follow(readings)
-    assert len(track) == TRACK_MOST
+    assert len(track) == TRACK_MAX
     assert track[-1] == (readings[-1].t_ns, readings[-1].distance_mm)
     later = RangeReading(readings[-1].t_ns + 3 * S, Quality.GOOD, 5.0)
     assert tracked(track, later, later.t_ns) == ((later.t_ns, 5.0),)

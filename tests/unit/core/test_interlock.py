@@ -364,12 +364,12 @@ def test_a_recipe_can_not_end_a_stop() -> None:
 def test_wear_is_noted_when_it_grows() -> None:
     bay = Bay(rules())
     bay.see()
-    assert bay.state.memory.wear_ns is None
+    assert bay.state.memory.restarted_ns is None
     bay.now_ns += S
     bay.step(VisionReading(bay.now_ns, Quality.GOOD, Circle(1, 2, 3), stats=VisionStats(restarts=1)))
     noted = bay.state.memory
-    assert (noted.wear, noted.wear_ns) == (1, bay.now_ns)
-    assert bay.step(TICK).memory.wear_ns == noted.wear_ns
+    assert (noted.restarts, noted.restarted_ns) == (1, bay.now_ns)
+    assert bay.step(TICK).memory.restarted_ns == noted.restarted_ns
 
 
 # Anything at all.

@@ -21,7 +21,7 @@ from gateway.core.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.core.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, status, wear
+from gateway.core.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, restarts, status
 from gateway.core.plc import Handshake
 
 T0 = 1_000_000_000_000
@@ -93,14 +93,14 @@ def test_maintenance_for_a_picture_that_needs_somebody_while_vision_still_works(
 
 
 def test_maintenance_after_a_repair_by_itself() -> None:
-    noted = replace(GOOD, memory=FusionMemory(wear=1, wear_ns=T0 - MAINTENANCE_NS + 1))
+    noted = replace(GOOD, memory=FusionMemory(restarts=1, restarted_ns=T0 - MAINTENANCE_NS + 1))
     assert status(noted) is M
     assert status(replace(noted, t_ns=T0 + 1)) is Ne107.GOOD
     stats = VisionStats(restarts=1, reopens=2, lost=4, skipped=100)
     busy = replace(
         GOOD, vision=replace(GOOD.vision, stats=stats), range=replace(GOOD.range, stats=RangeStats(reopens=8))
     )
-    assert wear(busy) == 15
+    assert restarts(busy) == 15
 
 
 @pytest.mark.parametrize(("lines", "damaged", "expected"), [(99, 1, Ne107.GOOD), (98, 2, M), (50, 20, Ne107.GOOD)])

@@ -9,7 +9,7 @@ from gateway import app
 from gateway.bay import BayControl
 from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, VisitConfig
 from gateway.core import fusion, interlock, visit
-from gateway.core.interlock import Remembered, Rules
+from gateway.core.interlock import RetainedState, Rules
 from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample, possible_radii_px
 from gateway.hub import Hub
@@ -83,7 +83,7 @@ class Bay:
     def __init__(self, samples: tuple[ScaleSample, ...] = SAMPLES, **keys: Any) -> None:
         self.clock, self.vision = HandClock(), Vision()
         config = BayConfig(name="north", fusion=FusionConfig(recovery_s=0, **keys))
-        self.control = BayControl(config, Hub(["north"]), self.clock, remembered=Remembered(scale_samples=samples))
+        self.control = BayControl(config, Hub(["north"]), self.clock, retained=RetainedState(scale_samples=samples))
 
     def hears(self, quality: Quality, distance_mm: float | None = None) -> tuple[float, float] | None:
         self.clock.t_ns += 60 * MS

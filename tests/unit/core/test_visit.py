@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gateway.config import GatewayConfig
 from gateway.core import interlock, visit
-from gateway.core.interlock import Remembered
+from gateway.core.interlock import RetainedState
 from gateway.core.model import (
     DEAD,
     Circle,
@@ -19,11 +19,11 @@ from gateway.core.model import (
     FunctionCheck,
     GuidanceCode,
     Moved,
-    Place,
     Quality,
     RangeReading,
     Reason,
     Tick,
+    TruckPosition,
     VisionReading,
     VisitPhase,
 )
@@ -119,7 +119,7 @@ def test_a_whole_visit_goes_through_its_phases_in_order() -> None:
 def test_it_is_in_place_settle_s_after_it_stands() -> None:
     for settle_s in (0.5, 3.0):
         bench = Bench(stands(), gateway(visit={"settle_s": settle_s}))
-        at_mark = bench.run_until(lambda state: state.visit.settling is not None)
+        at_mark = bench.run_until(lambda state: state.visit.candidate is not None)
         stood_ns = at_mark.t_ns
         assert bench.run_until(lambda state: state.in_place).t_ns - stood_ns == pytest.approx(settle_s * 1e9, abs=2e7)
 
@@ -163,7 +163,7 @@ def test_a_truck_that_slides_to_the_side_at_the_same_distance_is_not_in_place() 
     bench.vision_fault = None
     bench.run(2.6)
     assert bench.state.d is True
-    assert bench.state.visit.settling is not None
+    assert bench.state.visit.candidate is not None
     assert not any(moment.state.in_place for moment in bench.moments)
 
 
@@ -232,7 +232,7 @@ def test_d_that_is_held_at_an_echo_from_behind_makes_no_place_of_it() -> None:
 # Arriving from beyond the ranger's range.
 
 FAR = {"start": {"distance_cm": 480}}
-LEARNED = Remembered(scale_samples=tuple(ScaleSample(0, 193.0, 280.0) for _ in range(3)))
+LEARNED = RetainedState(scale_samples=tuple(ScaleSample(0, 193.0, 280.0) for _ in range(3)))
 
 
 def arriving(*, learned: bool = True, deaf: bool = False, **keys: Any) -> Bench:
@@ -1066,7 +1066,7 @@ def test_stop_never_comes_later_than_by_equation_14_alone(moves: list[tuple[tupl
 def test_the_place_is_where_it_was_when_in_place_came_about() -> None:
     bench = in_place()
     place = bench.state.visit.place
-    assert isinstance(place, Place)
+    assert isinstance(place, TruckPosition)
     assert place.distance_mm == pytest.approx(280, abs=8)
     bench.run(5)
     assert bench.state.visit.place == place

@@ -43,7 +43,7 @@ STATE = StateVector(
     t_ns=100 * S,
     vision=VisionReading(100 * S, Quality.GOOD, Circle(1, 2, 3)),
     range=RangeReading(100 * S, Quality.TOO_NEAR),
-    memory=FusionMemory(latched=True, wear_ns=99 * S),
+    memory=FusionMemory(latched=True, restarted_ns=99 * S),
     plc=Handshake(
         link=PlcLink.ALIVE,
         heartbeat=0xBEEF,

@@ -86,7 +86,7 @@ CASES: dict[str, tuple[Dead, tuple[str, ...], Callable[[], float]]] = {
     "camera dead": (frozenset({"camera"}), ("may_move", "in_place"), lambda: BAY.fusion.vision_deadline_s),
     "ranger dead": (frozenset({"ranger"}), ("may_move", "in_place"), lambda: BAY.fusion.range_deadline_s),
     "the gateway's decision stands still, its server lives": (
-        frozenset({"decision"}), ("may_move", "in_place"), lambda: RULES.dead_after_ns / 1e9,
+        frozenset({"decision"}), ("may_move", "in_place"), lambda: RULES.valid_for_ns / 1e9,
     ),
     "gateway killed, frozen, or cut off from the PLC": (
         frozenset({"network"}), ("may_move", "in_place"), lambda: HEARTBEAT_TIMEOUT_MS / 1e3,

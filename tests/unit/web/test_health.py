@@ -173,7 +173,7 @@ def test_disagreement_wear_and_a_lost_plc_are_degraded() -> None:
             state = made.hub.state("bay1")
 
             def happens(made: Plant) -> None:
-                memory = FusionMemory(disagree=True, wear=1, wear_ns=state.t_ns)
+                memory = FusionMemory(disagree=True, restarts=1, restarted_ns=state.t_ns)
                 made.hub.publish(replace(made.hub.state("bay1"), memory=memory))
 
             view = await judged(made, happens)
