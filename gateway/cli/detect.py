@@ -30,7 +30,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gateway.cli.detect_pictures import Look, Row
+from gateway.cli.detect_pictures import DetectionRun, Row
 from gateway.cli.vision_args import bay_vision, quiet_opencv
 from gateway.errors import ConfigError
 
@@ -78,12 +78,12 @@ def main(args: argparse.Namespace) -> int:
 
     params = _params(args)
     paths = inputs.expand(_names(args.inputs))
-    look = Look(params, args)
+    run = DetectionRun(params, args)
     show = _show_json if args.json else _table(paths)
     pictures = found = failed = 0
     with _progress(len(paths)) as advance:
         for path in paths:
-            for row in look.rows(path):
+            for row in run.rows(path):
                 show(row)
                 failed += "error" in row
                 pictures += "error" not in row

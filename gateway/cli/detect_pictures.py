@@ -39,7 +39,7 @@ class Names:
         return name
 
 
-class Look:
+class DetectionRun:
     """Looks at one picture after the other, and writes what was asked for."""
 
     def __init__(self, params: "VisionConfig", args: argparse.Namespace) -> None:

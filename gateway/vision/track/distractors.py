@@ -1,16 +1,15 @@
-"""Round red things that stood beside the marker are not the marker. Pure.
+"""Distractors: round red objects that were seen beside the marker, and so are not the marker. Pure.
 
-There is one marker in a bay. What the search found as red and as round in the very frame in which it measured the
-marker (`weaker`, a tail lamp, a valve wheel) is something else, and stays so when the marker is covered and the other
-is all that is left to be found. A bystander is known again where it was, for it may hang on the wall, or where it was
-beside the marker, for it may come with the truck, nearer and larger as the marker does.
+A bay has one marker. A candidate that passed every gate in the frame in which the marker was measured (`weaker`: a tail
+lamp, a valve wheel) is another object, and remains one when the marker is covered and it is the only red disc left.
+A distractor is recognised where it was, for it may hang on the wall, or at the same place beside the marker, for it may
+move with the truck, nearer and larger as the marker does.
 
-It is not held against it when the marker may have left the picture, when the marker is still seen beside it (then the
-search has changed its mind, which it may: the thing followed first was perhaps the lamp), nor for longer than HELD_NS
-after the marker was measured last.
+A distractor is accepted as the marker when the marker may have left the picture, when the marker is still seen beside
+it (then the search has changed its mind, and the tracked object was perhaps the lamp), and HELD_NS after the last
+measurement of the marker.
 
-Where the ranger's distance tells which radii are possible, what has another radius is not the marker, whether it stood
-beside it or not (`size`).
+With the radii that the ranger allows, a disc of another radius is not the marker, distractor or not (`size`).
 """
 
 from collections.abc import Iterable
@@ -20,33 +19,31 @@ from gateway.core.model import Circle, Rejection
 from gateway.vision.detect.geometry import same_circle
 
 HELD_NS = 10_000_000_000
-WEAKER = "weaker"  # the search's code for a candidate that passed every gate, beside a better one
-SIZE = "size"  # and for one that passed all but that of the radii that the ranger's distance allows
+WEAKER = "weaker"  # rejection code: passed every gate, beside a better candidate
+SIZE = "size"  # rejection code: passed every gate but the radii that the ranger's distance allows
 RED_DISC = (WEAKER, SIZE)
-ROOM = 1.1  # of its radius round the marker: with less to the picture's edge it may have driven out
+ROOM = 1.1  # of the marker's radius to the picture's edge: with less it may have left the picture
 
 
 @dataclass(frozen=True, slots=True)
-class Bystanders:
+class Distractors:
     """Replaced with every measurement of the marker."""
 
     marker: Circle  # as measured last
     t_ns: int  # then
-    others: tuple[Circle, ...] = ()  # as heard last
+    others: tuple[Circle, ...] = ()  # as seen last
     beside: Circle | None = None  # the marker in that frame
-    fitted: bool = False  # it has had a radius that the ranger's distance allows
+    fitted: bool = False  # the marker has had a radius that the ranger's distance allows
 
-    def with_measured(
-        self, marker: Circle, t_ns: int, rejected: Iterable[Rejection], *, fits: bool = False
-    ) -> "Bystanders":
-        """`rejected`: of the same frame. A search in a window hears of nothing elsewhere: the old ones stay."""
+    def updated(self, marker: Circle, t_ns: int, rejected: Iterable[Rejection], *, fits: bool = False) -> "Distractors":
+        """`rejected`: of the same frame. A search in a window sees nothing elsewhere: the old ones are kept."""
         others = tuple(refused.circle for refused in rejected if refused.why in RED_DISC)
         if others:
-            return Bystanders(marker, t_ns, others, marker, self.fitted or fits)
-        return Bystanders(marker, t_ns, self.others, self.beside, self.fitted or fits)
+            return Distractors(marker, t_ns, others, marker, self.fitted or fits)
+        return Distractors(marker, t_ns, self.others, self.beside, self.fitted or fits)
 
     def holds(self, found: Circle, t_ns: int, rejected: Iterable[Rejection], width: int, height: int) -> bool:
-        """Is `found` a bystander, left alone in the frame of `t_ns`, `width` x `height` px, by a covered marker?"""
+        """Whether `found`, in the frame of `t_ns`, is a distractor beside a covered marker."""
         if not 0 <= t_ns - self.t_ns <= HELD_NS or not self._inside(width, height):
             return False
         if any(refused.why == WEAKER and same_circle(refused.circle, self.marker) for refused in rejected):
@@ -54,15 +51,15 @@ class Bystanders:
         return self.has(found)
 
     def refused_for_size(self, rejected: Iterable[Rejection]) -> Circle | None:
-        """The thing followed, if this frame shows it and it has no radius that the marker can have."""
+        """The tracked object, if this frame shows it with a radius that the marker cannot have."""
         return next((r.circle for r in rejected if r.why == SIZE and same_circle(r.circle, self.marker)), None)
 
     def wrong_size(self, rejected: Iterable[Rejection]) -> Circle | None:
-        """The best red disc that was refused for its radius and is no bystander: the marker, for all one can see."""
+        """The best red disc that was rejected for its radius and is no distractor: presumably the marker."""
         return next((r.circle for r in rejected if r.why == SIZE and not self.has(r.circle)), None)
 
     def has(self, found: Circle) -> bool:
-        """Was it seen beside the marker, at whatever time?"""
+        """Whether it was seen beside the marker, at any time."""
         return any(same_circle(found, place) for other in self.others for place in self._places(other))
 
     def _places(self, other: Circle) -> Iterable[Circle]:

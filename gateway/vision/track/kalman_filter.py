@@ -117,7 +117,7 @@ class Track:
     hits: int  # measurements in it
 
     @classmethod
-    def begun(cls, found: Circle, t_ns: int) -> "Track | None":
+    def started(cls, found: Circle, t_ns: int) -> "Track | None":
         """None for a circle that can't be one."""
         if not usable(found):
             return None
@@ -135,7 +135,7 @@ class Track:
             return None
         return Prediction(circle, math.sqrt(max(ahead.u.xx, ahead.v.xx)), math.sqrt(ahead.r.xx))
 
-    def with_measured(self, found: Circle, t_ns: int, visible: float | None = None) -> "Track":
+    def updated(self, found: Circle, t_ns: int, visible: float | None = None) -> "Track":
         """The track with one measurement more; unchanged by one that is not newer, or no circle.
 
         `visible`: share of the rim that was seen; less rim, more noise.

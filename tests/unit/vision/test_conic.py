@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.core.model import Ellipse
-from gateway.vision.detect.robust.conic import Oval, from_ellipse, from_matrix, matrix, to_ellipse
+from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, from_matrix, matrix, to_ellipse
 
 ellipses = st.builds(
     lambda u, v, a, ratio, angle: Ellipse(u, v, a, a * ratio, angle),
@@ -47,17 +47,17 @@ def test_conic_and_back_whatever_its_scale(ellipse: Ellipse, scale: float) -> No
 
 @given(ellipses, st.floats(0, 2 * math.pi))
 def test_tangent_lies_as_far_out_as_the_support_function_says(ellipse: Ellipse, phi: float) -> None:
-    oval = from_ellipse(ellipse)
+    outline = from_ellipse(ellipse)
     t = np.linspace(0, 2 * np.pi, 20_001)
     along, across = ellipse.semi_major_px * np.cos(t), ellipse.semi_minor_px * np.sin(t)
     c, s = math.cos(ellipse.angle_rad), math.sin(ellipse.angle_rad)
     farthest = ((c * along - s * across) * math.cos(phi) + (s * along + c * across) * math.sin(phi)).max()
-    squared = oval.alpha + oval.beta * math.cos(2 * phi) + oval.gamma * math.sin(2 * phi)
+    squared = outline.alpha + outline.beta * math.cos(2 * phi) + outline.gamma * math.sin(2 * phi)
     assert math.sqrt(squared) == pytest.approx(farthest, rel=1e-6)
 
 
 def test_a_circle_is_no_special_case() -> None:
-    circle = to_ellipse(Oval(10.0, 20.0, 2500.0, 0.0, 0.0))
+    circle = to_ellipse(SupportEllipse(10.0, 20.0, 2500.0, 0.0, 0.0))
     assert circle == Ellipse(10.0, 20.0, 50.0, 50.0, 0.0)
 
 

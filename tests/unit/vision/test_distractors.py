@@ -7,7 +7,7 @@ import pytest
 
 from gateway.core.model import Circle, Detection, Rejection, Tracking
 from gateway.vision.pixels import Image
-from gateway.vision.track.distractors import HELD_NS, WEAKER, Bystanders
+from gateway.vision.track.distractors import HELD_NS, WEAKER, Distractors
 from gateway.vision.track.follower import Follower
 from gateway.vision.track.kalman_filter import Prediction
 
@@ -16,7 +16,7 @@ WIDTH, HEIGHT = 640, 480
 FRAME = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
 MARKER, LAMP = Circle(300.0, 240.0, 60.0), Circle(480.0, 300.0, 24.0)
 HEARD = (Rejection(LAMP, WEAKER),)
-BESIDE = Bystanders(MARKER, 0).with_measured(MARKER, 0, HEARD)
+BESIDE = Distractors(MARKER, 0).updated(MARKER, 0, HEARD)
 
 
 def test_a_bystander_is_held_for_a_while() -> None:
@@ -42,13 +42,13 @@ def test_something_else_is_not_held(other: Circle) -> None:
 
 
 def test_a_refused_thing_that_was_no_red_disc_is_no_bystander() -> None:
-    none = Bystanders(MARKER, 0).with_measured(MARKER, 0, (Rejection(LAMP, "leak"),))
+    none = Distractors(MARKER, 0).updated(MARKER, 0, (Rejection(LAMP, "leak"),))
     assert not none.holds(LAMP, 1, (), WIDTH, HEIGHT)
 
 
 def test_it_is_known_again_where_it_hangs_and_where_it_came_with_the_truck() -> None:
     """The truck has come nearer since the lamp was heard: all that is on it by as much."""
-    nearer = BESIDE.with_measured(Circle(280.0, 220.0, 90.0), 5, ())
+    nearer = BESIDE.updated(Circle(280.0, 220.0, 90.0), 5, ())
     with_it = Circle(280.0 + 1.5 * 180, 220.0 + 1.5 * 60, 36.0)
     assert nearer.holds(LAMP, 6, (), WIDTH, HEIGHT)
     assert nearer.holds(with_it, 6, (), WIDTH, HEIGHT)
@@ -58,7 +58,7 @@ def test_it_is_known_again_where_it_hangs_and_where_it_came_with_the_truck() -> 
 
 def test_what_is_heard_anew_replaces_what_was_heard() -> None:
     elsewhere = Circle(100.0, 100.0, 20.0)
-    anew = BESIDE.with_measured(MARKER, 1, (Rejection(elsewhere, WEAKER),))
+    anew = BESIDE.updated(MARKER, 1, (Rejection(elsewhere, WEAKER),))
     assert anew.holds(elsewhere, 2, (), WIDTH, HEIGHT)
     assert not anew.holds(LAMP, 2, (), WIDTH, HEIGHT)
 
@@ -69,7 +69,7 @@ def test_what_is_heard_anew_replaces_what_was_heard() -> None:
 )
 def test_a_marker_that_may_have_left_the_picture_holds_nothing(u: float, v: float, held: bool) -> None:
     marker = replace(MARKER, u_px=u, v_px=v)
-    beside = Bystanders(marker, 0).with_measured(marker, 0, HEARD)
+    beside = Distractors(marker, 0).updated(marker, 0, HEARD)
     assert beside.holds(LAMP, 1, (), WIDTH, HEIGHT) is held
 
 

@@ -13,10 +13,10 @@ from gateway.core.model import Detection
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact import build, red
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
+from gateway.vision.detect.paper.exact.grid import BlurScanner, KernelScanner, PyramidScanner, ScanGrid, Scanner
 from gateway.vision.detect.paper.exact.kernel import Kernel, load
-from gateway.vision.detect.paper.exact.lattice import BlurScanner, KernelScanner, Lattice, PyramidScanner, Scanner
-from gateway.vision.detect.paper.exact.look import Look
 from gateway.vision.detect.paper.exact.search import ExactSearch
+from gateway.vision.detect.paper.exact.window import WindowStages
 from gateway.vision.pixels import Image
 from tests.vision_frames import KINDS, PAPER, colour_noise, frames, scene
 
@@ -84,8 +84,8 @@ def test_pictures_of_changing_size_and_with_gaps_between_rows(kernel_of: KernelO
 
 @pytest.mark.parametrize("turns", range(4))
 def test_a_blob_at_every_distance_from_an_edge(turns: int, kernel_of: KernelOf) -> None:
-    """Near enough, the closing fills the gap to the edge: that is beyond what the blob's own lattice points tell. The
-    picture is whole lattice steps wide: only then is the blob's last point so far from the edge."""
+    """Near enough, the closing fills the gap to the edge: that is beyond what the blob's own grid points tell. The
+    picture is whole grid steps wide: only then is the blob's last point so far from the edge."""
     search = ExactSearch(PAPER, kernel=kernel_of(PAPER))
     filled = 0
     for gap in range(14):
@@ -136,14 +136,14 @@ def test_all_that_survives_lies_within_reach_of_a_marked_point(side: int, iterat
         opened = pipeline.trace(image, params).opened
         survived += int(np.count_nonzero(opened))
         for scan in scanners(kernel, opening):
-            lattice = Lattice(scan, opening, width, height)
+            grid = ScanGrid(scan, opening, width, height)
             near = np.zeros((height, width), np.uint8)
-            near[np.ix_(lattice.ys, lattice.xs)] = lattice.scan(image) > 0
+            near[np.ix_(grid.ys, grid.xs)] = grid.scan(image) > 0
             reach = stages.dilate(near, 2 * opening.side_px - 1, 1)
             assert not np.any(opened & ~(reach * 255))
-            for cut in (1, len(lattice.ys) // 2, len(lattice.ys) - 1):  # rows by themselves tell the same
-                parts = [lattice.scan_rows(image, a, b) for a, b in ((0, cut), (cut, len(lattice.ys))) if a < b]
-                assert np.array_equal(np.concatenate(parts), lattice.scan(image))
+            for cut in (1, len(grid.ys) // 2, len(grid.ys) - 1):  # rows by themselves tell the same
+                parts = [grid.scan_rows(image, a, b) for a, b in ((0, cut), (cut, len(grid.ys))) if a < b]
+                assert np.array_equal(np.concatenate(parts), grid.scan(image))
     assert survived > 100_000
 
 
@@ -171,7 +171,7 @@ def test_a_window_shows_the_whole_pictures_mask_where_it_says_so(kernel_of: Kern
         whole = pipeline.trace(image, PAPER)
         x0, y0 = int(chance.integers(0, width)), int(chance.integers(0, height))
         window = Box(x0, y0, int(chance.integers(x0 + 1, width + 1)), int(chance.integers(y0 + 1, height + 1)))
-        look = Look(PAPER, opening, kernel_of(PAPER))
+        look = WindowStages(PAPER, opening, kernel_of(PAPER))
         in_window = np.s_[window.y0 : window.y1, window.x0 : window.x1]
         assert np.array_equal(look.red(image, window), whole.initial[in_window])
         far = 4 * opening.reach_px

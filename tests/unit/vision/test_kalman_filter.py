@@ -18,12 +18,12 @@ S = 1_000_000_000
 
 def steady(frames: int = 40, period_ms: int = 33, u_speed: float = 90.0, r_speed: float = 12.0) -> Track:
     """A marker that moves to the right and grows, measured without noise."""
-    track = Track.begun(Circle(100.0, 80.0, 60.0), 0)
+    track = Track.started(Circle(100.0, 80.0, 60.0), 0)
     assert track is not None
     for n in range(1, frames):
         t_s = n * period_ms / 1000
         circle = Circle(100.0 + u_speed * t_s, 80.0, 60.0 + r_speed * t_s)
-        track = track.with_measured(circle, n * period_ms * MS)
+        track = track.updated(circle, n * period_ms * MS)
     return track
 
 
@@ -58,7 +58,7 @@ def test_steady_motion_is_predicted_where_it_goes() -> None:
 
 def test_a_variable_frame_rate_is_no_jitter() -> None:
     rng = np.random.default_rng(5)
-    track, t_ns = Track.begun(Circle(0.0, 0.0, 60.0), 0), 0
+    track, t_ns = Track.started(Circle(0.0, 0.0, 60.0), 0), 0
     assert track is not None
     for n in range(120):
         t_ns += int(rng.integers(5, 120)) * MS
@@ -68,7 +68,7 @@ def test_a_variable_frame_rate_is_no_jitter() -> None:
         assert at.admits(truth)
         if n > 30:
             assert at.circle.u_px == pytest.approx(truth.u_px, abs=1.0)
-        track = track.with_measured(truth, t_ns)
+        track = track.updated(truth, t_ns)
 
 
 def test_the_gate_admits_vibration_and_refuses_a_jump() -> None:
@@ -84,14 +84,14 @@ def test_the_gate_admits_vibration_and_refuses_a_jump() -> None:
 
 
 def test_a_small_far_marker_moves_with_the_camera_and_is_followed_all_the_same() -> None:
-    track = Track.begun(Circle(200.0, 200.0, 12.0), 0)
+    track = Track.started(Circle(200.0, 200.0, 12.0), 0)
     assert track is not None
     for n in range(1, 10):
         at, truth = track.at(n * 33 * MS), Circle(200.0 + 10.0 * n, 200.0 - 2.0 * n, 12.0)  # most of R in a frame
         assert at is not None
         assert at.useful
         assert at.admits(truth), n
-        track = track.with_measured(truth, n * 33 * MS)
+        track = track.updated(truth, n * 33 * MS)
 
 
 def test_everything_admitted_lies_within_what_the_prediction_says_of_itself() -> None:
@@ -124,10 +124,10 @@ def test_uncertainty_grows_with_time_in_either_direction(sign: int) -> None:
 def test_a_frame_that_is_not_newer_teaches_nothing() -> None:
     track = steady()
     elsewhere = Circle(5.0, 5.0, 10.0)
-    assert track.with_measured(elsewhere, track.t_ns) is track
-    assert track.with_measured(elsewhere, track.t_ns - S) is track
-    assert track.with_measured(Circle(math.nan, 1.0, 1.0), track.t_ns + S) is track
-    assert track.with_measured(elsewhere, track.t_ns + 100 * S) is track  # too long ago to be a continuation
+    assert track.updated(elsewhere, track.t_ns) is track
+    assert track.updated(elsewhere, track.t_ns - S) is track
+    assert track.updated(Circle(math.nan, 1.0, 1.0), track.t_ns + S) is track
+    assert track.updated(elsewhere, track.t_ns + 100 * S) is track  # too long ago to be a continuation
 
 
 def test_less_of_the_rim_weighs_less() -> None:
@@ -135,7 +135,7 @@ def test_less_of_the_rim_weighs_less() -> None:
     at = track.at(t_ns)
     assert at is not None
     off = Circle(at.circle.u_px + 10, at.circle.v_px, at.circle.radius_px)
-    pulls = [track.with_measured(off, t_ns, visible).u.x - at.circle.u_px for visible in (1.0, 0.5, 0.0, None)]
+    pulls = [track.updated(off, t_ns, visible).u.x - at.circle.u_px for visible in (1.0, 0.5, 0.0, None)]
     assert 10 > pulls[0] > pulls[1] > pulls[2] > 0
     assert pulls[3] == pulls[0]
 
@@ -156,7 +156,7 @@ def test_it_is_confirmed_by_the_third_measurement() -> None:
     ],
 )
 def test_no_track_begins_with_what_is_no_circle(circle: Circle) -> None:
-    assert Track.begun(circle, 0) is None
+    assert Track.started(circle, 0) is None
 
 
 NUMBERS = st.one_of(st.floats(), st.floats(-2000, 2000), st.floats(0.1, 300))
@@ -171,9 +171,9 @@ def test_no_input_gives_nonsense(story: list[tuple[int, Circle, float | None]], 
     track: Track | None = None
     for t_ns, circle, visible in story:
         if track is None:
-            track = Track.begun(circle, t_ns)
+            track = Track.started(circle, t_ns)
             continue
-        track = track.with_measured(circle, t_ns, None if visible is None or math.isnan(visible) else visible)
+        track = track.updated(circle, t_ns, None if visible is None or math.isnan(visible) else visible)
         for axis in (track.u, track.v, track.r):
             assert all(map(math.isfinite, (axis.x, axis.w, axis.xx, axis.xw, axis.ww)))
             assert axis.xx > 0

@@ -203,7 +203,7 @@ def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeyp
 
     monkeypatch.setattr(roi_search, "detect", watched)
     search = RoiSearch(ROBUST, lambda: 0)
-    track = Track.begun(Circle(60.0, 60.0, 18.0), 0)
+    track = Track.started(Circle(60.0, 60.0, 18.0), 0)
     assert track is not None
     search(discs(), 1, track.at(1), (30.0, 60.0))
     assert searched == [(False, (30.0, 60.0))]

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.core.model import Circle
-from gateway.vision.detect.robust.red_change import SPARSE_PX, Spots, sparse_place, spots
+from gateway.vision.detect.robust.red_change import SPARSE_PX, RedRegions, red_regions, sparse_place
 from gateway.vision.pixels import Image
 
 OWN = Circle(300.0, 240.0, 60.0)
@@ -23,25 +23,25 @@ def scene(*others: tuple[Circle, tuple[int, int, int]], own: tuple[int, int, int
 
 
 def test_what_is_followed_is_no_spot_and_another_red_thing_is_one() -> None:
-    assert spots(scene(), OWN).boxes.shape == (0, 4)
-    (box,) = spots(scene((Circle(500.0, 100.0, 20.0), RED)), OWN).boxes
+    assert red_regions(scene(), OWN).boxes.shape == (0, 4)
+    (box,) = red_regions(scene((Circle(500.0, 100.0, 20.0), RED)), OWN).boxes
     step = int(np.hypot(640, 480) // SPARSE_PX)
     assert (box * step).tolist() == pytest.approx([480, 80, 521, 121], abs=2 * step)
 
 
 def test_wood_is_none_beside_a_red_marker_but_a_dusty_marker_lets_it_count() -> None:
     board = Circle(500.0, 100.0, 30.0), WOOD
-    assert len(spots(scene(board), OWN).boxes) == 0
-    assert len(spots(scene(board, own=DUSTY), OWN).boxes) == 1
+    assert len(red_regions(scene(board), OWN).boxes) == 0
+    assert len(red_regions(scene(board, own=DUSTY), OWN).boxes) == 1
 
 
 def test_specks_are_none() -> None:
     speck = Circle(501.0, 101.0, 1.0), RED  # one pixel of the sparse picture
-    assert len(spots(scene(speck, own=DUSTY), OWN).boxes) == 0
+    assert len(red_regions(scene(speck, own=DUSTY), OWN).boxes) == 0
 
 
-def spots_at(*boxes: tuple[int, int, int, int]) -> Spots:
-    return Spots(np.array(boxes, np.int32).reshape(-1, 4))
+def spots_at(*boxes: tuple[int, int, int, int]) -> RedRegions:
+    return RedRegions(np.array(boxes, np.int32).reshape(-1, 4))
 
 
 @pytest.mark.parametrize(
@@ -55,9 +55,9 @@ def spots_at(*boxes: tuple[int, int, int, int]) -> Spots:
         (spots_at((10, 10, 20, 20), (80, 80, 90, 90)), True),
     ],
 )
-def test_news(now: Spots, news: bool) -> None:
-    assert now.news(spots_at((10, 10, 20, 20))) is news
-    assert now.news(spots_at()) is (len(now.boxes) > 0)
+def test_news(now: RedRegions, news: bool) -> None:
+    assert now.new_since(spots_at((10, 10, 20, 20))) is news
+    assert now.new_since(spots_at()) is (len(now.boxes) > 0)
 
 
 @given(
@@ -65,9 +65,9 @@ def test_news(now: Spots, news: bool) -> None:
     height=st.integers(1, 40), width=st.integers(1, 900), shade=st.integers(0, 255),
 )  # fmt: skip
 def test_no_circle_and_no_size_breaks_it(u: float, v: float, r: float, height: int, width: int, shade: int) -> None:
-    found = spots(np.full((height, width, 3), shade, np.uint8), Circle(u, v, r))
+    found = red_regions(np.full((height, width, 3), shade, np.uint8), Circle(u, v, r))
     assert found.boxes.shape == (0, 4)
-    assert not found.news(found)
+    assert not found.new_since(found)
 
 
 def test_places_of_the_sparse_picture() -> None:

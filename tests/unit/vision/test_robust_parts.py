@@ -13,7 +13,7 @@ from gateway.vision.detect.reference import SHARE_MEANING
 from gateway.vision.detect.robust import candidates, colours, ellipses, evidence
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
-from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, veto, weight
+from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, failed_gate, weight
 from gateway.vision.detect.robust.evidence import Evidence, masked_median
 from gateway.vision.detect.robust.redness import pyramid, redness
 from gateway.vision.detect.robust.rim import Rim, refine
@@ -182,7 +182,7 @@ def test_confidence_is_the_product_of_odds() -> None:
     ],
 )
 def test_each_gate_of_the_evidence(code: str | None, change: dict[str, float]) -> None:
-    assert veto(Candidate(RIM, replace(PERFECT, **change)), LIMITS) == code  # type: ignore[arg-type]
+    assert failed_gate(Candidate(RIM, replace(PERFECT, **change)), LIMITS) == code  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_each_gate_of_the_evidence(code: str | None, change: dict[str, float]) -
     ],
 )
 def test_each_gate_of_the_rim(code: str, change: dict[str, float]) -> None:
-    assert veto(Candidate(replace(RIM, **change), PERFECT), LIMITS) == code  # type: ignore[arg-type]
+    assert failed_gate(Candidate(replace(RIM, **change), PERFECT), LIMITS) == code  # type: ignore[arg-type]
 
 
 def test_the_larger_of_equal_discs_weighs_more() -> None:

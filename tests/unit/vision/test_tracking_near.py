@@ -138,7 +138,7 @@ def test_where_window_and_whole_frame_disagree_the_one_with_more_evidence_stands
     held = Detection(Circle(100.0, 100.0, 30.0), confidence=0.7)
     monkeypatch.setattr(roi_search, "detect", lambda *_, window=None, **__: held if window is not None else rival)
     search = RoiSearch(FOLLOWED, lambda: 0)
-    track = Track.begun(Circle(100.0, 100.0, 30.0), 0)
+    track = Track.started(Circle(100.0, 100.0, 30.0), 0)
     assert track is not None
     found = [search(np.zeros((480, 640, 3), np.uint8), 1, track.at(1)) for _ in range(LOOK)]  # nothing was heard yet
     assert found[0].circle == held.circle
@@ -350,7 +350,7 @@ def test_a_window_holds_every_near_circle_that_would_be_admitted(
 def test_times_of_both_searches_are_told() -> None:
     ticks = iter(range(0, 10**9, 1000))
     search = RoiSearch(FOLLOWED, lambda: next(ticks))
-    track = Track.begun(Circle(40.0, 40.0, 20.0), 0)
+    track = Track.started(Circle(40.0, 40.0, 20.0), 0)
     assert track is not None
     image = picture(Circle(200.0, 150.0, 30.0))
     away = search(image, PERIOD_NS, track.at(PERIOD_NS))

@@ -27,14 +27,14 @@ STAGES = (
 """In order."""
 
 EXACT_STAGES = (
-    Stage("scan", "where red can survive the opening: a lattice of points", "1-7"),
+    Stage("scan", "where red can survive the opening: a grid of points", "1-7"),
     Stage("look", "the plain stages, in windows round what was found", "1-8"),
 )
 """The exact search's; they replace all up to `contours`."""
 
 TRACKED_STAGES = (
     Stage("window", "the plain stages, in a window round the marker's expected place", "1-8"),
-    Stage("rescan", "an eighth of the lattice: has anything red come elsewhere?", "1-7"),
+    Stage("rescan", "an eighth of the grid: has anything red come elsewhere?", "1-7"),
 )
 """The exact tracker's; a frame searched whole has the stages of the search after `window`, or after both."""
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gateway.core.model import Ellipse
 
 
-class Oval(NamedTuple):
+class SupportEllipse(NamedTuple):
     """Centre (px) and squared support function (px^2) of an ellipse. Real if alpha > hypot(beta, gamma)."""
 
     u: float
@@ -47,28 +47,30 @@ class Oval(NamedTuple):
         return all(map(isfinite, self)) and self.alpha > self.wave
 
 
-def from_ellipse(ellipse: Ellipse) -> Oval:
+def from_ellipse(ellipse: Ellipse) -> SupportEllipse:
     """The same ellipse by its support function. The axes in any order; Nonsense gives one that is not `real`."""
     a2, b2 = ellipse.semi_major_px * ellipse.semi_major_px, ellipse.semi_minor_px * ellipse.semi_minor_px
     twice = 2 * ellipse.angle_rad
     if not (all(map(isfinite, (a2, b2, twice))) and min(ellipse.semi_major_px, ellipse.semi_minor_px) > 0):
-        return Oval(ellipse.u_px, ellipse.v_px, float("nan"), 0.0, 0.0)
+        return SupportEllipse(ellipse.u_px, ellipse.v_px, float("nan"), 0.0, 0.0)
     half = (a2 - b2) / 2
-    return Oval(ellipse.u_px, ellipse.v_px, (a2 + b2) / 2, half * float(np.cos(twice)), half * float(np.sin(twice)))
+    return SupportEllipse(
+        ellipse.u_px, ellipse.v_px, (a2 + b2) / 2, half * float(np.cos(twice)), half * float(np.sin(twice))
+    )
 
 
-def to_ellipse(oval: Oval) -> Ellipse:
+def to_ellipse(outline: SupportEllipse) -> Ellipse:
     """Semi-axes in order, the angle in [0, pi); a circle has angle 0."""
-    angle = atan2(oval.gamma, oval.beta) / 2 % pi
-    return Ellipse(oval.u, oval.v, oval.major_px, oval.minor_px, angle if angle < pi else 0.0)
+    angle = atan2(outline.gamma, outline.beta) / 2 % pi
+    return Ellipse(outline.u, outline.v, outline.major_px, outline.minor_px, angle if angle < pi else 0.0)
 
 
 def matrix(ellipse: Ellipse) -> NDArray[np.float64]:
     """The conic C, symmetric 3 x 3, with x^T C x = 0 on the rim for x = (u, v, 1), and negative inside."""
-    oval = from_ellipse(ellipse)
-    spread = np.array([[oval.alpha + oval.beta, oval.gamma], [oval.gamma, oval.alpha - oval.beta]])
+    outline = from_ellipse(ellipse)
+    spread = np.array([[outline.alpha + outline.beta, outline.gamma], [outline.gamma, outline.alpha - outline.beta]])
     inverse = np.linalg.inv(spread)
-    centre = np.array([oval.u, oval.v])
+    centre = np.array([outline.u, outline.v])
     conic = np.empty((3, 3))
     conic[:2, :2] = inverse
     conic[:2, 2] = conic[2, :2] = -inverse @ centre
@@ -88,11 +90,11 @@ def from_matrix(conic: NDArray[np.float64]) -> Ellipse | None:
     centre = -inverse @ conic[:2, 2]
     level = -(conic[2, 2] + conic[:2, 2] @ centre)
     spread = inverse * level
-    oval = Oval(
+    outline = SupportEllipse(
         float(centre[0]),
         float(centre[1]),
         float(spread[0, 0] + spread[1, 1]) / 2,
         float(spread[0, 0] - spread[1, 1]) / 2,
         float(spread[0, 1]),
     )
-    return to_ellipse(oval) if oval.real else None
+    return to_ellipse(outline) if outline.real else None

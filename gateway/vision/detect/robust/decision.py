@@ -103,12 +103,12 @@ GATES: tuple[tuple[str, Gate], ...] = (
 """
 
 
-def veto(found: Candidate, limits: Limits) -> str | None:
+def failed_gate(found: Candidate, limits: Limits) -> str | None:
     """The code of the first gate that the candidate does not pass."""
     return next((code for code, passes in GATES if not passes(found, limits)), None)
 
 
-def promise(found: Evidence) -> float:
+def priority(found: Evidence) -> float:
     """Before the rim is known: which candidates are worth its cost."""
     clear = found.contrast / (found.contrast + 2 * found.noise + 0.1)
     aspect = found.ellipse.semi_minor_px / found.ellipse.semi_major_px

@@ -10,7 +10,7 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
 from gateway.vision.detect.robust.perspective import disc_pose
-from gateway.vision.detect.robust.search import Told, everywhere, where_expected
+from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image, check_bgr8
 from gateway.vision.track.distractors import SIZE
@@ -42,13 +42,13 @@ def detect(
     x0, y0, part = _part(image, window)
     taken: Candidate | None = None
     seeds = 1
-    told: list[Told] = []
+    told: list[Rejected] = []
     if window is not None and expected is not None:
         near = replace(expected, u_px=expected.u_px - x0, v_px=expected.v_px - y0)
-        taken = where_expected(part, near, limits)
+        taken = search_expected(part, near, limits)
         timer.ended("expected")
     if taken is None:
-        taken, seeds, told = everywhere(part, limits, timer)
+        taken, seeds, told = search_frame(part, limits, timer)
     found = Detection(
         circle=None,
         candidates=seeds,

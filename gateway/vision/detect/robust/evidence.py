@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from gateway.core.model import Ellipse
 from gateway.vision.detect.robust import ellipses
 from gateway.vision.detect.robust.candidates import Seed
-from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, Fan, Shapes, fan
+from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, RaySamples, Shapes, sample_rays
 from gateway.vision.detect.robust.redness import Level, Plane
 from gateway.vision.pixels import Image
 
-LOOK_PX = 14.0  # radius, px of its level, from which on a candidate is looked at
+EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is looked at
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
 CLOSE = np.arange(0.6, 1.46, 0.04, dtype=np.float32)
 HALF = 2  # samples on either side of an edge
@@ -62,7 +62,7 @@ def gather(levels: Sequence[Level], seeds: Sequence[Seed]) -> list[Evidence | No
     round_ones = np.array([(s.u_px, s.v_px, s.radius_px, s.radius_px, 0.0) for s in seeds], np.float64)
     start = _to_levels(levels, which, round_ones)
     radius = start[:, 2]
-    points, weight = _edges(fan(levels, which, start, WIDE), WIDE, start)
+    points, weight = _edges(sample_rays(levels, which, start, WIDE), WIDE, start)
     circle = ellipses.circles_by_consensus(points, weight, 0.08 * radius + 0.5)
     near = np.hypot(circle[:, 0] - start[:, 0], circle[:, 1] - start[:, 1]) < radius
     near &= (circle[:, 2] > 0.4 * radius) & (circle[:, 2] < 2 * radius)  # false for NaN
@@ -84,7 +84,7 @@ def of_ellipses(levels: Sequence[Level], rims: Sequence[Ellipse]) -> list[Eviden
 
 
 def _levels_of(levels: Sequence[Level], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
-    octave = np.floor(np.log2(np.maximum(radius_px / LOOK_PX / levels[0].factor, 1e-9)))
+    octave = np.floor(np.log2(np.maximum(radius_px / EVIDENCE_RADIUS_PX / levels[0].factor, 1e-9)))
     return np.clip(octave, 0, len(levels) - 1).astype(np.intp)
 
 
@@ -99,14 +99,14 @@ def _closer(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     result = np.full_like(shapes, np.nan)
     if good.any():
         old = shapes[good]
-        points, weight = _edges(fan(levels, which[good], old, CLOSE), CLOSE, old)
+        points, weight = _edges(sample_rays(levels, which[good], old, CLOSE), CLOSE, old)
         new = ellipses.ellipses_by_weights(points, weight, old, 0.14 * old[:, 3] + 0.7)
         new[~(new[:, 3] > 0.3 * old[:, 3]) | ~(new[:, 2] < 3 * old[:, 2])] = np.nan
         result[good] = new
     return result
 
 
-def _edges(rays: Fan, shares: Plane, shapes: Shapes) -> tuple[ellipses.Floats, ellipses.Floats]:
+def _edges(rays: RaySamples, shares: Plane, shapes: Shapes) -> tuple[ellipses.Floats, ellipses.Floats]:
     """The strongest fall of redness on each ray: points (K, RAYS, 2) px, and their weights, 0 where there is none."""
     step = _fall(rays)
     at = step.argmax(axis=2)[..., None]
@@ -124,7 +124,7 @@ def _edges(rays: Fan, shares: Plane, shapes: Shapes) -> tuple[ellipses.Floats, e
     return points, np.asarray(weight, np.float64)
 
 
-def _fall(rays: Fan) -> Plane:
+def _fall(rays: RaySamples) -> Plane:
     """Mean of HALF samples before minus mean of HALF samples after each sample; 0 near the ends and outside."""
     total = np.cumsum(rays.red, axis=2)
     size = rays.red.shape[2]
@@ -142,7 +142,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     good = np.nonzero(np.isfinite(shapes).all(axis=1))[0]
     if not good.size:
         return result
-    rays = fan(levels, which[good], shapes[good], RINGS)
+    rays = sample_rays(levels, which[good], shapes[good], RINGS)
     n, m = DISC.size, DISC.size + INSIDE.size
     used = np.asarray(rays.seen[..., m:].all(axis=2), np.bool_)
     within, beyond = np.median(rays.red[..., n:m], axis=2), np.median(rays.red[..., m:], axis=2)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust.conic import Oval
+from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.pixels import Image
 
 Floats = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Rays:
 
 
 def sample(
-    image: Image, oval: Oval, count: int, offsets_px: Samples, margin_px: float, opponent: bool = False
+    image: Image, outline: SupportEllipse, count: int, offsets_px: Samples, margin_px: float, opponent: bool = False
 ) -> Rays | None:
     """The picture along `count` normals of the ellipse at `offsets_px` from it, outward positive, bilinear.
 
@@ -65,17 +65,17 @@ def sample(
     """
     height, width = image.shape[:2]
     look = directions(count)
-    support = np.sqrt(np.array((oval.alpha, oval.beta, oval.gamma)) @ look.waves)
-    spread = np.array(((oval.alpha + oval.beta, oval.gamma), (oval.gamma, oval.alpha - oval.beta)))
+    support = np.sqrt(np.array((outline.alpha, outline.beta, outline.gamma)) @ look.waves)
+    spread = np.array(((outline.alpha + outline.beta, outline.gamma), (outline.gamma, outline.alpha - outline.beta)))
     crossing = spread @ look.normal
     crossing /= support
-    reach = oval.major_px + float(offsets_px[-1]) + 2.0
-    left, top = max(int(oval.u - reach), 0), max(int(oval.v - reach), 0)
-    right, bottom = min(int(oval.u + reach) + 2, width), min(int(oval.v + reach) + 2, height)
+    reach = outline.major_px + float(offsets_px[-1]) + 2.0
+    left, top = max(int(outline.u - reach), 0), max(int(outline.v - reach), 0)
+    right, bottom = min(int(outline.u + reach) + 2, width), min(int(outline.v + reach) + 2, height)
     if right - left < 2 or bottom - top < 2:
         return None
-    crossing[0] += oval.u - left
-    crossing[1] += oval.v - top
+    crossing[0] += outline.u - left
+    crossing[1] += outline.v - top
     steps = offsets_px[:, np.newaxis]
     columns = steps * look.across[0]
     columns += crossing[0]
@@ -85,7 +85,7 @@ def sample(
     near = image[top:bottom, left:right]
     colours = cv2.remap(near, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     inside = look.everywhere
-    if not (reach <= oval.u < width - 1 - reach and reach <= oval.v < height - 1 - reach):
+    if not (reach <= outline.u < width - 1 - reach and reach <= outline.v < height - 1 - reach):
         wide, high = np.abs(look.normal) * margin_px
         u, v = crossing[0] + left, crossing[1] + top
         inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)

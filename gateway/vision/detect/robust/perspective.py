@@ -78,12 +78,12 @@ def disc_pose(
     `usual_tilt_rad`: how far it is off that, one sigma, with the chance `usually`; otherwise OTHER_TILT_RAD. None where
     the lens model has no inverse at the rim, or the ellipse is none.
     """
-    oval = from_ellipse(ellipse)
-    if not oval.real or max(abs(oval.u), abs(oval.v), oval.major_px) > _LARGEST_PX:
+    outline = from_ellipse(ellipse)
+    if not outline.real or max(abs(outline.u), abs(outline.v), outline.major_px) > _LARGEST_PX:
         return None
-    if oval.minor_px < max(_SMALLEST_PX, _FLATTEST * oval.major_px):
+    if outline.minor_px < max(_SMALLEST_PX, _FLATTEST * outline.major_px):
         return None
-    cone = _cone(to_ellipse(oval), intrinsics)
+    cone = _cone(to_ellipse(outline), intrinsics)
     normals = None if cone is None else _normals(cone)
     if cone is None or normals is None:
         return None

@@ -1,4 +1,4 @@
-"""Pictures sampled along fans of rays from a centre outwards, for many candidates at once."""
+"""Pictures sampled along rays from a centre outwards, for many candidates at once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Shapes = NDArray[np.float64]  # (K, 5): u, v, two semi-axes (px of the candidate
 
 
 @dataclass(frozen=True, slots=True)
-class Fan:
+class RaySamples:
     """All (K, RAYS, S)."""
 
     red: Plane  # redness
@@ -26,7 +26,7 @@ class Fan:
     bgr: Image  # with a fourth axis of 3
 
 
-def fan(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes, shares: Plane) -> Fan:
+def sample_rays(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes, shares: Plane) -> RaySamples:
     """Samples of K ellipses, each on the level `which` (K,) says, at `shares` (S,) of the way from centre to rim.
 
     A ray's angle is the parameter of the ellipse, so that each ray meets the rim at share 1.
@@ -42,7 +42,7 @@ def fan(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes, shares
     for number in np.unique(which):
         mine = np.nonzero(which == number)[0]
         bgr[mine], seen[mine] = _sampled(levels[number].bgr, map_u[mine], map_v[mine])
-    return Fan(redness(bgr), seen, bgr)
+    return RaySamples(redness(bgr), seen, bgr)
 
 
 def _sampled(picture: Image, map_u: Plane, map_v: Plane) -> tuple[Image, NDArray[np.bool_]]:

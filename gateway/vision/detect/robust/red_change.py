@@ -20,13 +20,13 @@ GROWN_PX = 6  # a known spot may have moved so far in the sparse picture since t
 
 
 @dataclass(frozen=True, slots=True)
-class Spots:
+class RedRegions:
     """Boxes round red spots in the sparse picture, (n, 4) int32: x0, y0, x1, y1, the last two beyond it."""
 
     boxes: NDArray[np.int32]
     faint: bool = False  # there is anything red at all, even if it is much less red than what is followed
 
-    def news(self, before: "Spots") -> bool:
+    def new_since(self, before: "RedRegions") -> bool:
         """Is there a spot that none of those before has become, whether it grew, shrank or moved a little?"""
         x0, y0, x1, y1 = (self.boxes[:, None, k] for k in range(4))
         was_x0, was_y0, was_x1, was_y1 = (before.boxes[None, :, k] for k in range(4))
@@ -34,7 +34,7 @@ class Spots:
         return bool((~meet.any(axis=1)).any())
 
 
-def spots(image: Image, followed: Circle) -> Spots:
+def red_regions(image: Image, followed: Circle) -> RedRegions:
     """The red spots of a (H, W, 3) uint8 BGR picture that are not `followed` itself."""
     height, width = image.shape[:2]
     step = max(1, min(int(np.hypot(height, width) // SPARSE_PX), height, width))
@@ -51,7 +51,7 @@ def spots(image: Image, followed: Circle) -> Spots:
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     kept = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX]
     boxes = np.column_stack([kept[:, 0], kept[:, 1], kept[:, 0] + kept[:, 2], kept[:, 1] + kept[:, 3]])
-    return Spots(boxes.astype(np.int32), faint)
+    return RedRegions(boxes.astype(np.int32), faint)
 
 
 def sparse_place(circle: Circle, step: int) -> tuple[tuple[int, int], float]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gateway.core.model import Ellipse
 from gateway.vision.detect.robust import support
-from gateway.vision.detect.robust.conic import Oval, from_ellipse, to_ellipse
+from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Profile, Rays, Samples, directions, profile, sample
 from gateway.vision.pixels import Image
 
@@ -63,7 +63,7 @@ class _Options(NamedTuple):
 
 
 class _Rough(NamedTuple):
-    oval: Oval
+    outline: SupportEllipse
     sigma_px: float  # a guess at the blur
 
 
@@ -94,26 +94,26 @@ def refine(
     in the fine stage. `doubt`: see `support.fit`. `least_visible`: fewer of the whole rim's rays are no rim.
     `opponent`: the rim of red against green alone, see `rays.sample`.
     """
-    oval = from_ellipse(seed)
-    if not _sane(oval, image):
+    outline = from_ellipse(seed)
+    if not _sane(outline, image):
         return None
     opt = _Options(rays, doubt, least_visible, opponent)
-    reach = max(4.0, oval.minor_px / 6) if search_px is None else search_px
+    reach = max(4.0, outline.minor_px / 6) if search_px is None else search_px
     if not reach > 0:
-        return _fine(image, oval, 1.0, _FEW_RAYS, opt)
-    rough = _coarse(image, oval, min(reach, 0.8 * oval.minor_px), opponent)
-    if rough is None or not _sane(rough.oval, image):
+        return _fine(image, outline, 1.0, _FEW_RAYS, opt)
+    rough = _coarse(image, outline, min(reach, 0.8 * outline.minor_px), opponent)
+    if rough is None or not _sane(rough.outline, image):
         return None
-    return _fine(image, rough.oval, rough.sigma_px, rays, opt)
+    return _fine(image, rough.outline, rough.sigma_px, rays, opt)
 
 
-def _sane(oval: Oval, image: Image) -> bool:
+def _sane(outline: SupportEllipse, image: Image) -> bool:
     """Large enough, not absurdly so, and in touch with the frame."""
-    if not oval.real or oval.minor_px < SMALLEST_PX or oval.major_px > LARGEST_PX:
+    if not outline.real or outline.minor_px < SMALLEST_PX or outline.major_px > LARGEST_PX:
         return False
     height, width = image.shape[:2]
-    reach = oval.major_px
-    return bool(-reach < oval.u < width + reach and -reach < oval.v < height + reach)
+    reach = outline.major_px
+    return bool(-reach < outline.u < width + reach and -reach < outline.v < height + reach)
 
 
 # --- coarse
@@ -156,11 +156,11 @@ def _hypotheses() -> Floats:
     return np.concatenate(kept)
 
 
-def _coarse(image: Image, oval: Oval, reach: float, opponent: bool) -> _Rough | None:
+def _coarse(image: Image, outline: SupportEllipse, reach: float, opponent: bool) -> _Rough | None:
     """The ellipse most of the steepest edges agree on, good to a fraction of a pixel; None without enough edges."""
     step = reach / _COARSE_HALF_STEPS
     offsets = (np.arange(-_COARSE_HALF_STEPS, _COARSE_HALF_STEPS + 1) * step).astype(np.float32)
-    rays = sample(image, oval, _COARSE_RAYS, offsets, 0.0, opponent)
+    rays = sample(image, outline, _COARSE_RAYS, offsets, 0.0, opponent)
     if rays is None:
         return None
     shift, weight, sigma = _steepest(rays, step)
@@ -168,15 +168,15 @@ def _coarse(image: Image, oval: Oval, reach: float, opponent: bool) -> _Rough | 
         return None
     hypotheses = _hypotheses()
     changes = (hypotheses @ shift).reshape(-1, 5)
-    tolerance = max(0.8, 0.01 * oval.mean_px, 0.5 * step)
-    misfit = changes @ support.design(oval, rays.support)
+    tolerance = max(0.8, 0.01 * outline.mean_px, 0.5 * step)
+    misfit = changes @ support.design(outline, rays.support)
     misfit -= shift
     misfit *= 1.0 / tolerance
     misfit *= misfit
     np.minimum(misfit, 1.0, out=misfit)
     cost = misfit @ weight
     found = support.fit(
-        oval,
+        outline,
         rays.support,
         shift,
         weight,
@@ -186,7 +186,7 @@ def _coarse(image: Image, oval: Oval, reach: float, opponent: bool) -> _Rough | 
         rounds=2,
         doubt=4.0,
     )
-    return None if found is None else _Rough(found.oval, sigma)
+    return None if found is None else _Rough(found.outline, sigma)
 
 
 @lru_cache(maxsize=1)
@@ -229,37 +229,37 @@ def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
 # --- fine
 
 
-def _fine(image: Image, oval: Oval, sigma: float, first: int, opt: _Options) -> Rim | None:
+def _fine(image: Image, outline: SupportEllipse, sigma: float, first: int, opt: _Options) -> Rim | None:
     count = first
     for turn in range(_ROUNDS):
-        whole = min(max(64, 32 * round(2 * pi * oval.mean_px / 32)), opt.rays)
+        whole = min(max(64, 32 * round(2 * pi * outline.mean_px / 32)), opt.rays)
         count = whole if turn else min(first, whole)
-        room = 0.75 * oval.minor_px
+        room = 0.75 * outline.minor_px
         step = min(max(0.75, 0.6 * sigma), room / 4)
         half_steps = ceil(min(max(2.5 * sigma + 1.0, 3.0), room) / step)
         seen = profile(round(10 * sigma), half_steps, round(100 * step))
-        rays = sample(image, oval, count, seen.offsets_px, min(2.0 + sigma, room), opt.opponent)
+        rays = sample(image, outline, count, seen.offsets_px, min(2.0 + sigma, room), opt.opponent)
         if rays is None:
             return None
         edges = _measure(rays, seen, sigma)
         blur = _blur(edges)
-        half_curvature = rays.support**3 * (0.5 / (oval.alpha * oval.alpha - oval.wave * oval.wave))
+        half_curvature = rays.support**3 * (0.5 / (outline.alpha * outline.alpha - outline.wave * outline.wave))
         inward = np.maximum((blur * _QUARTER_TURN) @ directions(count).waves, 0.0) * half_curvature
         found = support.fit(
-            oval,
+            outline,
             rays.support,
             edges.shift_px + inward,
             edges.weight,
             _AT_REST,
             smallest_scale_px=0.03,
-            largest_scale_px=max(0.6, 0.01 * oval.mean_px),
+            largest_scale_px=max(0.6, 0.01 * outline.mean_px),
             rounds=3,
             doubt=opt.doubt if count == whole else 0.0,
         )
-        if found is None or not _sane(found.oval, image):
+        if found is None or not _sane(found.outline, image):
             return None
-        oval = found.oval
-        was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * oval.minor_px, 1.0))
+        outline = found.outline
+        was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * outline.minor_px, 1.0))
         still = found.step_px < _STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
         if count == whole and (still or turn == _ROUNDS - 1):
             return _rim(rays, edges, found, sigma, opt.least_visible)
@@ -340,7 +340,7 @@ def _rim(rays: Rays, edges: _Edges, found: support.Fit, sigma: float, least_visi
     visible = inliers / rays.count
     if visible < least_visible:
         return None
-    ellipse = to_ellipse(found.oval)
+    ellipse = to_ellipse(found.outline)
     if not all(map(isfinite, (ellipse.u_px, ellipse.v_px, ellipse.semi_major_px))):
         return None
     return Rim(

@@ -22,7 +22,7 @@ from gateway.core.model import Circle, Detection
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.robust.detect import Window, detect
-from gateway.vision.detect.robust.red_change import Spots, spots
+from gateway.vision.detect.robust.red_change import RedRegions, red_regions
 from gateway.vision.detect.stage_timer import StageTimer, total_ns
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import RED_DISC
@@ -40,7 +40,7 @@ class RoiSearch:
         self._params = params
         self._now_ns = now_ns
         self._near = 0  # frames in a row that were searched in a window only
-        self._spots: Spots | None = None  # other red things, when they were last looked at
+        self._regions: RedRegions | None = None  # other red things, when they were last looked at
         self._looked_ns = self._t_ns = 0  # when that was, and the frame at hand
         self._radii_px: tuple[float, float] | None = None  # possible in the frame at hand
 
@@ -80,18 +80,18 @@ class RoiSearch:
 
     def _remembered(self, image: Image, found: Detection) -> Detection:
         """The whole frame has been searched: the red things that are in it now have been heard."""
-        self._spots = None if found.circle is None else spots(image, found.circle)
+        self._regions = None if found.circle is None else red_regions(image, found.circle)
         self._looked_ns = self._t_ns
         return found
 
     def _contested(self, image: Image, followed: Circle) -> bool:
         """Has something red come, or has what is there not been heard for long?"""
-        before, self._spots = self._spots, spots(image, followed)
+        before, self._regions = self._regions, red_regions(image, followed)
         self._looked_ns = self._t_ns
-        due = (self._near % WHOLE == 0 and len(self._spots.boxes) > 0) or (
-            self._near % FAINT == 0 and self._spots.faint
+        due = (self._near % WHOLE == 0 and len(self._regions.boxes) > 0) or (
+            self._near % FAINT == 0 and self._regions.faint
         )
-        return before is None or due or self._spots.news(before)
+        return before is None or due or self._regions.new_since(before)
 
 
 def _possible(circle: Circle, radii_px: tuple[float, float] | None) -> bool:

@@ -9,14 +9,22 @@ from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.robust import candidates, evidence
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import CLEARLY, clearest_rim, quality
-from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence, promise, veto, weight
-from gateway.vision.detect.robust.evidence import LOOK_PX, Evidence
+from gateway.vision.detect.robust.decision import (
+    Candidate,
+    Limits,
+    circle_of,
+    confidence,
+    failed_gate,
+    priority,
+    weight,
+)
+from gateway.vision.detect.robust.evidence import EVIDENCE_RADIUS_PX, Evidence
 from gateway.vision.detect.robust.redness import Level, pyramid
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image
 
-Told = tuple[float, Circle, str]  # how near a rejected candidate came, where it is, why it was not taken
+Rejected = tuple[float, Circle, str]  # how near a rejected candidate came, where it is, why it was not taken
 
 SEEDS = 24  # looked at
 RIMS = 5  # whose rim is refined
@@ -27,7 +35,7 @@ FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
 EXPECTED_REACH = 0.25  # how far off a prediction's rim is looked for, of its radius
 
 
-def everywhere(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Told]]:
+def search_frame(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Rejected]]:
     """The marker, how many candidates there were, and the best few of the others."""
     levels = pyramid(image, max(1, int(limits.min_radius_px // FINEST_PX)), COARSEST_PX)
     timer.ended("pyramid")
@@ -43,7 +51,7 @@ def everywhere(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candida
     return taken, len(seeds), told
 
 
-def where_expected(image: Image, expected: Circle, limits: Limits) -> Candidate | None:
+def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate | None:
     """The marker if it is where it is expected and passes every gate; None: look everywhere."""
     radius = expected.radius_px
     if not (radius > 0 and all(map(math.isfinite, (radius, expected.u_px, expected.v_px)))):
@@ -52,14 +60,14 @@ def where_expected(image: Image, expected: Circle, limits: Limits) -> Candidate 
     rim = clearest_rim(image, seed, EXPECTED_REACH * radius)
     if rim is None:
         return None
-    factor = 2 ** max(0, math.floor(math.log2(rim.ellipse.semi_minor_px / LOOK_PX)))
+    factor = 2 ** max(0, math.floor(math.log2(rim.ellipse.semi_minor_px / EVIDENCE_RADIUS_PX)))
     if min(image.shape[:2]) < 2 * factor:
         return None
     (found,) = evidence.of_ellipses(pyramid(image, factor, max(image.shape[:2])), [rim.ellipse])
     if found is None:
         return None
     candidate = Candidate(rim, found)
-    return candidate if veto(candidate, limits) is None else None
+    return candidate if failed_gate(candidate, limits) is None else None
 
 
 def _seeds(levels: Sequence[Level], limits: Limits) -> list[Seed]:
@@ -76,9 +84,9 @@ def _seeds(levels: Sequence[Level], limits: Limits) -> list[Seed]:
     return [seed for pair in zip_longest(voted, blobs) for seed in pair if seed is not None]
 
 
-def _worth_a_rim(seeds: Sequence[Seed], looked: Sequence[Evidence | None]) -> tuple[list[Evidence], list[Told]]:
+def _worth_a_rim(seeds: Sequence[Seed], looked: Sequence[Evidence | None]) -> tuple[list[Evidence], list[Rejected]]:
     """The most promising, each rim once; and those that are nothing for sure."""
-    told: list[Told] = []
+    told: list[Rejected] = []
     hopeful: list[Evidence] = []
     for seed, found in zip(seeds, looked, strict=True):
         if found is None:
@@ -86,20 +94,22 @@ def _worth_a_rim(seeds: Sequence[Seed], looked: Sequence[Evidence | None]) -> tu
         else:
             hopeful.append(found)
     kept: list[Evidence] = []
-    for found in sorted(hopeful, key=lambda found: -promise(found)):
+    for found in sorted(hopeful, key=lambda found: -priority(found)):
         if len(kept) < RIMS and not any(same_ellipse(found.ellipse, other.ellipse) for other in kept):
             kept.append(found)
     return kept, told
 
 
-def _refined(image: Image, levels: Sequence[Level], worth: Sequence[Evidence]) -> tuple[list[Candidate], list[Told]]:
+def _refined(
+    image: Image, levels: Sequence[Level], worth: Sequence[Evidence]
+) -> tuple[list[Candidate], list[Rejected]]:
     """Their rims at full resolution, and the evidence on these."""
     rims: list[Rim] = []
-    told: list[Told] = []
+    told: list[Rejected] = []
     for found in worth:
         rim = _rim_near(image, found.ellipse)
         if rim is None:
-            told.append((promise(found), circle_of(found.ellipse), "rim"))
+            told.append((priority(found), circle_of(found.ellipse), "rim"))
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = evidence.of_ellipses(levels, [rim.ellipse for rim in rims])
@@ -122,12 +132,12 @@ def _rim_near(image: Image, seen: Ellipse) -> Rim | None:
     return other if quality(other) > quality(rim) + CLEARLY else rim
 
 
-def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | None, list[Told]]:
+def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | None, list[Rejected]]:
     """The marker, and the others with the reason."""
-    told: list[Told] = []
+    told: list[Rejected] = []
     passed: list[Candidate] = []
     for candidate in refined:
-        if why := veto(candidate, limits):
+        if why := failed_gate(candidate, limits):
             told.append((1 + confidence(candidate), circle_of(candidate.rim.ellipse), why))
         else:
             passed.append(candidate)

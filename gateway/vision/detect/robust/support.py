@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust.conic import Oval
+from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.detect.robust.normal_profiles import Floats, directions
 
 _TUKEY = 4.0  # some 90 % efficient for Gaussian residuals
@@ -23,7 +23,7 @@ _RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
 
 
 class Fit(NamedTuple):
-    oval: Oval
+    outline: SupportEllipse
     weights: Floats  # (count,): the robust weight times the given one
     residuals_px: Floats  # (count,)
     scale_px: float  # robust sigma of the residuals
@@ -31,17 +31,17 @@ class Fit(NamedTuple):
     step_px: float  # how far the rim moved, at most
 
 
-def design(oval: Oval, support: Floats) -> Floats:
+def design(outline: SupportEllipse, support: Floats) -> Floats:
     """(5, count): how the offset along every normal answers to (du, dv, x, y, z)."""
     look = directions(len(support))
     rows = np.empty((5, len(support)))
     rows[:2] = look.normal
-    np.multiply(look.waves, oval.mean_px / support, out=rows[2:])
+    np.multiply(look.waves, outline.mean_px / support, out=rows[2:])
     return rows
 
 
 def fit(
-    oval: Oval,
+    outline: SupportEllipse,
     support: Floats,
     offsets_px: Floats,
     weights: Floats,
@@ -61,7 +61,7 @@ def fit(
     usable = weights > 0
     if np.count_nonzero(usable) < _FEWEST:
         return None
-    matrix = design(oval, support)
+    matrix = design(outline, support)
     change: NDArray[Any] = start
     residuals = offsets_px - change @ matrix
     ridge = _RIDGE * float(weights.sum())
@@ -87,10 +87,10 @@ def fit(
         moves = change @ matrix
         residuals = offsets_px - moves
     if doubt > 0:
-        change = _toward_circle(oval, change, information, heft, residuals, doubt)
+        change = _toward_circle(outline, change, information, heft, residuals, doubt)
         moves = change @ matrix
         residuals = offsets_px - moves
-    moved = _moved(oval, change)
+    moved = _moved(outline, change)
     if moved is None:
         return None
     return Fit(moved, heft, residuals, scale, cut, float(np.abs(moves).max()))
@@ -110,7 +110,7 @@ def _scale(sizes: Floats, cut: float) -> float:
 
 
 def _toward_circle(
-    oval: Oval, change: Floats, information: Floats, heft: Floats, residuals: Floats, doubt: float
+    outline: SupportEllipse, change: Floats, information: Floats, heft: Floats, residuals: Floats, doubt: float
 ) -> Floats:
     """Shrink the ellipticity by what noise alone explains, and move the other parameters as the data then ask."""
     if doubt <= 0:
@@ -119,7 +119,7 @@ def _toward_circle(
     if rays <= 6:
         return change
     variance = float(heft @ np.square(residuals)) / (rays - 5)
-    ellipticity = change[3:] + np.array((oval.beta, oval.gamma)) * (0.5 / oval.mean_px)
+    ellipticity = change[3:] + np.array((outline.beta, outline.gamma)) * (0.5 / outline.mean_px)
     solved, answer = cv2.solve(information[:3, :3], information[:3, 3:], flags=cv2.DECOMP_CHOLESKY)
     if not solved:
         return change
@@ -130,16 +130,16 @@ def _toward_circle(
     return np.concatenate([change[:3] + answer @ away, change[3:] - away])
 
 
-def _moved(oval: Oval, change: Floats) -> Oval | None:
+def _moved(outline: SupportEllipse, change: Floats) -> SupportEllipse | None:
     """The ellipse after the change; None where that is no ellipse. To second order for a circle, to first otherwise."""
     du, dv, x, y, z = (float(value) for value in change)
-    twice = 2 * oval.mean_px
+    twice = 2 * outline.mean_px
     wave = hypot(y, z)
-    moved = Oval(
-        oval.u + du,
-        oval.v + dv,
-        oval.alpha + twice * x + x * x + wave * wave / 2,
-        oval.beta + twice * y,
-        oval.gamma + twice * z,
+    moved = SupportEllipse(
+        outline.u + du,
+        outline.v + dv,
+        outline.alpha + twice * x + x * x + wave * wave / 2,
+        outline.beta + twice * y,
+        outline.gamma + twice * z,
     )
-    return moved if moved.real and oval.mean_px + x > 0 else None
+    return moved if moved.real and outline.mean_px + x > 0 else None

@@ -5,13 +5,13 @@ is opening with one square of side K, whatever the borders: pixels outside the p
 convex. The opened mask is therefore a union of *boxes*: squares of side K cut to the picture, all red, whose middle
 lies in the picture. All the shortcuts follow from these boxes.
 
-1. Every box holds a point of any lattice whose rows (and columns) begin at 0, are at most K apart, and end at the last
+1. Every box holds a point of any grid whose rows (and columns) begin at 0, are at most K apart, and end at the last
    or the last but one: a box that is not cut is K long, one that an edge cuts holds the edge and its neighbour. So: no
-   red lattice point, nothing survives. Stronger: the row of the box through that point is a horizontal run of red, K
+   red grid point, nothing survives. Stronger: the row of the box through that point is a horizontal run of red, K
    long, or r + 1 when cut by an edge.
-2. A box reaches at most K - 1 from any of its points. So what survives lies within K - 1 of red lattice points.
+2. A box reaches at most K - 1 from any of its points. So what survives lies within K - 1 of red grid points.
 3. Closing joins two parts of the opened mask only if they are at most K apart (Chebyshev; both grow by r, and grown
-   parts that don't touch, diagonally neither, can't hold a square of side K between them). Lattice points of boxes that
+   parts that don't touch, diagonally neither, can't hold a square of side K between them). Grid points of boxes that
    are at most K apart are at most 3 K - 2 apart in each axis. Points farther apart than that belong to different
    *clusters*, and no component of the closed mask has parts in two.
 4. Closing leaves the box round a cluster only towards an edge of the picture that is at most r away.
@@ -89,7 +89,7 @@ class Opening:
         return 4 * self.reach_px + 1
 
     def cluster_box(self, cells: Box, width: int, height: int) -> Box:
-        """All that can come of red lattice points whose outermost are the corners of `cells` (2 and 4)."""
+        """All that can come of red grid points whose outermost are the corners of `cells` (2 and 4)."""
         box = cells.grown(self.side_px - 1, width, height)
         r = self.reach_px
         return Box(

@@ -62,7 +62,7 @@ class Kernel:
         return bool(self._rule[0])
 
     def scan(self, image: Image, ys: NDArray[np.int32], xs: NDArray[np.int32], side_px: int) -> Mask:
-        """(len(ys), len(xs)) uint8: 1 where a lattice point lies in a run of red that a box may have (1)."""
+        """(len(ys), len(xs)) uint8: 1 where a grid point lies in a run of red that a box may have (1)."""
         height, width = image.shape[:2]
         cells = np.empty((len(ys), len(xs)), np.uint8)
         self._make_room(width)
@@ -85,7 +85,7 @@ class Kernel:
         return mask
 
     def cleaned(self, image: Image, window: Box, side_px: int) -> Mask:
-        """M_c in the window, where the opening amounts to a square of `side_px`. Exact as `Look.cleaned` is."""
+        """M_c in the window, where the opening amounts to a square of `side_px`. Exact as `WindowStages.cleaned` is."""
         height, width = image.shape[:2]
         columns, rows = window.x1 - window.x0, window.y1 - window.y0
         mask = np.empty((rows, columns), np.uint8)

@@ -15,9 +15,9 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact import kernel as compiled
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
+from gateway.vision.detect.paper.exact.grid import ScanGrid, scanner
 from gateway.vision.detect.paper.exact.kernel import Kernel
-from gateway.vision.detect.paper.exact.lattice import Lattice, scanner
-from gateway.vision.detect.paper.exact.look import Look, extent
+from gateway.vision.detect.paper.exact.window import WindowStages, extent
 from gateway.vision.detect.paper.stages import Contour, Mask
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image, check_bgr8
@@ -31,7 +31,7 @@ class Found:
     """Of one search of a whole picture."""
 
     detection: Detection
-    cells: Mask  # the lattice
+    cells: Mask  # the grid
     chosen: Contour | None
 
 
@@ -42,10 +42,10 @@ class ExactSearch:
         """`kernel`: of these very parameters."""
         self.params = params
         self.opening = Opening.of(params)
-        self.look = Look(params, self.opening, kernel)
+        self.window_stages = WindowStages(params, self.opening, kernel)
         self._now_ns = now_ns
         self._scanner = scanner(params, self.opening, kernel)
-        self._lattice: Lattice | None = None
+        self._grid: ScanGrid | None = None
 
     @staticmethod
     def knows(params: VisionConfig) -> bool:
@@ -59,36 +59,36 @@ class ExactSearch:
         check_bgr8(image)
         image = packed(image)
         timer = StageTimer(self._now_ns)
-        lattice = self.lattice(image)
-        cells = lattice.scan(image)
+        grid = self.grid(image)
+        cells = grid.scan(image)
         timer.ended("scan")
-        borders = self._borders(image, lattice, cells)
+        borders = self._borders(image, grid, cells)
         timer.ended("look")
         chosen, detection = pipeline.conclude(borders, self.params, timer.ended)
         return Found(replace(detection, stage_ns=timer.stage_ns), cells, chosen)
 
-    def lattice(self, image: Image) -> Lattice:
+    def grid(self, image: Image) -> ScanGrid:
         height, width = image.shape[:2]
-        if self._lattice is None or (self._lattice.width, self._lattice.height) != (width, height):
-            self._lattice = Lattice(self._scanner, self.opening, width, height)
-        return self._lattice
+        if self._grid is None or (self._grid.width, self._grid.height) != (width, height):
+            self._grid = ScanGrid(self._scanner, self.opening, width, height)
+        return self._grid
 
-    def _borders(self, image: Image, lattice: Lattice, cells: Mask) -> list[Contour]:
+    def _borders(self, image: Image, grid: ScanGrid, cells: Mask) -> list[Contour]:
         """All contours of more than S_min, in the order in which the plain pipeline has them."""
         height, width = image.shape[:2]
         s_min = self.params.min_area_px2
-        clusters = [box for box in lattice.clusters(cells) if box.largest_contour_px2 > s_min]
+        clusters = [box for box in grid.clusters(cells) if box.largest_contour_px2 > s_min]
         affordable_px = width * height + WINDOW_COST_PX
         if len(clusters) * WINDOW_COST_PX > affordable_px:
-            return self.look.contours(image, Box(0, 0, width, height), s_min)
+            return self.window_stages.contours(image, Box(0, 0, width, height), s_min)
         merged = _apart(clusters, self.opening, width, height)
         windows = [self.opening.window(box, width, height) for box in merged]
         if sum(window.pixels + WINDOW_COST_PX for window in windows) > affordable_px:
-            return self.look.contours(image, Box(0, 0, width, height), s_min)
+            return self.window_stages.contours(image, Box(0, 0, width, height), s_min)
         found = [
             contour
             for box, window in zip(merged, windows, strict=True)
-            for contour in self.look.contours(image, window, s_min)
+            for contour in self.window_stages.contours(image, window, s_min)
             if box.holds(extent(contour))  # else a part of another cluster, cut by the window
         ]
         return in_plain_order(found)

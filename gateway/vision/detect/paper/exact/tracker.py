@@ -10,9 +10,9 @@ What is promised, for every frame:
   as large or larger and passes the gates lies elsewhere. Such a one is noticed in the ROUND-th frame after it came, at
   the latest, if it stands that long; then the whole frame is searched.
 
-How the second is kept: each frame a share of 1/ROUND of the lattice is scanned, so that all of it has had its turn
+How the second is kept: each frame a share of 1/ROUND of the grid is scanned, so that all of it has had its turn
 after ROUND frames. A red point that the last search of the whole frame did not have thereabouts calls for another
-one. Points that it had, the clutter, lie in *zones*, a step of the lattice wider than they were. What stays inside a
+one. Points that it had, the clutter, lie in *zones*, a step of the grid wider than they were. What stays inside a
 zone is not larger than its box. While that is less than the marker, no zone can hide a rival; else, and where something
 that the window cuts comes close to the marker, the whole frame is searched every ROUND frames.
 """
@@ -28,15 +28,15 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact import kernel as compiled
 from gateway.vision.detect.paper.exact.geometry import Box
+from gateway.vision.detect.paper.exact.grid import ScanGrid
 from gateway.vision.detect.paper.exact.kernel import Kernel
-from gateway.vision.detect.paper.exact.lattice import Lattice
-from gateway.vision.detect.paper.exact.look import extent
 from gateway.vision.detect.paper.exact.search import ExactSearch, Found, in_plain_order, packed
+from gateway.vision.detect.paper.exact.window import extent
 from gateway.vision.detect.paper.stages import Mask
 from gateway.vision.detect.stage_timer import StageTimer, total_ns
 from gateway.vision.pixels import Image, check_bgr8
 
-ROUND = 8  # frames in which every lattice point is scanned
+ROUND = 8  # frames in which every grid point is scanned
 SLACK_PX = 4  # the window goes so much farther than the marker is expected to,
 SLACK_ERRORS = 3  # and so many times as far as it was off the last time
 LONGEST_LEAP = 4.0  # frames may come so many times as far apart as before; a guess beyond is none
@@ -55,7 +55,7 @@ class Marker:
 class Clutter:
     """What the last search of a whole frame saw besides the marker."""
 
-    unknown: Mask  # (rows, columns) uint8, 255 where a red lattice point would be news
+    unknown: Mask  # (rows, columns) uint8, 255 where a red grid point would be news
     largest_px2: int  # no zone can hold a larger contour
 
 
@@ -71,7 +71,7 @@ class ExactTracker:
         self._before: Marker | None = None
         self._clutter: Clutter | None = None
         self._shape: tuple[int, ...] = ()
-        self._turn = 0  # which share of the lattice is next
+        self._turn = 0  # which share of the grid is next
         self._since_whole = 0  # frames
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
@@ -93,7 +93,7 @@ class ExactTracker:
         else:
             own = extent(found.chosen)
             self._moved(own, t_ns)
-            self._clutter = self._clutter_of(self.search.lattice(image), found, own)
+            self._clutter = self._clutter_of(self.search.grid(image), found, own)
         return found.detection
 
     def _near(self, image: Image, t_ns: int, seen: pipeline.Seen) -> Detection | None:
@@ -106,7 +106,7 @@ class ExactTracker:
         expected = self._expected(t_ns, width, height)
         window = expected.grown(SLACK_PX + SLACK_ERRORS * marker.error_px + opening.uncut_px, width, height)
         trusted = _trusted(window, opening.uncut_px, width, height)
-        boxed = [(contour, extent(contour)) for contour in self.search.look.contours(image, window, 0.0)]
+        boxed = [(contour, extent(contour)) for contour in self.search.window_stages.contours(image, window, 0.0)]
         uncut = [contour for contour, box in boxed if trusted.holds(box)]
         cut = [(contour, box) for contour, box in boxed if not trusted.holds(box)]
         seen("window", None)
@@ -126,15 +126,15 @@ class ExactTracker:
         return found
 
     def _news(self, image: Image, near: Box, clutter: Clutter) -> bool:
-        """Scan the next share of the lattice: is there red that was not known, and is not the marker?"""
-        lattice = self.search.lattice(image)
-        count = len(lattice.ys)
+        """Scan the next share of the grid: is there red that was not known, and is not the marker?"""
+        grid = self.search.grid(image)
+        count = len(grid.ys)
         first, end = count * self._turn // ROUND, count * (self._turn + 1) // ROUND
         self._turn = (self._turn + 1) % ROUND
         if first == end:
             return False
-        fresh = lattice.scan_rows(image, first, end)
-        rows, columns = lattice.inside(near)
+        fresh = grid.scan_rows(image, first, end)
+        rows, columns = grid.inside(near)
         fresh[max(rows.start - first, 0) : max(rows.stop - first, 0), columns] = 0
         return bool(cv2.hasNonZero(cv2.bitwise_and(fresh, clutter.unknown[first:end])))
 
@@ -158,14 +158,14 @@ class ExactTracker:
         error_px = 0 if expected is None else box.farthest_side(expected)
         self._before, self._marker = self._marker, Marker(box, t_ns, error_px)
 
-    def _clutter_of(self, lattice: Lattice, found: Found, own: Box) -> Clutter:
-        """All red lattice points but the marker's own, and a step of the lattice round each."""
-        near = own.grown(self.search.opening.side_px - 1, lattice.width, lattice.height)
-        rows, columns = lattice.inside(near)
+    def _clutter_of(self, grid: ScanGrid, found: Found, own: Box) -> Clutter:
+        """All red grid points but the marker's own, and a step of the grid round each."""
+        near = own.grown(self.search.opening.side_px - 1, grid.width, grid.height)
+        rows, columns = grid.inside(near)
         others = found.cells.copy()
         others[rows, columns] = 0
         zones = np.asarray(cv2.dilate(others, np.ones((3, 3), np.uint8)), np.uint8)
-        largest = max((box.largest_contour_px2 for box in lattice.clusters(zones)), default=0)
+        largest = max((box.largest_contour_px2 for box in grid.clusters(zones)), default=0)
         return Clutter(np.where(zones, 0, 255).astype(np.uint8), largest)
 
 

@@ -13,7 +13,7 @@ from gateway.vision.pixels import Image
 LARGEST_SIDE_PX = 31  # the closing's 61 px still fit the kernel's words of 64
 
 
-class Look:
+class WindowStages:
     """For one set of parameters. With the kernel, equations 1 to 4 are one compiled loop."""
 
     def __init__(self, params: VisionConfig, opening: Opening, kernel: Kernel | None) -> None:

@@ -1,4 +1,4 @@
-"""Which points of a lattice may lie in red that survives the opening, and how they cluster. Pure."""
+"""Which points of a grid may lie in red that survives the opening, and how they cluster. Pure."""
 
 from typing import Protocol
 
@@ -18,12 +18,12 @@ SMALLEST_PYRAMID_PX = 8  # below, nothing is gained, and pyrDown's own border ru
 
 
 class Scanner(Protocol):
-    """Looks at the points of a lattice."""
+    """Looks at the points of a grid."""
 
     step_px: int
 
     def axis(self, size: int) -> Axis:
-        """Rows or columns of the lattice where the picture has `size`: `step_px` apart, the last may be less."""
+        """Rows or columns of the grid where the picture has `size`: `step_px` apart, the last may be less."""
         ...
 
     def __call__(self, image: Image, ys: Axis, xs: Axis) -> Mask:
@@ -62,7 +62,7 @@ class PyramidScanner:
         return _axis(size, (size - 1) // 2 * 2, self.step_px)
 
     def __call__(self, image: Image, ys: Axis, xs: Axis) -> Mask:
-        # The lattice's rows and two on either side, which the blur needs; `top` is even as all rows of the lattice are.
+        # The grid's rows and two on either side, which the blur needs; `top` is even as all rows of the grid are.
         top, bottom = max(0, int(ys[0]) - 2), min(image.shape[0], int(ys[-1]) + 3)
         band = image[top:bottom]
         if min(band.shape[:2]) < SMALLEST_PYRAMID_PX:
@@ -100,8 +100,8 @@ def scanner(params: VisionConfig, opening: Opening, kernel: Kernel | None) -> Sc
     return PyramidScanner(params, opening) if PyramidScanner.knows(params) else BlurScanner(params, opening)
 
 
-class Lattice:
-    """The lattice of pictures of one size."""
+class ScanGrid:
+    """The grid of pictures of one size."""
 
     def __init__(self, scan: Scanner, opening: Opening, width: int, height: int) -> None:
         self._scan = scan
