@@ -19,7 +19,7 @@ from gateway.config import reference as configdoc
 from gateway.core.model import VISIT_PHASE_MEANING, VisitPhase
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports import tables
-from gateway.modbus.exports.formats import FORMATS
+from gateway.modbus.exports.registry import export
 from gateway.modbus.exports.target import Target
 from gateway.modbus.reference import reaction_time, situations, timing_diagrams
 from gateway.modbus.reference import server as modbus_reference
@@ -110,7 +110,7 @@ def texts() -> Iterator[tuple[Path, str]]:
         yield DOCS / "schemas" / name, text
     yield DOCS / "openapi.json", json.dumps(openapi.document(), indent=1, ensure_ascii=False) + "\n"
     for name in PLC_EXAMPLES:
-        for file, text in FORMATS[name]((Target(writes=True),)).items():
+        for file, text in export(name, (Target(writes=True),)).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
     for name, text in (timing_diagrams.figures() | situations.figures()).items():
         yield DOCS / "images" / f"{name}.svg", text

@@ -23,7 +23,7 @@ from gateway.core.plc import Phase
 from gateway.modbus.exports import openplc, structured_text
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import OUTPUTS
-from gateway.modbus.exports.pou import FUNCTION_BLOCK
+from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import REGISTERS
 from tests.plc_images import answered, doubtful
@@ -87,7 +87,7 @@ def texts() -> Iterator[tuple[str, str]]:
     for order in ("big", "little"):
         bays = tuple(Target(bay=f"bay{n}", unit_id=n, word_order=order, writes=True) for n in range(1, 5))
         for count in (1, 4):
-            yield f"st, {count} bays, {order}", structured_text.text(bays[:count])
+            yield f"st, {count} bays, {order}", structured_text.document(bays[:count])
             yield f"openplc, {count} bays, {order}", openplc.files(bays[:count])[openplc.PROGRAM]
 
 
@@ -121,7 +121,7 @@ def cycles() -> list[Cycle]:
 
 def walked(made: list[Cycle]) -> list[list[float]]:
     """What the tree walk says."""
-    block = Program(structured_text.library((Target(),))).instance(FUNCTION_BLOCK)
+    block = Program(structured_text.declarations((Target(),))).instance(FUNCTION_BLOCK)
     answers = []
     for now, ok, inputs, recipe, image in made:
         block.call(now, PollOk=ok, Words=image, Recipe=recipe, **dict(zip(INPUTS, inputs, strict=True)))

@@ -28,12 +28,12 @@ TEXT_FORMS = ("markdown", "csv", "json")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds this verb's arguments."""
-    from gateway.modbus.exports.names import SUMMARY
+    from gateway.modbus.exports.registry import SUMMARY
     from gateway.modbus.exports.target import Target
 
     default = Target()
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--format", choices=SUMMARY, metavar="FORMAT", help="one of the formats below (default: text)")
+    form.add_argument("--format", metavar="FORMAT", help="one of the formats below (default: text)")
     for name in TEXT_FORMS:
         form.add_argument(f"--{name}", dest="format", action="store_const", const=name, help=f"--format {name}")
     parser.add_argument(
@@ -78,9 +78,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Prints to stdout, or writes files and says which."""
     from gateway.modbus.exports import tables
-    from gateway.modbus.exports.formats import FORMATS
+    from gateway.modbus.exports.registry import export
 
-    files = {"registers.txt": tables.plain_text()} if args.format is None else FORMATS[args.format](_targets(args))
+    files = {"registers.txt": tables.plain_text()} if args.format is None else export(args.format, _targets(args))
     if args.out is not None:
         _write(files, args.out)
     elif len(files) == 1:

@@ -14,7 +14,7 @@ from pymodbus.exceptions import ModbusException
 from gateway.core.model import Reason
 from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.diagnosis import Diagnosis
-from gateway.modbus.exports.pou import FUNCTION_BLOCK
+from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 from tests.e2e.processes import Gateway
@@ -91,7 +91,7 @@ class SoftPlc:
 
 @pytest.fixture(scope="module")
 def program() -> Program:
-    return Program(structured_text.library((Target(),)))
+    return Program(structured_text.declarations((Target(),)))
 
 
 def test_the_outputs_follow_a_live_bay_and_fall_on_every_doubt(program: Program, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from gateway.modbus.exports import node_red_function, openplc, structured_text
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS, STEP_TIMEOUT_MS
-from gateway.modbus.exports.pou import FUNCTION_BLOCK
+from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
 from tests.node_function import run_function
@@ -50,7 +50,7 @@ transition true type udint uint ulint until usint var while with word xor ton to
 
 @pytest.fixture(scope="module")
 def program() -> Program:
-    return Program(structured_text.library((Target(),)))
+    return Program(structured_text.declarations((Target(),)))
 
 
 class Scan:
@@ -313,7 +313,7 @@ def test_node_red_wants_the_heartbeat_anew_after_an_unsound_image() -> None:
 def test_every_diagnosis_has_its_check_and_no_check_counts_a_heartbeat_of_an_unsound_image() -> None:
     assert sorted(check.diagnosis for check in CHECKS) == [d for d in Diagnosis if d]
     assert Diagnosis.HEARTBEAT not in [check.diagnosis for check in SOUND]
-    text = structured_text.library((Target(),))
+    text = structured_text.declarations((Target(),))
     assert text.index("Sound := Diagnostic = 0;") < text.index("IF Sound THEN") < text.index("LastHeartbeat := Raw")
 
 
@@ -332,7 +332,7 @@ def test_swapped_words_are_called_so(scan: Scan) -> None:
 
 def test_the_export_for_the_other_word_order_differs_in_the_words_places_alone() -> None:
     """Compared as text: the parser is slow, and what the places mean is computed in the tests of the other formats."""
-    big, little = (structured_text.library((Target(word_order=order),)) for order in ("big", "little"))
+    big, little = (structured_text.declarations((Target(word_order=order),)) for order in ("big", "little"))
     for register in REGISTERS:
         first, last = register.address, register.address + register.words - 1
         if register.words == 2:
@@ -450,13 +450,13 @@ def test_the_openplc_program_around_the_block_is_structured_text_too() -> None:
 
 def test_the_program_of_several_bays_is_structured_text_too() -> None:
     targets = (Target(), Target(bay="bay-2", unit_id=2))
-    text = structured_text.text(targets)
+    text = structured_text.document(targets)
     (made,) = parse(text[text.index("PROGRAM LoadingGateways") :]).items
     assert len(made.body.statements) == 2 * 4  # the call, three to write
 
 
 def test_the_text_is_plain_ascii_and_names_its_target() -> None:
-    text = structured_text.text((Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7),))
+    text = structured_text.document((Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7),))
     assert text.isascii()
     assert "bay-2: 10.1.2.3, port 5020, unit id 7" in text
     assert max(len(line) for line in text.splitlines()) < 300

@@ -15,7 +15,7 @@ from gateway.core.interlock import Rules
 from gateway.core.model import Quality, Tick
 from gateway.core.plc import Outcome, PlcWrite, Writer
 from gateway.modbus.exports import structured_text
-from gateway.modbus.exports.pou import FUNCTION_BLOCK
+from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.reference.situations import Scene
 from gateway.modbus.registers.register_map import BLOCK_WORDS
@@ -35,7 +35,7 @@ class Loop:
     """A bay, and a PLC that runs the exported block."""
 
     def __init__(self) -> None:
-        self.block = Program(structured_text.library((Target(),))).instance(FUNCTION_BLOCK)
+        self.block = Program(structured_text.declarations((Target(),))).instance(FUNCTION_BLOCK)
         self.state = interlock.initial("bay1", 0, RULES)
         self.words = [0] * BLOCK_WORDS
         self.now_ms = 0

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from gateway.errors import ConfigError
 from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN, Var
-from gateway.modbus.exports.pou import BLOCK, PROGRAM, Pou, Section, called, instance
+from gateway.modbus.exports.structured_text import BLOCK, PROGRAM, Pou, Section, called, instance
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 

@@ -9,7 +9,7 @@ import json
 from typing import Any
 
 from gateway.modbus.exports.fields import describe
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.target import Target, file_per_bay
 from gateway.modbus.registers.register_map import REGISTERS, Register
 
 # (designator of Ignition's Modbus driver, tag data type), by the table's type
@@ -118,3 +118,6 @@ def _codes(register: Register) -> str:
     if register.codes is None:
         return ""
     return "\n" + "\n".join(f"{code} {name}: {meaning}" for code, (name, meaning) in register.codes.items())
+
+
+files = file_per_bay("{}-ignition-tags.json", text)

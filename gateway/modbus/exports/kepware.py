@@ -12,7 +12,7 @@ import csv
 import io
 
 from gateway.modbus.exports.fields import describe, measured
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.target import Target, file_per_bay
 from gateway.modbus.registers.register_map import REGISTERS, Register
 
 COLUMNS = (
@@ -95,3 +95,6 @@ def _row(name: str, address: str, data_type: str, description: str) -> Row:
         "Scan Rate": _SCAN_MS,
         "Description": description[:_DESCRIPTION_MAX],
     }
+
+
+files = file_per_bay("{}-kepware-tags.csv", text)

@@ -9,12 +9,12 @@ from xml.sax.saxutils import quoteattr
 
 from gateway.modbus.exports import interface
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
-from gateway.modbus.exports.dialect import ascii_only
 from gateway.modbus.exports.fields import Field, fields
 from gateway.modbus.exports.interface import INPUTS, MEMORY, OUTPUTS, Var
+from gateway.modbus.exports.logic import ascii_only
 from gateway.modbus.exports.logix import body, off
 from gateway.modbus.exports.structured_text import about
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.target import Target, one_file
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION
 
 INSTRUCTION = "LoadingGateway"
@@ -172,3 +172,6 @@ def _description(text: str) -> str:
 
 def _cdata(text: str) -> str:
     return f"<![CDATA[{text.replace(']]>', ']] >')}]]>"
+
+
+files = one_file("{}-loading-gateway.L5X", text)

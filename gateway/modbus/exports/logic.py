@@ -5,6 +5,7 @@ translates. Only what every language and tool shares is used: no pointers, no un
 float is put together by arithmetic, which is exact because only powers of two are multiplied.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 
 from gateway.core.model import StateVector
@@ -15,6 +16,7 @@ from gateway.modbus.exports.interface import REQUESTS, STEP_TIMEOUT_MS
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import dead_image
 
+_PLAIN = {"×": "x", "–": "-", "°": "deg", "±": "+-", "µ": "u"}
 _HEARTBEAT = f"""\
 (* The heartbeat counts in sound images only: seen to move {HEARTBEAT_CHANGES} times, with none but sound ones between.
    An image left over from before and one frozen image make a single change. *)
@@ -133,7 +135,12 @@ def logic() -> str:
     """All that comes after the decoding: the same in every language of IEC 61131-3 and at Rockwell."""
     outputs = _OUTPUTS.format(first_alive=FIRST_ALIVE, nothing=indented(nothing()))
     trigger = _TRIGGER.format(limit=f"T#{STEP_TIMEOUT_MS}ms")
-    return "\n".join((_sound(), _HEARTBEAT, _values(), outputs, trigger, _requests()))
+    return "\n".join((judgement(), outputs, trigger, _requests()))
+
+
+def judgement() -> str:
+    """From `Raw` to `Diagnostic`: the checks of an image, the heartbeat, the checks of its values."""
+    return "\n".join((_sound(), _HEARTBEAT, _values()))
 
 
 def nothing() -> str:
@@ -188,3 +195,15 @@ def _requests() -> str:
     for name, bit in REQUESTS:
         lines.append(f"IF #{name} THEN\n  #PlcControl := #PlcControl + {1 << bit};\nEND_IF;")
     return "\n".join([*lines, _HEARTBEAT_OUT])
+
+
+def iec(text: str) -> str:
+    """SCL's local names and quoted function names as plain IEC identifiers. Typed literals keep their `#`."""
+    return re.sub(r'"(\w+)"', r"\1", re.sub(r"(?<!\w)#(?=[A-Za-z_])", "", text))
+
+
+def ascii_only(text: str) -> str:
+    """PLC tools disagree on encodings; the few signs that are not ASCII have a plain spelling."""
+    for sign, plain in _PLAIN.items():
+        text = text.replace(sign, plain)
+    return text.encode("ascii", "replace").decode("ascii")

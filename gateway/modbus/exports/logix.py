@@ -9,10 +9,9 @@ import re
 
 from gateway.core.plc import Control
 from gateway.modbus.exports.diagnosis import Diagnosis
-from gateway.modbus.exports.dialect import iec
 from gateway.modbus.exports.fields import Field, fields
 from gateway.modbus.exports.interface import OUTPUTS
-from gateway.modbus.exports.logic import dead_fields, logic, nothing
+from gateway.modbus.exports.logic import dead_fields, iec, logic, nothing
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import Register
 

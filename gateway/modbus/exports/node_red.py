@@ -9,7 +9,7 @@ from typing import Any
 
 from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN
 from gateway.modbus.exports.node_red_function import code
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.target import Target, file_per_bay
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 POLL_MS = 100
@@ -148,3 +148,6 @@ def _debug(name: str, tab: str, label: str, y: int) -> dict[str, Any]:
         "y": y,
         "wires": [],
     }
+
+
+files = file_per_bay("{}-node-red-flow.json", text)

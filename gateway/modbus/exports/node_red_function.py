@@ -1,27 +1,15 @@
 """The JavaScript of the Node-RED flow's function node: the checks, the decoding, what is written. Pure."""
 
 import json
+import re
+from textwrap import indent
 from typing import Any
 
-from gateway.core.model import FRESH_FRAME
 from gateway.core.plc import Control
-from gateway.modbus.exports.diagnosis import (
-    FIRST_ALIVE,
-    HEARTBEAT_CHANGES,
-    HEARTBEAT_TIMEOUT_MS,
-    MEANING,
-    SWAPPED_UINT32,
-    Diagnosis,
-)
+from gateway.modbus.exports.diagnosis import FIRST_ALIVE, HEARTBEAT_TIMEOUT_MS, MEANING, Diagnosis
+from gateway.modbus.exports.logic import judgement
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers.register_map import (
-    BLOCK_WORDS,
-    KNOWN_FLOAT32,
-    KNOWN_UINT32,
-    MAP_VERSION,
-    REGISTERS,
-    Register,
-)
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, Register
 
 # What a message of topic "command" may hold besides "recipe", and at which bit it is written.
 COMMANDS: dict[str, int] = {
@@ -77,46 +65,15 @@ function isNone(words, row) {
     return row.none !== null && words[row.address] === row.none;
 }
 
-// The checks of an image itself: 0, or the first that fails.
-function sound(data) {
-    if (data.known_u32 === @SWAPPED@ || (data.known_u32 === @KNOWN_U32@ && data.known_f32 !== @KNOWN_F32@)) {
-        return @WORD_ORDER@;
-    }
-    if (data.known_u32 !== @KNOWN_U32@) return @FOREIGN@;
-    if (data.seq_begin !== data.seq_end) return @TORN@;
-    if (data.map_version < @MAP_VERSION@) return @OLD_MAP@;
-    const stop = data.stop === 1, mayMove = data.may_move === 1;
-    const inPlace = data.in_place === 1, moved = data.moved !== 0;
-    const contradicts = data.stop > 1 || data.may_move > 1 || data.in_place > 1
-        || (mayMove && (stop || inPlace || data.reason !== 0))
-        || (inPlace && (!stop || moved || data.d === 0))
-        || data.status_stop !== stop || data.status_may_move !== mayMove
-        || data.position_status_may_move !== mayMove || data.position_status_in_place !== inPlace
-        || data.position_status_moved !== moved || (data.position_status_held && !inPlace);
-    return contradicts ? @CONTRADICTION@ : @OK@;
+// An on-delay timer; `on` is counted from the last call at which it was false.
+function timer(name, on, limit) {
+    if (!on) state[name] = { Q: false, off: now };
+    else state[name].Q = state[name].off === null || now - state[name].off >= limit;
 }
 
-// What a sound image says, for the output that it names.
-function values(data, beating) {
-    if (!beating) return @HEARTBEAT@;
-    const inPlace = data.in_place === 1;
-    if (!inPlace && data.stop !== 0) return @STOP@;
-    if (!inPlace && data.vision_quality !== 0) return @VISION@;
-    if (data.range_quality !== 0) return @RANGER@;
-    if (!inPlace && data.may_move !== 1) return @NO_MAY_MOVE@;
-    return inPlace && !@FRESH_FRAME@.includes(data.vision_quality) ? @CAMERA@ : @OK@;
-}
-
-// The heartbeat counts in sound images only: seen to move @CHANGES@ times, with none but sound ones between. An image
-// left over from before and one frozen image make a single change.
-function forget(state) {
-    state.seen = false;
-    state.changes = 0;
-}
-
-function beating(state, now) {
-    if (state.beat === null || now - state.beat >= TIMEOUT_MS) state.changes = 0;
-    return state.changes >= @CHANGES@;
+// What the function block of every other format does, statement by statement, with the newest image as `raw`.
+function judge(raw) {
+@LOGIC@
 }
 
 // 16 bits of what is wanted, in their places.
@@ -126,55 +83,38 @@ function control(command) {
 
 const now = Date.now();
 const state = context.get('state') || {
-    code: null, mayMove: false, inPlace: false, seen: false, heartbeat: 0, changes: 0, beat: null, poll: null,
-    command: {}, plcHeartbeat: 0,
+    Diagnostic: null, Sound: false, PollOk: false, HeartbeatTimeout: TIMEOUT_MS, HeartbeatTimer: { Q: true, off: null },
+    LastHeartbeat: 0, Seen: false, Changed: false, Changes: 0, Beating: false,
+    mayMove: false, inPlace: false, raw: null, poll: null, now, command: {}, plcHeartbeat: 0,
 };
 // A clock that was set back proves nothing any more.
-if (state.beat !== null && now < state.beat) state.beat = null;
-if (state.poll !== null && now < state.poll) state.poll = null;
+if (now < state.now) {
+    state.HeartbeatTimer.off = null;
+    state.poll = null;
+}
+state.now = now;
 if (msg.topic === 'command') {
     if (msg.payload !== null && typeof msg.payload === 'object') Object.assign(state.command, msg.payload);
     context.set('state', state);
     return null;
 }
-let data = null, code;
-if (Array.isArray(msg.payload) && msg.payload.length === @WORDS@) {
-    data = decode(msg.payload);
-    state.poll = now;
-    code = sound(data);
-    if (code === @OK@) {
-        beating(state, now);
-        if (state.seen && data.heartbeat !== state.heartbeat) {
-            state.beat = now;
-            state.changes += 1;
-        }
-        state.heartbeat = data.heartbeat;
-        state.seen = true;
-        code = values(data, beating(state, now));
-    } else {
-        forget(state);
-    }
-} else if (msg.topic === 'tick') {
-    // Only silence is news: between two polls the last verdict stands.
-    const silent = state.poll === null || now - state.poll >= TIMEOUT_MS;
-    if (silent) forget(state);
-    const alive = state.code === @OK@ || state.code >= @FIRST_ALIVE@;
-    code = silent ? @POLL_FAILED@ : alive && !beating(state, now) ? @HEARTBEAT@ : state.code;
-} else {
-    code = @POLL_FAILED@;
-    forget(state);
-    state.poll = null;
+const before = state.Diagnostic, was = [state.mayMove, state.inPlace];
+// First the time that has passed since the last poll, then what is new.
+state.PollOk = state.poll !== null && now - state.poll < TIMEOUT_MS;
+judge(state.raw);
+let data = null;
+if (msg.topic !== 'tick') {
+    state.PollOk = Array.isArray(msg.payload) && msg.payload.length === @WORDS@;
+    state.poll = state.PollOk ? now : null;
+    if (state.PollOk) data = state.raw = decode(msg.payload);
+    judge(state.raw);
 }
-const first = state.code === null, changed = code !== state.code, was = [state.mayMove, state.inPlace];
-if (data !== null) {
-    state.mayMove = code === @OK@ && data.may_move === 1 && data.stop === 0;
-    state.inPlace = code === @OK@ && data.in_place === 1 && data.stop === 1;
-} else if (code !== @OK@) {
-    state.mayMove = state.inPlace = false;
-}
-state.code = code;
+const code = state.Diagnostic, first = before === null, changed = code !== before;
+const alive = code === @OK@ || code >= @FIRST_ALIVE@;
+state.mayMove = code === @OK@ && state.raw.may_move === 1 && state.raw.stop === 0;
+state.inPlace = code === @OK@ && state.raw.in_place === 1 && state.raw.stop === 1;
 let write = null;
-if (data !== null && (code === @OK@ || code >= @FIRST_ALIVE@) && data.handshake_status_writes_on) {
+if (data !== null && alive && data.handshake_status_writes_on) {
     state.plcHeartbeat = (state.plcHeartbeat + 1) & 0xFFFF;
     const recipe = Number(state.command.recipe) & 0xFFFF;
     write = { topic: 'write', payload: [state.plcHeartbeat, control(state.command), recipe] };
@@ -182,7 +122,6 @@ if (data !== null && (code === @OK@ || code >= @FIRST_ALIVE@) && data.handshake_
 context.set('state', state);
 const text = state.mayMove ? 'may move' : state.inPlace ? 'in place' : MEANING[code][0];
 node.status({ fill: code === @OK@ ? 'green' : 'red', shape: 'dot', text });
-const alive = code === @OK@ || code >= @FIRST_ALIVE@;
 return [
     first || state.mayMove !== was[0] ? { topic: 'may_move', payload: state.mayMove } : null,
     first || state.inPlace !== was[1] ? { topic: 'in_place', payload: state.inPlace } : null,
@@ -201,13 +140,8 @@ def code(target: Target) -> str:
         "MEANING": json.dumps(MEANING),
         "TIMEOUT_MS": HEARTBEAT_TIMEOUT_MS,
         "LITTLE": json.dumps(target.word_order == "little"),
-        "CHANGES": HEARTBEAT_CHANGES,
+        "LOGIC": indent(javascript(judgement()), "    "),
         "COMMANDS": json.dumps(COMMANDS),
-        "FRESH_FRAME": json.dumps(sorted(FRESH_FRAME)),
-        "SWAPPED": SWAPPED_UINT32,
-        "KNOWN_U32": KNOWN_UINT32,
-        "KNOWN_F32": KNOWN_FLOAT32,
-        "MAP_VERSION": MAP_VERSION,
         "FIRST_ALIVE": FIRST_ALIVE,
         "WORDS": BLOCK_WORDS,
     }
@@ -215,6 +149,28 @@ def code(target: Target) -> str:
     for name, value in numbers.items():
         made = made.replace(f"@{name}@", str(value))
     return made
+
+
+_WORDS = {"AND": "&&", "OR": "||", "XOR": "!==", "NOT ": "!", "TRUE": "true", "FALSE": "false", "<>": "!=="}
+
+
+def javascript(text: str) -> str:
+    """Statements of the common language (logic.py), without decoding, as JavaScript on `raw` and `state`."""
+    code = re.split(r"(\(\*.*?\*\))", text, flags=re.DOTALL)
+    code[1::2] = [f"/*{comment[2:-2]}*/" for comment in code[1::2]]
+    code[::2] = map(_statements, code[::2])
+    return "".join(code)
+
+
+def _statements(text: str) -> str:
+    text = re.sub(r"#(\w+)\(IN := (.+), PT := (#\w+)\);", r"timer('\1', \2, \3);", text)
+    text = re.sub(r"#(?=\w)", "state.", text.replace("#Raw.", "raw."))
+    text = re.sub(r"(?<!:)= ", "=== ", re.sub(r"([<>])=", r"\1\\", text)).replace("\\", "=").replace(":=", "=")
+    text = re.sub(r"\bAND\b|\bX?OR\b|\bNOT |\bTRUE\b|\bFALSE\b|<>", lambda found: _WORDS[found[0]], text)
+    text = re.sub(r"\braw\.(\w+)_valid\b", r"(raw.\1 !== null)", text)
+    text = re.sub(r"\bELSIF\s(.*?)\sTHEN", r"} else if (\1) {", text, flags=re.DOTALL)
+    text = re.sub(r"\bIF\s(.*?)\sTHEN", r"if (\1) {", text, flags=re.DOTALL)
+    return text.replace("ELSE", "} else {").replace("END_IF;", "}")
 
 
 def _row(register: Register) -> dict[str, Any]:

@@ -10,9 +10,9 @@ wired to it must not find another meaning there.
 
 from gateway.errors import ConfigError
 from gateway.modbus.exports import structured_text
-from gateway.modbus.exports.dialect import ascii_only
 from gateway.modbus.exports.interface import FIRST_WRITTEN, REQUESTS, WRITTEN
-from gateway.modbus.exports.pou import BLOCK, FUNCTION_BLOCK
+from gateway.modbus.exports.logic import ascii_only
+from gateway.modbus.exports.structured_text import BLOCK, FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
@@ -39,7 +39,7 @@ def _program(targets: tuple[Target, ...]) -> str:
         f"  {target.instance} : {FUNCTION_BLOCK};\n  {target.instance}_Words : {BLOCK};" for target in targets
     )
     calls = "\n".join(line for target in targets for line in _calls(target))
-    return structured_text.library(targets) + ascii_only(
+    return structured_text.declarations(targets) + ascii_only(
         f"""
 PROGRAM loading_bay
 VAR

@@ -3,11 +3,11 @@
 import re
 from xml.sax.saxutils import escape, quoteattr
 
-from gateway.modbus.exports import pou
+from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.clients import codesys
-from gateway.modbus.exports.dialect import ascii_only
 from gateway.modbus.exports.interface import Var
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.logic import ascii_only
+from gateway.modbus.exports.target import Target, one_file
 
 _XHTML = "http://www.w3.org/1999/xhtml"
 _MADE = "2026-01-01T00:00:00"  # a fixed date, not the clock's: the same table gives the same file
@@ -18,7 +18,7 @@ _ELEMENTARY = frozenset({"BOOL", "BYTE", "WORD", "UINT", "INT", "UDINT", "DINT",
 
 def text(targets: tuple[Target, ...]) -> str:
     """With a program whose variables are to be mapped to the tool's own Modbus channels."""
-    return _project(targets, pou.program(targets))
+    return _project(targets, structured_text.program(targets))
 
 
 def codesys_text(targets: tuple[Target, ...]) -> str:
@@ -26,9 +26,9 @@ def codesys_text(targets: tuple[Target, ...]) -> str:
     return _project(targets, codesys(targets))
 
 
-def _project(targets: tuple[Target, ...], program: pou.Pou) -> str:
-    types = "".join(map(_type, pou.types()))
-    units = "".join(map(_unit, (*pou.library(targets[0]), program)))
+def _project(targets: tuple[Target, ...], program: structured_text.Pou) -> str:
+    types = "".join(map(_type, structured_text.types()))
+    units = "".join(map(_unit, (*structured_text.library(targets[0]), program)))
     return ascii_only(f"""\
 <?xml version="1.0" encoding="utf-8"?>
 <project xmlns="http://www.plcopen.org/xml/tc6_0200">
@@ -53,15 +53,15 @@ def _project(targets: tuple[Target, ...], program: pou.Pou) -> str:
 """)
 
 
-def _type(made: pou.Words | pou.Struct) -> str:
-    if isinstance(made, pou.Words):
+def _type(made: structured_text.Words | structured_text.Struct) -> str:
+    if isinstance(made, structured_text.Words):
         base = _array("WORD", 0, made.size - 1)
     else:
         base = "<struct>\n" + "".join(map(_variable, made.members)) + "</struct>"
     return f"<dataType name={quoteattr(made.name)}>\n<baseType>{base}</baseType>\n</dataType>\n"
 
 
-def _unit(unit: pou.Pou) -> str:
+def _unit(unit: structured_text.Pou) -> str:
     returns = f"<returnType>{_kind(unit.returns)}</returnType>\n" if unit.returns else ""
     sections = "".join(
         f"<{_SECTIONS[keyword]}>\n{''.join(map(_variable, variables))}</{_SECTIONS[keyword]}>\n"
@@ -101,3 +101,7 @@ def _kind(kind: str) -> str:
 
 def _array(of: str, low: int, high: int) -> str:
     return f'<array><dimension lower="{low}" upper="{high}" /><baseType><{of} /></baseType></array>'
+
+
+files = one_file("{}-loading-gateway.xml", text)
+codesys_files = one_file("{}-loading-gateway-codesys.xml", codesys_text)

@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterable, Mapping
 
 from gateway.core.model import REASON_MEANING, Reason
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
-from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
-from gateway.modbus.exports.names import SUMMARY
+from gateway.modbus.exports.registry import SUMMARY, export
 from gateway.modbus.exports.target import Target
 from gateway.modbus.reference import situations
 
@@ -40,7 +39,7 @@ REMEDY: dict[Reason, str] = {
 def formats() -> str:
     """Every format with its files."""
     targets = (Target(),)
-    rows = ((f"`{name}`", ", ".join(FORMATS[name](targets)), what) for name, what in SUMMARY.items())
+    rows = ((f"`{name}`", ", ".join(export(name, targets)), what) for name, what in SUMMARY.items())
     return _table(("--format", "files", "what it is"), rows)
 
 

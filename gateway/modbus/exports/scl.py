@@ -3,19 +3,18 @@
 For S7-1500 and S7-1200 from firmware 4.2, which bring MB_CLIENT for Modbus TCP.
 """
 
-from gateway.modbus.exports import interface, pou, structured_text
+from gateway.modbus.exports import interface, structured_text
 from gateway.modbus.exports.clients import PAUSE_MS, octets
 from gateway.modbus.exports.decode import REAL_BODY, UDINT_BODY
-from gateway.modbus.exports.dialect import ascii_only
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import FIRST_WRITTEN, INPUTS, MEMORY, OUTPUTS, WRITTEN, Var
-from gateway.modbus.exports.logic import body, indented
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.logic import ascii_only, body, indented
+from gateway.modbus.exports.target import Target, one_file
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 DATA = "LoadingGateway_Data"
 BUFFERS = "LoadingGateway_IO"
-CYCLE = pou.PROGRAM
+CYCLE = structured_text.PROGRAM
 INSTANCE = f"{CYCLE}_DB"
 _HARDWARE = 64  # PROFINET interface X1 of every S7-1200 and S7-1500
 _KIND = {
@@ -112,7 +111,7 @@ def _function_block(target: Target) -> str:
         )
     )
     return f"""\
-FUNCTION_BLOCK "{pou.FUNCTION_BLOCK}"
+FUNCTION_BLOCK "{structured_text.FUNCTION_BLOCK}"
 {{ S7_Optimized_Access := 'TRUE' }}
 VERSION : 0.1
 {sections}BEGIN
@@ -163,7 +162,7 @@ def _buffers(targets: tuple[Target, ...]) -> str:
 
 def _cycle(targets: tuple[Target, ...]) -> str:
     variables = "".join(
-        f'    {bay} : "{pou.FUNCTION_BLOCK}";\n    {bay}_Client : MB_CLIENT;\n'
+        f'    {bay} : "{structured_text.FUNCTION_BLOCK}";\n    {bay}_Client : MB_CLIENT;\n'
         f"    {bay}_Pause {{InstructionName := 'TON_TIME'; LibVersion := '1.0'}} : TON_TIME;\n"
         f"    {bay}_Stage : UInt;   // 0 pause, 1 read, 2 write\n    {bay}_PollOk : Bool;\n"
         for bay in (target.instance for target in targets)
@@ -225,3 +224,6 @@ def _request(bay: str, req: str, mode: int, address: int, count: int, data: str,
     return f"""\
 #{bay}_Client({req.format(bay=bay)}, DISCONNECT := FALSE, MB_MODE := {mode}, MB_DATA_ADDR := {address},
   MB_DATA_LEN := {count}, MB_DATA_PTR := {data}, CONNECT := {buffers}_Connection);"""
+
+
+files = one_file("{}-loading-gateway.scl", text)

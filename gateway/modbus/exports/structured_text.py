@@ -1,24 +1,167 @@
-"""IEC 61131-3 structured text: CODESYS, WAGO, Schneider, OpenPLC. Pure.
+"""IEC 61131-3 structured text: its program organisation units, as records and as text. Pure.
 
-Second edition of the standard and nothing vendors disagree on, so that old tools and matiec take it too.
+For CODESYS, WAGO, Schneider and OpenPLC: second edition of the standard and nothing vendors disagree on, so that old
+tools and matiec take it too. The files of TwinCAT and PLCopen come from the same records.
 """
 
-from gateway.modbus.exports import pou
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from gateway.modbus.exports import interface
+from gateway.modbus.exports.decode import REAL_BODY, UDINT_BODY
 from gateway.modbus.exports.diagnosis import MEANING
-from gateway.modbus.exports.dialect import ascii_only
-from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.fields import fields
+from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN, Var
+from gateway.modbus.exports.logic import ascii_only, body, iec
+from gateway.modbus.exports.target import Target, one_file
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION
 
+BLOCK = "LG_Block"
+WRITE = "LG_Write"
+DATA = "ST_LoadingGateway"
+FUNCTION_BLOCK = "FB_LoadingGateway"
+PROGRAM = "LoadingGateways"
+_KIND = {interface.BLOCK: BLOCK, interface.DATA: DATA, interface.TIMER: "TON"}
 
-def text(targets: tuple[Target, ...]) -> str:
+Section = tuple[Literal["VAR_INPUT", "VAR_OUTPUT", "VAR"], tuple[Var, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A type: an array of WORD, from 0."""
+
+    name: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Struct:
+    """A type: a structure of elementary members."""
+
+    name: str
+    members: tuple[Var, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Pou:
+    """A function (`returns` is its type), a function block or a program. `body`: statements, each line ended."""
+
+    kind: Literal["FUNCTION", "FUNCTION_BLOCK", "PROGRAM"]
+    name: str
+    sections: tuple[Section, ...]
+    body: str
+    returns: str = ""
+    comment: str = ""
+
+
+def types() -> tuple[Words | Struct, ...]:
+    """In the order in which a compiler wants them."""
+    members = tuple(Var(field.name, field.kind, field.comment) for field in fields())
+    return Words(BLOCK, BLOCK_WORDS), Words(WRITE, len(WRITTEN)), Struct(DATA, members)
+
+
+def library(target: Target) -> tuple[Pou, ...]:
+    """Two functions and the function block; they depend on the target's word order alone."""
+    words = (Var("High", "WORD", ""), Var("Low", "WORD", ""))
+    real = (Var("Exponent", "DINT", ""), Var("Value", "REAL", ""))
+    sections: tuple[Section, ...] = (
+        ("VAR_INPUT", _typed(interface.INPUTS)),
+        ("VAR_OUTPUT", _typed(interface.OUTPUTS)),
+        ("VAR", _typed(interface.MEMORY)),
+    )
+    return (
+        Pou("FUNCTION", "LG_UDInt", (("VAR_INPUT", words),), iec(UDINT_BODY), "UDINT", "Two words as one number."),
+        Pou(
+            "FUNCTION",
+            "LG_Real",
+            (("VAR_INPUT", words), ("VAR", real)),
+            iec(REAL_BODY),
+            "REAL",
+            "Two words as an IEEE 754 float; 0.0 for what is no number.",
+        ),
+        Pou("FUNCTION_BLOCK", FUNCTION_BLOCK, sections, iec(body(target))),
+    )
+
+
+def program(targets: tuple[Target, ...]) -> Pou:
+    """One instance a bay, for tools whose Modbus channels are mapped to variables."""
+    return Pou(
+        "PROGRAM",
+        PROGRAM,
+        tuple(("VAR", _mapped(target.instance)) for target in targets),
+        "\n".join(called(target.instance) for target in targets),
+        comment="Map each bay's channels to its variables. Set the inputs of its instance, and use its outputs,"
+        f" anywhere:\n   {PROGRAM}.{targets[0].instance}.InPlace is the only condition for loading.",
+    )
+
+
+def instance(bay: str) -> tuple[Var, ...]:
+    """The variables that every program has for a bay."""
+    return (
+        Var(bay, FUNCTION_BLOCK, f"inputs and outputs of {bay}"),
+        Var(f"{bay}_Words", BLOCK, f"registers 0 to {BLOCK_WORDS - 1}, read in one request"),
+        Var(
+            f"{bay}_Write",
+            WRITE,
+            f"registers {FIRST_WRITTEN} to {FIRST_WRITTEN + 2}, to be written",
+        ),
+    )
+
+
+def called(bay: str) -> str:
+    """The call of a bay's instance, and what is to be written after it."""
+    lines = [f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words);"]
+    lines += [f"{bay}_Write[{place}] := UINT_TO_WORD({bay}.{name});" for place, name in enumerate(WRITTEN)]
+    return "\n".join(lines) + "\n"
+
+
+def type_text(made: Words | Struct) -> str:
+    """The declaration, `TYPE` to `END_TYPE`."""
+    if isinstance(made, Words):
+        return f"TYPE {made.name} : ARRAY [0..{made.size - 1}] OF WORD;\nEND_TYPE\n"
+    members = "\n".join(f"  {member.name} : {member.kind}; (* {member.comment} *)" for member in made.members)
+    return f"TYPE {made.name} : STRUCT\n{members}\nEND_STRUCT;\nEND_TYPE\n"
+
+
+def declaration(unit: Pou) -> str:
+    """The head with all variables, without body and end."""
+    comment = f"(* {unit.comment} *)\n" if unit.comment else ""
+    head = f"{unit.kind} {unit.name}" + (f" : {unit.returns}" if unit.returns else "")
+    return "\n".join([comment + head, *_sections(unit)]) + "\n"
+
+
+def text(unit: Pou) -> str:
+    """The whole unit."""
+    return f"{declaration(unit)}{unit.body}END_{unit.kind}\n"
+
+
+def _sections(unit: Pou) -> Iterator[str]:
+    for keyword, variables in unit.sections:
+        yield keyword
+        for var in variables:
+            start = f" := {var.start}" if var.start else ""
+            yield f"  {var.name} : {var.kind}{start};" + (f" (* {var.comment} *)" if var.comment else "")
+        yield "END_VAR"
+
+
+def _typed(variables: tuple[Var, ...]) -> tuple[Var, ...]:
+    return tuple(Var(var.name, _KIND.get(var.kind, var.kind), var.comment, var.start) for var in variables)
+
+
+def _mapped(bay: str) -> tuple[Var, ...]:
+    poll = Var(f"{bay}_PollOk", "BOOL", "FALSE while your client reports an error, if it does", "TRUE")
+    return (*instance(bay), poll)
+
+
+def document(targets: tuple[Target, ...]) -> str:
     """Types, functions, the function block, and a program with one instance a bay."""
-    return library(targets) + "\n" + ascii_only(pou.text(pou.program(targets)))
+    return declarations(targets) + "\n" + ascii_only(text(program(targets)))
 
 
-def library(targets: tuple[Target, ...]) -> str:
+def declarations(targets: tuple[Target, ...]) -> str:
     """All but the program, in the order in which a compiler wants it."""
-    made = (*map(pou.type_text, pou.types()), *map(pou.text, pou.library(targets[0])))
+    made = (*map(type_text, types()), *map(text, library(targets[0])))
     return ascii_only("\n".join((_head(targets), *made)))
 
 
@@ -44,3 +187,6 @@ Loading gateway: map version {MAP_VERSION}, word order "{first.word_order}".
 
 def _head(targets: tuple[Target, ...]) -> str:
     return f"(* {about(targets)}\n   Generated by: gateway registers --format st. Do not edit; export again. *)\n"
+
+
+files = one_file("{}-loading-gateway.st", document)

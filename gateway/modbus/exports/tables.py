@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from gateway.modbus.exports.target import one_file
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION, REGISTERS, RESERVED, Register
 
 COLUMNS = ("name", "address", "words", "type", "scale", "unit", "meaning")
@@ -144,3 +145,8 @@ def _markdown_table(header: Iterable[str], lines: Iterable[tuple[str, ...]]) -> 
         f"|{'---|' * len(header)}",
         *(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines),
     ]
+
+
+csv_files = one_file("registers.csv", lambda _: csv_text())
+json_files = one_file("registers.json", lambda _: json_text())
+markdown_files = one_file("registers.md", lambda _: markdown())

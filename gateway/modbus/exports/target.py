@@ -1,6 +1,7 @@
-"""Which gateway and which bay an export is for. Pure."""
+"""Which gateway and which bays an export is for, and what its files are called. Pure."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from gateway.errors import ConfigError
@@ -57,3 +58,13 @@ def distinct(targets: tuple[Target, ...]) -> tuple[Target, ...]:
         if len(set(of)) != len(of):
             raise ConfigError(f"--bay: two bays have the same {what}: {', '.join(of)}")
     return targets
+
+
+def file_per_bay(name: str, text: Callable[[Target], str]) -> Callable[[tuple[Target, ...]], dict[str, str]]:
+    """An export of one file a bay; `{}` in its name is the bay."""
+    return lambda targets: {name.format(target.identifier): text(target) for target in targets}
+
+
+def one_file(name: str, text: Callable[[tuple[Target, ...]], str]) -> Callable[[tuple[Target, ...]], dict[str, str]]:
+    """An export of one file for all the bays; `{}` in its name is the first."""
+    return lambda targets: {name.format(targets[0].identifier): text(targets)}

@@ -6,9 +6,9 @@ same files.
 
 import uuid
 
-from gateway.modbus.exports import pou
+from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.clients import twincat
-from gateway.modbus.exports.dialect import ascii_only
+from gateway.modbus.exports.logic import ascii_only
 from gateway.modbus.exports.target import Target
 
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "plc-loading-gateway/tcpou")
@@ -16,20 +16,22 @@ _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "plc-loading-gateway/tcpou")
 
 def files(targets: tuple[Target, ...]) -> dict[str, str]:
     """Types, functions, function block, and a program that polls with the blocks of TF6250."""
-    made = {f"{kind.name}.TcDUT": _object(_type(kind)) for kind in pou.types()}
-    for unit in (*pou.library(targets[0]), twincat(targets)):
+    made = {f"{kind.name}.TcDUT": _object(_type(kind)) for kind in structured_text.types()}
+    for unit in (*structured_text.library(targets[0]), twincat(targets)):
         made[f"{unit.name}.TcPOU"] = _object(_unit(unit))
     return made
 
 
-def _type(made: pou.Words | pou.Struct) -> str:
-    return f'  <DUT Name="{made.name}" Id="{_id(made.name)}">\n{_declaration(pou.type_text(made))}  </DUT>\n'
+def _type(made: structured_text.Words | structured_text.Struct) -> str:
+    return (
+        f'  <DUT Name="{made.name}" Id="{_id(made.name)}">\n{_declaration(structured_text.type_text(made))}  </DUT>\n'
+    )
 
 
-def _unit(unit: pou.Pou) -> str:
+def _unit(unit: structured_text.Pou) -> str:
     return (
         f'  <POU Name="{unit.name}" Id="{_id(unit.name)}" SpecialFunc="None">\n'
-        f"{_declaration(pou.declaration(unit))}"
+        f"{_declaration(structured_text.declaration(unit))}"
         f"    <Implementation>\n      <ST>{_cdata(unit.body)}</ST>\n    </Implementation>\n  </POU>\n"
     )
 

@@ -8,33 +8,32 @@ import math
 import re
 import struct
 import xml.etree.ElementTree as ET
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from gateway import registry
 from gateway.cli import registers as verb
 from gateway.core.model import Reason, StateVector
 from gateway.core.plc import Control, Handshake, PlcLink
 from gateway.errors import ConfigError
 from gateway.modbus.exports import (
-    dialect,
     kepware,
     l5x,
     logic,
     logix,
     node_red,
     openplc,
-    pou,
     reference,
     scl,
     structured_text,
 )
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, Diagnosis
 from gateway.modbus.exports.fields import fields, measured
-from gateway.modbus.exports.formats import FORMATS
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS, REQUESTS
-from gateway.modbus.exports.names import SUMMARY
+from gateway.modbus.exports.registry import EXPORTS, SUMMARY, export
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
 from tests.node_function import run_function
@@ -61,7 +60,7 @@ PROGRAMS = ("st", "plcopen", "codesys", "tcpou", "scl", "l5x", "openplc", "node-
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_no_program_has_an_output_that_could_be_taken_for_the_wrong_one(name: str) -> None:
-    text = "\n".join(FORMATS[name]((TARGET, SECOND)).values())
+    text = "\n".join(export(name, (TARGET, SECOND)).values())
     assert re.search(r"\bMayMove\b|may_move", text)
     assert re.search(r"\bInPlace\b|in_place", text)
     text = re.sub(r"Enable (Input|Output) - System Defined Parameter", "", text)  # Rockwell's own
@@ -79,7 +78,7 @@ def unpack(words: list[int], letter: str) -> Any:
 
 
 def ignition_tags(target: Target) -> list[dict[str, Any]]:
-    (text,) = FORMATS["ignition"]((target,)).values()
+    (text,) = export("ignition", (target,)).values()
     whole = json.loads(text)
     assert whole["tagType"] == "Provider"
     (folder,) = whole["tags"]
@@ -222,11 +221,11 @@ def scl_bodies(siemens: str) -> list[str]:
 def test_scl_is_the_structured_text_that_was_parsed_and_run() -> None:
     """Nothing here parses SCL. Its bodies are the ones of structured text, letter for letter, but for # and quotes."""
     siemens = scl.text((TARGET,))
-    iec = structured_text.text((TARGET,))
+    iec = structured_text.document((TARGET,))
     bodies = scl_bodies(siemens)
     assert len(bodies) == 4
     for body in bodies[:3]:
-        assert dialect.iec(body) in iec
+        assert logic.iec(body) in iec
     for body in bodies:
         declared = set(re.findall(r"^    (\w+)(?: \{.*?\})? : ", siemens, re.MULTILINE))
         used = set(re.findall(r"(?<!\w)#(\w+)", body))
@@ -289,7 +288,7 @@ NS = {"p": "http://www.plcopen.org/xml/tc6_0200", "x": "http://www.w3.org/1999/x
 
 @pytest.mark.parametrize("name", ["plcopen", "codesys"])
 def test_plcopen_holds_the_same_units_as_the_structured_text(name: str) -> None:
-    (text,) = FORMATS[name]((TARGET, SECOND)).values()
+    (text,) = export(name, (TARGET, SECOND)).values()
     assert text.isascii()
     root = ET.fromstring(text)
     assert [child.tag.split("}")[1] for child in root] == ["fileHeader", "contentHeader", "types", "instances"]
@@ -303,8 +302,8 @@ def test_plcopen_holds_the_same_units_as_the_structured_text(name: str) -> None:
         ("FB_LoadingGateway", "functionBlock"),
         ("LoadingGateways", "program"),
     ]
-    iec = structured_text.text((TARGET, SECOND))
-    for unit in pou.library(TARGET):
+    iec = structured_text.document((TARGET, SECOND))
+    for unit in structured_text.library(TARGET):
         body = units[unit.name].find("p:body/p:ST/x:xhtml", NS)
         assert body is not None
         assert (body.text or "").endswith(unit.body)
@@ -319,7 +318,7 @@ def test_plcopen_holds_the_same_units_as_the_structured_text(name: str) -> None:
 
 
 def test_codesys_polls_and_writes_every_bay_by_itself() -> None:
-    (text,) = FORMATS["codesys"]((TARGET, SECOND)).values()
+    (text,) = export("codesys", (TARGET, SECOND)).values()
     root = ET.fromstring(text)
     body = root.find(".//p:pou[@name='LoadingGateways']/p:body/p:ST/x:xhtml", NS)
     assert body is not None
@@ -340,12 +339,12 @@ def test_codesys_polls_and_writes_every_bay_by_itself() -> None:
 
 
 def test_twincat_has_one_file_an_object_with_the_text_that_was_parsed_and_run() -> None:
-    files = FORMATS["tcpou"]((TARGET, SECOND))
+    files = export("tcpou", (TARGET, SECOND))
     assert list(files) == [
         *("LG_Block.TcDUT", "LG_Write.TcDUT", "ST_LoadingGateway.TcDUT"),
         *("LG_UDInt.TcPOU", "LG_Real.TcPOU", "FB_LoadingGateway.TcPOU", "LoadingGateways.TcPOU"),
     ]
-    iec = structured_text.text((TARGET,))
+    iec = structured_text.document((TARGET,))
     ids = set()
     for file, text in files.items():
         root = ET.fromstring(text)
@@ -440,8 +439,8 @@ def test_logix_decodes_the_image(target: Target) -> None:
 def test_logix_does_what_structured_text_does() -> None:
     """All that comes after the decoding is the common logic, statement by statement."""
     body = logix.body(Target())
-    common = dialect.iec(logic.logic())
-    assert common in structured_text.text((Target(),))
+    common = logic.iec(logic.logic())
+    assert common in structured_text.document((Target(),))
     mine = body[body.index("(* The first check") :]
     code = re.sub(r"\(\*.*?\*\)|//[^\n]*", "", mine, flags=re.DOTALL)
     assert not re.search(r"\b(TRUE|FALSE)\b|#|\.Q\b|\bIN :=", code)  # Logix knows none of these
@@ -488,7 +487,7 @@ def openplc_entries(files: dict[str, str]) -> dict[str, str]:
 
 def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
     """Devices come one after the other: the second bay's words begin where those of the first end."""
-    files = FORMATS["openplc"]((TARGET, SECOND))
+    files = export("openplc", (TARGET, SECOND))
     assert set(files) == {openplc.PROGRAM, openplc.DEVICES}
     entries = openplc_entries(files)
     assert entries["Num_Devices"] == "2"
@@ -507,14 +506,14 @@ def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
     assert "%QX0.0" not in program  # it was on while the truck may move: nothing may take its place
     located = re.findall(r" AT (%\w+(?:\.\d)?) :", program)
     assert len(set(located)) == len(located)
-    assert program.startswith(structured_text.library((TARGET, SECOND)))
+    assert program.startswith(structured_text.declarations((TARGET, SECOND)))
 
 
 @pytest.mark.parametrize("writes", [True, False])
 def test_openplc_writes_where_the_gateway_takes_it(writes: bool) -> None:
     """A refused write makes OpenPLC close the connection at every poll."""
     targets = (Target(writes=writes), Target(bay="bay2", unit_id=2, writes=writes))
-    files = FORMATS["openplc"](targets)
+    files = export("openplc", targets)
     entries = openplc_entries(files)
     for n in range(2):
         asked = (entries[f"device{n}.Holding_Registers_Start"], entries[f"device{n}.Holding_Registers_Size"])
@@ -527,9 +526,9 @@ def test_openplc_writes_where_the_gateway_takes_it(writes: bool) -> None:
 
 def test_openplc_has_room_for_four_bays() -> None:
     bays = tuple(Target(bay=f"bay{n}", unit_id=n) for n in range(1, 6))
-    assert FORMATS["openplc"](bays[:4])
+    assert export("openplc", bays[:4])
     with pytest.raises(ConfigError, match=r"OpenPLC has room for 4 bays, not for 5"):
-        FORMATS["openplc"](bays)
+        export("openplc", bays)
 
 
 # ---- Node-RED
@@ -666,12 +665,12 @@ def run(*argv: str) -> int:
     return verb.main(parser.parse_args(argv))
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", SUMMARY)
 def test_each_format_comes_out_of_the_command(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
     argv = ["--bay", "bay-2", "--host", "10.1.2.3", "--port", "5020", "--unit-id", "7"]
     assert run("--format", name, *argv, "--out", f"{folder}/") == 0
-    files = FORMATS[name]((TARGET,))
+    files = export(name, (TARGET,))
     written = {path.name: path.read_bytes().decode() for path in folder.iterdir()}
     assert written == files
     assert capsys.readouterr().err.split() == [str(folder / file) for file in files]
@@ -691,7 +690,7 @@ def test_several_bays_are_told_by_name_and_unit_id(tmp_path: Path) -> None:
     argv = ["--host", "10.1.2.3", "--port", "5020", "--bay", "bay-2:7", "--bay", "bay-3:8", "--out", f"{tmp_path}/"]
     for name in ("st", "kepware", "openplc"):
         assert run("--format", name, *argv) == 0
-        for file, text in FORMATS[name]((TARGET, SECOND)).items():
+        for file, text in export(name, (TARGET, SECOND)).items():
             assert (tmp_path / file).read_bytes().decode() == text
     assert (tmp_path / "bay_3-kepware-tags.csv").is_file()
     assert run("--format", "openplc", *argv, "--writes") == 0
@@ -717,6 +716,22 @@ def test_bad_arguments_are_named(argv: tuple[str, str], said: str) -> None:
         run("--format", "st", *argv)
 
 
+def loxone(targets: tuple[Target, ...]) -> dict[str, str]:
+    """A format from outside the package."""
+    return {"loxone.txt": "".join(f"{target.host}/{target.unit_id}: {len(REGISTERS)}\n" for target in targets)}
+
+
+def test_a_format_of_another_distribution_is_found_by_its_name(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    here = EntryPoint("loxone", f"{__name__}:loxone", EXPORTS.group)
+    monkeypatch.setattr(registry, "entry_points", lambda group: [here] if group == "gateway.plc_exports" else [])
+    assert run("--format", "loxone", "--host", "10.1.2.3", "--bay", "bay-2:7") == 0
+    assert capsys.readouterr().out == f"10.1.2.3/7: {len(REGISTERS)}\n"
+    with pytest.raises(ConfigError, match=r"no export format is called 'step7'; there is: ignition, .*, loxone"):
+        run("--format", "step7")
+
+
 @pytest.mark.parametrize(("bay", "name"), [("bay-2", "bay_2"), ("7", "bay_7"), ("North--gate_", "North_gate")])
 def test_a_bay_has_a_name_that_plc_languages_take(bay: str, name: str) -> None:
     assert Target(bay=bay).identifier == name
@@ -731,6 +746,6 @@ def test_every_reason_and_diagnosis_says_what_to_do() -> None:
     assert all(reference.REMEDY.values())
     shown = reference.diagnoses()
     assert sorted(int(n) for n in re.findall(r"^\|[^|]*\| (\d+) \|", shown, re.MULTILINE)) == list(Diagnosis)
-    assert list(SUMMARY) == list(FORMATS)
-    for name in FORMATS:
+    assert EXPORTS.names() == tuple(SUMMARY)
+    for name in SUMMARY:
         assert f"| `{name}` |" in reference.formats()
