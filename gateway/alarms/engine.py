@@ -5,7 +5,7 @@ changes what people are told, and nothing else.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Generic
 
@@ -22,7 +22,6 @@ from gateway.alarms.records import (
 )
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
 from gateway.alarms.table import (
-    ALARM_DEFINITIONS,
     BAY_ALARMS,
     GATEWAY_ALARMS,
     AlarmDefinition,
@@ -48,17 +47,20 @@ _ORDER = (
     AlarmState.SHELVED,
     AlarmState.OUT_OF_SERVICE,
     AlarmState.SUPPRESSED,
+    AlarmState.NORMAL,
 )
 
 
 class AlarmEngine:
-    """`bays`: name -> its thresholds. Call `update_bay` and `update_gateway` about once a second and when something
-    happened; each gives what changed. Times never step back.
+    """`bays`: name -> its thresholds; `bay_alarms`: the alarms of each. Call `update_bay` and `update_gateway` about
+    once a second and when something happened; each returns what changed. Times never step back.
     """
 
-    def __init__(self, bays: Mapping[str, FusionConfig]) -> None:
+    def __init__(
+        self, bays: Mapping[str, FusionConfig], bay_alarms: Sequence[AlarmDefinition[BayInputs]] = BAY_ALARMS
+    ) -> None:
         self._thresholds = dict(bays)
-        self._bays = {bay: [_AlarmInstance(kind, bay) for kind in BAY_ALARMS] for bay in bays}
+        self._bays = {bay: [_AlarmInstance(kind, bay) for kind in bay_alarms] for bay in bays}
         self._gateway = [_AlarmInstance(kind, None) for kind in GATEWAY_ALARMS]
         self._by_id: dict[str, _AlarmInstance[BayInputs] | _AlarmInstance[GatewayInputs]] = {
             **{instance.alarm.id: instance for instances in self._bays.values() for instance in instances},
@@ -102,12 +104,13 @@ class AlarmEngine:
 
     def summary(self, most: int = 200) -> AlarmSummary:
         """The alarms that are not normal, the most important first, at most so many."""
-        alarms = [instance.alarm for instance in self._by_id.values()]
+        instances = sorted(self._by_id.values(), key=_display_order)
+        alarms = [instance.alarm for instance in instances]
         counts = Counter(alarm.state for alarm in alarms)
         announced: Counter[str] = Counter()
         for alarm in alarms:
             announced[alarm.kind] += alarm.occurrences
-        shown = sorted((alarm for alarm in alarms if alarm.state is not AlarmState.NORMAL), key=_display_order)
+        shown = [alarm for alarm in alarms if alarm.state is not AlarmState.NORMAL]
         return AlarmSummary(
             tuple(shown[:most]),
             max(0, len(shown) - most),
@@ -204,6 +207,6 @@ def _invalid(action: OperatorAction) -> str:
     return ""
 
 
-def _display_order(alarm: Alarm) -> tuple[int, int, int]:
+def _display_order(instance: _AlarmInstance[BayInputs] | _AlarmInstance[GatewayInputs]) -> tuple[int, int, int]:
     """Sorts the most important first: what nobody has looked at, then by priority, then the newest."""
-    return _ORDER.index(alarm.state), -ALARM_DEFINITIONS[alarm.kind].priority, -(alarm.raised_ns or 0)
+    return _ORDER.index(instance.alarm.state), -instance.kind.priority, -(instance.alarm.raised_ns or 0)
