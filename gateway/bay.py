@@ -57,7 +57,7 @@ class BayControl:
 
         A write must not make a bay look alive whose control task is dead.
         """
-        if self._shut_down or not valid(self._hub.state(self.name).valid_until_ns, self._clock.now_ns()):
+        if self._shut_down or not valid(self._hub.state(self.name), self._clock.now_ns()):
             return WriteVerdict.UNDECIDED
         conflicts = self._hub.state(self.name).plc.conflicts
         self._step(write)

@@ -25,6 +25,7 @@ from types import TracebackType
 from typing import Self
 
 from gateway.clock import Clock, SystemClock
+from gateway.core.fusion import not_good
 from gateway.core.model import Moved, Quality, Reason, StateVector
 from gateway.core.shown import valid
 from gateway.errors import ConfigError, LinkError
@@ -208,9 +209,7 @@ class SharedStateReader:
                     vector = _unpack(self._bay, pid, body)
                 except ValueError as error:  # a quality or reason that only a later version knows
                     raise LinkError(f"{self._path}: not a state vector of this version: {error}") from error
-                last_word = vector.reason is Reason.SHUTDOWN
-                stands = last_word or valid(vector.valid_until_ns, self._clock.now_ns())
-                return vector if stands else _withdrawn(vector)
+                return vector if valid(vector, self._clock.now_ns()) else _withdrawn(vector)
         raise LinkError("no whole state could be read")
 
 
@@ -245,11 +244,7 @@ def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
 
 
 def _withdrawn(vector: SharedVector) -> SharedVector:
-    """What the registers say of such a state: see fusion.forced_stop."""
-
-    def lowered(quality: Quality) -> Quality:
-        return Quality.STALE if quality in (Quality.GOOD, Quality.COASTED) else quality
-
+    """As `shown.withdrawn` does to the state that the registers show."""
     return replace(
         vector,
         u_px=math.nan,
@@ -257,8 +252,8 @@ def _withdrawn(vector: SharedVector) -> SharedVector:
         radius_px=math.nan,
         distance_mm=math.nan,
         z_vision_mm=math.nan,
-        vision_quality=lowered(vector.vision_quality),
-        range_quality=lowered(vector.range_quality),
+        vision_quality=not_good(vector.vision_quality),
+        range_quality=not_good(vector.range_quality),
         reason=Reason.GATEWAY_FAULT,
         d=None,
         stop=True,

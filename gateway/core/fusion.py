@@ -148,8 +148,8 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         state,
         t_ns=now_ns,
         seq=state.seq + 1,
-        vision=_without_circle(state.vision, _not_good(state.vision.quality)),
-        range=replace(state.range, quality=_not_good(state.range.quality), distance_mm=None),
+        vision=_without_circle(state.vision, not_good(state.vision.quality)),
+        range=replace(state.range, quality=not_good(state.range.quality), distance_mm=None),
         d=None,
         stop=True,
         may_move=False,
@@ -161,7 +161,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
     )
 
 
-def _not_good(quality: Quality) -> Quality:
+def not_good(quality: Quality) -> Quality:
     """A prediction is a value, too: nobody goes on with it, so it must not stand."""
     return Quality.STALE if quality in (Quality.GOOD, Quality.COASTED) else quality
 

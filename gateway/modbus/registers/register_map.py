@@ -11,7 +11,6 @@ Equal numbers therefore mean one image, however many reads fetched it.
 from collections.abc import Sequence
 from enum import IntEnum
 
-from gateway.core import fusion
 from gateway.core.model import (
     FRESH_FRAME,
     QUALITY_MEANING,
@@ -25,6 +24,7 @@ from gateway.core.model import (
     Reason,
     StateVector,
 )
+from gateway.core.shown import withdrawn
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.handshake import HANDSHAKE
 from gateway.modbus.registers.health import HEALTH, PICTURE
@@ -337,7 +337,7 @@ def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOr
 
     Stop on, may_move and in_place off, reason GATEWAY_FAULT, no values, heartbeat as it stood.
     """
-    return encode(fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns), unix_ns, word_order)
+    return encode(withdrawn(state, now_ns), unix_ns, word_order)
 
 
 def word_order_of(image: Sequence[int]) -> WordOrder:
