@@ -24,7 +24,7 @@ from gateway.modbus.exports.target import Target
 from gateway.modbus.reference import reaction_time, situations, timing_diagrams
 from gateway.modbus.reference import server as modbus_reference
 from gateway.ranger.hcsr04 import c_header, protocol
-from gateway.sim import gallery, robust_gallery, scenario_reference
+from gateway.sim import gallery, robust_gallery, scenario
 from gateway.sinks.mqtt import reference
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
 from gateway.vision.detect import reference as detection
@@ -81,7 +81,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
     "registers.md": {"registers": tables.markdown, "situations": situations.markdown},
     "sparkplug.md": {"device metrics": sparkplug_metrics.markdown, "assertions": sparkplug_assertions},
-    "simulator.md": {"keys and faults": scenario_reference.markdown},
+    "simulator.md": {"keys and faults": scenario.markdown},
     "visit.md": {
         "situations": situations.markdown,
         "phases": visit_phases,

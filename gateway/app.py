@@ -20,7 +20,7 @@ from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
 from gateway.clock import Clock, SystemClock
 from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
-from gateway.config.strict.placed_error import at
+from gateway.config.strict.errors import at
 from gateway.core.model import RangeReading
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hub import Hub

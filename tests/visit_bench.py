@@ -125,7 +125,7 @@ class Bench:
             if self.plc is not None and self._ticks % 5 == 0 and (write := self.plc(self.t_s, self.state)) is not None:
                 self.step(write)
             if self._ticks % 2 == 0 and self.t_s >= 0:
-                truth = self.world.truth(self.t_s)
+                truth = self.world.truth(self.t_s, image_speed=False)
                 echo_mm = faults_of(self.scenario, self.t_s).get(RangerFault.ECHO, truth.distance_mm)
                 self.moments.append(Moment(self.t_s, self.state, truth, min(truth.distance_mm, echo_mm)))
         return self.state
@@ -194,7 +194,7 @@ class Bench:
             return None
         if active(FaultKind.CAMERA_LOST, t_s):
             return VisionReading(t_ns, Quality.LINK_DOWN)
-        truth = self.world.truth(t_s)
+        truth = self.world.truth(t_s, image_speed=False)
         black = active(FaultKind.CAMERA_BLACK, t_s)
         circle = None if black or not self._can_see(truth) else Circle(truth.u_px, truth.v_px, truth.radius_px)
         self._unseen = 0 if circle else self._unseen + 1

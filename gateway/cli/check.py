@@ -41,7 +41,7 @@ def main(args: argparse.Namespace) -> int:
     from gateway import app, config
     from gateway.clock import SystemClock
     from gateway.config import reference
-    from gateway.config.strict.placed_error import without_password
+    from gateway.config.strict.errors import without_password
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
     from gateway.net import tls

@@ -99,7 +99,7 @@ def _params(args: argparse.Namespace) -> "VisionConfig":
     from pydantic import ValidationError
 
     from gateway.config import VisionConfig
-    from gateway.config.strict.placed_error import explain
+    from gateway.config.strict.errors import explain
 
     params = bay_vision(args.config, args.bay)
     gates = {"min_area_px2": args.min_area, "min_circularity": args.min_circularity, "min_fill": args.min_fill}

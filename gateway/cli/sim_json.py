@@ -12,11 +12,50 @@ from functools import partial
 from typing import Any, TextIO
 
 from gateway.cli.output import Outlet
-from gateway.cli.sim_bay import Bay
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.config import FusionConfig
 from gateway.core.model import FRESH_FRAME, EventKind, Quality, StateVector
 from gateway.hub import EventQueue, Hub
+from gateway.sim.scenario import Scenario
+from gateway.sim.world import TruckHold, Truth, World
 from gateway.supervisor import Task
+
+
+class Bay:
+    """One simulated bay: its scenario, its world and world time.
+
+    `truth(t_ns)` is what an ideal sensor would see at a time of the gateway's clock.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        unit_id: int,
+        scenario: Scenario,
+        thresholds: FusionConfig,
+        origin_ns: int,
+        hold: TruckHold | None = None,
+    ) -> None:
+        self.name = name
+        self.unit_id = unit_id
+        self.scenario = scenario
+        self.origin_ns = origin_ns
+        self.thresholds = thresholds
+        self.hold = hold
+        self.world = World(
+            scenario,
+            radius_threshold_px=thresholds.radius_threshold_px,
+            distance_threshold_mm=thresholds.distance_threshold_mm,
+            hold=hold,
+        )
+
+    def t_s(self, t_ns: int) -> float:
+        """World time of an instant; negative before the show begins."""
+        return (t_ns - self.origin_ns) / NS_PER_S
+
+    def truth(self, t_ns: int) -> Truth:
+        return self.world.truth(self.t_s(t_ns))
+
 
 PERIOD_S = 0.05
 Writable = TextIO | Outlet

@@ -8,7 +8,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from gateway.cli import sim_json
-from gateway.cli.sim_bay import Bay
+from gateway.cli.sim_json import Bay
 from gateway.clock import Clock
 from gateway.core.model import Reason
 from gateway.hub import Hub
@@ -50,9 +50,9 @@ class Recorder:
             )
             self._seen_ns = state.t_ns
             decided = self._evaluation.see(record)
-            if decided and self.bay.standing is not None and truth.leg != self._leg_left:
+            if decided and self.bay.hold is not None and truth.leg != self._leg_left:
                 self._leg_left = truth.leg
-                self.bay.standing.leave(truth.leg, self.bay.t_s(clock.now_ns()) + LEAVE_S)
+                self.bay.hold.leave(truth.leg, self.bay.t_s(clock.now_ns()) + LEAVE_S)
 
     def planned_s(self, now_ns: int) -> float:
         """How far the trials have come, s of the scenario's plan; negative before they begin."""

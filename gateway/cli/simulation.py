@@ -15,11 +15,11 @@ from typing import Any
 from gateway import app, config, event_loop
 from gateway.cli import run_loop, sim_json, sim_trials, view
 from gateway.cli.output import Outlet
-from gateway.cli.sim_bay import Bay
+from gateway.cli.sim_json import Bay
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import GatewayConfig
 from gateway.config.sections.hmi import HmiConfig
-from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.errors import without_password
 from gateway.config.strict.section import Section, most_of
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
@@ -28,10 +28,10 @@ from gateway.shared_state import attachable
 from gateway.sim import scenario as scenarios
 from gateway.sim import trials
 from gateway.sim.camera import SimCameraSpec
-from gateway.sim.departure import Standing
 from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.scenario import Scenario
+from gateway.sim.world import TruckHold
 from gateway.supervisor import Task
 
 LEAD_S = 2.0  # world time starts so much later, when the processes have come up and the surfaces are painted
@@ -73,16 +73,16 @@ def _simulate(args: argparse.Namespace, *, first: bool) -> int:
         bays = []
         for number, bay in enumerate(settings.bays):
             show = _variant(scenario, bay.name, number, len(settings.bays))
-            standing = _standing(show, folder / bay.name, args.speed) if folder else None
-            bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, standing))
+            hold = _hold(show, folder / bay.name, args.speed) if folder else None
+            bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, hold))
         live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
         run_loop.setup_logging("error" if live else settings.log_level)
         return event_loop.run(_Simulation(args, scenario, settings, clock, bays, live).run())
 
 
-def _standing(scenario: Scenario, path: Path, speed: float) -> Standing:
+def _hold(scenario: Scenario, path: Path, speed: float) -> TruckHold:
     """Waiting is for this machine, so its limit is real seconds, as in `_at_speed`."""
-    return Standing(str(path), trials.trial_legs(scenario), trials.WAIT_S * max(1.0, speed))
+    return TruckHold(str(path), trials.trial_legs(scenario), trials.WAIT_S * max(1.0, speed))
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -229,9 +229,7 @@ class _Simulation:
                 await stack.enter_async_context(ranger)
             ports = app.Ports(
                 camera={
-                    bay.name: SimCameraSpec(
-                        bay.scenario, bay.origin_ns, f"simulated camera of {bay.name}", bay.standing
-                    )
+                    bay.name: SimCameraSpec(bay.scenario, bay.origin_ns, f"simulated camera of {bay.name}", bay.hold)
                     for bay in self._bays
                 },
                 ranger={name: ranger.port for name, ranger in rangers.items()},

@@ -18,14 +18,14 @@ from gateway.config.sections.fusion import (
     RecipeConfig,
     RecipeFusion,
     RecipeGuidance,
+    VisitConfig,
 )
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.config.sections.ranger import RangerConfig
 from gateway.config.sections.vision import CameraConfig, Intrinsics, PictureConfig, VisionConfig
-from gateway.config.sections.visit import VisitConfig
-from gateway.config.strict.placed_error import FieldError, explain
+from gateway.config.strict.errors import FieldError, explain
 from gateway.config.strict.section import Section
 from gateway.config.strict.toml_file import merge, read_toml
 from gateway.errors import ConfigError

@@ -7,7 +7,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig
-from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.errors import without_password
 from gateway.config.strict.section import bounds_of, choices_of, inner_model
 
 

@@ -169,7 +169,8 @@ class Conditioner:
             self._arrivals.popleft()
         spread_ns = self._arrivals[-1] - self._arrivals[0] if self._arrivals else 0
         rate_hz = (len(self._arrivals) - 1) * NS_PER_S / spread_ns if spread_ns else 0.0
-        self.stats = replace(self.stats, rate_hz=rate_hz)
+        if rate_hz != self.stats.rate_hz:
+            self.stats = replace(self.stats, rate_hz=rate_hz)
 
     def measured(self, raw_mm: float, quality: Quality, t_ns: int, seq: int, detail: str = "") -> list[RangeReading]:
         """One measurement, from an echo at `t_ns`; what is wrong with it as `quality`. Empty: it is held back."""

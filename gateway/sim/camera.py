@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
-from gateway.sim.departure import Standing
 from gateway.sim.scenario import FaultKind, Scenario
-from gateway.sim.world import World
+from gateway.sim.world import TruckHold, World
 from gateway.vision.source.contract import Frame
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ class SimCameraSpec:
     scenario: Scenario
     origin_ns: int
     label: str = "simulated camera"
-    standing: Standing | None = None
+    hold: TruckHold | None = None
 
     def open(self, clock: Clock) -> "SimCamera":
         """Paints the textures, most of a second. Raises LinkError while the scenario says the camera is lost."""
@@ -48,7 +47,7 @@ class SimCamera:
         self.may_repeat = not spec.scenario.camera.noise  # drawn without noise, a still scene is always the same
         self._spec = spec
         self._clock = clock
-        self._world = World(spec.scenario, standing=spec.standing)
+        self._world = World(spec.scenario, hold=spec.hold)
         self._painter: Painter | None = painter
         self._period_ns = round(NS_PER_S / spec.scenario.camera.fps)
         self._last = self._index(clock.now_ns())  # of the frame exposed last; negative before world time 0

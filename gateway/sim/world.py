@@ -1,6 +1,6 @@
 """Where the truck is and what an ideal camera and ranger would measure: a pure function of scenario and time.
 
-In trials also of what has been told to `Standing`: how long the truck stands at the end of some legs.
+In trials also of what has been told to `TruckHold`: how long the truck stands at the end of some legs.
 
 Axes as the camera's: X right, Y down, Z along the optical axis, mm. The marker is a disc facing the camera, so its
 picture is a circle: u = cx + f X/Z, v = cy + f Y/Z, R = f r/Z. With the defaults (f = 600 px, r = 90 mm) R = 180 px at
@@ -10,11 +10,12 @@ Z = 30 cm exactly, the paper's pair of thresholds.
 import math
 import random
 from bisect import bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import NamedTuple
 
-from gateway.sim.departure import Standing
 from gateway.sim.scenario import Camera, FaultKind, Leg, Scenario, Vibration
 
 SPOUT_S = 2.0  # the spout needs so long to come down, and to go up
@@ -112,6 +113,33 @@ class _Segment:
         return way, self.peak_mm_s / 2 * (1 - math.cos(turn))
 
 
+@dataclass(frozen=True, slots=True)
+class TruckHold:
+    """At the end of `legs` (by index, ascending) the truck waits beyond the plan until it is let go, `limit_s` at most.
+
+    A file passes departures on, because the world is computed in two processes: the judge's, which has the ranger too,
+    and the camera's, to which this record is sent. One line a departure; half a line counts as none.
+    """
+
+    path: str
+    legs: tuple[int, ...]
+    limit_s: float
+
+    def leave(self, leg: int, t_s: float) -> None:
+        """Let the truck leave the end of `leg` at world time `t_s`, which must lie a little ahead of all observers."""
+        with Path(self.path).open("a", encoding="ascii") as file:
+            file.write(f"{leg} {t_s!r}\n")
+
+    def departures(self) -> Mapping[int, float]:
+        """World time of each departure so far, by leg."""
+        try:
+            text = Path(self.path).read_text(encoding="ascii")
+        except FileNotFoundError:  # no truck has been let go yet
+            return {}
+        words = [line.split() for line in text.splitlines(keepends=True) if line.endswith("\n")]
+        return {int(leg): float(t_s) for leg, t_s in words}
+
+
 class World:
     """The truck of one scenario, with the thresholds of equation 14 that decide `stop`."""
 
@@ -121,10 +149,10 @@ class World:
         *,
         radius_threshold_px: float = 180.0,
         distance_threshold_mm: float = 300.0,
-        standing: Standing | None = None,
+        hold: TruckHold | None = None,
     ) -> None:
         self.scenario = scenario
-        self._standing = standing
+        self._hold = hold
         self._radius_threshold_px = radius_threshold_px
         self._distance_threshold_mm = distance_threshold_mm
         start = scenario.start
@@ -146,14 +174,20 @@ class World:
         """How far the plan has come at world time `t_s`, s: that less what the truck has stood beyond it."""
         return self._leg_and_planned_s(t_s)[1]
 
-    def truth(self, t_s: float) -> Truth:
-        """Everything at world time `t_s`; before 0 the truck stands at the start."""
+    def truth(self, t_s: float, *, image_speed: bool = True) -> Truth:
+        """Everything at world time `t_s`; before 0 the truck stands at the start.
+
+        Without `image_speed` the speed of the marker in the image is not calculated, and is 0.
+        """
         here, speed, leg = self._here(t_s)
         camera = self.scenario.camera
         u, v, radius = self._project(here)
-        # Central difference, one-sided nowhere: the world is defined for every t.
-        u_before, v_before, _ = self._project(self._here(t_s - DELTA_S)[0])
-        u_after, v_after, _ = self._project(self._here(t_s + DELTA_S)[0])
+        u_px_s = v_px_s = 0.0
+        if image_speed:
+            # Central difference, one-sided nowhere: the world is defined for every t.
+            u_before, v_before, _ = self._project(self._here(t_s - DELTA_S)[0])
+            u_after, v_after, _ = self._project(self._here(t_s + DELTA_S)[0])
+            u_px_s, v_px_s = (u_after - u_before) / (2 * DELTA_S), (v_after - v_before) / (2 * DELTA_S)
         down = spout(self.scenario, t_s)
         covered = self.scenario.active(FaultKind.MARKER_HIDDEN, t_s) or self._behind_spout(down, u, v, radius)
         inside = radius <= u <= camera.width_px - 1 - radius and radius <= v <= camera.height_px - 1 - radius
@@ -164,8 +198,8 @@ class World:
             u_px=u,
             v_px=v,
             radius_px=radius,
-            u_px_s=(u_after - u_before) / (2 * DELTA_S),
-            v_px_s=(v_after - v_before) / (2 * DELTA_S),
+            u_px_s=u_px_s,
+            v_px_s=v_px_s,
             marker_visible=inside and not covered,
             stop=radius >= self._radius_threshold_px and here.z <= self._distance_threshold_mm,
             phase=self._phase(speed, leg),
@@ -218,14 +252,14 @@ class World:
 
     def _leg_and_planned_s(self, t_s: float) -> tuple[int, float]:
         waited_s = 0.0
-        if self._standing is not None:
-            left = self._standing.left()
-            for leg in self._standing.legs:
+        if self._hold is not None:
+            left = self._hold.departures()
+            for leg in self._hold.legs:
                 end_s = self._segments[leg].end_s
                 due_s = end_s + waited_s
                 if t_s < due_s:
                     break
-                leaves_s = min(max(due_s, left.get(leg, math.inf)), due_s + self._standing.limit_s)
+                leaves_s = min(max(due_s, left.get(leg, math.inf)), due_s + self._hold.limit_s)
                 if t_s < leaves_s:
                     return leg, end_s
                 waited_s += leaves_s - due_s
@@ -238,6 +272,8 @@ class World:
         """Add the vibration; `drive` 0 to 1 is the speed as a share of the cruising speed."""
         rest = self.scenario.vibration.rest_share
         loud = rest + (1 - rest) * drive
+        if not loud * self.scenario.vibration.amplitude_mm:
+            return place
         return Vector(*(p + loud * _sum(sines, t_s) for p, sines in zip(place, self._sines, strict=True)))
 
 

@@ -1,10 +1,11 @@
-"""What several sections share. Pure."""
+"""What several sections share: reconnection, and addresses of the network. Pure."""
 
+from ipaddress import ip_address, ip_network
 from typing import Self
 
 from pydantic import Field, model_validator
 
-from gateway.config.strict.placed_error import FieldError
+from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
 
@@ -19,3 +20,21 @@ class Reconnect(Section):
         if self.max_s < self.min_s:
             raise FieldError(f"max_s = {self.max_s} must be at least min_s = {self.min_s}", "max_s")
         return self
+
+
+def network(text: str) -> str:
+    """`text` as it is, if it is an IPv4 or IPv6 address or network. Raises ValueError with what to write instead."""
+    try:
+        ip_network(text)
+    except ValueError as error:
+        said = "has bits set beyond its network part" if "host bits" in str(error) else "is neither"
+        raise ValueError(f"should be an address or a network, such as 10.0.0.7 or 10.0.0.0/24; this {said}") from None
+    return text
+
+
+def is_loopback(host: str) -> bool:
+    """Only this machine's own processes can connect. A name other than localhost may mean anything."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

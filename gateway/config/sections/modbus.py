@@ -4,8 +4,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from gateway.config.strict.network import is_loopback, network
-from gateway.config.strict.placed_error import FieldError
+from gateway.config.sections.common import is_loopback, network
+from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
 Network = Annotated[str, AfterValidator(network)]

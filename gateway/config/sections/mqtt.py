@@ -5,7 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from gateway.config.sections.common import Reconnect
-from gateway.config.strict.placed_error import FieldError
+from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
 

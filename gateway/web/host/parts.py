@@ -7,7 +7,7 @@ from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.table import GatewayConditions
 from gateway.bay_file import BayFiles
 from gateway.config import GatewayConfig
-from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.errors import without_password
 from gateway.core.model import VisionReading
 from gateway.hub import Hub
 from gateway.modbus.server.traffic import ServerNow

@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from gateway.config import VisionConfig
 from gateway.config.sections.vision import DETECTION_METHODS
-from gateway.config.strict.placed_error import explain
+from gateway.config.strict.errors import explain
 from gateway.config.strict.section import Section, choices_of
 from gateway.errors import ConfigError
 

@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from tomlkit.exceptions import TOMLKitError
 
 from gateway.config import BayConfig, GatewayConfig
-from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.errors import without_password
 from gateway.config.strict.section import inner_model
 from gateway.errors import ConfigError
 

@@ -8,14 +8,13 @@ from pathlib import Path
 import pytest
 
 from gateway.cli import sim_trials
-from gateway.cli.sim_bay import Bay
+from gateway.cli.sim_json import Bay
 from gateway.clock import NS_PER_S
 from gateway.config import FusionConfig
 from gateway.core.fusion import initial
 from gateway.hub import Hub
-from gateway.sim.departure import Standing
 from gateway.sim.trials import WAIT_S, TrialReport, trial_legs, trial_scenario
-from gateway.sim.world import Phase, Truth
+from gateway.sim.world import Phase, TruckHold, Truth
 from tests import virtual_time
 from tests.permitted import FOREVER_NS
 from tests.virtual_time import LoopClock
@@ -43,8 +42,8 @@ def run(folder: Path, known: Known) -> tuple[TrialReport, float]:
 
     async def main() -> tuple[TrialReport, float]:
         clock, hub, stop = LoopClock(), Hub(["bay1"]), asyncio.Event()
-        standing = Standing(str(folder / "bay1"), trial_legs(PLAN), WAIT_S)
-        bay = Bay("bay1", 1, PLAN, FusionConfig(), clock.now_ns(), standing)
+        hold = TruckHold(str(folder / "bay1"), trial_legs(PLAN), WAIT_S)
+        bay = Bay("bay1", 1, PLAN, FusionConfig(), clock.now_ns(), hold)
         recorder = sim_trials.Recorder(bay)
 
         async def gateway() -> None:

@@ -24,7 +24,7 @@ from gateway.config import (
     load,
     parse,
 )
-from gateway.config.strict.placed_error import explain, without_password
+from gateway.config.strict.errors import explain, without_password
 from gateway.config.strict.section import Section, bounds_of, inner_model
 from gateway.config.strict.toml_file import merge
 from gateway.errors import ConfigError

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.config.strict.toml_lines import line_of
+from gateway.config.strict.toml_file import line_of
 
 TEXT = """\
 site = "plant1"   # line 1

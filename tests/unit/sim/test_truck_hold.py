@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from gateway.processes.codec import record_of, record_packed
-from gateway.sim.departure import Standing
 from gateway.sim.scenario import Scenario, parse
-from gateway.sim.world import Phase, World
+from gateway.sim.world import Phase, TruckHold, World
 
 LEGS = [
     {"distance_cm": 50, "speed_cm_s": 50, "hold_s": 1},
@@ -22,16 +21,16 @@ LIMIT_S = 20.0
 
 
 @pytest.fixture
-def standing(tmp_path: Path) -> Standing:
-    return Standing(str(tmp_path / "bay1"), (0, 2), LIMIT_S)
+def hold(tmp_path: Path) -> TruckHold:
+    return TruckHold(str(tmp_path / "bay1"), (0, 2), LIMIT_S)
 
 
-def world(standing: Standing) -> World:
-    return World(SHOW, standing=standing)
+def world(hold: TruckHold) -> World:
+    return World(SHOW, hold=hold)
 
 
-def test_nobody_lets_it_go_and_it_leaves_at_the_limit(standing: Standing) -> None:
-    stands = world(standing)
+def test_nobody_lets_it_go_and_it_leaves_at_the_limit(hold: TruckHold) -> None:
+    stands = world(hold)
     for t_s in (IN_S - 0.5, IN_S, IN_S + 10, IN_S + LIMIT_S - 1e-6):
         assert (stands.truth(t_s).distance_mm, stands.truth(t_s).leg, stands.truth(t_s).phase) == (500, 0, Phase.HOLD)
     for t_s in (0.3, IN_S + LIMIT_S + 0.5, IN_S + LIMIT_S + 2):
@@ -41,10 +40,10 @@ def test_nobody_lets_it_go_and_it_leaves_at_the_limit(standing: Standing) -> Non
     assert stands.planned_s(PLAN.plan_s + 2 * LIMIT_S) == pytest.approx(PLAN.plan_s)
 
 
-def test_it_leaves_when_it_is_let_go(standing: Standing) -> None:
-    stands = world(standing)
-    standing.leave(0, IN_S + 3)
-    standing.leave(2, IN_S)  # decided before it has stood as planned: that is no reason to leave early
+def test_it_leaves_when_it_is_let_go(hold: TruckHold) -> None:
+    stands = world(hold)
+    hold.leave(0, IN_S + 3)
+    hold.leave(2, IN_S)  # decided before it has stood as planned: that is no reason to leave early
     assert stands.truth(IN_S + 2.99).phase is Phase.HOLD
     assert stands.truth(IN_S + 3.5).phase is Phase.RETREAT
     for t_s in (IN_S + 3.5, IN_S + 5, PLAN.plan_s + 3 - 2):
@@ -52,21 +51,21 @@ def test_it_leaves_when_it_is_let_go(standing: Standing) -> None:
     assert stands.planned_s(PLAN.plan_s + 3) == pytest.approx(PLAN.plan_s)
 
 
-def test_let_go_in_time_it_keeps_to_the_plan(standing: Standing) -> None:
-    standing.leave(0, IN_S - 0.1)
-    standing.leave(2, IN_S - 0.1)
+def test_let_go_in_time_it_keeps_to_the_plan(hold: TruckHold) -> None:
+    hold.leave(0, IN_S - 0.1)
+    hold.leave(2, IN_S - 0.1)
     for k in range(200):
-        assert world(standing).truth(k * 0.1) == PLAN.truth(k * 0.1)
+        assert world(hold).truth(k * 0.1) == PLAN.truth(k * 0.1)
 
 
-def test_both_processes_see_the_same_truck(standing: Standing) -> None:
-    here, there = world(standing), world(record_of(Standing, record_packed(standing)))
+def test_both_processes_see_the_same_truck(hold: TruckHold) -> None:
+    here, there = world(hold), world(record_of(TruckHold, record_packed(hold)))
     assert there.truth(IN_S + 2).phase is Phase.HOLD
-    standing.leave(0, IN_S + 2.1)
+    hold.leave(0, IN_S + 2.1)
     for t_s in (IN_S + 2, IN_S + 2.2, IN_S + 4, IN_S + 30):
         assert there.truth(t_s) == here.truth(t_s)
 
 
-def test_half_a_line_is_none(standing: Standing) -> None:
-    Path(standing.path).write_text(f"0 {IN_S + 1}\n2 17")
-    assert standing.left() == {0: IN_S + 1}
+def test_half_a_line_is_none(hold: TruckHold) -> None:
+    Path(hold.path).write_text(f"0 {IN_S + 1}\n2 17")
+    assert hold.departures() == {0: IN_S + 1}

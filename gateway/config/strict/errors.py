@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from gateway.config.strict.section import bounds_of, inner_model
-from gateway.config.strict.toml_lines import line_of
+from gateway.config.strict.toml_file import line_of
 
 _SAID = {
     "extra_forbidden": "unknown key (misspelt?)",
