@@ -42,10 +42,9 @@ from gateway.vision.process.service import slots as frame_slots
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport import ring as shm
-from gateway.web.host.event_history import EventHistory
-from gateway.web.host.parts import StatusCollector
-from gateway.web.host.request_handler import BayParts, RequestHandler
+from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
 from gateway.web.host.service import WebProcessService
+from gateway.web.host.status import StatusCollector
 from gateway.web.ipc.messages import WebSetup
 
 log = logging.getLogger(__name__)

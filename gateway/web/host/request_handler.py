@@ -5,8 +5,10 @@ begin with a new vision, whose first word is that it has seen nothing yet.
 """
 
 import logging
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 from msgspec.structs import replace
 
@@ -14,19 +16,21 @@ from gateway.alarms.records import ActionReply, OperatorAction
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import VisionConfig
-from gateway.core.model import FunctionCheck
+from gateway.core.model import Event, FunctionCheck
 from gateway.core.plc import Writer
 from gateway.errors import GatewayError
+from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.net import rate_limit
 from gateway.vision.process.service import VisionService
-from gateway.web.host.event_history import EventHistory
 from gateway.web.ipc.messages import (
+    MAX_EVENTS,
     MAX_STATES,
     ApplySettings,
     BayStatus,
     Command,
     CommandReply,
+    NumberedEvent,
     SetFunctionCheck,
     StateReply,
     StateRequest,
@@ -35,8 +39,31 @@ from gateway.web.ipc.messages import (
 
 log = logging.getLogger(__name__)
 
+KEPT_EVENTS = 1000
 MAX_NAME = 120  # of somebody, or of something asked for
 MAX_REPORTED = 1000  # of what has changed
+
+
+class EventHistory:
+    """The newest events of all bays with their numbers. Outlives the web process.
+
+    To be made before the first state is published, or the start events would be missed.
+    """
+
+    def __init__(self, hub: Hub) -> None:
+        self._kept: deque[NumberedEvent] = deque(maxlen=KEPT_EVENTS)
+        self.newest = 0  # number of the newest event; the first is 1
+        hub.listen(self._keep)
+
+    def _keep(self, event: Event) -> None:
+        self.newest += 1
+        self._kept.append(NumberedEvent(self.newest, event))
+
+    def after(self, number: int) -> tuple[NumberedEvent, ...]:
+        """The oldest few of those kept that came after `number`."""
+        missing = max(0, min(self.newest - number, len(self._kept)))
+        first = len(self._kept) - missing
+        return tuple(islice(self._kept, first, first + MAX_EVENTS))
 
 
 @dataclass(frozen=True, slots=True)

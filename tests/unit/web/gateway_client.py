@@ -19,8 +19,7 @@ from gateway.processes.channel import Link
 from gateway.vision.transport import ring
 from gateway.vision.transport.ring import Ring
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.event_history import EventHistory
-from gateway.web.host.request_handler import BayParts, RequestHandler
+from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
 from gateway.web.ipc.messages import (
     FROM_WEB,
     TO_WEB,

@@ -13,7 +13,7 @@ from prometheus_client.openmetrics import parser as openmetrics_parser
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.core.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
-from gateway.web.host.latencies import MAX_STAGES, LatencyHistograms
+from gateway.web.host.status import MAX_STAGES, LatencyHistograms
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, SystemStatus
 from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.bays import BAYS

@@ -27,7 +27,7 @@ from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.sinks.mqtt.messages import DeliveryPayload
 from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.supervisor import TaskRecord
-from gateway.web.host.parts import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector
+from gateway.web.host.status import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector
 from gateway.web.ipc.messages import BOUNDS_S, TO_WEB, Histogram, StateReply, StateRequest, TaskStatus
 from gateway.web.server.process_usage import ProcessUsage, by_name, process_usage
 from tests.unit.web.gateway_client import plant
