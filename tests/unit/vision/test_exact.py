@@ -25,14 +25,6 @@ FRAMES = 26 * len(KINDS)  # bench/vision_exact.py runs as many as one likes
 KernelOf = Callable[[VisionConfig], Kernel | None]
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built here, so that the tests don't depend on what the installation found."""
-    path = tmp_path_factory.mktemp("kernel") / "kernel.so"
-    assert build.build(path) == ""
-    return path
-
-
 @pytest.fixture(params=["opencv", "kernel"])
 def kernel_of(request: pytest.FixtureRequest, library: Path) -> KernelOf:
     if request.param == "opencv":

@@ -46,8 +46,17 @@ def yard() -> Image:
 _CHANCE = np.random.default_rng(3)
 
 
+@lru_cache
+def _noise_sheet() -> np.ndarray[Any, np.dtype[np.float32]]:
+    return _CHANCE.standard_normal((640, 800, 3), np.float32)
+
+
 def exposed(scene: np.ndarray[Any, Any], noise: float = 2.0) -> Image:
-    return np.asarray(np.clip(np.rint(scene + noise * _CHANCE.standard_normal(scene.shape)), 0, 255), np.uint8)
+    """A sensor's noise on a scene: a part of one large sheet of noise, elsewhere each time."""
+    (height, width), sheet = scene.shape[:2], _noise_sheet()
+    y, x = (int(_CHANCE.integers(0, sheet.shape[n] - side)) for n, side in enumerate((height, width)))
+    noisy = scene + np.float32(noise) * sheet[y : y + height, x : x + width]
+    return np.asarray(cv2.convertScaleAbs(np.maximum(noisy, 0, out=noisy)), np.uint8)  # rounds and saturates
 
 
 def measured(image: Image) -> PictureHealth:
