@@ -30,8 +30,7 @@ from gateway.sinks.sparkplug import metrics as sparkplug_metrics
 from gateway.vision.detect import reference as detection
 from gateway.vision.offline.evaluation import gate, labels, scoring
 from gateway.vision.view import example
-from gateway.web.auth import access
-from gateway.web.server import openapi
+from gateway.web.server import app, openapi
 from gateway.web.server.metrics import text as metrics
 
 DOCS = Path(__file__).resolve().parent
@@ -72,7 +71,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "verdicts": scoring.markdown,
     },
     "config.md": {"keys": configdoc.markdown},
-    "hmi-security.md": {"access": access.markdown},
+    "hmi-security.md": {"access": app.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
     "hmi-api.md": {"calls": openapi.markdown, "metrics": metrics.markdown},
     "mqtt.md": reference.BLOCKS,

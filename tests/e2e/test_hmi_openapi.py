@@ -20,7 +20,8 @@ from gateway.config.sections.hmi import HmiConfig
 from gateway.core.model import Quality, VisionReading
 from gateway.web.auth.logins import Logins
 from gateway.web.server import openapi
-from gateway.web.server.app import app, services_of
+from gateway.web.server.app import app
+from gateway.web.server.services import services_of
 from tests.unit.web.auth import PASSWORD, USERS
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full

@@ -1,4 +1,4 @@
-"""Who asks: what the guard has found out, for the routes behind it. Pure."""
+"""Who calls: what the security middleware found out, for the routes behind it. Pure."""
 
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
@@ -29,11 +29,12 @@ class Caller:
 
 
 def caller_of(scope: Mapping[str, Any]) -> Caller:
-    """Of a request or WebSocket (its `scope`) behind the guard. Raises KeyError where there is no guard."""
+    """Of a request or WebSocket (its `scope`). Raises KeyError where the security middleware has not seen it."""
     found: Caller = scope[_KEY]
     return found
 
 
 def with_caller(scope: MutableMapping[str, Any], caller: Caller) -> dict[str, Any]:
-    """The scope that the application gets."""
-    return {**scope, _KEY: caller}
+    """The scope that the application gets. HEAD is a GET whose body the server leaves out."""
+    method = {"method": "GET"} if scope.get("method") == "HEAD" else {}
+    return {**scope, **method, _KEY: caller}

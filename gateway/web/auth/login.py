@@ -1,19 +1,17 @@
-"""`/api/login`, `/api/logout`, `/api/session`: JSON, for the pages. Uses Starlette; `security` has looked already."""
-
-from collections.abc import Sequence
+"""`/api/login`, `/api/logout`, `/api/session`: JSON, for the pages. `security` has checked each request already."""
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.datastructures import Headers
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
-from starlette.routing import BaseRoute, Route
+from starlette.responses import JSONResponse
 
-from gateway.web.auth.access import Level
+from gateway.web.auth.access import LOGIN_BYTES, Level
+from gateway.web.auth.addresses import Addresses
 from gateway.web.auth.caller import Caller, caller_of
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.origins import safe_next
 from gateway.web.auth.passwords import MAX_LENGTH
-from gateway.web.auth.refusals import RefusalError, answer
-from gateway.web.auth.sessions import Session
+from gateway.web.auth.refusals import RefusalError
 
 
 class LoginBody(BaseModel):
@@ -38,56 +36,42 @@ class SessionView(BaseModel):
     next: str | None = Field(None, description="after a login: where to go")
 
 
-def routes(logins: Logins, bays: Sequence[str]) -> list[BaseRoute]:
-    """To be put among the application's."""
-
-    def view(caller: Caller, next_page: str | None = None) -> dict[str, object]:
-        return SessionView(
-            name=caller.name or None,
-            role=caller.level.role,
-            can_login=bool(logins.config.users),
-            csrf=caller.csrf,
-            expires_in_s=None if caller.session is None else int(logins.left_s(caller.session)),
-            bays=list(bays) if caller.level > Level.OPEN else [],
-            next=next_page,
-        ).model_dump()
-
-    async def session(request: Request) -> Response:
-        return JSONResponse(view(caller_of(request.scope)))
-
-    async def login(request: Request) -> Response:
-        caller = caller_of(request.scope)
-        kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-        if kind != "application/json":
-            return answer(RefusalError(415, "json", "application/json"))
-        try:
-            asked = LoginBody.model_validate_json(await request.body())
-        except ValidationError as error:
-            places = sorted({".".join(map(str, fault["loc"])) or "body" for fault in error.errors()})
-            return answer(RefusalError(400, "json", f"name and password, as text; look at {', '.join(places)}"))
-        try:
-            identity, opened = await logins.login(caller.address, asked.name, asked.password, caller.session)
-        except RefusalError as refusal:
-            return answer(refusal)
-        new = Caller(opened.user, opened.level, caller.address, opened.csrf, opened)
-        response = JSONResponse(view(new, safe_next(asked.next)))
-        _set_cookie(response, logins, identity, opened)
-        return response
-
-    async def logout(request: Request) -> Response:
-        logins.logout(caller_of(request.scope))
-        response = JSONResponse({})
-        response.delete_cookie(logins.cookie, path="/", secure=logins.config.tls, httponly=True, samesite="strict")
-        return response
-
-    return [
-        Route("/api/session", session, methods=["GET"]),
-        Route("/api/login", login, methods=["POST"]),
-        Route("/api/logout", logout, methods=["POST"]),
-    ]
+ADDRESSES = Addresses()
 
 
-def _set_cookie(response: Response, logins: Logins, identity: str, session: Session) -> None:
+def _view(request: Request, caller: Caller, next_page: str | None = None) -> dict[str, object]:
+    logins: Logins = request.app.state.logins
+    return SessionView(
+        name=caller.name or None,
+        role=caller.level.role,
+        can_login=bool(logins.config.users),
+        csrf=caller.csrf,
+        expires_in_s=None if caller.session is None else int(logins.left_s(caller.session)),
+        bays=list(request.app.state.bays) if caller.level > Level.OPEN else [],
+        next=next_page,
+    ).model_dump()
+
+
+@ADDRESSES.get("/api/session", Level.OPEN, "who is logged in, and the token against forged requests")
+async def _session(request: Request) -> JSONResponse:
+    return JSONResponse(_view(request, caller_of(request.scope)))
+
+
+@ADDRESSES.post("/api/login", Level.OPEN, "log in", body_bytes=LOGIN_BYTES)
+async def _login(request: Request) -> JSONResponse:
+    caller = caller_of(request.scope)
+    logins: Logins = request.app.state.logins
+    kind = Headers(scope=request.scope).get("content-type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":  # what another site's form can't send
+        raise RefusalError(415, "json", "application/json")
+    try:
+        body = LoginBody.model_validate_json(await request.body())
+    except ValidationError as error:
+        places = sorted({".".join(map(str, fault["loc"])) or "body" for fault in error.errors()})
+        raise RefusalError(400, "json", f"name and password, as text; look at {', '.join(places)}") from None
+    identity, session = await logins.login(caller.address, body.name, body.password, caller.session)
+    new = Caller(session.user, session.level, caller.address, session.csrf, session)
+    response = JSONResponse(_view(request, new, safe_next(body.next)))
     response.set_cookie(
         logins.cookie,
         identity,
@@ -97,3 +81,13 @@ def _set_cookie(response: Response, logins: Logins, identity: str, session: Sess
         httponly=True,
         samesite="strict",
     )
+    return response
+
+
+@ADDRESSES.post("/api/logout", Level.OPEN, "log out", body_bytes=LOGIN_BYTES)
+async def _logout(request: Request) -> JSONResponse:
+    logins: Logins = request.app.state.logins
+    logins.logout(caller_of(request.scope))
+    response = JSONResponse({})
+    response.delete_cookie(logins.cookie, path="/", secure=logins.config.tls, httponly=True, samesite="strict")
+    return response

@@ -1,32 +1,49 @@
-"""How the pages say no: one shape for browsers, programs and WebSockets. Uses Starlette."""
+"""How the pages refuse: problem details (RFC 9457) for browsers, programs and WebSockets alike. Uses Starlette."""
 
 from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
 from urllib.parse import quote
 
-from starlette.responses import RedirectResponse, Response
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import Scope
 from starlette.websockets import WebSocketClose
 
 from gateway.errors import GatewayError
-from gateway.web.server.problems import problem
+
+MEDIA_TYPE = "application/problem+json"
+PROBLEM_CONTENT: dict[str, Any] = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}  # for OpenAPI
+
+
+class Problem(BaseModel):
+    """What went wrong: problem details after RFC 9457."""
+
+    model_config = ConfigDict(frozen=True)
+    type: str = Field("about:blank", description="`about:blank`: the status says it all")
+    title: str = Field(description="of the status")
+    status: int
+    detail: str = Field(description="in words, for people")
+    error: str = Field(description="a short code, for programs")
 
 
 class RefusalError(GatewayError):
     """`code` for programs, the text for people. `audited`: no honest page does this."""
 
     def __init__(
-        self, status: int, code: str, said: str, *, headers: Mapping[str, str] | None = None, audited: bool = False
+        self, status: int, code: str, text: str, *, headers: Mapping[str, str] | None = None, audited: bool = False
     ) -> None:
-        super().__init__(said)
+        super().__init__(text)
         self.status = status
         self.code = code
         self.headers = dict(headers or {})
         self.audited = audited
 
 
-def answer(refusal: RefusalError) -> Response:
-    """Problem details; `error` is the code, `detail` the text."""
-    return problem(refusal.status, refusal.code, str(refusal), refusal.headers)
+def problem(status: int, error: str, detail: str, headers: Mapping[str, str] | None = None) -> Response:
+    """`error`: a short code for programs; `detail`: in words, for people."""
+    body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, error=error)
+    return JSONResponse(body.model_dump(), status, headers=headers, media_type=MEDIA_TYPE)
 
 
 def to_login(scope: Scope, *, need: str) -> Response:
@@ -40,4 +57,4 @@ def answer_to(scope: Scope, refusal: RefusalError) -> Response | WebSocketClose:
     """A WebSocket is refused as HTTP where the server can, before it is one."""
     if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
         return WebSocketClose(1008, refusal.code)
-    return answer(refusal)
+    return problem(refusal.status, refusal.code, str(refusal), refusal.headers)

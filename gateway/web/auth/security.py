@@ -1,8 +1,8 @@
-"""The guard before the pages: an ASGI application around theirs. Whatever does not pass it reaches no route.
+"""The security middleware around the pages' application. A request that does not pass it reaches no route.
 
-In this order: the Host header (DNS rebinding), the row of the table `access`, the Origin of what changes anything and
-of WebSockets, who asks, whether they may, the token against forged requests, the length of the body. Every answer,
-refusals too, carries the headers of `headers`. When a session ends, so do its WebSockets and its waiting requests.
+In this order: the Host header (DNS rebinding), the rule of the address (`access`), the Origin of what changes anything
+and of WebSockets, who calls, whether they may, the token against forged requests, the length of the body. Every answer,
+refusals too, has the headers of `headers`. When a session ends, so do its WebSockets and its waiting requests.
 """
 
 import asyncio
@@ -14,13 +14,11 @@ from contextlib import contextmanager
 from typing import Any
 
 from starlette.responses import Response
-from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from gateway.clock import Clock
-from gateway.errors import GatewayError
-from gateway.web.auth.access import RULES, Level, Rule, find
+from gateway.web.auth.access import Level, Rule, find
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
 from gateway.web.auth.bodies import whole_body
 from gateway.web.auth.caller import Caller, with_caller
@@ -28,7 +26,6 @@ from gateway.web.auth.headers import cache_control, security_headers
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.origins import called_rightly, header, same_origin
 from gateway.web.auth.refusals import RefusalError, answer_to, to_login
-from gateway.web.auth.route_check import without_rule
 
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
 ENDED = 4401  # close code of a WebSocket whose session has ended
@@ -36,17 +33,12 @@ FOREIGN = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or anot
 SECRET_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
 
 
-def protected(app: ASGIApp, routes: Sequence[BaseRoute], logins: Logins, clock: Clock) -> "SecurityMiddleware":
-    """`app` behind its guard. Raises GatewayError for a route that nobody has said anything about in `access`."""
-    if missing := without_rule(routes):
-        raise GatewayError(f"these routes have no row in gateway/web/auth/access.py: {', '.join(missing)}")
-    return SecurityMiddleware(app, logins, clock)
-
-
 class SecurityMiddleware:
     """`counts`: refusals by code, since the start."""
 
-    def __init__(self, app: ASGIApp, logins: Logins, clock: Clock, rules: Sequence[Rule] = RULES) -> None:
+    def __init__(
+        self, app: ASGIApp, rules: Sequence[Rule], logins: Logins, clock: Clock, counts: Counter[str] | None = None
+    ) -> None:
         self._app = app
         self._logins = logins
         self._clock = clock
@@ -57,7 +49,7 @@ class SecurityMiddleware:
         self._headers = security_headers(self._config)
         self._names = {name for name, _ in self._headers} | {b"server", b"cache-control"}
         self._open: dict[str, set[asyncio.Timeout]] = {}  # by session: what ends with it
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter() if counts is None else counts
         logins.on_end = self._end
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -185,7 +177,7 @@ class SecurityMiddleware:
                 raise
             await self._cut(scope, receive, outgoing, over=session is not None)
         finally:  # whatever went wrong: it may have been done before that
-            changes = rule.method == "POST" and rule.least > Level.OPEN and not rule.tries
+            changes = rule.method == "POST" and rule.least > Level.OPEN and rule.audited
             if changes and not 400 <= outgoing.status < 500:
                 what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
                 self._logins.record(AuditRecord(AuditKind.CHANGED, caller.name, caller.address, shown(what)))

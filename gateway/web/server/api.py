@@ -1,34 +1,30 @@
-"""What programs may ask for, and the deeds on alarms: one table, from which routes and OpenAPI document come. IO.
+"""The addresses for programs: state, events, registers, alarms, snapshots, health and metrics. IO.
 
-Every answer is made from what the gateway client knows; only actions on alarms go to the main
-process. `after`, `limit` and bodies are checked here, and what is wrong with them is told by name.
+Every answer is made from what the gateway client knows; only actions on alarms go to the main process.
 """
 
 import asyncio
-import json
 import os
-from collections.abc import Awaitable, Callable
-from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Callable
+from typing import Annotated, Literal
 
 import cv2
-from pydantic import BaseModel, ValidationError
+from fastapi import Depends, Path, Query
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
 
 from gateway.alarms.records import OperatorAction
 from gateway.alarms.states import AlarmEvent
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS, alarm_id
 from gateway.clock import NS_PER_MS
-from gateway.config import BayConfig
 from gateway.errors import LinkError
-from gateway.web.auth.caller import caller_of
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import Addresses, Description, whole_number
+from gateway.web.auth.refusals import RefusalError
 from gateway.web.server import health, lists, views
-from gateway.web.server.gateway_client import KEPT_EVENTS, GatewayClient, RefusedError
+from gateway.web.server.gateway_client import KEPT_EVENTS
 from gateway.web.server.metrics import text as metrics
-from gateway.web.server.metrics.family import MetricsSource, PageStatistics
+from gateway.web.server.metrics.family import MetricsSource
 from gateway.web.server.models import (
     AcknowledgeBody,
     AlarmsView,
@@ -38,266 +34,193 @@ from gateway.web.server.models import (
     RegistersView,
     ShelveBody,
 )
-from gateway.web.server.problems import problem
 from gateway.web.server.process_usage import process_usage
+from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
 
-Answer = Callable[["Programs", Request], Awaitable[Response]]
 MAX_NUMBER = 2**53  # as JSON's readers count
+ADDRESSES = Addresses()
+
+_NO_BAY = {404: "no such bay"}
+_NOT_KNOWN = {503: "nothing is known of it yet"}
+_WRONG_QUERY = {400: "a number out of its range"}
+_ACTION_ERRORS = {
+    400: "the body is not what is described here",
+    404: "no such alarm",
+    409: "not possible in the alarm's state, or it has occurred again since",
+    503: "the main process does not answer",
+}
+
+After = Annotated[int, whole_number(0, MAX_NUMBER), Query(description="only events with a greater number")]
+Limit = Annotated[int, whole_number(1, KEPT_EVENTS), Query(description="at most so many, the oldest of them")]
 
 
-@dataclass(slots=True)
-class Programs:
-    """What the answers are made from."""
-
-    client: GatewayClient
-    pages: Callable[[], PageStatistics]
-    document: dict[str, object]  # OpenAPI's
-    thread: Executor
-    encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
-
-    def bay(self, request: Request) -> BayConfig | None:
-        name = request.path_params["bay"]
-        return next((bay for bay in self.client.about.config.bays if bay.name == name), None)
-
-
-@dataclass(frozen=True, slots=True)
-class Query:
-    """A whole number in the address, after the question mark; or a mere word, where there is no range."""
-
-    name: str
-    meaning: str
-    least: int | None = None
-    most: int | None = None
-    default: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Call:
-    """One row. `says`: media type -> model, or None where there is none. `errors`: status -> when."""
-
-    method: Literal["GET", "POST"]
-    path: str
-    name: str
-    summary: str
-    answer: Answer
-    says: tuple[tuple[str, type[BaseModel] | None], ...]
-    query: tuple[Query, ...] = ()
-    body: type[BaseModel] | None = None
-    errors: tuple[tuple[int, str], ...] = ()
-    many: bool = False  # the model is that of each element of a list
-
-
-def routes(
-    client: GatewayClient,
-    pages: Callable[[], PageStatistics],
-    document: dict[str, object],
-    *,
-    thread: Executor | None = None,
-) -> list[BaseRoute]:
-    """To be put among the application's. `thread`: where snapshots are encoded; by default one of their own."""
-    thread = thread or ThreadPoolExecutor(1, thread_name_prefix="snapshots")
-    programs = Programs(client, pages, document, thread)
-
-    def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
-        async def call(request: Request) -> Response:
-            return await answer(programs, request)
-
-        return call
-
-    return [Route(call.path, endpoint(call.answer), methods=[call.method], name=call.name) for call in CALLS]
-
-
-class WrongError(Exception):
-    """What the caller has to write otherwise."""
-
-
-def _json(view: BaseModel, status: int = 200) -> Response:
-    return Response(view.model_dump_json(), status, media_type="application/json")
-
-
-def _no_bay(request: Request) -> Response:
-    return problem(404, "bay", f"there is no bay {request.path_params['bay'][:100]!r}")
-
-
-def _not_known(bay: BayConfig) -> Response:
-    return problem(503, "not_known", f"nothing is known of {bay.name} yet")
-
-
-def _number(request: Request, query: Query) -> int:
-    """Raises WrongError."""
-    said = request.query_params.get(query.name)
-    if said is None:
-        return query.default or 0
-    least, most = query.least or 0, query.most or MAX_NUMBER
-    if not (said.isascii() and said.isdigit() and len(said) < 20 and least <= int(said) <= most):
-        raise WrongError(f"{query.name} = {said[:40]!r}: a whole number from {least} to {most}")
-    return int(said)
-
-
-async def _state(programs: Programs, _: Request) -> Response:
-    client = programs.client
+@ADDRESSES.get("/api/state", Level.VIEWER, "every bay as it is now", Description("state", list[BayView]))
+async def _state(services: WebServices) -> list[BayView]:
+    client = services.client
     await client.fresh(*client.bays)
-    told = [views.bay_view(client, bay).model_dump_json() for bay in client.about.config.bays]
-    return Response(f"[{','.join(told)}]", media_type="application/json")
+    return [views.bay_view(client, bay) for bay in client.about.config.bays]
 
 
-async def _bay_state(programs: Programs, request: Request) -> Response:
-    if (bay := programs.bay(request)) is None:
-        return _no_bay(request)
-    await programs.client.fresh(bay.name)
-    return _json(views.bay_view(programs.client, bay))
-
-
-async def _registers(programs: Programs, request: Request) -> Response:
-    if (bay := programs.bay(request)) is None:
-        return _no_bay(request)
-    await programs.client.fresh(bay.name)
-    view = lists.registers_view(programs.client, bay)
-    return _not_known(bay) if view is None else _json(view)
-
-
-async def _events(programs: Programs, request: Request) -> Response:
-    return _told_events(programs, request, None)
-
-
-async def _bay_events(programs: Programs, request: Request) -> Response:
-    if (bay := programs.bay(request)) is None:
-        return _no_bay(request)
-    return _told_events(programs, request, bay.name)
-
-
-def _told_events(programs: Programs, request: Request, bay: str | None) -> Response:
-    try:
-        after, limit = _number(request, AFTER), _number(request, LIMIT)
-    except WrongError as wrong:
-        return problem(400, "query", str(wrong))
-    client = programs.client
-    return _json(lists.events_view(client, views.gateway_of(client), bay, after, limit))
-
-
-def _snapshot(ending: Literal["jpg", "png"]) -> Answer:
-    async def answer(programs: Programs, request: Request) -> Response:
-        """The newest frame whole, without anything painted on it."""
-        if (bay := programs.bay(request)) is None:
-            return _no_bay(request)
-        async with programs.encoding:  # one at a time: whoever asks for many waits for their own
-            frame = programs.client.snapshot(bay.name)
-            if frame is None:
-                return problem(503, "no_frame", f"the camera of {bay.name} has shown nothing yet")
-            loop = asyncio.get_running_loop()
-            done, data = await loop.run_in_executor(programs.thread, cv2.imencode, f".{ending}", frame.image)
-        if not done:
-            return problem(500, "fault", f"this frame can't be made a {ending.upper()}")
-        age_ms = (programs.client.clock.now_ns() - frame.t_capture_ns) / NS_PER_MS
-        headers = {"X-Frame-Id": str(frame.seq), "X-Frame-Age-Ms": f"{age_ms:.1f}"}
-        return Response(data.tobytes(), media_type="image/jpeg" if ending == "jpg" else "image/png", headers=headers)
-
-    return answer
-
-
-async def _alarms(programs: Programs, _: Request) -> Response:
-    return _json(lists.alarms_view(programs.client))
-
-
-def _deed(cue: AlarmEvent, model: type[AcknowledgeBody]) -> Answer:
-    async def answer(programs: Programs, request: Request) -> Response:
-        name = request.path_params["alarm"]
-        if name not in _alarm_ids(programs.client):
-            return problem(404, "alarm", f"there is no alarm {name[:100]!r}")
-        try:
-            body = model.model_validate_json(await request.body() or b"{}")
-        except ValidationError as error:
-            return problem(400, "body", _told(error))
-        caller = caller_of(request.scope)
-        minutes = body.minutes if isinstance(body, ShelveBody) else None
-        who = caller.name or str(caller.writer)
-        try:
-            await programs.client.order(
-                OperatorAction(name, cue, who, body.note, minutes, body.occurrence), caller.writer
-            )
-        except RefusedError as refused:
-            return problem(409, "refused", str(refused))
-        except LinkError as error:
-            return problem(503, "gateway", str(error))
-        return _json(lists.alarms_view(programs.client))
-
-    return answer
-
-
-def _alarm_ids(client: GatewayClient) -> frozenset[str]:
-    bays = {alarm_id(kind.id, bay) for kind in BAY_ALARMS for bay in client.bays}
-    return frozenset(bays | {kind.id for kind in GATEWAY_ALARMS})
-
-
-def _told(error: ValidationError) -> str:
-    """Every fault with its place; what was written is not repeated."""
-    faults = error.errors(include_url=False, include_context=False, include_input=False)
-    return "; ".join(f"{'.'.join(map(str, fault['loc'])) or 'body'}: {fault['msg']}" for fault in faults)[:1000]
-
-
-async def _healthz(programs: Programs, request: Request) -> Response:
-    await programs.client.fresh(*programs.client.bays)
-    view = health.health(programs.client, verbose="verbose" in request.query_params)
-    return _json(view, health.status_code(view))
-
-
-async def _metrics(programs: Programs, request: Request) -> Response:
-    await programs.client.fresh(*programs.client.bays)
-    known = MetricsSource(programs.client, programs.pages(), process_usage(os.getppid()))
-    body, content_type = metrics.text(known, request.headers.get("accept", ""))
-    return Response(body, headers={"Content-Type": content_type})
-
-
-async def _openapi(programs: Programs, _: Request) -> Response:
-    return Response(json.dumps(programs.document), media_type="application/json")
-
-
-JSON, PLAIN = "application/json", "text/plain"
-AFTER = Query("after", "only events with a greater number", 0, MAX_NUMBER, 0)
-LIMIT = Query("limit", "at most so many, the oldest of them", 1, KEPT_EVENTS, KEPT_EVENTS)
-VERBOSE = Query("verbose", "every part, not only what is wrong; needs no value")
-NO_BAY = (404, "no such bay")
-NOT_KNOWN = (503, "nothing is known of it yet")
-WRONG_QUERY = (400, "a number out of its range")
-DEED_ERRORS = (
-    (400, "the body is not what is described here"),
-    (404, "no such alarm"),
-    (409, "not possible in the alarm's state, or it has occurred again since"),
-    (503, "the main process does not answer"),
+@ADDRESSES.get(
+    "/api/bays/{bay}/state", Level.VIEWER, "one bay as it is now", Description("bay_state", BayView, errors=_NO_BAY)
 )
+async def _bay_state(services: WebServices, bay: Bay) -> BayView:
+    await services.client.fresh(bay.name)
+    return views.bay_view(services.client, bay)
 
 
-def _deed_call(cue: AlarmEvent, summary: str, model: type[AcknowledgeBody] = AcknowledgeBody) -> Call:
-    path = f"/api/alarms/{{alarm}}/{cue.value}"
-    says = ((JSON, AlarmsView),)
-    return Call("POST", path, f"{cue.value}_alarm", summary, _deed(cue, model), says, body=model, errors=DEED_ERRORS)
+@ADDRESSES.get(
+    "/api/bays/{bay}/events",
+    Level.VIEWER,
+    "what happened in one bay, the oldest first",
+    Description("bay_events", EventsView, errors=_WRONG_QUERY | _NO_BAY),
+)
+async def _bay_events(services: WebServices, bay: Bay, after: After = 0, limit: Limit = KEPT_EVENTS) -> EventsView:
+    return lists.events_view(services.client, views.gateway_of(services.client), bay.name, after, limit)
 
 
-CALLS: tuple[Call, ...] = (
-    Call("GET", "/api/state", "state", "every bay as it is now", _state, ((JSON, BayView),), many=True),
-    Call("GET", "/api/bays/{bay}/state", "bay_state", "one bay as it is now", _bay_state, ((JSON, BayView),),
-         errors=(NO_BAY,)),
-    Call("GET", "/api/bays/{bay}/events", "bay_events", "what happened in one bay, the oldest first", _bay_events,
-         ((JSON, EventsView),), (AFTER, LIMIT), errors=(WRONG_QUERY, NO_BAY)),
-    Call("GET", "/api/bays/{bay}/registers", "registers", "the registers as the PLC would read them now, decoded",
-         _registers, ((JSON, RegistersView),), errors=(NO_BAY, NOT_KNOWN)),
-    Call("GET", "/api/bays/{bay}/snapshot.jpg", "snapshot_jpg", "the newest frame", _snapshot("jpg"),
-         (("image/jpeg", None),), errors=(NO_BAY, NOT_KNOWN)),
-    Call("GET", "/api/bays/{bay}/snapshot.png", "snapshot_png", "the newest frame, without loss", _snapshot("png"),
-         (("image/png", None),), errors=(NO_BAY, NOT_KNOWN)),
-    Call("GET", "/api/events", "events", "what happened in all bays, the oldest first", _events,
-         ((JSON, EventsView),), (AFTER, LIMIT), errors=(WRONG_QUERY,)),
-    Call("GET", "/api/alarms", "alarms", "every alarm that is not normal, the most important first", _alarms,
-         ((JSON, AlarmsView),)),
-    _deed_call(AlarmEvent.ACKNOWLEDGE, "take notice of an alarm; never ends a stop"),
-    _deed_call(AlarmEvent.RESET, "end a latched alarm whose cause is gone; never ends a stop"),
-    _deed_call(AlarmEvent.SHELVE, "put an alarm aside for a while", ShelveBody),
-    _deed_call(AlarmEvent.UNSHELVE, "take a shelved alarm back"),
-    _deed_call(AlarmEvent.REMOVE, "take an alarm out of service, until somebody puts it back"),
-    _deed_call(AlarmEvent.RESTORE, "put an alarm back into service"),
-    Call("GET", "/healthz", "health", "does the gateway work, and if not, why", _healthz, ((JSON, HealthView),),
-         (VERBOSE,)),
-    Call("GET", "/metrics", "metrics", "for Prometheus; OpenMetrics for those who ask for it", _metrics,
-         ((PLAIN, None),)),
-    Call("GET", "/api/openapi.json", "openapi", "this description", _openapi, ((JSON, None),)),
-)  # fmt: skip
+@ADDRESSES.get(
+    "/api/bays/{bay}/registers",
+    Level.VIEWER,
+    "the registers as the PLC would read them now, decoded",
+    Description("registers", RegistersView, errors=_NO_BAY | _NOT_KNOWN),
+)
+async def _registers(services: WebServices, bay: Bay) -> RegistersView:
+    await services.client.fresh(bay.name)
+    view = lists.registers_view(services.client, bay)
+    if view is None:
+        raise RefusalError(503, "not_known", f"nothing is known of {bay.name} yet")
+    return view
+
+
+def _snapshot(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
+    described = Description(f"snapshot_{ending}", media=media, errors=_NO_BAY | _NOT_KNOWN)
+
+    @ADDRESSES.get(f"/api/bays/{{bay}}/snapshot.{ending}", Level.VIEWER, summary, described)
+    async def snapshot(services: WebServices, bay: Bay) -> Response:
+        """The newest frame, unscaled, without anything painted on it."""
+        async with services.encoding:  # one at a time: whoever asks for many waits for their own
+            frame = services.client.snapshot(bay.name)
+            if frame is None:
+                raise RefusalError(503, "no_frame", f"the camera of {bay.name} has shown nothing yet")
+            loop = asyncio.get_running_loop()
+            done, data = await loop.run_in_executor(services.snapshots, cv2.imencode, f".{ending}", frame.image)
+        if not done:
+            raise RefusalError(500, "fault", f"this frame can't be made a {ending.upper()}")
+        age_ms = (services.client.clock.now_ns() - frame.t_capture_ns) / NS_PER_MS
+        headers = {"X-Frame-Id": str(frame.seq), "X-Frame-Age-Ms": f"{age_ms:.1f}"}
+        return Response(data.tobytes(), media_type=media, headers=headers)
+
+
+_snapshot("jpg", "image/jpeg", "the newest frame")
+_snapshot("png", "image/png", "the newest frame, without loss")
+
+
+@ADDRESSES.get(
+    "/api/events",
+    Level.VIEWER,
+    "what happened in all bays, the oldest first",
+    Description("events", EventsView, errors=_WRONG_QUERY),
+)
+async def _events(services: WebServices, after: After = 0, limit: Limit = KEPT_EVENTS) -> EventsView:
+    return lists.events_view(services.client, views.gateway_of(services.client), None, after, limit)
+
+
+@ADDRESSES.get(
+    "/api/alarms",
+    Level.VIEWER,
+    "every alarm that is not normal, the most important first",
+    Description("alarms", AlarmsView),
+)
+async def _alarms(services: WebServices) -> AlarmsView:
+    return lists.alarms_view(services.client)
+
+
+async def _alarm(
+    services: WebServices,
+    alarm: Annotated[str, Path(min_length=1, description="id of the alarm, `bay1.camera_down` or `broker_lost`")],
+) -> str:
+    ids = {alarm_id(kind.id, bay) for kind in BAY_ALARMS for bay in services.client.bays}
+    if alarm not in ids | {kind.id for kind in GATEWAY_ALARMS}:
+        raise RefusalError(404, "alarm", f"there is no alarm {alarm[:100]!r}")
+    return alarm
+
+
+AlarmId = Annotated[str, Depends(_alarm)]
+
+
+def _action(event: AlarmEvent, least: Level, summary: str) -> Callable[..., Callable[..., object]]:
+    described = Description(f"{event.value}_alarm", AlarmsView, errors=_ACTION_ERRORS)
+    return ADDRESSES.post(f"/api/alarms/{{alarm}}/{event.value}", least, summary, described)
+
+
+def _plain_action(event: AlarmEvent, least: Level, summary: str) -> None:
+    @_action(event, least, summary)
+    async def act(services: WebServices, caller: RequestCaller, alarm: AlarmId, body: AcknowledgeBody) -> AlarmsView:
+        return await _act(services, caller, event, alarm, body)
+
+
+async def _act(
+    services: Services,
+    caller: RequestCaller,
+    event: AlarmEvent,
+    alarm: str,
+    body: AcknowledgeBody,
+    minutes: float | None = None,
+) -> AlarmsView:
+    who = caller.name or str(caller.writer)
+    action = OperatorAction(alarm, event, who, body.note, minutes, body.occurrence)
+    try:
+        await services.client.order(action, caller.writer)
+    except LinkError as error:
+        raise RefusalError(503, "gateway", str(error)) from None
+    return lists.alarms_view(services.client)
+
+
+_plain_action(AlarmEvent.ACKNOWLEDGE, Level.VIEWER, "take notice of an alarm; never ends a stop")
+_plain_action(AlarmEvent.RESET, Level.VIEWER, "end a latched alarm whose cause is gone; never ends a stop")
+
+
+@_action(AlarmEvent.SHELVE, Level.TECHNICIAN, "put an alarm aside for a while")
+async def _shelve(services: WebServices, caller: RequestCaller, alarm: AlarmId, body: ShelveBody) -> AlarmsView:
+    return await _act(services, caller, AlarmEvent.SHELVE, alarm, body, body.minutes)
+
+
+_plain_action(AlarmEvent.UNSHELVE, Level.TECHNICIAN, "take a shelved alarm back")
+_plain_action(AlarmEvent.REMOVE, Level.TECHNICIAN, "take an alarm out of service, until somebody puts it back")
+_plain_action(AlarmEvent.RESTORE, Level.TECHNICIAN, "put an alarm back into service")
+
+_VERBOSE = {
+    "name": "verbose",
+    "in": "query",
+    "required": False,
+    "description": "every part, not only what is wrong; needs no value",
+    "allowEmptyValue": True,
+    "schema": {"type": "string", "maxLength": 0},
+}
+
+
+@ADDRESSES.get(
+    "/healthz",
+    Level.OPEN,
+    "does the gateway work, and if not, why",
+    Description("health", HealthView, failing={503: "a restart may help; the reasons say why"}, query=(_VERBOSE,)),
+)
+async def _healthz(services: WebServices, request: Request, response: Response) -> HealthView:
+    await services.client.fresh(*services.client.bays)
+    view = health.health(services.client, verbose="verbose" in request.query_params)
+    response.status_code = health.status_code(view)
+    return view
+
+
+@ADDRESSES.get(
+    "/metrics",
+    Level.VIEWER,
+    "for Prometheus; OpenMetrics for those who ask for it",
+    Description("metrics", media="text/plain"),
+)
+async def _metrics(services: WebServices, request: Request) -> Response:
+    await services.client.fresh(*services.client.bays)
+    source = MetricsSource(services.client, services.statistics(), process_usage(os.getppid()))
+    body, content_type = metrics.text(source, request.headers.get("accept", ""))
+    return Response(body, headers={"Content-Type": content_type})

@@ -360,14 +360,3 @@ class ShelveBody(AcknowledgeBody):
     """Put an alarm aside for a while."""
 
     minutes: float = Field(ge=1, le=MAX_SHELVE_MIN, description="then it comes back by itself")
-
-
-class Problem(BaseModel):
-    """What went wrong: problem details after RFC 9457."""
-
-    model_config = FROZEN
-    type: str = Field("about:blank", description="`about:blank`: the status says it all")
-    title: str = Field(description="of the status")
-    status: int
-    detail: str = Field(description="in words, for people")
-    error: str = Field(description="a short code, for programs")

@@ -1,25 +1,84 @@
-"""How the programs' side says what went wrong: problem details after RFC 9457. Uses Starlette."""
+"""Which exception becomes which answer: problem details after RFC 9457. Uses FastAPI."""
 
-from collections.abc import Mapping
-from http import HTTPStatus
+from typing import Any
 
+from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
-from gateway.web.server.models import Problem
+from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.web.auth.refusals import RefusalError, problem
+from gateway.web.ipc.messages import ChangedOnDiskError
+from gateway.web.server.gateway_client import RefusedError
+from gateway.web.tuning.trial import EndedError
+from gateway.web.tuning.trial_thread import BusyError
 
-MEDIA_TYPE = "application/problem+json"
+_STATUS: tuple[tuple[type[GatewayError], int, str], ...] = (  # the first that matches: status and code
+    (ChangedOnDiskError, 409, "changed"),
+    (RefusedError, 409, "refused"),
+    (ConfigError, 422, "settings"),
+    (BusyError, 503, "busy"),
+    (LinkError, 503, "link"),
+)
 
 
-def problem(status: int, error: str, detail: str, headers: Mapping[str, str] | None = None) -> Response:
-    """`error`: a short code for programs; `detail`: in words, for people."""
-    body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, error=error)
-    return JSONResponse(body.model_dump(), status, headers=headers, media_type=MEDIA_TYPE)
+async def of_http(_: Request, error: Exception) -> Response:
+    """Starlette's own: no such address, not this method."""
+    assert isinstance(error, HTTPException)
+    return problem(error.status_code, "http", str(error.detail), error.headers)
 
 
-async def of_starlette(_: Request, error: Exception) -> Response:
-    """For Starlette's own errors, and for those nobody foresaw, whose text is nobody's business."""
-    if isinstance(error, HTTPException):
-        return problem(error.status_code, "http", str(error.detail), error.headers)
+async def of_validation(request: Request, error: Exception) -> Response:
+    """Every fault with its place. What a body contains is not repeated."""
+    assert isinstance(error, RequestValidationError)
+    faults = error.errors()
+    for_programs = request.scope["route"].include_in_schema
+    if faults[0]["loc"][0] != "body":
+        return problem(400, "query" if for_programs else "number", "; ".join(map(_query_fault, faults))[:1000])
+    return problem(400, "body" if for_programs else "json", "; ".join(map(_body_fault, faults))[:1000])
+
+
+def _query_fault(fault: dict[str, Any]) -> str:
+    return f"{_place(fault)} = {str(fault['input'])[:40]!r}: {_message(fault)}"
+
+
+def _body_fault(fault: dict[str, Any]) -> str:
+    return f"{_place(fault)}: {_message(fault)}"
+
+
+def _place(fault: dict[str, Any]) -> str:
+    if fault["type"] == "json_invalid":
+        return "body"
+    where: tuple[str, ...] = fault["loc"]
+    return ".".join(map(str, where[1:])) or "body"
+
+
+def _message(fault: dict[str, Any]) -> str:
+    context = fault.get("ctx")
+    return str(context["error"]) if isinstance(context, dict) and "error" in context else str(fault["msg"])
+
+
+async def of_gateway(_: Request, error: Exception) -> Response:
+    """Raises again what no route should raise: a fault in the software."""
+    if isinstance(error, EndedError):
+        return Response(status_code=204)  # no fault: the page has asked for something newer meanwhile
+    if isinstance(error, RefusalError):
+        return problem(error.status, error.code, str(error), error.headers)
+    for kind, status, code in _STATUS:
+        if isinstance(error, kind):
+            return problem(status, code, str(error), {"Retry-After": "1"} if status == 503 else None)
+    raise error
+
+
+async def of_fault(_: Request, error: Exception) -> Response:
+    """What nobody expected, whose text is not shown."""
     return problem(500, "fault", "a fault in the software; the gateway's log says more")
+
+
+HANDLERS = {
+    HTTPException: of_http,
+    RequestValidationError: of_validation,
+    GatewayError: of_gateway,
+    Exception: of_fault,
+}

@@ -20,8 +20,9 @@ from gateway.web.auth import slow_clients
 from gateway.web.auth.audit_log import CAUTION, AuditRecord
 from gateway.web.auth.logins import Logins
 from gateway.web.ipc.messages import TO_WEB, FromWeb, ToWeb, WebSetup
-from gateway.web.server.app import app, services_of
+from gateway.web.server.app import app
 from gateway.web.server.gateway_client import GatewayClient
+from gateway.web.server.services import services_of
 
 log = logging.getLogger(__name__)
 
@@ -52,10 +53,10 @@ async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
     files = TlsFiles.of_pages(config)
     tls = None if files is None else ReloadingContext(files, pace)
     logins = Logins(config, pace, _log, instance=about.config.instance)
-    site = services_of(client, pace)
+    services = services_of(client, pace)
     server = uvicorn.Server(
         uvicorn.Config(
-            app(site, logins, pace),
+            app(services, logins, pace),
             **slow_clients.settings(None if tls is None else tls.initial),
             ws_max_size=MAX_TEXT,
             limit_concurrency=4 * config.max_viewers + 64,
@@ -63,7 +64,7 @@ async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
         )
     )
     sockets = [socket.socket(fileno=fd) for fd in about.sockets]
-    with site.workshop:
+    with services.tuning:
         async with asyncio.TaskGroup() as group:
             pulling = group.create_task(client.keep(), name="gateway-client")
             fresh = None if tls is None else group.create_task(tls.keep_current(), name="tls")

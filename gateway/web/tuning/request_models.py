@@ -13,23 +13,23 @@ Tab = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 Vision = Annotated[dict[str, Any], Field(max_length=64)]
 
 
-class Asked(BaseModel):
+class Body(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class CheckAsked(Asked):
+class FunctionCheckBody(Body):
     """Begin or end a function check."""
 
     mode: Literal["off", "may_move_off", "may_move_kept", "permit_off", "permit_kept"]
 
 
-class RecordAsked(Asked):
+class RecordBody(Body):
     """Keep the frames of the next seconds."""
 
     seconds: float = Field(3.0, ge=0.2, le=LONGEST_S)
 
 
-class FrameAsked(Asked):
+class FrameBody(Body):
     """Exactly one of: a frozen frame, a recording (with the number of a frame in it), the newest frame there is."""
 
     snapshot: Name | None = None
@@ -39,13 +39,13 @@ class FrameAsked(Asked):
     tab: Tab = Field("tab", description="tells one page from another: a newer wish of the same takes back the older")
 
     @model_validator(mode="after")
-    def _one(self) -> "FrameAsked":
+    def _one(self) -> "FrameBody":
         if (self.snapshot is not None) + (self.recording is not None) + self.live != 1:
             raise ValueError("one of snapshot, recording, live")
         return self
 
 
-class TrialAsked(FrameAsked):
+class TrialBody(FrameBody):
     """Try these settings; keys that are left out are as in force."""
 
     vision: Vision
@@ -53,7 +53,7 @@ class TrialAsked(FrameAsked):
     width_px: int = Field(WIDTH_PX, ge=80, le=LARGEST_PX)
 
 
-class PickAsked(FrameAsked):
+class EyedropperBody(FrameBody):
     """What is there in the picture, and which ranges would admit it."""
 
     u_px: float = Field(ge=-1, le=20_000)
@@ -63,24 +63,24 @@ class PickAsked(FrameAsked):
     vision: Vision
 
 
-class SettingsAsked(Asked):
+class SettingsBody(Body):
     """Settings to go live, to be compared with the file, or to be exported."""
 
     vision: Vision
 
 
-class ApplyAsked(SettingsAsked):
+class ApplyBody(SettingsBody):
     over: Vision | None = Field(None, description="what the page takes to be in force; refused where it is not")
 
 
-class SaveAsked(SettingsAsked):
+class SaveBody(SettingsBody):
     digest: str = Field(pattern=r"^[0-9a-f]{64}$", description="of the file whose difference was shown")
 
 
-class ImportAsked(Asked):
+class ImportBody(Body):
     text: str = Field(max_length=MAX_PROFILE_CHARS)
     name: str = Field("profile", max_length=200, description="of the file, for messages")
 
 
-class Nothing(Asked):
+class EmptyBody(Body):
     """An empty body."""

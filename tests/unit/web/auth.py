@@ -7,22 +7,24 @@ from dataclasses import dataclass, field
 from http.cookies import SimpleCookie
 from typing import Any
 
-from starlette.applications import Starlette
+from fastapi import FastAPI
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
-from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gateway.clock import SystemClock
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.web.auth import login
-from gateway.web.auth.access import RULES, Rule
+from gateway.web.auth.access import Rule
 from gateway.web.auth.audit_log import AuditKind, AuditRecord
 from gateway.web.auth.caller import caller_of
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.passwords import Passwords
-from gateway.web.auth.security import protected
+from gateway.web.auth.security import SecurityMiddleware
+from gateway.web.server.app import RULES
+from gateway.web.server.problems import HANDLERS
 from tests.virtual_time import LoopClock
 
 # Both are "correct horse battery"; the smallest that the configuration takes.
@@ -67,17 +69,17 @@ async def _talk(socket: WebSocket) -> None:
         pass
 
 
-def stand_ins(logins: Logins) -> list[BaseRoute]:
-    """A route for each row of the table; those of the login are the real ones."""
-    real = login.routes(logins, BAYS)
-    taken = {route.path for route in real if isinstance(route, Route)}
-    made: list[BaseRoute] = []
+def stand_ins(logins: Logins) -> FastAPI:
+    """A route for each rule; those of the login are the real ones."""
+    made = list(login.ADDRESSES.routes)
     for rule in RULES:
         if rule.method == "WS":
             made.append(WebSocketRoute(rule.path, _talk))
-        elif rule.path not in taken:
+        elif rule not in login.ADDRESSES.rules:
             made.append(Route(rule.path, _wait, methods=[rule.method]))
-    return real + made
+    app = FastAPI(routes=made, exception_handlers=HANDLERS)  # type: ignore[arg-type]
+    app.state.logins, app.state.bays = logins, BAYS
+    return app
 
 
 @dataclass
@@ -106,8 +108,8 @@ class SecuredApp:
         self.logins = Logins(self.config, clock, self.records.append, instance="g1")
         if self.quick:
             self.logins.passwords = QuickPasswords(self.config.users)
-        routes = stand_ins(self.logins)
-        self.middleware = protected(self.app or Starlette(routes=routes), routes, self.logins, clock)
+        app = self.app or stand_ins(self.logins)
+        self.middleware = SecurityMiddleware(app, RULES, self.logins, clock)
 
     def kinds(self) -> list[AuditKind]:
         return [record.kind for record in self.records]

@@ -5,13 +5,16 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
-from starlette.applications import Starlette
-from starlette.types import ASGIApp, Message
+from fastapi import FastAPI
+from starlette.types import Message
 
+from gateway.config.sections.hmi import HmiConfig
 from gateway.web.auth.access import Level
 from gateway.web.auth.caller import Caller, with_caller
-from gateway.web.server import api, openapi
+from gateway.web.auth.logins import Logins
+from gateway.web.server.app import routes_app
 from gateway.web.server.metrics.family import PageStatistics
+from gateway.web.server.services import services_of
 from tests.unit.web.gateway_client import Plant
 from tests.virtual_time import AtOnce
 
@@ -35,7 +38,7 @@ class Said:
 class ApiClient:
     """Asks as `caller`."""
 
-    app: ASGIApp
+    app: FastAPI
     caller: Caller = ANNA
 
     async def get(self, path: str, query: str = "", headers: dict[str, str] | None = None) -> Said:
@@ -73,6 +76,11 @@ class ApiClient:
         return Said(start["status"], headers_told, b"".join(message.get("body", b"") for message in told[1:]))
 
 
-def api_client(made: Plant, pages: PageStatistics | None = None) -> ApiClient:
-    told = pages or PageStatistics()
-    return ApiClient(Starlette(routes=api.routes(made.client, lambda: told, openapi.document(), thread=AtOnce())))
+def api_client(made: Plant, statistics: PageStatistics | None = None) -> ApiClient:
+    """Of the real application without its security."""
+    services = services_of(made.client, made.client.clock, AtOnce())
+    if statistics is not None:
+        services.live.counts = statistics.viewers["live"]
+        services.pictures.encoded = statistics.pictures_encoded
+        services.refusals.update(statistics.refusals)
+    return ApiClient(routes_app(services, Logins(HmiConfig(), made.client.clock, lambda _: None)))

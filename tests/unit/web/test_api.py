@@ -326,7 +326,14 @@ class TestAlarms:
                 assert wrong(await ask.post(f"{base}/acknowledge", [1]), 400, "body").startswith("body")
                 assert wrong(await ask.post(f"{base}/shelve"), 400, "body").startswith("minutes")
                 assert wrong(await ask.post(f"{base}/shelve", {"minutes": 721}), 400, "body").startswith("minutes")
-                wrong(await ask.ask("POST", f"{base}/acknowledge", body=b"{"), 400, "body")
+                for body in (b"{", b"null", b'{"note": "\\ud800"}', b"note=x", b"[" * 100_000):
+                    assert wrong(await ask.ask("POST", f"{base}/acknowledge", body=body), 400, "body").startswith(
+                        "body"
+                    )
+                for content in ("text/plain", "application/x-www-form-urlencoded", "application/json"):  # all is JSON
+                    headers = {"Content-Type": content}
+                    said = await ask.ask("POST", f"{base}/acknowledge", body=b'{"note": "x"}', headers=headers)
+                    assert "not possible" in wrong(said, 409, "refused")
                 assert made.monitor.changes() == ()
 
         run(scene())

@@ -32,7 +32,7 @@ PROCESSES = (ProcessUsage("main", 1, 12.5, 1 << 20), ProcessUsage("gw-worker-bay
 
 
 @dataclass
-class AuditRecord:
+class Samples:
     """The samples by name and labels."""
 
     families: dict[str, Metric]
@@ -53,12 +53,12 @@ class AuditRecord:
         return [s.labels[PREFIX + name] for s in samples if s.labels.get("bay") == bay and s.value == 1]
 
 
-def parsed(body: bytes) -> AuditRecord:
+def parsed(body: bytes) -> Samples:
     families = list(parser.text_string_to_metric_families(body.decode()))
     assert len({family.name for family in families}) == len(families)
     samples = [(s.name, tuple(sorted(s.labels.items()))) for family in families for s in family.samples]
     assert len(set(samples)) == len(samples), "a sample stands twice"
-    return AuditRecord({family.name: family for family in families})
+    return Samples({family.name: family for family in families})
 
 
 def loading(made: Plant) -> None:
@@ -71,7 +71,7 @@ def loading(made: Plant) -> None:
     made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
-async def told(made: Plant, links: SystemStatus | None = None) -> AuditRecord:
+async def told(made: Plant, links: SystemStatus | None = None) -> Samples:
     made.links = full() if links is None else links
     await asyncio.sleep(1.2)
     loading(made)

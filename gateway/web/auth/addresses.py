@@ -1,0 +1,164 @@
+"""Registers the addresses of the web process: one entry holds an address's path, role, limits and OpenAPI description.
+
+FastAPI's routes and the security middleware's rules both come from these entries, so no route exists without a rule.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from json import JSONDecodeError
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from fastapi.routing import APIRoute, APIWebSocketRoute
+from pydantic import BeforeValidator, Field
+from pydantic_core import from_json
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Mount
+from starlette.staticfiles import StaticFiles
+
+from gateway.web.auth.access import BODY_BYTES, Level, Rule
+from gateway.web.auth.refusals import PROBLEM_CONTENT
+
+REFUSALS = {401: "needs a login", 403: "the role is not enough, or the request is not from the gateway's own pages"}
+Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """OpenAPI's part of an address. `model`: of the JSON answer; `media`: of one that is not JSON."""
+
+    operation_id: str
+    model: Any = None
+    media: str | None = None
+    errors: Mapping[int, str] = field(default_factory=dict)  # status: when
+    failing: Mapping[int, str] = field(default_factory=dict)  # statuses whose answer is `model`, too
+    query: tuple[dict[str, Any], ...] = ()  # parameters that FastAPI does not read
+
+
+class Addresses:
+    """One group of addresses below `prefix`."""
+
+    def __init__(self, prefix: str = "") -> None:
+        self._prefix = prefix
+        self.routes: list[BaseRoute] = []
+        self.rules: list[Rule] = []
+
+    def get(
+        self, path: str, least: Level, summary: str, described: Description | None = None
+    ) -> Callable[[Endpoint], Endpoint]:
+        return self._http(Rule("GET", self._prefix + path, least, summary), described)
+
+    def post(
+        self,
+        path: str,
+        least: Level,
+        summary: str,
+        described: Description | None = None,
+        *,
+        body_bytes: int = BODY_BYTES,
+        audited: bool = True,
+    ) -> Callable[[Endpoint], Endpoint]:
+        return self._http(Rule("POST", self._prefix + path, least, summary, body_bytes, audited), described)
+
+    def web_socket(self, path: str, least: Level, summary: str) -> Callable[[Endpoint], Endpoint]:
+        def register(endpoint: Endpoint) -> Endpoint:
+            self.rules.append(Rule("WS", self._prefix + path, least, summary))
+            self.routes.append(APIWebSocketRoute(self._prefix + path, endpoint))
+            return endpoint
+
+        return register
+
+    def files(self, path: str, directory: Path, least: Level, summary: str) -> None:
+        self.rules.append(Rule("GET", f"{path}/{{path:path}}", least, summary))
+        self.routes.append(Mount(path, StaticFiles(directory=directory)))
+
+    def _http(self, rule: Rule, described: Description | None) -> Callable[[Endpoint], Endpoint]:
+        def register(endpoint: Endpoint) -> Endpoint:
+            self.rules.append(rule)
+            openapi = {"include_in_schema": False} if described is None else _openapi(rule, described)
+            self.routes.append(_JsonRoute(rule.path, endpoint, methods=[rule.method], **openapi))
+            return endpoint
+
+        return register
+
+
+def whole_number(least: int, most: int) -> BeforeValidator:
+    """For numbers in an address: digits only, where pydantic would take " 1.0" and other scripts' digits, too."""
+
+    def checked(value: str | int) -> int:
+        text = str(value)  # a number where it is the default
+        if not (text.isascii() and text.isdigit() and len(text) < 20 and least <= int(text) <= most):
+            raise ValueError(f"a whole number from {least} to {most}")
+        return int(text)
+
+    return BeforeValidator(checked, json_schema_input_type=Annotated[int, Field(ge=least, le=most)])
+
+
+class _JsonRequest(Request):
+    """Its body is JSON, whatever Content-Type says, and no body is an empty object."""
+
+    @property
+    def headers(self) -> Headers:
+        others = [(name, value) for name, value in self.scope["headers"] if name != b"content-type"]
+        return Headers(raw=[*others, (b"content-type", b"application/json")])
+
+    async def body(self) -> bytes:
+        return await super().body() or b"{}"
+
+    async def json(self) -> Any:
+        """Strict about text, where `json` would take half of a surrogate pair."""
+        try:
+            return from_json(await self.body())
+        except ValueError as error:
+            raise JSONDecodeError(str(error), "", 0) from None
+
+
+class _JsonRoute(APIRoute):
+    def get_route_handler(self) -> Callable[[Request], Awaitable[Response]]:  # type: ignore[override]
+        handler = super().get_route_handler()
+
+        async def handle(request: Request) -> Response:
+            return await handler(_JsonRequest(request.scope, request.receive))
+
+        return handle
+
+
+def _openapi(rule: Rule, described: Description) -> dict[str, Any]:
+    """What FastAPI's route needs to describe itself."""
+    refusals = REFUSALS if rule.least > Level.OPEN else {}
+    responses: dict[int, dict[str, Any]] = {200: {"description": rule.summary}}
+    if described.media is not None:
+        responses[200]["content"] = {described.media: {}}
+    for status, when in ({**described.errors, **refusals}).items():
+        responses[status] = {"description": when, "content": PROBLEM_CONTENT}
+    for status, when in described.failing.items():
+        responses[status] = {"description": when, "model": described.model}
+    extra = {"x-role": rule.least.role, "security": _security(rule)}
+    if described.query:
+        extra["parameters"] = list(described.query)
+    plain = {"response_class": Response} if described.media is not None else {}
+    return {
+        "operation_id": described.operation_id,
+        "summary": rule.summary,
+        "tags": [_tag(rule.path)],
+        "response_model": described.model,
+        "responses": responses,
+        "openapi_extra": extra,
+        **plain,
+    }
+
+
+def _security(rule: Rule) -> list[dict[str, list[str]]]:
+    """The ways to be let in, any of which will do; an empty one: without a login. `without_login` may open more."""
+    if rule.least is Level.OPEN:
+        return [{}]
+    return [{"session": [], "csrf": []}] if rule.method == "POST" else [{"basic": []}, {"session": []}]
+
+
+def _tag(path: str) -> str:
+    for word in ("alarms", "bays", "events"):
+        if f"/{word}" in path:
+            return word
+    return "bays" if path == "/api/state" else "gateway"

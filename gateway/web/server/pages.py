@@ -1,0 +1,77 @@
+"""The addresses of the pages themselves: HTML, static files, live views and their pictures."""
+
+from importlib.resources import files
+from pathlib import Path
+
+from starlette.exceptions import HTTPException
+from starlette.responses import FileResponse, Response
+from starlette.websockets import WebSocket
+
+from gateway.clock import NS_PER_MS
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import Addresses
+from gateway.web.server import views
+from gateway.web.server.gateway_client import GatewayClient
+from gateway.web.server.pictures import Picture
+from gateway.web.server.services import Bay, WebServices
+
+STATIC = Path(str(files("gateway.web") / "static"))
+ADDRESSES = Addresses()
+
+
+def _page(path: str, least: Level, name: str, summary: str) -> None:
+    @ADDRESSES.get(path, least, summary)
+    async def page() -> FileResponse:
+        return FileResponse(STATIC / name)
+
+
+_page("/login", Level.OPEN, "login.html", "the login page")
+ADDRESSES.files("/static", STATIC, Level.OPEN, "scripts, styles and symbols of the pages; nothing of the plant")
+
+
+@ADDRESSES.get("/favicon.ico", Level.OPEN, "the pages' symbol")
+async def _favicon() -> Response:
+    raise HTTPException(404)  # each page names its own
+
+
+_page("/driver", Level.DRIVER, "driver.html", "the driver's display of the first bay")
+_page("/driver/{bay}", Level.DRIVER, "driver.html", "the driver's display")
+
+
+@ADDRESSES.web_socket("/api/driver", Level.DRIVER, "what the driver's display shows, live")
+async def _driver(page: WebSocket, services: WebServices) -> None:
+    await services.drivers.serve(page)
+
+
+_page("/", Level.VIEWER, "index.html", "the operator's page")
+
+
+@ADDRESSES.web_socket("/api/live", Level.VIEWER, "what the operator's page shows, live")
+async def _live(page: WebSocket, services: WebServices) -> None:
+    await services.live.serve(page)
+
+
+@ADDRESSES.get("/api/bays/{bay}/picture", Level.VIEWER, "the pages' pictures")
+async def _picture(services: WebServices, bay: Bay, after: int | None = None, width: int = 640) -> Response:
+    """The newest frame as JPEG, if it is another than `after`; waits for it. 204: none came."""
+    picture = await services.pictures.newer(bay.name, after, width)
+    if picture is None:
+        return Response(status_code=204)
+    return Response(picture.jpeg, media_type="image/jpeg", headers=_headers(services.client, picture))
+
+
+def _headers(client: GatewayClient, picture: Picture) -> dict[str, str]:
+    """About the picture: so that it can't be taken for another's."""
+    age_ms = (client.clock.now_ns() - picture.t_capture_ns) / NS_PER_MS
+    headers = {
+        "Cache-Control": "no-store",
+        "X-Frame-Id": str(picture.seq),
+        "X-Frame-Age-Ms": f"{age_ms:.1f}",
+        "X-Frame-Size": f"{picture.width_px}x{picture.height_px}",
+    }
+    if picture.reading is not None:
+        headers["X-Frame-View"] = views.frame_json(picture.reading)
+    return headers
+
+
+_page("/tune/{bay}", Level.TECHNICIAN, "tune.html", "the technician's page")
