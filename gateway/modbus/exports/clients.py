@@ -15,6 +15,23 @@ from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 PAUSE_MS = 50
+# What follows the end of a read, with the tool's own words for "went well" and for "writing has ended".
+_AFTER_THE_READ = """\
+  {name}_PollOk := GOOD;
+  IF {name}_PollOk THEN
+    {name}_Words := {name}_Received;
+  END_IF;
+  {name}_Stage := 3;
+ELSIF {name}_Stage = 3 THEN
+  IF {name}_PollOk AND {name}.Data.handshake_status_writes_on THEN
+    {name}_Stage := 4;
+  ELSE
+    {name}_Stage := 0;
+  END_IF;
+ELSIF ({name}_Stage = 4) AND WRITTEN THEN
+  {name}_Stage := 0;
+END_IF;
+{call}"""
 _TWINCAT = """\
 (* {bay} *)
 {name}_Pause(IN := {name}_Stage = 0, PT := T#{pause}ms);
@@ -30,21 +47,8 @@ END_IF;
 IF {name}_Stage = 1 THEN
   {name}_Stage := 2;
 ELSIF ({name}_Stage = 2) AND NOT {name}_Read.bBusy THEN
-  {name}_PollOk := NOT {name}_Read.bError;
-  IF {name}_PollOk THEN
-    {name}_Words := {name}_Received;
-  END_IF;
-  {name}_Stage := 3;
-ELSIF {name}_Stage = 3 THEN
-  IF {name}_PollOk AND {name}.Data.handshake_status_writes_on THEN
-    {name}_Stage := 4;
-  ELSE
-    {name}_Stage := 0;
-  END_IF;
-ELSIF ({name}_Stage = 4) AND NOT {name}_Send.bBusy THEN
-  {name}_Stage := 0;
-END_IF;
-{call}"""
+"""
+_TWINCAT += _AFTER_THE_READ.replace("GOOD", "NOT {name}_Read.bError").replace("WRITTEN", "NOT {name}_Send.bBusy")
 
 _CODESYS = """\
 (* {bay} *)
@@ -66,21 +70,10 @@ END_IF;
 {name}_Send(rClient := {name}_Client, xExecute := {name}_Stage = 4, uiUnitId := {unit}, uiStartItem := {first},
   uiQuantity := {written}, pData := ADR({name}_Write), udiReplyTimeout := 1000000);
 IF ({name}_Stage = 2) AND ({name}_Read.xDone OR {name}_Read.xError) THEN
-  {name}_PollOk := {name}_Read.xDone;
-  IF {name}_PollOk THEN
-    {name}_Words := {name}_Received;
-  END_IF;
-  {name}_Stage := 3;
-ELSIF {name}_Stage = 3 THEN
-  IF {name}_PollOk AND {name}.Data.handshake_status_writes_on THEN
-    {name}_Stage := 4;
-  ELSE
-    {name}_Stage := 0;
-  END_IF;
-ELSIF ({name}_Stage = 4) AND ({name}_Send.xDone OR {name}_Send.xError) THEN
-  {name}_Stage := 0;
-END_IF;
-{call}"""
+"""
+_CODESYS += _AFTER_THE_READ.replace("GOOD", "{name}_Read.xDone").replace(
+    "WRITTEN", "({name}_Send.xDone OR {name}_Send.xError)"
+)
 
 
 def twincat(targets: tuple[Target, ...]) -> Pou:

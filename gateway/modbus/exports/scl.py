@@ -3,6 +3,8 @@
 For S7-1500 and S7-1200 from firmware 4.2, which bring MB_CLIENT for Modbus TCP.
 """
 
+from collections.abc import Iterable
+
 from gateway.modbus.exports import interface, structured_text
 from gateway.modbus.exports.clients import PAUSE_MS, octets
 from gateway.modbus.exports.decode import REAL_BODY, UDINT_BODY
@@ -17,7 +19,9 @@ BUFFERS = "LoadingGateway_IO"
 CYCLE = structured_text.PROGRAM
 INSTANCE = f"{CYCLE}_DB"
 _HARDWARE = 64  # PROFINET interface X1 of every S7-1200 and S7-1500
+_SECTION = {"VAR_INPUT": "VAR_INPUT", "VAR": "VAR_TEMP"}
 _KIND = {
+    "WORD": "Word",
     "UINT": "UInt",
     "INT": "Int",
     "UDINT": "UDInt",
@@ -33,7 +37,14 @@ _KIND = {
 
 def text(targets: tuple[Target, ...]) -> str:
     """The .scl file: External source files, Add new external file, Generate blocks from source."""
-    parts = (_head(targets), _type(), _functions(), _function_block(targets[0]), _buffers(targets), _cycle(targets))
+    parts = (
+        _head(targets),
+        _type(),
+        _functions(targets[0]),
+        _function_block(targets[0]),
+        _buffers(targets),
+        _cycle(targets),
+    )
     return ascii_only("\n".join(parts))
 
 
@@ -70,46 +81,28 @@ END_TYPE
 """
 
 
-def _functions() -> str:
-    return f"""\
-FUNCTION "LG_UDInt" : UDInt
+def _functions(target: Target) -> str:
+    """The functions of structured text, in SCL's words."""
+    return "\n".join(
+        f"""\
+FUNCTION "{made.name}" : {_KIND[made.returns]}
 {{ S7_Optimized_Access := 'TRUE' }}
 VERSION : 0.1
-  VAR_INPUT
-    High : Word;
-    Low : Word;
-  END_VAR
-BEGIN
-{UDINT_BODY}END_FUNCTION
-
-FUNCTION "LG_Real" : Real
-{{ S7_Optimized_Access := 'TRUE' }}
-VERSION : 0.1
-  VAR_INPUT
-    High : Word;
-    Low : Word;
-  END_VAR
-  VAR_TEMP
-    Exponent : DInt;
-    Value : Real;
-  END_VAR
-BEGIN
-{REAL_BODY}END_FUNCTION
+{_sections((_SECTION[keyword], variables) for keyword, variables in made.sections)}BEGIN
+{body}END_FUNCTION
 """
+        for made, body in zip(structured_text.library(target), (UDINT_BODY, REAL_BODY), strict=False)
+    )
+
+
+def _sections(sections: Iterable[tuple[str, Iterable[Var]]]) -> str:
+    return "".join(f"  {keyword}\n{''.join(map(_variable, variables))}  END_VAR\n" for keyword, variables in sections)
 
 
 def _function_block(target: Target) -> str:
     given = [var for var in INPUTS if var.kind != interface.BLOCK]
     passed = [var for var in INPUTS if var.kind == interface.BLOCK]
-    sections = "".join(
-        f"  {keyword}\n{''.join(map(_variable, variables))}  END_VAR\n"
-        for keyword, variables in (
-            ("VAR_INPUT", given),
-            ("VAR_OUTPUT", OUTPUTS),
-            ("VAR_IN_OUT", passed),
-            ("VAR", MEMORY),
-        )
-    )
+    sections = _sections((("VAR_INPUT", given), ("VAR_OUTPUT", OUTPUTS), ("VAR_IN_OUT", passed), ("VAR", MEMORY)))
     return f"""\
 FUNCTION_BLOCK "{structured_text.FUNCTION_BLOCK}"
 {{ S7_Optimized_Access := 'TRUE' }}

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 from gateway.core.model import StateVector
 from gateway.core.plc import CONTROL_MEANING, OUTCOME_MEANING, RECIPE_MEANING, RESET_MEANING, Acquired, Phase, PlcLink
-from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named
+from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named, part
 
 NS_PER_MS = 1_000_000
 
@@ -66,22 +66,6 @@ def _age_ms(state: StateVector, _: int) -> Value:
     return (state.t_ns - state.plc.beat_ns) // NS_PER_MS
 
 
-def _result_u(state: StateVector, _: int) -> Value:
-    return None if (held := _held(state)) is None else held.u_px
-
-
-def _result_v(state: StateVector, _: int) -> Value:
-    return None if (held := _held(state)) is None else held.v_px
-
-
-def _result_radius(state: StateVector, _: int) -> Value:
-    return None if (held := _held(state)) is None else held.radius_px
-
-
-def _result_distance(state: StateVector, _: int) -> Value:
-    return None if (held := _held(state)) is None else held.distance_mm
-
-
 HANDSHAKE: tuple[Register, ...] = (
     Register(80, "plc_heartbeat", UINT16, 1, "", "written by the PLC: any number, changed with every cycle",
              lambda s, _: s.plc.heartbeat, writable=True),
@@ -104,13 +88,13 @@ HANDSHAKE: tuple[Register, ...] = (
     Register(89, "result_outcome", UINT16, 1, "", "what the held result says",
              lambda s, _: 0 if (held := _held(s)) is None else int(held.outcome), named(OUTCOME_MEANING)),
     Register(90, "result_u", MEASURED_INT16, 0.1, "px", "marker centre of the held result, to the right",
-             _result_u),
+             part(_held, "u_px")),
     Register(91, "result_v", MEASURED_INT16, 0.1, "px", "marker centre of the held result, downwards",
-             _result_v),
+             part(_held, "v_px")),
     Register(92, "result_radius", MEASURED_UINT16, 0.1, "px", "marker radius of the held result",
-             _result_radius),
+             part(_held, "radius_px")),
     Register(93, "result_distance", MEASURED_UINT16, 1, "mm", "distance of the held result",
-             _result_distance),
+             part(_held, "distance_mm")),
     Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
     Register(95, "plc_writes", UINT16, 1, "", "writes taken since the start of the gateway, modulo 65536",
              lambda s, _: s.plc.writes & 0xFFFF),

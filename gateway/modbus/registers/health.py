@@ -1,23 +1,26 @@
 """Rows 60 to 68: the gateway's own health after NAMUR NE 107, and the driver's guidance; and, where there was room, 58,
 59, 69, 78, 79 and 97: the health of the picture. Pure."""
 
-from collections.abc import Callable
-
 from gateway.core.model import GUIDANCE_MEANING, PICTURE_MEANING, PictureHealth, StateVector
 from gateway.core.ne107 import NE107_MEANING, Ne107, active, status
-from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named
+from gateway.modbus.registers.register import (
+    MEASURED_INT16,
+    MEASURED_UINT16,
+    UINT16,
+    Register,
+    Value,
+    named,
+    part,
+    percent,
+)
 
 _BITS = {
     signal - 1: (signal.name.lower(), NE107_MEANING[signal]) for signal in Ne107 if signal is not Ne107.GOOD
 }  # bit 0: failure
 
 
-def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[StateVector, int], Value]:
-    return lambda state, _: None if (health := state.picture) is None else read(health)
-
-
-def _percent(share: float | None) -> Value:
-    return None if share is None else 100.0 * share
+def _picture(state: StateVector) -> PictureHealth | None:
+    return state.picture
 
 
 def _active(state: StateVector, _: int) -> Value:
@@ -47,15 +50,15 @@ HEALTH: tuple[Register, ...] = (
 
 PICTURE: tuple[Register, ...] = (
     Register(58, "picture_brightness", MEASURED_UINT16, 0.1, "%", "mean grey level; no value: no fresh picture",
-             _picture(lambda p: _percent(p.brightness))),
+             percent(_picture, "brightness")),
     Register(59, "picture_contrast", MEASURED_UINT16, 0.1, "%", "from the 5th to the 95th percentile of grey levels",
-             _picture(lambda p: _percent(p.contrast))),
+             percent(_picture, "contrast")),
     Register(69, "picture_sharpness", MEASURED_UINT16, 0.1, "%", "of the strongest edges: 60 in focus",
-             _picture(lambda p: _percent(p.sharpness))),
+             percent(_picture, "sharpness")),
     Register(78, "picture_status", UINT16, 1, "", "what is wrong with the picture, one bit each; 0: nothing known, too",
-             _picture(lambda p: p.status), bits=named(PICTURE_MEANING)),
+             part(_picture, "status"), bits=named(PICTURE_MEANING)),
     Register(79, "picture_veil", MEASURED_UINT16, 0.1, "%", "dust or haze over the picture: 10 to 30 in clean air",
-             _picture(lambda p: _percent(p.veil))),
+             percent(_picture, "veil")),
     Register(97, "picture_shift", MEASURED_UINT16, 0.1, "px", "how far the fixed background has moved",
-             _picture(lambda p: p.shift_px)),
+             part(_picture, "shift_px")),
 )  # fmt: skip

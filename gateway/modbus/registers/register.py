@@ -10,6 +10,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from operator import attrgetter
 from typing import Literal, TypeVar
 
 from gateway.core.model import StateVector
@@ -19,6 +20,7 @@ WordOrder = Literal["big", "little"]
 
 Value = float | None
 Code = TypeVar("Code", bound=IntEnum)
+Part = TypeVar("Part")
 Names = Mapping[int, tuple[str, str]]
 
 _FLOAT32_MAX = 3.4028234663852886e38
@@ -78,6 +80,18 @@ class Reserved:
     address: int
     words: int
     purpose: str
+
+
+def part(find: Callable[[StateVector], Part | None], name: str) -> Callable[[StateVector, int], Value]:
+    """For `Register.read`: attribute `name` of the record that `find` gives; no value where it gives None."""
+    read = attrgetter(name)
+    return lambda state, _: None if (found := find(state)) is None else read(found)
+
+
+def percent(find: Callable[[StateVector], Part | None], name: str) -> Callable[[StateVector, int], Value]:
+    """As `part`, of a share from 0 to 1."""
+    read = part(find, name)
+    return lambda state, unix_ns: None if (share := read(state, unix_ns)) is None else 100.0 * share
 
 
 def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:

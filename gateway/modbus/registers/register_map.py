@@ -23,6 +23,7 @@ from gateway.core.model import (
     Quality,
     Reason,
     StateVector,
+    VisionReading,
 )
 from gateway.core.shown import withdrawn
 from gateway.errors import ProtocolError
@@ -41,6 +42,8 @@ from gateway.modbus.registers.register import (
     WordOrder,
     named,
     packer,
+    part,
+    percent,
     unpack,
 )
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
@@ -98,32 +101,17 @@ def _circle(state: StateVector) -> Circle | None:
     return state.vision.circle if state.vision.quality is Quality.GOOD else None
 
 
-def _u(state: StateVector, _: int) -> Value:
-    return None if (circle := _circle(state)) is None else circle.u_px
-
-
-def _v(state: StateVector, _: int) -> Value:
-    return None if (circle := _circle(state)) is None else circle.v_px
-
-
-def _radius(state: StateVector, _: int) -> Value:
-    return None if (circle := _circle(state)) is None else circle.radius_px
-
-
 def _distance(state: StateVector, _: int) -> Value:
     return state.range.distance_mm if state.range.quality is Quality.GOOD else None
 
 
+def _vision(state: StateVector) -> VisionReading | None:
+    """None where it holds no measured circle."""
+    return None if _circle(state) is None else state.vision
+
+
 def _z_vision(state: StateVector, _: int) -> Value:
     return None if _circle(state) is None else state.z_vision_mm
-
-
-def _x_n(state: StateVector, _: int) -> Value:
-    return None if _circle(state) is None else state.vision.x_n
-
-
-def _y_n(state: StateVector, _: int) -> Value:
-    return None if _circle(state) is None else state.vision.y_n
 
 
 def _tracking(state: StateVector, _: int) -> Value:
@@ -132,36 +120,12 @@ def _tracking(state: StateVector, _: int) -> Value:
     return int(state.vision.tracking) if fresh else None
 
 
-def _percent(share: float | None) -> Value:
-    return None if share is None else 100.0 * share
-
-
 def _predicted(state: StateVector) -> Circle | None:
     return state.vision.predicted if state.vision.quality is Quality.COASTED else None
 
 
-def _predicted_u(state: StateVector, _: int) -> Value:
-    return None if (circle := _predicted(state)) is None else circle.u_px
-
-
-def _predicted_v(state: StateVector, _: int) -> Value:
-    return None if (circle := _predicted(state)) is None else circle.v_px
-
-
-def _predicted_radius(state: StateVector, _: int) -> Value:
-    return None if (circle := _predicted(state)) is None else circle.radius_px
-
-
 def _ellipse(state: StateVector) -> Ellipse | None:
     return None if _circle(state) is None else state.vision.ellipse
-
-
-def _semi_minor(state: StateVector, _: int) -> Value:
-    return None if (ellipse := _ellipse(state)) is None else ellipse.semi_minor_px
-
-
-def _tilt_deg(state: StateVector, _: int) -> Value:
-    return None if (ellipse := _ellipse(state)) is None else ellipse.tilt_deg
 
 
 def _sequence(state: StateVector, _: int) -> Value:
@@ -222,9 +186,9 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: int(s.range.quality), _QUALITY),
     Register(9, "d", MEASURED_UINT16, 1, "", "equation 14: 1 when R >= R_th and Z <= Z_th; ends by fusion.decision",
              lambda s, _: None if s.d is None else int(s.d)),
-    Register(10, "u", MEASURED_INT16, 0.1, "px", "marker centre, to the right", _u),
-    Register(11, "v", MEASURED_INT16, 0.1, "px", "marker centre, downwards", _v),
-    Register(12, "radius", MEASURED_UINT16, 0.1, "px", "marker radius R", _radius),
+    Register(10, "u", MEASURED_INT16, 0.1, "px", "marker centre, to the right", part(_circle, "u_px")),
+    Register(11, "v", MEASURED_INT16, 0.1, "px", "marker centre, downwards", part(_circle, "v_px")),
+    Register(12, "radius", MEASURED_UINT16, 0.1, "px", "marker radius R", part(_circle, "radius_px")),
     Register(13, "distance", MEASURED_UINT16, 1, "mm", "distance Z from the ranger", _distance),
     Register(14, "z_vision", MEASURED_UINT16, 1, "mm", "distance f r / R from the camera, where configured", _z_vision),
     Register(15, "vision_age", MEASURED_UINT16, 1, "ms", "age of the newest camera result or fault, at `timestamp`",
@@ -264,30 +228,34 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: KNOWN_UINT32),
     Register(42, "known_f32", FLOAT32, 1, "", f"always {KNOWN_FLOAT32}: proves the word order",
              lambda s, _: KNOWN_FLOAT32),
-    Register(44, "u_f32", MEASURED_FLOAT32, 1, "px", "u, not rounded", _u),
-    Register(46, "v_f32", MEASURED_FLOAT32, 1, "px", "v, not rounded", _v),
-    Register(48, "radius_f32", MEASURED_FLOAT32, 1, "px", "radius, not rounded", _radius),
+    Register(44, "u_f32", MEASURED_FLOAT32, 1, "px", "u, not rounded", part(_circle, "u_px")),
+    Register(46, "v_f32", MEASURED_FLOAT32, 1, "px", "v, not rounded", part(_circle, "v_px")),
+    Register(48, "radius_f32", MEASURED_FLOAT32, 1, "px", "radius, not rounded", part(_circle, "radius_px")),
     Register(50, "distance_f32", MEASURED_FLOAT32, 1, "mm", "distance, not rounded", _distance),
     Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
-    Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured", _x_n),
-    Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured", _y_n),
+    Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured",
+             part(_vision, "x_n")),
+    Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured",
+             part(_vision, "y_n")),
     *PICTURE[:2],
     *HEALTH,
     PICTURE[2],
     Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was come by; no value: no fresh frame",
              _tracking, _TRACKING),
     Register(71, "confidence", MEASURED_UINT16, 0.1, "%", "of the detection, where the method gives one",
-             lambda s, _: None if _circle(s) is None else _percent(s.vision.confidence)),
+             percent(_vision, "confidence")),
     Register(72, "visible", MEASURED_UINT16, 0.1, "%", "share of the marker's rim that was seen, where the method says",
-             lambda s, _: None if _circle(s) is None else _percent(s.vision.visible)),
+             percent(_vision, "visible")),
     Register(73, "predicted_u", MEASURED_INT16, 0.1, "px", f"centre, rightwards: {_NEVER_DECIDE}",
-             _predicted_u),
-    Register(74, "predicted_v", MEASURED_INT16, 0.1, "px", f"centre, downwards: {_NEVER_DECIDE}", _predicted_v),
-    Register(75, "predicted_radius", MEASURED_UINT16, 0.1, "px", f"radius: {_NEVER_DECIDE}", _predicted_radius),
+             part(_predicted, "u_px")),
+    Register(74, "predicted_v", MEASURED_INT16, 0.1, "px", f"centre, downwards: {_NEVER_DECIDE}",
+             part(_predicted, "v_px")),
+    Register(75, "predicted_radius", MEASURED_UINT16, 0.1, "px", f"radius: {_NEVER_DECIDE}",
+             part(_predicted, "radius_px")),
     Register(76, "semi_minor", MEASURED_UINT16, 0.1, "px", "of the rim's ellipse; its semi-major axis is the radius",
-             _semi_minor),
+             part(_ellipse, "semi_minor_px")),
     Register(77, "tilt", MEASURED_UINT16, 0.1, "deg", "of the disc against the line of sight, from the ellipse's axes",
-             _tilt_deg),
+             part(_ellipse, "tilt_deg")),
     *PICTURE[3:5],
     *HANDSHAKE,
     PICTURE[5],

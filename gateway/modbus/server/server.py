@@ -21,7 +21,7 @@ from gateway.modbus.server.connection import Connection
 from gateway.modbus.server.limits import ConnectedWriters, Limits, Refusal
 from gateway.modbus.server.tls import ModbusTls
 from gateway.modbus.server.tls_handshake_limiter import TlsHandshakeLimiter
-from gateway.modbus.server.traffic import OpenConnection, ServerNow, peers
+from gateway.modbus.server.traffic import PeerNow, ServerNow, peers
 from gateway.net.listener import allow_open_files, bind_error, bound_sockets
 from gateway.net.rate_limit import LogThrottle, plain_address
 
@@ -205,10 +205,10 @@ class _Listener:
         self._stats.open += 1
         return True
 
-    def open_connections(self, now_s: float) -> list[OpenConnection]:
-        """Who is connected, as of the last sweep."""
+    def open_connections(self, now_s: float) -> list[PeerNow]:
+        """One record a connection, as of the last sweep."""
         return [
-            OpenConnection(one.address, one.is_plc, one.answered, max(0.0, now_s - one.active_s))
+            PeerNow(one.address, one.is_plc, 1, one.answered, max(0.0, now_s - one.active_s))
             for one in self._connections
         ]
 

@@ -35,26 +35,20 @@ class ServerNow:
     peers: tuple[PeerNow, ...]  # at most MOST_PEERS, PLCs first, then those answered last
 
 
-@dataclass(frozen=True, slots=True)
-class OpenConnection:
-    """One open connection."""
-
-    address: str
-    is_plc: bool
-    requests: int
-    quiet_s: float
-
-
-def peers(connections: Iterable[OpenConnection]) -> tuple[PeerNow, ...]:
+def peers(connections: Iterable[PeerNow]) -> tuple[PeerNow, ...]:
     """Connections of one address taken together."""
     found: dict[str, PeerNow] = {}
     for one in connections:
         known = found.get(one.address)
-        found[one.address] = PeerNow(
-            one.address,
-            one.is_plc,
-            1 + (known.connections if known else 0),
-            one.requests + (known.requests if known else 0),
-            min(one.quiet_s, known.quiet_s) if known else one.quiet_s,
+        found[one.address] = (
+            one
+            if known is None
+            else PeerNow(
+                one.address,
+                one.is_plc,
+                known.connections + one.connections,
+                known.requests + one.requests,
+                min(known.quiet_s, one.quiet_s),
+            )
         )
     return tuple(sorted(found.values(), key=lambda peer: (not peer.is_plc, peer.quiet_s))[:MOST_PEERS])
