@@ -5,15 +5,14 @@
     python -m bench.frame_to_register --markdown          a table for docs/performance.md
 
 The ways:
-- gateway: the real path. A camera process writes frames into the shared ring; the clock starts when a frame is whole
-  in the ring. Camera process -> vision process -> dispatcher -> fusion -> register image; through the dispatcher first
-  where the vision process is not idle. With the paper's method tracked, in full search, and the plain OpenCV pipeline.
+- gateway: the real path. The clock starts when a frame is in the memory of the vision process. Capture thread ->
+  detector -> main process -> fusion -> register image. With the paper's method tracked, in full search, and the plain
+  OpenCV pipeline.
 - thread: the plain pipeline in a thread of the main process, which gets the frame by reference.
 - pickled pool: the plain pipeline in a process of `concurrent.futures`, which gets the frame pickled.
 
 In every way the main process does the same: fusion with its tick every 20 ms, and the whole register image encoded for
-each result. The clock stops when the words stand. What lies between the source and the ring (decoding, the copy into
-the ring) is not counted; `copy into the ring` is told by itself.
+each result. The clock stops when the words are complete. What the source itself takes (decoding) is not counted.
 """
 
 import argparse
@@ -47,7 +46,7 @@ from gateway.modbus.registers.register_map import decode
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
 from gateway.vision.process.service import VisionService
-from gateway.vision.process.worker_job import DetectorSpec
+from gateway.vision.transport.messages import DetectorSpec
 
 WARM_UP = 15  # frames
 # Until the parent is gone.
@@ -98,14 +97,13 @@ class Result:
     total_ns: list[int]
     vision_ns: list[int]
     own_ns: list[int]
-    copy_ns: list[int]
 
 
 async def gateway_way(way: str, detector: DetectorSpec, work: "Work") -> Result:
     clock = SystemClock()
     registers = Registers(clock)
     log_path = work.folder / "log"
-    log_path.write_bytes(bytes(LONGEST * 16))
+    log_path.write_bytes(bytes(LONGEST * 8))
     log = Log(log_path)
     spec = ReplaySpec(str(work.frames_file), str(log_path), work.fps)
     service = VisionService(
@@ -113,9 +111,8 @@ async def gateway_way(way: str, detector: DetectorSpec, work: "Work") -> Result:
     )
     await _run_until(work.enough(registers), service.run(), registers.control.run())
     seqs = sorted(registers.ready_ns)[WARM_UP:]
-    total = [int(registers.ready_ns[seq] - log.times[seq, 1]) for seq in seqs]
-    copy = [int(log.times[seq, 1] - log.times[seq, 0]) for seq in seqs]
-    return Result(way, total, registers.vision_ns[WARM_UP:], registers.own_ns[WARM_UP:], copy)
+    total = [int(registers.ready_ns[seq] - log.times[seq]) for seq in seqs]
+    return Result(way, total, registers.vision_ns[WARM_UP:], registers.own_ns[WARM_UP:])
 
 
 async def executor_way(way: str, executor: Executor, work: "Work") -> Result:
@@ -140,7 +137,7 @@ async def executor_way(way: str, executor: Executor, work: "Work") -> Result:
     await _run_until(work.enough(registers), feed(), registers.control.run())
     seqs = sorted(registers.ready_ns)[WARM_UP:]
     total = [registers.ready_ns[seq] - began[seq] for seq in seqs]
-    return Result(way, total, registers.vision_ns[WARM_UP:], registers.own_ns[WARM_UP:], [])
+    return Result(way, total, registers.vision_ns[WARM_UP:], registers.own_ns[WARM_UP:])
 
 
 def look(image: Image) -> Detection:
@@ -210,7 +207,6 @@ def table_of(results: list[Result], markdown: bool) -> str:
         "vision p50",
         "fusion and image p50",
         "the rest p50",
-        "copy into ring",
         "p50 x",
         "p99 x",
     )
@@ -223,7 +219,6 @@ def table_of(results: list[Result], markdown: bool) -> str:
             if thread is None
             else (f"{_ms(thread.total_ns, 50) / p50:.1f}", f"{_ms(thread.total_ns, 99) / p99:.1f}")
         )
-        copy = f"{_ms(r.copy_ns, 50):.2f}" if r.copy_ns else "-"
         rows.append(
             (
                 r.way,
@@ -232,7 +227,6 @@ def table_of(results: list[Result], markdown: bool) -> str:
                 f"{vision:.3f}",
                 f"{own:.3f}",
                 f"{p50 - vision - own:.3f}",
-                copy,
                 *against,
             )
         )
@@ -289,7 +283,7 @@ async def _awaited(way: Callable[[], Awaitable[Result]]) -> Result:
 
 
 def _joined(a: Result, b: Result) -> Result:
-    return Result(a.way, a.total_ns + b.total_ns, a.vision_ns + b.vision_ns, a.own_ns + b.own_ns, a.copy_ns + b.copy_ns)
+    return Result(a.way, a.total_ns + b.total_ns, a.vision_ns + b.vision_ns, a.own_ns + b.own_ns)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
-"""What the latency benchmark runs in the gateway's child processes: frames in memory as a source, and the baseline."""
+"""What the latency benchmark runs in the gateway's vision process: frames in memory as a source, and the baseline."""
 
 import mmap
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,20 +10,18 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
 from gateway.vision.detect.method import Detector, NowNs
 from gateway.vision.detect.paper import pipeline
-from gateway.vision.pixels import Image
 from gateway.vision.source.contract import Frame
-from gateway.vision.transport.ring import Ring
 
 LONGEST = 100_000  # frames in the log
 
 
 class Log:
-    """Two times of every frame, written by the camera process: frame in hand, frame in the ring. A file, mapped."""
+    """When each frame was in the vision process's memory, written by its source. A file, mapped."""
 
     def __init__(self, path: Path) -> None:
         with path.open("r+b") as file:
             self._memory = mmap.mmap(file.fileno(), 0)
-        self.times = np.frombuffer(self._memory, np.int64).reshape(LONGEST, 2)
+        self.times = np.frombuffer(self._memory, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,18 +49,6 @@ class Replay:
         self._log = Log(Path(spec.log))
         self._n = 0
         self._due_ns = clock.now_ns() + self._period_ns
-        self._stamp_writes()
-
-    def _stamp_writes(self) -> None:
-        """This process's ring tells the log when a frame is whole in it."""
-        write = Ring.write
-
-        def stamped(ring: Ring, slot: int, image: Image, *about: Any) -> int:
-            generation = write(ring, slot, image, *about)
-            self._log.times[self._n, 1] = self._clock.now_ns()
-            return generation
-
-        Ring.write = stamped  # type: ignore[method-assign, assignment]
 
     def read(self) -> Frame:
         self._clock.block(max(0, self._due_ns - self._clock.now_ns()) / NS_PER_S)
@@ -71,7 +56,7 @@ class Replay:
         image = self._frames[self._n % len(self._frames)]
         self._n += 1
         now_ns = self._clock.now_ns()
-        self._log.times[self._n, 0] = now_ns
+        self._log.times[self._n] = now_ns
         return Frame(image, now_ns)
 
     def close(self) -> None:
@@ -79,5 +64,5 @@ class Replay:
 
 
 def plain(params: VisionConfig, now_ns: NowNs) -> Detector:
-    """The detector that vision processes build for the baseline."""
+    """The detector that a vision process builds for the baseline."""
     return lambda image, t_ns=0: pipeline.detect(image, params, now_ns)

@@ -38,7 +38,6 @@ from gateway.sinks.outbox.durable import outbox_of
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.supervisor import Supervisor, Task
 from gateway.vision.process.service import VisionService
-from gateway.vision.process.service import slots as frame_slots
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport import ring as shm
@@ -154,9 +153,9 @@ async def run(
             )
             for bay in config.bays
         }
-        rings = {bay.name: shm.create(frame_slots(bay.vision), bay.camera.max_megapixels) for bay in config.bays}
+        rings = {bay.name: shm.create(bay.camera.max_megapixels) for bay in config.bays}
         for ring in rings.values():
-            shared.callback(os.close, ring.fd)
+            shared.callback(shm.close, ring)
         visions = {
             bay.name: VisionService(
                 bay.name,

@@ -1,17 +1,12 @@
 """A socket between the main process and one child: whole messages, end of file when the other side is gone."""
 
-import array
 import socket
 import sys
-from collections import deque
 from typing import Generic, TypeVar
 
 from gateway.errors import ProtocolError
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.processes.notices import Failed
-
-MOST_FDS = 16  # that come with one message; the kernel closes what is more
-_FD_BYTES = socket.CMSG_SPACE(MOST_FDS * array.array("i").itemsize)
 
 Out = TypeVar("Out")
 In = TypeVar("In")
@@ -27,7 +22,6 @@ class Link(Generic[Out, In]):
         self.sock = sock
         self.codec = codec
         self.ended = False
-        self._fds: deque[int] = deque()
 
     @classmethod
     def pair(cls, codec: Codec) -> tuple["Link[Out, In]", socket.socket]:
@@ -36,16 +30,10 @@ class Link(Generic[Out, In]):
         ours.setblocking(False)
         return cls(ours, codec), theirs
 
-    def offer(self, message: Out, fd: int | None = None) -> bool:
-        """Send without waiting, and a descriptor with it: the other side gets its own copy (`taken_fd`).
-
-        False: the other side is gone, or has not read for hundreds of messages.
-        """
+    def offer(self, message: Out) -> bool:
+        """Send without waiting. False: the other side is gone, or has not read for hundreds of messages."""
         try:
-            if fd is None:
-                self.sock.send(self._packed(message), socket.MSG_DONTWAIT)
-            else:
-                socket.send_fds(self.sock, [self._packed(message)], [fd], socket.MSG_DONTWAIT)
+            self.sock.send(self._packed(message), socket.MSG_DONTWAIT)
         except (BlockingIOError, BrokenPipeError, ConnectionResetError):
             return False
         return True
@@ -99,25 +87,13 @@ class Link(Generic[Out, In]):
             except BlockingIOError:
                 return messages
 
-    def taken_fd(self) -> int | None:
-        """The descriptor that came with the oldest message that had one and was not asked for it. The caller closes it.
-
-        None: there is none; this process had too many open to take one more.
-        """
-        return self._fds.popleft() if self._fds else None
-
     def _read(self, flags: int) -> bytes:
         try:
-            data, ancillary, _, _ = self.sock.recvmsg(MAX_MESSAGE_BYTES, _FD_BYTES, flags | socket.MSG_CMSG_CLOEXEC)
+            data = self.sock.recv(MAX_MESSAGE_BYTES, flags)
         except ConnectionResetError:
             sys.exit(0)
         if not data:
             sys.exit(0)
-        for level, kind, content in ancillary:
-            if level == socket.SOL_SOCKET and kind == socket.SCM_RIGHTS:
-                fds = array.array("i")
-                fds.frombytes(content[: len(content) // fds.itemsize * fds.itemsize])
-                self._fds.extend(fds)
         return data
 
     def close(self) -> None:

@@ -1,9 +1,8 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
-Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD NOTES_FD CPUS. MODULE is
-the one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC` says which messages it may be
-sent, its job among them. NAME is what `top` shows. With a NOTES_FD `run` gets a third argument, the notes' end of
-`Pool`.
+Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the
+one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC` says which messages it may be
+sent, its job among them. NAME is what `top` shows.
 """
 
 import ctypes
@@ -25,7 +24,7 @@ MAX_WORDS = 500
 
 
 def main() -> None:
-    name_of_module, name, parent, fd, notes_fd, cpus = sys.argv[1:]
+    name_of_module, name, parent, fd, cpus = sys.argv[1:]
     _die_with(int(parent))
     _name(name)
     link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)), Codec(Failed))
@@ -39,8 +38,7 @@ def main() -> None:
     try:
         module = import_module(name_of_module)
         link.codec = module.CODEC
-        notes = [Link[Any, Any](socket.socket(fileno=int(notes_fd)), link.codec)] if notes_fd else []
-        module.run(link, link.receive(), *notes)
+        module.run(link, link.receive())
     except GatewayError as error:
         link.send(Failed(shown(str(error)), config=isinstance(error, ConfigError)))
         sys.exit(1)

@@ -17,3 +17,4 @@ class Gone:
     """Said by the pool about a child: its process is no more."""
 
     how: str
+    crashed: bool = False  # by a fault of its own code: SIGSEGV, SIGABRT and their like

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Generic, Self, TypeVar
@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 
 GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
 KILL_S = 0.3  # real time for the kernel to end a killed process
+CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGSYS}
 MOST_WORDS = 10_000  # of one child, taken at once: more than its socket holds, and an end for one that never stops
 # sys.path travels last: what the parent can import, the child can.
 BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.processes.child import main; main()"
@@ -36,6 +37,7 @@ ENVIRONMENT = {
     # that doubled the time of the paper's pipeline. A process that does the same work for ever keeps its memory.
     "MALLOC_MMAP_MAX_": "0",
     "MALLOC_TRIM_THRESHOLD_": str(16 * 1024**3),
+    "MALLOC_ARENA_MAX": "1",  # frames are allocated in one thread and freed in another
     "OPENCV_LOG_LEVEL": "ERROR",
     "OPENCV_FFMPEG_LOGLEVEL": "-8",  # FFmpeg prints every hiccup of a stream; what matters comes as a message
 }
@@ -49,9 +51,6 @@ In = TypeVar("In")  # and what they say
 class Role(Generic[Out]):
     """What a child is for: `module` has `run(link, job)` and `CODEC`, which says what the child may be told; `name` is
     what `top` shows; `fds` it inherits.
-
-    With `notes` its `run` gets a second link, for words that are to be heard before all others, but not at once: see
-    `Pool.messages`.
     """
 
     module: str
@@ -59,7 +58,6 @@ class Role(Generic[Out]):
     job: Out
     fds: tuple[int, ...] = ()
     affinity: tuple[int, ...] | None = None
-    notes: bool = False
 
 
 @dataclass(slots=True)
@@ -69,15 +67,13 @@ class Child(Generic[Out, In]):
     process: subprocess.Popen[bytes]
     link: Link[Out, In | Failed]
     pidfd: int
-    notes: Link[Out, In] | None
-    notes_due: int = 0  # at most so many are written and not read, or may be written
 
 
 class Pool(Generic[Out, In]):
     """Use as `async with`: at the end no process is left. Not for more than one event loop.
 
     `on_news` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without it,
-    `wait` tells. A frame crosses the main process twice: each round of the event loop that is spared is spared twice.
+    `wait` returns. Taken in the event loop's own call, a result does not wait for a task to be scheduled.
     `codec` says what the children may say; a child that says anything else is `Failed`, and killed.
     """
 
@@ -94,24 +90,20 @@ class Pool(Generic[Out, In]):
     def start(self, token: int, role: Role[Out]) -> None:
         """Start a process and send it its job. Takes a few ms. Raises LinkError."""
         link, theirs = Link[Out, In | Failed].pair(self._codec)
-        notes, their_notes = Link[Out, In].pair(self._codec) if role.notes else (None, None)
-        fds = [sock.fileno() for sock in (theirs, their_notes) if sock is not None]
         cpus = ",".join(map(str, role.affinity or ()))
-        words = [role.module, role.name, str(os.getpid()), str(fds[0]), "".join(map(str, fds[1:])), cpus]
-        with theirs, their_notes or nullcontext(), _without_ctrl_c():
+        words = [role.module, role.name, str(os.getpid()), str(theirs.fileno()), cpus]
+        with theirs, _without_ctrl_c():
             try:
                 process = subprocess.Popen(
                     [sys.executable, "-c", BOOT, *words, "\n".join(sys.path)],
                     stdin=subprocess.DEVNULL,
-                    pass_fds=(*fds, *role.fds),
+                    pass_fds=(theirs.fileno(), *role.fds),
                     env={**ENVIRONMENT, **os.environ},
                 )
             except OSError as error:
                 link.close()
-                if notes is not None:
-                    notes.close()
                 raise LinkError(f"cannot start process {role.name}: {error}") from error
-        child = Child(process, link, os.pidfd_open(process.pid), notes)
+        child = Child(process, link, os.pidfd_open(process.pid))
         self._children[token] = child
         loop = asyncio.get_running_loop()
         loop.add_reader(link.sock, self._arrived, self._spoke, token)
@@ -122,16 +114,6 @@ class Pool(Generic[Out, In]):
         """Never waits. A child that does not take its messages is killed; one that is gone is left alone."""
         child = self._children.get(token)
         if child is not None and not child.link.offer(message):
-            child.process.kill()
-
-    def introduce(self, token: int, other: int, message: Out) -> None:
-        """As `send`, and gives the child the sending end of the other's inbox: what it sends there, the other receives
-        as if it came from here. Nothing is said where the other is gone. At most one note may follow from each call."""
-        child, introduced = self._children.get(token), self._children.get(other)
-        if child is None or introduced is None:
-            return
-        child.notes_due += 1
-        if not child.link.offer(message, introduced.link.sock.fileno()):
             child.process.kill()
 
     def kill(self, token: int) -> None:
@@ -151,9 +133,8 @@ class Pool(Generic[Out, In]):
         """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
 
         Without `everybody` only from those that the event loop has seen speak or end, and only the oldest word of each
-        that has not ended: it will see the others, too. That spares some system calls. Of one that talks faster than it
-        is heard no more than `most` are taken at once; the event loop sees the rest. Notes wake nobody. They are told
-        at every call, before all else, and before a process is told to be gone.
+        that has not ended: it will see the others, too. That spares some system calls. Of one that sends faster than it
+        is heard no more than `most` are taken at once; the event loop sees the rest.
         """
         ended, heard = set(self._ended), self._spoke | self._ended
         self._spoke.clear()  # not replaced: the event loop's readers hold these very sets
@@ -166,20 +147,13 @@ class Pool(Generic[Out, In]):
             status = child.process.poll() if asked else None  # before reading, so that the last words are not missed
             limit = MOST_WORDS if status is not None else most if asked else 1
             found.append((token, child, status, child.link.received(limit)))
-        # Read after the words that they are told before: whatever a word speaks of, its note has been written by then.
-        notes = [
-            (token, note)
-            for token, child in self._children.items()
-            for note in _notes(child, everybody=everybody or token in ended)
-        ]
-        yield from notes
         for token, child, status, words in found:
             for word in words:
                 yield token, word
             if status is not None:
                 self._forget(token)
-                yield token, Gone(_how(status))
-            elif child.link.ended or (child.notes is not None and child.notes.ended):
+                yield token, Gone(_how(status), crashed=-status in CRASHES)
+            elif child.link.ended:
                 asyncio.get_running_loop().remove_reader(child.link.sock)
                 child.process.kill()  # closed, or no use any more: whatever it still does
 
@@ -230,18 +204,7 @@ class Pool(Generic[Out, In]):
         loop.remove_reader(child.link.sock)
         loop.remove_reader(child.pidfd)
         child.link.close()
-        if child.notes is not None:
-            child.notes.close()
         os.close(child.pidfd)
-
-
-def _notes(child: Child[Out, In], *, everybody: bool) -> list[In | Failed]:
-    """Those that have been written; without `everybody` no more than may have been."""
-    if child.notes is None or not (child.notes_due or everybody):
-        return []
-    notes = child.notes.received(None if everybody else child.notes_due)
-    child.notes_due = max(0, child.notes_due - len(notes))
-    return notes
 
 
 @contextmanager

@@ -46,7 +46,7 @@ class Bay:
         self._stop, self._loop = asyncio.Event(), asyncio.get_running_loop()
         async with plant(bays=2) as made:
             made.links = full()
-            made.rings["bay1"].write(0, np.zeros((48, 64, 3), np.uint8), 1, made.client.clock.now_ns())
+            made.rings["bay1"].write(np.zeros((48, 64, 3), np.uint8), 1, made.client.clock.now_ns())
             made.controls["bay1"].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="gone"))
             config = HmiConfig(enabled=True, without_login="none", users=USERS)
             pace = SystemClock()

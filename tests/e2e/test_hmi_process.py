@@ -94,7 +94,7 @@ def frames_open_for(process: psutil.Process) -> set[int]:
     return {int(found[1], 8) & os.O_ACCMODE for found in flags if found}
 
 
-def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_a_camera_can_write_frames(
+def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_the_vision_process_can_write_frames(
     gateway: Gateway,
 ) -> None:
     url = gateway.started()["hmi"]
@@ -106,7 +106,7 @@ def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_a_camera_ca
     rights = {key: status[key].strip() for key in ("CapPrm", "CapEff", "CapAmb", "NoNewPrivs", "Seccomp")}
     assert rights == {"CapPrm": "0" * 16, "CapEff": "0" * 16, "CapAmb": "0" * 16, "NoNewPrivs": "1", "Seccomp": "2"}
     modes = {one.name().split("-")[1]: frames_open_for(one) for one in gateway.family() if one.name()[:3] == "gw-"}
-    assert modes == {"camera": {os.O_RDWR}, "worker": {os.O_RDONLY}, "hmi": {os.O_RDONLY}}
+    assert modes == {"worker": {os.O_RDWR}, "hmi": {os.O_RDONLY}}
     assert got(url, "/login")[0] == 200  # a file is still read
 
 

@@ -1,5 +1,6 @@
-"""Detectors and sources that fail on purpose. Child processes import this module, so it imports little."""
+"""Detectors and sources that fail on purpose. Vision processes import this module, so it imports little."""
 
+import ctypes
 import os
 import signal
 from dataclasses import dataclass
@@ -8,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gateway.clock import Clock, SystemClock
+from gateway.clock import Clock
 from gateway.core.model import Circle, Detection
 from gateway.errors import ConfigError, LinkError
 from gateway.vision.pixels import Image
 from gateway.vision.source.contract import Frame
 
-if TYPE_CHECKING:  # the camera process need not load OpenCV
+if TYPE_CHECKING:  # the main process need not load OpenCV
     from gateway.vision.detect.method import Detector
 
-THROW, HANG, DIE, EXIT = 200, 210, 220, 230  # pictures of this shade are poison
+THROW, HANG, DIE, EXIT, HANG_LOCKED = 200, 210, 220, 230, 240  # pictures of this shade are poison
 
 
 def shade_reader(params: object, now_ns: object) -> "Detector":
@@ -31,6 +32,8 @@ def shade_reader(params: object, now_ns: object) -> "Detector":
                 raise ValueError("poison")
             case _ if shade == HANG:
                 signal.pause()
+            case _ if shade == HANG_LOCKED:
+                hang_locked()
             case _ if shade == DIE:
                 os.kill(os.getpid(), signal.SIGKILL)
             case _ if shade == EXIT:
@@ -40,14 +43,9 @@ def shade_reader(params: object, now_ns: object) -> "Detector":
     return detect
 
 
-def slow_reader(params: object, now_ns: object) -> "Detector":
-    """Slower than frames come, so that two workers take turns; `R` tells which of them it was."""
-
-    def detect(image: Image, t_ns: int = 0) -> Detection:
-        SystemClock().block(0.08)
-        return Detection(Circle(0.0, 0.0, float(os.getpid())))
-
-    return detect
+def hang_locked() -> None:
+    """Native code that never returns, and holds the interpreter's lock: no thread of this process runs any more."""
+    ctypes.PyDLL(None).pause()
 
 
 def hung_reader(params: object, now_ns: object) -> "Detector":
@@ -87,6 +85,12 @@ class Shades:
                     raise LinkError("shades: ended")
                 case "crash":
                     raise ZeroDivisionError("a bug in the driver")
+                case "driver crash":
+                    self.clock.block(0.3)  # the detector is done with the frame before
+                    os.kill(os.getpid(), signal.SIGSEGV)
+                case "driver hangs locked":
+                    self.clock.block(0.3)
+                    hang_locked()
                 case "large":
                     side = 200
                 case "stall":

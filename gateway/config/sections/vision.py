@@ -119,7 +119,7 @@ class CameraConfig(Section):
     )
     open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take so long")
     max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")
-    affinity: Cpus | None = Field(None, description="CPUs the camera process may use")
+    affinity: Cpus | None = Field(None, description="CPUs the capture thread of the vision process may use")
     reconnect: Reconnect = Field(default_factory=Reconnect)
     picture: PictureConfig = Field(default_factory=PictureConfig)
 
@@ -159,8 +159,8 @@ class VisionConfig(Section):
         0.5, ge=0, le=1, description="robust: what is less sure to be a red disc is no marker"
     )
     intrinsics: Intrinsics | None = Field(None, description="for equation 11")
-    workers: int = Field(1, ge=1, le=16, description="vision processes for this bay")
-    affinity: Cpus | None = Field(None, description="CPUs the vision processes may use")
+    workers: int = Field(1, ge=1, le=16, description="threads that OpenCV may use in the bay's vision process")
+    affinity: Cpus | None = Field(None, description="CPUs the vision process may use")
     deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long before its worker is replaced")
 
     @field_validator("gaussian_kernel_px", "morph_kernel_px")

@@ -1,9 +1,9 @@
-"""Vision for one bay: the shell that carries messages between the processes and the dispatcher."""
+"""Vision for one bay: the shell that carries messages between the vision process and its monitor."""
 
 import logging
 import os
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from gateway.clock import NS_PER_S, Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
@@ -13,43 +13,36 @@ from gateway.processes.notices import Failed, Gone
 from gateway.processes.pool import Pool, Role
 from gateway.vision.detect import registry
 from gateway.vision.detect.radii import MarkerRadii, Pace
-from gateway.vision.process import actions
-from gateway.vision.process.dispatcher import Dispatcher
-from gateway.vision.process.worker_job import DetectorSpec, WorkerJob
+from gateway.vision.process import monitor
+from gateway.vision.process.monitor import Action, ProcessMonitor
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.transport import ring as shm
 from gateway.vision.transport.messages import (
-    FROM_CHILDREN,
-    CameraJob,
-    Captured,
-    FromChild,
-    GiveBack,
-    Handed,
-    Look,
-    Looked,
+    FROM_VISION,
+    DetectorSpec,
+    FromVision,
     Opened,
     Ready,
+    Result,
+    SourceLost,
     SourceRecord,
-    Straight,
+    ToVision,
+    VisionJob,
 )
+from gateway.vision.transport.progress import ProgressPage
 
 log = logging.getLogger(__name__)
 
-ToChild = CameraJob | WorkerJob | Look | GiveBack | Straight | MarkerRadii
-VisionPool = Pool[ToChild, FromChild]
-
-
-def slots(vision: VisionConfig) -> int:
-    """One written, one waiting, one under each worker's eyes."""
-    return vision.workers + 2
+MODULE = "gateway.vision.process.vision_process"
+VisionPool = Pool[ToVision, FromVision]
 
 
 class VisionService:
-    """Runs one camera process and `vision.workers` vision processes, and emits a reading for what they find.
+    """Runs the vision process of one bay, and emits a reading for each frame that it has looked at, and each fault.
 
-    `emit` is called on the event loop. `ring`: where the frames go, with room for `slots(vision)`; by default it makes
-    its own. `detector` defaults to the pipeline that `vision` describes.
+    `emit` is called on the event loop. `ring`: where frames are written for viewers; by default it makes its own.
+    `detector` defaults to the method that `vision` names.
     """
 
     def __init__(
@@ -75,7 +68,7 @@ class VisionService:
         self._rng = rng or random.Random()
         self._ring = ring
         self._turns: _Turns | None = None
-        self._dispatcher: Dispatcher | None = None
+        self._monitor: ProcessMonitor | None = None
         self._pace = Pace()
 
     @property
@@ -84,7 +77,7 @@ class VisionService:
         return self._vision
 
     def apply(self, vision: VisionConfig) -> None:
-        """Go on with other settings: all processes begin anew, and what the old ones saw goes stale.
+        """Continue with other settings: the process is replaced, and what the old one saw becomes stale.
 
         Raises ConfigError for what can't change while the gateway runs.
         """
@@ -97,88 +90,91 @@ class VisionService:
             self._turns.end()
 
     def expect(self, radii_px: tuple[float, float] | None) -> None:
-        """The marker's radius lies between these now, px; None: nobody knows. To be called again and again: it is
-        forgotten soon. Only for a method that uses it."""
-        if (
-            self._turns is None
-            or self._dispatcher is None
-            or not registry.method(self._vision.method).uses_radius_limits
-        ):
+        """The marker's radius lies between these now, px; None: it is not known. To be called repeatedly: it expires
+        soon. Only for a method that uses it."""
+        if self._turns is None or self._monitor is None or not registry.method(self._vision.method).uses_radius_limits:
             return
         now_ns = self._clock.now_ns()
-        if (message := self._pace.due(radii_px, now_ns)) is not None:
-            self._turns.send(self._dispatcher.readers(now_ns), message)
+        if (message := self._pace.due(radii_px, now_ns)) is not None and self._monitor.reads_messages(now_ns):
+            self._turns.send(self._monitor.token, message)
 
     async def run(self) -> None:
         """Until cancelled; afterwards there is no process and no memory left. Raises ConfigError, or LinkError
         when the machine cannot start a process."""
         check_cpus("camera.affinity", self._camera.affinity)
         check_cpus("vision.affinity", self._vision.affinity)
-        ring = self._ring or shm.create(slots(self._vision), self._camera.max_megapixels)
-        reader = shm.reader(ring)
+        ring = self._ring or shm.create(self._camera.max_megapixels)
+        progress = ProgressPage(ring, writable=False)
         try:
             while True:
-                # Begun anew with other settings, or by the supervisor: a PLC's counts are those since the start.
-                self._dispatcher = (
-                    Dispatcher(self._spec.label, self._camera, self._vision, ring.slots, self._rng)
-                    if self._dispatcher is None
-                    else self._dispatcher.anew(self._vision)
-                )
-                self._turns = _Turns(
-                    self._dispatcher, self._clock, lambda action, pool: self._carry_out(action, pool, ring, reader)
-                )
-                async with VisionPool(self._bay, self._clock, FROM_CHILDREN, self._turns.on_news) as pool:
+                # Begun again with other settings, or by the supervisor: a PLC's counts are those since the start.
+                if self._monitor is None:
+                    self._monitor = ProcessMonitor(self._spec.label, self._camera, self._vision, self._rng)
+                else:
+                    self._monitor.progress(progress.read())
+                    self._monitor = self._monitor.successor(self._vision)
+                carry_out = lambda action, pool: self._carry_out(action, pool, ring)  # noqa: E731
+                self._turns = _Turns(self._monitor, progress, self._clock, carry_out)
+                async with VisionPool(self._bay, self._clock, FROM_VISION, self._turns.on_news) as pool:
                     await self._turns.run(pool)
         finally:
             self._turns = None
-            os.close(reader.fd)
+            progress.close()
             if self._ring is None:
-                os.close(ring.fd)
+                shm.close(ring)
 
-    def _carry_out(self, action: actions.Action, pool: VisionPool, ring: shm.RingSpec, reader: shm.RingSpec) -> None:
+    def _carry_out(self, action: Action, pool: VisionPool, ring: shm.RingSpec) -> None:
         match action:
-            case actions.Emit(reading):
+            case monitor.Emit(reading):
                 self._emit(reading)
-            case actions.Assign(token, frame):
-                pool.send(token, Look(frame))
-            case actions.Return(token, slot):
-                pool.send(token, GiveBack(slot))
-            case actions.Offer(token, idle):
-                pool.introduce(token, idle, Straight(idle))
-            case actions.StartCamera(token, first_seq, slots):
-                rules = frame_rules(self._camera, self._vision)
-                camera = CameraJob(SourceRecord.of(self._spec), self._clock, ring, first_seq, slots, rules)
-                pool.start(token, self._role("camera", camera, self._camera.affinity))
-            case actions.StartWorker(token):
-                worker = WorkerJob(self._detector, self._clock, reader)
-                pool.start(token, self._role("worker", worker, self._vision.affinity))
-            case actions.Kill(token, why):
-                log.debug("%s: process given up: %s", self._bay, why)
+            case monitor.Start(token, first_seq, discard):
+                job = VisionJob(
+                    token,
+                    SourceRecord.of(self._spec),
+                    self._detector,
+                    self._clock,
+                    ring,
+                    frame_rules(self._camera, self._vision),
+                    first_seq,
+                    discard,
+                    self._camera_cpus(),
+                    self._camera.deadline_s / 4,
+                )
+                pool.start(token, Role(MODULE, f"gw-worker-{self._bay}", job, ring.fds, self._vision.affinity))
+            case monitor.Kill(token, why):
+                log.debug("%s: vision process ended: %s", self._bay, why)
                 pool.kill(token)
-            case actions.GiveUp(why):
+            case monitor.GiveUp(why):
                 raise ConfigError(f"{self._bay}: {why}")
 
-    def _role(self, what: str, job: CameraJob | WorkerJob, affinity: tuple[int, ...] | None) -> Role[ToChild]:
-        name, module = f"gw-{what}-{self._bay}", f"gateway.vision.process.{what}"
-        return Role(module, name, job, (job.ring.fd,), affinity, notes=isinstance(job, CameraJob))
+    def _camera_cpus(self) -> tuple[int, ...] | None:
+        """Of the capture thread; None: those of its process. `vision.affinity` is for the detector alone."""
+        if self._camera.affinity is None and self._vision.affinity is not None:
+            return tuple(sorted(os.sched_getaffinity(0)))
+        return self._camera.affinity
 
 
 class _Turns:
-    """Takes a turn when something arrives, and when a deadline comes: report, settle, carry out.
+    """Takes a turn when something arrives, and when a deadline passes: report, settle, carry out.
 
-    What arrives is dealt with in the event loop's own call, since a frame waits for it; the task wakes only for
-    deadlines, and for what went wrong.
+    What arrives is dealt with in the event loop's own call, since the control task waits for it; the task wakes only
+    for deadlines, and for what went wrong.
     """
 
     def __init__(
-        self, dispatcher: Dispatcher, clock: Clock, carry_out: Callable[[actions.Action, VisionPool], None]
+        self,
+        monitor: ProcessMonitor,
+        progress: ProgressPage,
+        clock: Clock,
+        carry_out: Callable[[Action, VisionPool], None],
     ) -> None:
-        self._dispatcher = dispatcher
+        self._monitor = monitor
+        self._progress = progress
         self._clock = clock
         self._carry_out = carry_out
         self._pool: VisionPool | None = None
         self._armed_ns: int | None = None  # when the task wakes by itself; None: not
-        self._deadline_ns: int | None = 0  # the dispatcher's, since the last turn
+        self._deadline_ns: int | None = 0  # the monitor's, since the last turn
         self._failure: BaseException | None = None
         self._over = False
 
@@ -188,17 +184,16 @@ class _Turns:
         if self._pool is not None:
             self._pool.wake()
 
-    def send(self, tokens: Iterable[int], message: MarkerRadii) -> None:
-        """To these processes, if there are any."""
+    def send(self, token: int, message: MarkerRadii) -> None:
+        """To this process, if there is one."""
         if self._pool is not None and not self._over:
-            for token in tokens:
-                self._pool.send(token, message)
+            self._pool.send(token, message)
 
     async def run(self, pool: VisionPool) -> None:
         """Until cancelled or told to end, or something raises."""
         self._pool = pool
         while not self._over:
-            self._take(pool, everybody=True)
+            self._take(pool, everything=True)
             self._armed_ns = self._deadline_ns
             left_ns = None if self._armed_ns is None else max(0, self._armed_ns - self._clock.now_ns())
             await pool.wait(None if left_ns is None else left_ns / NS_PER_S)
@@ -209,7 +204,7 @@ class _Turns:
         if self._pool is None or self._failure is not None or self._over:
             return
         try:
-            self._take(self._pool, everybody=False)
+            self._take(self._pool, everything=False)
         except BaseException as error:  # noqa: BLE001 - raised again in the task, whose failure it is
             self._failure = error
             self._pool.wake()
@@ -218,35 +213,36 @@ class _Turns:
         if deadline_ns is not None and (self._armed_ns is None or deadline_ns < self._armed_ns):
             self._pool.wake()
 
-    def _take(self, pool: VisionPool, *, everybody: bool) -> None:
+    def _take(self, pool: VisionPool, *, everything: bool) -> None:
         now_ns, deadline_ns = self._clock.now_ns(), self._deadline_ns
-        # A result that lies waiting is not late: when a deadline is past, everybody is heard before it is judged.
+        # A result that was not read is not late: when a deadline has passed, all that has arrived is reported first.
         late = deadline_ns is not None and now_ns >= deadline_ns
-        for token, message in pool.messages(everybody=everybody or late):
-            _report(self._dispatcher, token, message, self._clock.now_ns())
-        for reading in self._dispatcher.news():
-            self._carry_out(actions.Emit(reading), pool)
-        for action in self._dispatcher.settle(self._clock.now_ns() if everybody or late else now_ns):
+        for token, message in pool.messages(everybody=everything or late):
+            if isinstance(message, (Gone, Failed, SourceLost)):
+                self._monitor.progress(self._progress.read())  # the frame that was being worked on
+            _report(self._monitor, token, message, self._clock.now_ns())
+        for reading in self._monitor.readings():
+            self._carry_out(monitor.Emit(reading), pool)
+        self._monitor.progress(self._progress.read())
+        for action in self._monitor.settle(self._clock.now_ns() if everything or late else now_ns):
             self._carry_out(action, pool)
-        self._deadline_ns = self._dispatcher.next_deadline_ns()
+        self._deadline_ns = self._monitor.next_deadline_ns()
 
 
-def _report(dispatcher: Dispatcher, token: int, message: FromChild | Failed | Gone, now_ns: int) -> None:
+def _report(to: ProcessMonitor, token: int, message: FromVision | Failed | Gone, now_ns: int) -> None:
     match message:
-        case Looked(seq, detection, seen_ns, picture):
-            dispatcher.looked(token, seq, detection, now_ns, seen_ns, picture)
-        case Handed(frame, skipped, worker, then_ns):
-            dispatcher.handed(token, frame, skipped, worker, then_ns, now_ns)
-        case Captured(frame, skipped):
-            dispatcher.captured(token, frame, skipped, now_ns)
+        case Result():
+            to.result(token, message, now_ns)
         case Ready():
-            dispatcher.ready(token)
+            to.ready(token, now_ns)
         case Opened(lossless, finite):
-            dispatcher.opened(token, lossless, finite=finite)
+            to.opened(token, now_ns, lossless=lossless, finite=finite)
+        case SourceLost(why, config):
+            to.source_lost(token, why, now_ns, config=config)
         case Failed(why, config):
-            dispatcher.failed(token, why, now_ns, config=config)
-        case Gone(how):
-            dispatcher.gone(token, how, now_ns)
+            to.failed(token, why, now_ns, config=config)
+        case Gone(how, crashed):
+            to.gone(token, how, now_ns, crashed=crashed)
 
 
 def frame_rules(camera: CameraConfig, vision: VisionConfig) -> FrameRules:
@@ -258,6 +254,7 @@ def frame_rules(camera: CameraConfig, vision: VisionConfig) -> FrameRules:
         None if lens is None or lens.width_px is None or lens.height_px is None else (lens.width_px, lens.height_px),
         camera.frozen_s,
         camera.repeats_age,
+        camera.max_megapixels,
     )
 
 

@@ -3,13 +3,14 @@
 Thresholds, aim point and intrinsics are pixels of one picture size: at half of it R is half as large, and D never 1.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from gateway.errors import LinkError
 from gateway.vision.source.contract import Frame
-from gateway.vision.source.freshness import TILES, Changes, FrozenFrameDetector, Look
+from gateway.vision.source.freshness import TILES, Changes, Freshness, FrozenFrameDetector
 
 SizePx = tuple[int, int]
 """Width and height, px."""
@@ -24,6 +25,7 @@ class FrameRules:
     lens_px: SizePx | None = None  # the picture size that the intrinsics hold for
     frozen_s: float = 2.0  # 0: equal pictures are new ones
     repeats_age: bool = True
+    max_megapixels: float = math.inf
 
 
 class FrameChecks:
@@ -41,10 +43,10 @@ class FrameChecks:
         height, width = frame.image.shape[:2]
         self._check_size((width, height))
         if self._frozen is not None:
-            match self._frozen.look(frame.image, frame.t_capture_ns):
-                case Look.UNPROVEN:
+            match self._frozen.judge(frame.image, frame.t_capture_ns):
+                case Freshness.UNPROVEN:
                     return None
-                case Look.FROZEN:
+                case Freshness.FROZEN:
                     frozen_s = self._rules.frozen_s
                     raise LinkError(f"{self._label}: frozen: the picture has not changed for {frozen_s:g} s")
             if self._rules.repeats_age:
@@ -61,6 +63,11 @@ class FrameChecks:
             self._wrong(size_px, f"vision.intrinsics hold for {_px(*rules.lens_px)}")
         if (before_px := self._size_px or self._in_force_px) not in (None, size_px):
             self._wrong(size_px, f"they were {_px(*before_px)}: set camera.width_px and height_px to the right size")
+        if (megapixels := size_px[0] * size_px[1] / 1e6) > rules.max_megapixels:
+            raise LinkError(
+                f"frame of {size_px[0]} x {size_px[1]} = {megapixels:.1f} megapixels, "
+                f"more than camera.max_megapixels = {rules.max_megapixels:g}"
+            )
         self._size_px = size_px
 
     def _wrong(self, size_px: SizePx, why: str) -> None:

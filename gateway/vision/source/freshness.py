@@ -22,7 +22,7 @@ Changes = NDArray[np.int64]
 """(12, 16): the capture time of the frame in which each tile last changed, ns."""
 
 
-class Look(Enum):
+class Freshness(Enum):
     LIVE = auto()
     UNPROVEN = auto()  # nothing has changed since the source was opened: not to be shown yet
     FROZEN = auto()
@@ -37,7 +37,7 @@ class FrozenFrameDetector:
         self._first_ns = 0
         self.changed_ns: Changes = np.zeros(TILES, np.int64)
 
-    def look(self, image: Image, t_ns: int) -> Look:
+    def judge(self, image: Image, t_ns: int) -> Freshness:
         """The verdict on the frame of `t_ns`; afterwards `changed_ns` holds for this frame.
 
         A source opened again must change once before it is believed.
@@ -48,18 +48,18 @@ class FrozenFrameDetector:
         if last is None:
             self._first_ns = t_ns
             self.changed_ns = np.full(TILES, t_ns, np.int64)
-            return Look.UNPROVEN
+            return Freshness.UNPROVEN
         changed = _by_tile(np.bitwise_or, sample ^ last, 3 * _edges(width, TILES[1])) != 0
         if 2 * np.count_nonzero(changed) < changed.size:
             changed = _with_flat(changed, sample, width)
         self.changed_ns = np.where(changed, t_ns, self.changed_ns)
         seen_ns = _half_changed_ns(self.changed_ns)
         if t_ns - seen_ns > self._frozen_ns:
-            return Look.FROZEN
-        return Look.UNPROVEN if seen_ns == self._first_ns else Look.LIVE
+            return Freshness.FROZEN
+        return Freshness.UNPROVEN if seen_ns == self._first_ns else Freshness.LIVE
 
 
-def seen_ns(changed_ns: Changes, width_px: int, height_px: int, circle: Circle | None) -> int:
+def unchanged_since_ns(changed_ns: Changes, width_px: int, height_px: int, circle: Circle | None) -> int:
     """How new what was found is: by the tiles that the disc touches, or by all of them where there is none."""
     if circle is None:
         return _half_changed_ns(changed_ns)

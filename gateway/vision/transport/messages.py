@@ -1,23 +1,28 @@
-"""What the main process and its children say to each other: one job at the start, then small messages.
+"""What the main process and a vision process send each other: one job at the start, then one message a frame.
 
-A frame is never among them: messages carry the number of its slot in the shared memory. How they become bytes stands
-in `gateway/processes/codec.py`; a field that is added here, or to a record in here, travels by itself.
+A frame is never among them. How messages become bytes stands in `gateway/processes/codec.py`; a field that is added
+here, or to a record in here, travels by itself.
 """
 
 from dataclasses import is_dataclass
 from importlib import import_module
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from msgspec import Struct
 
 from gateway.clock import SystemClock
+from gateway.config import VisionConfig
 from gateway.core.model import Detection, PictureHealth
 from gateway.errors import ProtocolError
 from gateway.processes.codec import Codec, Message, record_of, record_packed
 from gateway.processes.notices import Failed
+from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.transport.ring import RingSpec
+
+if TYPE_CHECKING:  # the main process need not load OpenCV
+    from gateway.vision.detect.method import Detector, NowNs
 
 
 class SourceRecord(Struct, frozen=True, array_like=True):
@@ -43,86 +48,65 @@ class SourceRecord(Struct, frozen=True, array_like=True):
         return cast("SourceSpec", record_of(kind, self.fields))
 
 
-class CameraJob(Message, frozen=True):
-    """Open the source and write its frames, numbered from `first_seq`, into the free slots."""
+class DetectorSpec(Struct, frozen=True, array_like=True):
+    """Which detector a vision process builds: `module:function`, called once with the parameters and the clock."""
 
+    vision: VisionConfig
+    factory: str = "gateway.vision.detect.registry:detector"
+
+    def build(self, now_ns: "NowNs") -> "Detector":
+        """`now_ns` times the stages."""
+        module, _, name = self.factory.partition(":")
+        return cast("Detector", getattr(import_module(module), name)(self.vision, now_ns))
+
+
+class VisionJob(Message, frozen=True):
+    """Open the source, number its frames from `first_seq` on, and report what the detector finds in them."""
+
+    token: int  # of this process, for its notes
     source: SourceRecord
+    detector: DetectorSpec
     clock: SystemClock
     ring: RingSpec
-    first_seq: int
-    slots: tuple[int, ...]
     rules: FrameRules
+    first_seq: int
+    discard: int = 0  # frames at the beginning of a film that an earlier process has looked at
+    camera_affinity: tuple[int, ...] | None = None  # of the capture thread
+    detector_beat_s: float = 0.25  # the detector's thread notes that it runs at least so often
 
 
-class FrameRef(Struct, frozen=True, array_like=True):
-    """A frame in the shared memory."""
-
-    slot: int
-    generation: int
-    seq: int
-    t_capture_ns: int
+# From the vision process.
 
 
-# To the children.
-
-
-class Look(Message, frozen=True):
-    """To a worker: look at this frame."""
-
-    frame: FrameRef
-
-
-class GiveBack(Message, frozen=True):
-    """To the camera: this slot may be written again."""
-
-    slot: int
-
-
-class Straight(Message, frozen=True):
-    """To the camera: its next frame may go straight to this worker, whose inbox comes with it as a descriptor."""
-
-    worker: int
-
-
-# From the children.
+class Ready(Message, frozen=True):
+    """It has its detector, and opens the source."""
 
 
 class Opened(Message, frozen=True):
-    """The camera process has its source."""
+    """The source has given its first frame."""
 
     lossless: bool
     finite: bool = False
 
 
-class Captured(Message, frozen=True):
-    """A frame is whole. `skipped`: frames that found no free slot since the source was opened."""
+class SourceLost(Message, frozen=True):
+    """The source has ended, was lost, or cannot be opened. `config`: only the operator can change that."""
 
-    frame: FrameRef
-    skipped: int
-
-
-class Handed(Message, frozen=True):
-    """As `Captured`, of a frame that goes straight to `worker`, at `then_ns`. A note: it wakes nobody, and is always
-    written before the worker can know of the frame."""
-
-    frame: FrameRef
-    skipped: int
-    worker: int
-    then_ns: int
+    why: str
+    config: bool = False
 
 
-class Ready(Message, frozen=True):
-    """A vision process has its detector."""
-
-
-class Looked(Message, frozen=True):
-    """A result. None: there is no result, since the slot changed under the work, or a newer frame came first."""
+class Result(Message, frozen=True):
+    """What the detector has found in a frame."""
 
     seq: int
-    detection: Detection | None
-    seen_ns: int = 0  # since when what was found has been in the picture unchanged, to the last bit
+    t_capture_ns: int
+    detection: Detection
+    unchanged_since_ns: int = 0  # what was found has been in the picture since then, unchanged to the last bit
     picture: PictureHealth | None = None  # measured in this frame; not judged yet
 
 
-FromChild = Opened | Captured | Handed | Ready | Looked
-FROM_CHILDREN = Codec(FromChild | Failed)
+FromVision = Ready | Opened | SourceLost | Result
+FROM_VISION = Codec(FromVision | Failed)
+ToVision = VisionJob | MarkerRadii
+TO_VISION = Codec(ToVision, compressed=True)

@@ -59,7 +59,7 @@ class WebProcessService:
     async def _serve(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> None:
         await _first_connection(sockets)
         _check_certificate(self._setup.config.hmi, sockets)
-        rings = tuple(ring.fd for ring in self._setup.rings.values())
+        rings = tuple(fd for ring in self._setup.rings.values() for fd in ring.fds)
         listening = tuple(sock.fileno() for sock in sockets)
         source = self._setup.source.encode(
             errors="backslashreplace"

@@ -22,7 +22,7 @@ from gateway.errors import ProtocolError
 from gateway.processes import child
 from gateway.processes.codec import COMPRESSED, MAX_MESSAGE_BYTES, MAX_UNPACKED_BYTES, Codec, record_of, record_packed
 from gateway.processes.notices import Failed
-from gateway.vision.transport.messages import FROM_CHILDREN
+from gateway.vision.transport.messages import FROM_VISION
 from gateway.web.ipc.messages import FROM_WEB, ApplySettings, Command, SetFunctionCheck, StateRequest, SystemStatus
 from tests.unit.web.links import full
 
@@ -76,7 +76,7 @@ def little_memory() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-@pytest.mark.parametrize("codec", [FROM_WEB, FROM_CHILDREN], ids=["from the web process", "from a vision process"])
+@pytest.mark.parametrize("codec", [FROM_WEB, FROM_VISION], ids=["from the web process", "from a vision process"])
 @pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.timeout(10)
 def test_a_message_made_to_harm_is_refused_and_nothing_else_happens(

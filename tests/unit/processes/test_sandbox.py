@@ -32,7 +32,7 @@ ctypes.CDLL(None).prctl(4, 1, 0, 0, 0)  # PR_SET_DUMPABLE: as it is where the us
 libc = ctypes.CDLL(None, use_errno=True)
 libc.mmap.restype = ctypes.c_void_p
 folder, confined = Path(sys.argv[1]), sys.argv[2] == "confined"
-spec = ring.create(3, 0.02)
+spec = ring.create(0.02)
 gateway = os.getpid()
 reader = ring.reader(spec)
 told, telling = os.pipe()

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gateway.core.model import Circle
 from gateway.vision.pixels import Image
-from gateway.vision.source.freshness import FrozenFrameDetector, Look, seen_ns
+from gateway.vision.source.freshness import Freshness, FrozenFrameDetector, unchanged_since_ns
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -42,12 +42,12 @@ def watched(camera: Camera, frozen_s: float = 2.0, *, frames: int = 3) -> Frozen
     """After some live frames, as long as nothing is stuck."""
     detector = FrozenFrameDetector(frozen_s)
     for _ in range(frames):
-        detector.look(*camera.frame())
+        detector.judge(*camera.frame())
     return detector
 
 
 def age_s(detector: FrozenFrameDetector, camera: Camera, circle: Circle | None = None) -> float:
-    return (camera.t_ns - seen_ns(detector.changed_ns, WIDTH, HEIGHT, circle)) / S
+    return (camera.t_ns - unchanged_since_ns(detector.changed_ns, WIDTH, HEIGHT, circle)) / S
 
 
 MARKERS = [
@@ -63,9 +63,9 @@ MARKERS = [
 @pytest.mark.parametrize("circle", MARKERS)
 def test_a_live_picture_is_as_new_as_its_frame_from_its_second_frame_on(noise: float, circle: Circle | None) -> None:
     camera, detector = Camera(noise), FrozenFrameDetector(2.0)
-    assert detector.look(*camera.frame()) is Look.UNPROVEN
+    assert detector.judge(*camera.frame()) is Freshness.UNPROVEN
     for _ in range(20):
-        assert detector.look(*camera.frame()) is Look.LIVE
+        assert detector.judge(*camera.frame()) is Freshness.LIVE
         assert age_s(detector, camera, circle) == 0
 
 
@@ -73,11 +73,11 @@ def test_a_live_picture_is_as_new_as_its_frame_from_its_second_frame_on(noise: f
 def test_a_repeated_picture_is_as_old_as_its_first_sight_and_frozen_after_its_time(circle: Circle | None) -> None:
     camera = Camera()
     detector = watched(camera)
-    detector.look(*camera.frame(live=()))  # the camera's very first picture again: new for the last time
+    detector.judge(*camera.frame(live=()))  # the camera's very first picture again: new for the last time
     for n in range(1, 51):
-        assert detector.look(*camera.frame(live=())) is Look.LIVE
+        assert detector.judge(*camera.frame(live=())) is Freshness.LIVE
         assert age_s(detector, camera, circle) == pytest.approx(n / 25)
-    assert detector.look(*camera.frame(live=())) is Look.FROZEN
+    assert detector.judge(*camera.frame(live=())) is Freshness.FROZEN
 
 
 @pytest.mark.parametrize(
@@ -92,22 +92,22 @@ def test_a_repeated_picture_is_as_old_as_its_first_sight_and_frozen_after_its_ti
 def test_a_clock_burnt_into_the_picture_hides_no_freeze(clock: Area, circle: Circle | None) -> None:
     camera = Camera()
     detector = watched(camera)
-    detector.look(*camera.frame(live=()))
+    detector.judge(*camera.frame(live=()))
     looks = []
     for n in range(1, 52):
-        looks.append(detector.look(*camera.frame(live=(clock,))))
+        looks.append(detector.judge(*camera.frame(live=(clock,))))
         assert age_s(detector, camera, circle) == pytest.approx(n / 25)
-    assert looks == [Look.LIVE] * 50 + [Look.FROZEN]
+    assert looks == [Freshness.LIVE] * 50 + [Freshness.FROZEN]
 
 
 def test_a_marker_in_a_dead_part_of_a_live_picture_is_old() -> None:
     """A decoder that lost a slice: the upper half stands still, the lower goes on."""
     camera = Camera()
     detector = watched(camera)
-    detector.look(*camera.frame(live=()))
+    detector.judge(*camera.frame(live=()))
     lower = (slice(60, None), slice(None))
     for n in range(1, 11):
-        assert detector.look(*camera.frame(live=(lower,))) is Look.LIVE
+        assert detector.judge(*camera.frame(live=(lower,))) is Freshness.LIVE
         assert age_s(detector, camera, Circle(80.0, 30.0, 20.0)) == pytest.approx(n / 25)
         assert age_s(detector, camera, Circle(80.0, 95.0, 20.0)) == 0
         assert age_s(detector, camera) == 0
@@ -115,27 +115,27 @@ def test_a_marker_in_a_dead_part_of_a_live_picture_is_old() -> None:
 
 def test_a_source_that_never_changed_is_never_live_and_frozen_in_its_time() -> None:
     camera, detector = Camera(), FrozenFrameDetector(2.0)
-    looks = [detector.look(*camera.frame(live=())) for _ in range(52)]
-    assert looks == [Look.UNPROVEN] * 51 + [Look.FROZEN]
+    looks = [detector.judge(*camera.frame(live=())) for _ in range(52)]
+    assert looks == [Freshness.UNPROVEN] * 51 + [Freshness.FROZEN]
 
 
 def test_a_clock_alone_does_not_make_a_source_believed_that_is_opened_again() -> None:
     camera, detector = Camera(), FrozenFrameDetector(2.0)
     clock = (slice(0, 15), slice(None))
-    looks = [detector.look(*camera.frame(live=(clock,))) for _ in range(52)]
-    assert looks == [Look.UNPROVEN] * 51 + [Look.FROZEN]
+    looks = [detector.judge(*camera.frame(live=(clock,))) for _ in range(52)]
+    assert looks == [Freshness.UNPROVEN] * 51 + [Freshness.FROZEN]
 
 
 def test_a_change_begins_the_time_anew() -> None:
     camera = Camera()
     detector = watched(camera)
     for _ in range(40):
-        detector.look(*camera.frame(live=()))
-    detector.look(*camera.frame())
+        detector.judge(*camera.frame(live=()))
+    detector.judge(*camera.frame())
     assert age_s(detector, camera) == 0
-    detector.look(*camera.frame(live=()))  # other than the one before: it counts as new once
-    looks = [detector.look(*camera.frame(live=())) for _ in range(51)]
-    assert looks == [Look.LIVE] * 50 + [Look.FROZEN]
+    detector.judge(*camera.frame(live=()))  # other than the one before: it counts as new once
+    looks = [detector.judge(*camera.frame(live=())) for _ in range(51)]
+    assert looks == [Freshness.LIVE] * 50 + [Freshness.FROZEN]
 
 
 @pytest.mark.parametrize("level", [0, 255])
@@ -148,10 +148,10 @@ def test_clipped_parts_cannot_tell_and_go_with_the_rest(level: int) -> None:
     for _ in range(60):
         image, t_ns = camera.frame()
         night[lit] = image[lit]
-        detector.look(night.copy(), t_ns)
+        detector.judge(night.copy(), t_ns)
         assert age_s(detector, camera) == 0
-    still = [detector.look(night.copy(), camera.frame()[1]) for _ in range(51)]
-    assert still == [Look.LIVE] * 50 + [Look.FROZEN]
+    still = [detector.judge(night.copy(), camera.frame()[1]) for _ in range(51)]
+    assert still == [Freshness.LIVE] * 50 + [Freshness.FROZEN]
     assert age_s(detector, camera, Circle(80.0, 60.0, 15.0)) == pytest.approx(51 / 25)
 
 
@@ -159,15 +159,15 @@ def test_a_black_picture_without_noise_is_frozen_in_the_end() -> None:
     camera = Camera()
     detector = watched(camera)
     black = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    detector.look(black, camera.frame()[1])
-    looks = [detector.look(black, camera.frame()[1]) for _ in range(51)]
-    assert looks == [Look.LIVE] * 50 + [Look.FROZEN]
+    detector.judge(black, camera.frame()[1])
+    looks = [detector.judge(black, camera.frame()[1]) for _ in range(51)]
+    assert looks == [Freshness.LIVE] * 50 + [Freshness.FROZEN]
 
 
 def test_plain_pictures_that_differ_are_live() -> None:
     detector = FrozenFrameDetector(2.0)
-    looks = [detector.look(np.full((16, 24, 3), n, np.uint8), n * S) for n in range(100)]
-    assert looks == [Look.UNPROVEN] + [Look.LIVE] * 99
+    looks = [detector.judge(np.full((16, 24, 3), n, np.uint8), n * S) for n in range(100)]
+    assert looks == [Freshness.UNPROVEN] + [Freshness.LIVE] * 99
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 5), (12, 16), (13, 17), (480, 640), (1080, 1920)])
@@ -176,7 +176,7 @@ def test_any_size_of_picture_will_do(size: tuple[int, int]) -> None:
     camera = Camera(30.0, height, width)
     detector = watched(camera)
     for circle in (None, Circle(width / 2, height / 2, height / 4), Circle(0.0, 0.0, 1.0)):
-        assert seen_ns(detector.changed_ns, width, height, circle) == camera.t_ns
+        assert unchanged_since_ns(detector.changed_ns, width, height, circle) == camera.t_ns
 
 
 @pytest.mark.parametrize("quality", [30, 50, 90])
@@ -190,8 +190,8 @@ def test_a_live_scene_as_jpeg_stays_live(quality: int) -> None:
     for n in range(40):
         noisy = np.clip(scene + chance.standard_normal(scene.shape), 0, 255).astype(np.uint8)
         image = cv2.imdecode(cv2.imencode(".jpg", noisy, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
-        detector.look(as_image(image), n * S // 25)
-        assert n * S // 25 - seen_ns(detector.changed_ns, WIDTH, HEIGHT, Circle(80.0, 60.0, 30.0)) == 0
+        detector.judge(as_image(image), n * S // 25)
+        assert n * S // 25 - unchanged_since_ns(detector.changed_ns, WIDTH, HEIGHT, Circle(80.0, 60.0, 30.0)) == 0
 
 
 def as_image(picture: NDArray[np.generic] | None) -> Image:

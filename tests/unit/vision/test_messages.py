@@ -15,30 +15,24 @@ from gateway.processes.notices import Failed
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import Scenario
 from gateway.vision.detect.radii import MarkerRadii
-from gateway.vision.process import camera, worker
-from gateway.vision.process.worker_job import DetectorSpec, WorkerJob
+from gateway.vision.process import vision_process
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import CameraSpec, FileSpec, StreamSpec
 from gateway.vision.transport import messages
 from gateway.vision.transport.messages import (
-    CameraJob,
-    Captured,
-    FrameRef,
-    GiveBack,
-    Handed,
-    Look,
-    Looked,
+    DetectorSpec,
     Opened,
     Ready,
+    Result,
+    SourceLost,
     SourceRecord,
-    Straight,
+    VisionJob,
 )
 from gateway.vision.transport.ring import RingSpec
 
 INT = st.integers(-(2**63), 2**63 - 1)
 NUMBER = st.floats(allow_nan=False)
-FRAMES = st.builds(FrameRef, st.integers(0, 2**31 - 1), INT, INT, INT)
 CIRCLES = st.builds(Circle, NUMBER, NUMBER, NUMBER)
 MAYBE = st.none() | NUMBER
 STAGE = st.tuples(st.text(), INT)
@@ -61,29 +55,30 @@ DETECTIONS = st.builds(
     wrong_size=st.none() | CIRCLES,
 )
 PICTURES = st.builds(PictureHealth, NUMBER, NUMBER, NUMBER, MAYBE, MAYBE, MAYBE, st.integers(0, 63))
-FROM_CHILDREN = st.one_of(
-    st.builds(Captured, FRAMES, INT),
-    st.builds(Handed, FRAMES, INT, INT, INT),
-    st.builds(Looked, INT, st.none() | DETECTIONS, INT, st.none() | PICTURES),
+FROM_VISION = st.one_of(
+    st.builds(Result, INT, INT, DETECTIONS, INT, st.none() | PICTURES),
     st.builds(Opened, st.booleans(), st.booleans()),
+    st.builds(SourceLost, st.text(), st.booleans()),
     st.builds(Failed, st.text(), st.booleans()),
     st.just(Ready()),
 )
-TO_CAMERA = st.one_of(st.builds(GiveBack, INT), st.builds(Straight, INT))
-RING = RingSpec(7, 3, 25.0)
 CLOCK = SystemClock(2.5, 3, 4)
-RULES = FrameRules(640, None, (640, 480), 1.5, repeats_age=False)
+RULES = FrameRules(640, None, (640, 480), 1.5, repeats_age=False, max_megapixels=25.0)
+DETECTOR = DetectorSpec(VisionConfig())
 
 
-@given(FROM_CHILDREN)
-def test_every_word_of_a_child_comes_out_as_it_went_in(message: object) -> None:
-    assert messages.FROM_CHILDREN.unpacked(Codec.packed(message)) == message
+def job(spec: SourceSpec, detector: DetectorSpec = DETECTOR) -> VisionJob:
+    return VisionJob(3, SourceRecord.of(spec), detector, CLOCK, RingSpec(7, 25.0, 8), RULES, 5, 4, (0, 1), 0.5)
 
 
-@given(TO_CAMERA, st.builds(Look, FRAMES) | st.builds(MarkerRadii, NUMBER, NUMBER, INT))
-def test_every_word_to_a_child_comes_out_as_it_went_in(to_camera: object, to_worker: object) -> None:
-    assert camera.CODEC.unpacked(Codec.packed(to_camera)) == to_camera
-    assert worker.CODEC.unpacked(Codec.packed(to_worker)) == to_worker
+@given(FROM_VISION)
+def test_every_message_of_a_vision_process_arrives_as_it_was_sent(message: object) -> None:
+    assert messages.FROM_VISION.unpacked(Codec.packed(message)) == message
+
+
+@given(st.builds(MarkerRadii, NUMBER, NUMBER, INT))
+def test_every_message_to_a_vision_process_arrives_as_it_was_sent(message: object) -> None:
+    assert vision_process.CODEC.unpacked(Codec.packed(message)) == message
 
 
 @pytest.mark.parametrize(
@@ -94,34 +89,32 @@ def test_every_word_to_a_child_comes_out_as_it_went_in(to_camera: object, to_wor
         FileSpec("/films/ü.avi", loop=True),
     ],
 )
-def test_a_camera_s_job_comes_out_as_it_went_in_and_names_its_source(spec: SourceSpec) -> None:
-    job = CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2), RULES)
+def test_a_job_arrives_as_it_was_sent_and_names_its_source(spec: SourceSpec) -> None:
+    again = vision_process.CODEC.unpacked(Codec.packed(job(spec)))
 
-    again = camera.CODEC.unpacked(Codec.packed(job))
-
-    assert again == job
+    assert again == job(spec)
     assert again.source.spec() == spec
 
 
 def test_a_scenario_of_a_thousand_legs_is_a_job_too() -> None:
     legs = tuple({"name": f"leg {n}", "distance_cm": 10 + n % 400, "lateral_mm": n / 7} for n in range(1000))
     spec = SimCameraSpec(Scenario.model_validate({"legs": legs, "camera": {"fps": 12.5}}), 10**15, "a camera")
-    packed = Codec.packed(CameraJob(SourceRecord.of(spec), CLOCK, RING, 5, (0, 1, 2), RULES))
+    packed = Codec.packed(job(spec))
 
     assert len(packed) <= MAX_MESSAGE_BYTES
-    again = camera.CODEC.unpacked(packed)
+    again = vision_process.CODEC.unpacked(packed)
     assert again.source.spec() == spec
     assert again.source.spec().scenario.model_fields_set == {"legs", "camera"}
 
 
-def test_a_vision_process_s_job_holds_the_settings_as_they_were_given() -> None:
+def test_a_job_holds_the_settings_as_they_were_given() -> None:
     lens = Intrinsics(fx=600.5, fy=601.0, cx=320.0, cy=240.0, distortion=(0.1, 0.0, 0.0, -1e-3))
     vision = VisionConfig(method="paper", red_low_1=(1, 50, 60), affinity=(0, 1), intrinsics=lens)
-    job = WorkerJob(DetectorSpec(vision, "some.module:detector"), CLOCK, RING)
+    sent = job(CameraSpec(0), DetectorSpec(vision, "some.module:detector"))
 
-    again = worker.CODEC.unpacked(Codec.packed(job))
+    again = vision_process.CODEC.unpacked(Codec.packed(sent))
 
-    assert again == job
+    assert again == sent
     assert again.detector.vision.model_fields_set == vision.model_fields_set
 
 

@@ -22,7 +22,7 @@ from gateway.vision.detect.robust import roi_search
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.roi_search import RoiSearch
 from gateway.vision.pixels import Image
-from gateway.vision.process import worker
+from gateway.vision.process import vision_process
 from gateway.vision.track.distractors import HELD_NS
 from gateway.vision.track.follower import Follower
 from gateway.vision.track.kalman_filter import Prediction, Track
@@ -298,10 +298,10 @@ def test_a_lamp_that_stood_beside_the_marker_contradicts_nothing_when_the_marker
 
 
 def test_the_message_reaches_a_vision_process_as_it_was_sent() -> None:
-    assert worker.CODEC.unpacked(Codec.packed(RADII)) == RADII
+    assert vision_process.CODEC.unpacked(Codec.packed(RADII)) == RADII
     for bad in (["MarkerRadii", "60", 150.0, 1], ["MarkerRadii", 60.0, 150.0], ["MarkerRadii", 60.0, 150.0, 1.5]):
         with pytest.raises(ProtocolError):
-            worker.CODEC.unpacked(Codec.packed(bad))
+            vision_process.CODEC.unpacked(Codec.packed(bad))
 
 
 def test_it_holds_until_its_time() -> None:

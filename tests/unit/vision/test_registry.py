@@ -14,7 +14,7 @@ from gateway.vision.detect import registry
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.method import EXACT_STAGES, STAGES
 from gateway.vision.detect.robust import detect as robust
-from gateway.vision.process import worker_job
+from gateway.vision.transport import messages
 
 NS_PER_MS = 1_000_000
 PLAIN = VisionConfig(method="paper", tracking=False)
@@ -35,7 +35,7 @@ def test_the_papers_method_by_name() -> None:
     stages = [*EXACT_STAGES, *STAGES[-3:]]  # the first six by a shortcut, to the same bits
     for built in (
         registry.detector(PLAIN, lambda: next(ticks)),
-        worker_job.DetectorSpec(PLAIN).build(lambda: next(ticks)),
+        messages.DetectorSpec(PLAIN).build(lambda: next(ticks)),
     ):
         assert built(image).stage_ns == tuple((stage.name, 10) for stage in stages)
 

@@ -1,4 +1,4 @@
-"""The ring: what is written is what is seen, in place, and a slot that changes is noticed."""
+"""The ring: what is written is what viewers copy, never half of a frame; it is written while somebody looks."""
 
 import mmap
 import os
@@ -9,70 +9,84 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.errors import LinkError
-from gateway.vision.source.freshness import TILES
 from gateway.vision.transport import ring as shm
-from gateway.vision.transport.ring import Ring, RingSpec
+from gateway.vision.transport.progress import Progress, ProgressPage
+from gateway.vision.transport.ring import SLOTS, Ring, RingSpec
+
+S = 1_000_000_000
 
 
 @pytest.fixture
 def spec() -> Iterator[RingSpec]:
-    spec = shm.create(slots=3, max_megapixels=0.02)
+    spec = shm.create(max_megapixels=0.02)
     yield spec
-    os.close(spec.fd)
+    shm.close(spec)
 
 
 def picture(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
 
 
-def test_a_frame_is_seen_in_place_by_another_mapping(spec: RingSpec) -> None:
-    writer, reader = Ring(spec, writable=True), Ring(spec, writable=False)
-    one, two = picture(100, 200), picture(7, 3, seed=1)
+def shown(ring: Ring, seq: int | None = None) -> NDArray[np.uint8]:
+    snapshot = ring.snapshot(seq)
+    assert snapshot is not None
+    return snapshot.image
 
-    generation = writer.write(0, one)
-    other = writer.write(2, two)
 
-    seen = reader.view(0, generation)
-    assert seen is not None
-    np.testing.assert_array_equal(one, seen)
-    assert (seen.dtype.name, seen.flags.c_contiguous, seen.flags.writeable) == ("uint8", True, False)
-    assert not seen.flags.owndata
-    np.testing.assert_array_equal(two, reader.view(2, other))
+def test_a_viewer_gets_a_copy_of_the_newest_frame_or_of_the_one_it_names(spec: RingSpec) -> None:
+    writer, viewer = Ring(spec, writable=True), Ring(spec, writable=False)
+    assert viewer.snapshot() is None
+    frames = {seq: picture(8, 8 + seq, seed=seq) for seq in (1, 2, 3, 4)}
+    for seq, frame in frames.items():
+        writer.write(frame, seq, 1000 * seq)
+
+    newest, third, gone = viewer.snapshot(), viewer.snapshot(3), viewer.snapshot(1)
+
+    assert newest is not None
+    assert (newest.seq, newest.t_capture_ns) == (4, 4000)
+    np.testing.assert_array_equal(newest.image, frames[4])
+    assert third is not None
+    np.testing.assert_array_equal(third.image, frames[3])
+    assert gone is None
+    for seq in (5, 6, 7):
+        writer.write(picture(8, 8), seq, 1000 * seq)
+    np.testing.assert_array_equal(newest.image, frames[4])  # a copy: what comes later does not change it
 
 
 def test_views_that_are_not_contiguous_are_copied_right(spec: RingSpec) -> None:
     ring = Ring(spec, writable=True)
     mirrored = picture(60, 80)[::-1, ::2]
-
-    np.testing.assert_array_equal(mirrored, ring.view(1, ring.write(1, mirrored)))
-
-
-def test_a_slot_written_again_is_noticed_before_and_after_the_work(spec: RingSpec) -> None:
-    writer, reader = Ring(spec, writable=True), Ring(spec, writable=False)
-    first = writer.write(0, picture(10, 10))
-    assert reader.view(0, first) is not None
-    assert reader.holds(0, first)
-
-    second = writer.write(0, picture(10, 10, seed=1))
-
-    assert second > first
-    assert not reader.holds(0, first)
-    assert reader.view(0, first) is None
-    assert reader.holds(0, second)
+    ring.write(mirrored, 1, 1)
+    np.testing.assert_array_equal(mirrored, shown(ring))
 
 
-def test_generations_are_even_when_whole_and_never_repeat(spec: RingSpec) -> None:
-    ring = Ring(spec, writable=True)
-    seen = [ring.write(0, picture(4, 4)) for _ in range(5)]
+def test_a_frame_that_is_written_over_during_the_copy_is_not_shown(spec: RingSpec) -> None:
+    writer, viewer = Ring(spec, writable=True), Ring(spec, writable=False)
+    writer.write(picture(10, 10), 1, 1)
+    pixels = viewer._pixels
 
+    def overtaken(slot: int, height: int, width: int) -> NDArray[np.uint8]:
+        for seq in range(2, 2 + SLOTS):
+            writer.write(picture(10, 10, seed=seq), seq, seq)
+        return pixels(slot, height, width)
+
+    viewer._pixels = overtaken  # type: ignore[method-assign]
+    assert viewer.snapshot(1) is None
+
+
+def test_generations_are_even_when_complete_and_never_repeat(spec: RingSpec) -> None:
+    seen = []
+    for _ in range(2):  # the second writer succeeds the first
+        ring = Ring(spec, writable=True)
+        for _ in range(3):
+            ring.write(picture(4, 4), 1, 1)
+            seen.append(int(ring._headers[0][shm.GENERATION]))
     assert all(generation % 2 == 0 for generation in seen)
-    assert seen == sorted(set(seen))
-    assert ring.view(0, 0) is None  # a slot never written would be generation 0
-    assert ring.view(1, seen[-1]) is None
+    assert seen == sorted(seen)
+    assert len(set(seen)) == 2
 
 
-def test_a_writer_that_dies_half_way_leaves_no_whole_frame_and_its_successor_goes_on(
+def test_a_writer_that_dies_half_way_leaves_no_complete_frame_and_its_successor_continues(
     spec: RingSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class DeadError(Exception):
@@ -81,72 +95,52 @@ def test_a_writer_that_dies_half_way_leaves_no_whole_frame_and_its_successor_goe
     def die(*_: object) -> None:
         raise DeadError
 
-    reader = Ring(spec, writable=False)
-    writer = Ring(spec, writable=True)
-    first = writer.write(0, picture(100, 200))
+    viewer = Ring(spec, writable=False)
     with monkeypatch.context() as patch:
         patch.setattr(np, "copyto", die)
         with pytest.raises(DeadError):
-            writer.write(0, picture(100, 200, seed=1))
+            Ring(spec, writable=True).write(picture(100, 200), 1, 1)
+    assert viewer.snapshot() is None
 
-    assert not any(reader.view(0, generation) is not None for generation in range(0, first + 10, 2))
-    whole = picture(50, 60, seed=2)
-    successor = Ring(spec, writable=True).write(0, whole)
-    assert successor % 2 == 0
-    np.testing.assert_array_equal(whole, reader.view(0, successor))
+    complete = picture(50, 60, seed=2)
+    Ring(spec, writable=True).write(complete, 2, 2)
+    np.testing.assert_array_equal(complete, shown(viewer))
 
 
-def test_the_largest_frame_fits_and_one_pixel_more_is_refused_in_words(spec: RingSpec) -> None:
+def test_the_largest_frames_fit_beside_each_other(spec: RingSpec) -> None:
     ring = Ring(spec, writable=True)
-    full = picture(100, 200)
-    for slot in range(3):  # no slot runs into the next
-        ring.write(slot, full if slot == 1 else picture(100, 200, seed=slot))
-    np.testing.assert_array_equal(full, ring.view(1, int(ring._header(1)[0])))
-
-    with pytest.raises(LinkError, match=r"201 x 100 = 0\.0 megapixels, more than camera\.max_megapixels = 0\.02"):
-        ring.write(0, picture(100, 201))
-
-
-def test_no_such_slot(spec: RingSpec) -> None:
-    ring = Ring(spec, writable=True)
-    for slot in (-1, 3):
-        with pytest.raises(IndexError):
-            ring.write(slot, picture(1, 1))
+    for seq in range(SLOTS):
+        ring.write(picture(100, 200, seed=seq), seq, seq)
+    for seq in range(SLOTS):  # no slot runs into the next
+        np.testing.assert_array_equal(picture(100, 200, seed=seq), shown(ring, seq))
 
 
 def test_the_memory_has_no_name_is_sparse_and_cannot_be_resized() -> None:
-    spec = shm.create(slots=18, max_megapixels=100)
+    spec = shm.create(max_megapixels=100)
     try:
-        assert spec.size_bytes > 18 * 300_000_000
+        assert spec.size_bytes > SLOTS * 300_000_000
         assert spec.slot_bytes % mmap.PAGESIZE == 0
         ring = Ring(spec, writable=True)
-        ring.write(17, picture(100, 100))
+        ring.write(picture(100, 100), 1, 1)
         assert os.fstat(spec.fd).st_blocks * 512 <= 16 * mmap.PAGESIZE  # 30 kB of pixels and a header
         assert "memfd:gateway-frames" in os.readlink(f"/proc/self/fd/{spec.fd}")
         assert not [entry for entry in Path("/dev/shm").iterdir() if "gateway-frames" in entry.name]
         with pytest.raises(PermissionError):
             os.ftruncate(spec.fd, 0)
-        assert not os.get_inheritable(spec.fd)
+        assert not any(map(os.get_inheritable, spec.fds))
     finally:
-        os.close(spec.fd)
-
-
-def test_a_reader_cannot_write(spec: RingSpec) -> None:
-    writer, reader = Ring(spec, writable=True), Ring(spec, writable=False)
-    seen = reader.view(0, writer.write(0, picture(4, 4)))
-    assert seen is not None
-    with pytest.raises(ValueError, match="read-only"):
-        seen[0, 0, 0] = 1
-    with pytest.raises(ValueError, match="read-only"):
-        reader.write(0, picture(4, 4))
+        shm.close(spec)
 
 
 def test_a_reader_s_descriptor_shows_the_frames_and_cannot_be_mapped_for_writing(spec: RingSpec) -> None:
     one = picture(10, 10)
-    generation = Ring(spec, writable=True).write(0, one)
+    Ring(spec, writable=True).write(one, 1, 1)
     reader = shm.reader(spec)
     try:
-        np.testing.assert_array_equal(one, Ring(reader, writable=False).view(0, generation))
+        viewer = Ring(reader, writable=False)
+        np.testing.assert_array_equal(one, shown(viewer))
+        with pytest.raises(ValueError, match="read-only"):
+            viewer.write(one, 2, 2)
         assert not os.get_inheritable(reader.fd)
         assert os.fstat(spec.fd).st_mode & 0o777 == 0o400  # opened anew for writing by no one else
         with pytest.raises(PermissionError):
@@ -157,44 +151,63 @@ def test_a_reader_s_descriptor_shows_the_frames_and_cannot_be_mapped_for_writing
         os.close(reader.fd)
 
 
-def test_a_viewer_gets_a_copy_of_the_newest_frame_or_of_the_one_it_names(spec: RingSpec) -> None:
+def test_frames_are_written_while_somebody_looks_and_else_one_a_second(spec: RingSpec) -> None:
     writer, viewer = Ring(spec, writable=True), Ring(spec, writable=False)
-    assert viewer.snapshot() is None
-    frames = {seq: picture(8, 8 + seq, seed=seq) for seq in (1, 2, 3, 4)}
-    for seq, slot in ((1, 2), (2, 0), (3, 1), (4, 2)):
-        writer.write(slot, frames[seq], seq, 1000 * seq)
 
-    newest, third, gone = viewer.snapshot(), viewer.snapshot(3), viewer.snapshot(1)
+    def written(begin_ns: int, seconds: int) -> list[int]:
+        """When, of ten frames a second."""
+        times = [begin_ns + n * S // 10 for n in range(10 * seconds)]
+        due = []
+        for now_ns in times:
+            if writer.due(now_ns):
+                writer.write(picture(4, 4), 1, now_ns, now_ns)
+                due.append(now_ns)
+        return due
 
-    assert newest is not None
-    assert (newest.seq, newest.t_capture_ns) == (4, 4000)
-    np.testing.assert_array_equal(newest.image, frames[4])
-    assert third is not None
-    np.testing.assert_array_equal(third.image, frames[3])
-    assert gone is None
-    writer.write(2, picture(8, 8), 5, 5000)
-    np.testing.assert_array_equal(newest.image, frames[4])  # a copy: what comes later does not change it
-
-
-def test_when_each_tile_changed_travels_with_the_frame(spec: RingSpec) -> None:
-    writer, reader = Ring(spec, writable=True), Ring(spec, writable=False)
-    changed_ns = np.arange(TILES[0] * TILES[1], dtype=np.int64).reshape(TILES)
-    generation = writer.write(1, picture(10, 12), 7, 500, changed_ns)
-    np.testing.assert_array_equal(reader.changed_ns(1), changed_ns)
-    view = reader.view(1, generation)
-    assert view is not None
-    np.testing.assert_array_equal(view, picture(10, 12))
-
-    writer.write(1, picture(10, 12), 8, 600)
-    assert set(reader.changed_ns(1).ravel()) == {600}
+    assert written(0, 3) == [0, S, 2 * S]
+    viewer.snapshot()
+    viewer.snapshot()
+    assert written(10 * S, 5) == [10 * S + n * S // 10 for n in range(30)] + [10 * S + n * S // 10 for n in (39, 49)]
+    viewer.snapshot()
+    assert len(written(20 * S, 1)) == 10
 
 
-def test_the_next_writer_learns_the_size_of_the_newest_whole_frame(spec: RingSpec) -> None:
-    ring = Ring(spec, writable=True)
-    assert ring.newest_px() is None
-    ring.write(2, picture(10, 20), 5, 900)
-    ring.write(0, picture(30, 40), 6, 100)
-    ring.write(1, picture(50, 60), 4, 950)
-    assert Ring(spec, writable=True).newest_px() == (40, 30)
-    ring._headers[0][shm.GENERATION] += 1  # a writer that died half way
-    assert Ring(spec, writable=True).newest_px() == (20, 10)
+# What the vision process notes of its progress, in the first page of the same memory.
+
+
+def test_progress_is_read_as_it_was_noted_and_ends_with_its_process(spec: RingSpec) -> None:
+    page, reader = ProgressPage(spec, writable=True), ProgressPage(spec, writable=False)
+    assert reader.read() == Progress()
+    page.begin(7, 100)
+    assert reader.read() == Progress(7, detector_ns=100)
+    page.captured(3, 200)
+    page.work_begins(3, 190, 210)
+    assert reader.read() == Progress(7, 3, 200, 3, 190, 210, 100)
+    page.work_ends(250)
+    page.captured(4, 260)
+    page.detector_runs(300)
+    assert reader.read() == Progress(7, 4, 260, 3, 190, 0, 300)
+    page.begin(8, 400)
+    assert reader.read() == Progress(8, detector_ns=400)
+    with pytest.raises(ValueError, match="read-only"):
+        reader.captured(1, 1)
+
+
+def test_the_next_process_learns_the_size_of_the_frames_so_far(spec: RingSpec) -> None:
+    page = ProgressPage(spec, writable=True)
+    page.begin(1, 0)
+    assert page.size_px() is None
+    page.set_size_px(40, 30)
+    page.begin(2, 0)
+    assert ProgressPage(spec, writable=True).size_px() == (40, 30)
+
+
+def test_progress_and_frames_do_not_touch_each_other(spec: RingSpec) -> None:
+    page, ring = ProgressPage(spec, writable=True), Ring(spec, writable=True)
+    ring.write(picture(100, 200), 1, 1)
+    page.begin(1, 2)
+    page.set_size_px(5, 6)
+    np.testing.assert_array_equal(picture(100, 200), shown(ring))
+    for seq in range(SLOTS):
+        ring.write(picture(100, 200), seq, seq)
+    assert (page.read(), page.size_px()) == (Progress(1, detector_ns=2), (5, 6))

@@ -24,7 +24,7 @@ from gateway.core.model import (
     VisionReading,
 )
 from gateway.vision.pixels import Image
-from gateway.vision.process.dispatcher import _quality as quality_of
+from gateway.vision.process.monitor import _quality as quality_of
 from gateway.vision.track.follower import Follower
 from gateway.vision.track.kalman_filter import Prediction
 

@@ -1,7 +1,6 @@
 """A web process's gateway client with a real main process's side at the other end of a real link, in one event loop."""
 
 import asyncio
-import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
@@ -100,7 +99,7 @@ async def plant(
         lambda: replace(made.links, alarms=monitor.summary(100), changes=monitor.changes()),
         monitor.act,
     )
-    specs = {name: ring.create(3, 0.1) for name in names}
+    specs = {name: ring.create(0.1) for name in names}
     near, far = Link[ToWeb, FromWeb].pair(FROM_WEB)
     about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
     client = GatewayClient(about, Link[FromWeb, ToWeb](far, TO_WEB), clock, clock)
@@ -142,4 +141,4 @@ async def plant(
         near.close()
         far.close()
         for spec in specs.values():
-            os.close(spec.fd)
+            ring.close(spec)

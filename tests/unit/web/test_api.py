@@ -223,8 +223,8 @@ def test_a_snapshot_is_the_newest_frame(ending: str) -> None:
     async def scene() -> None:
         async with plant() as made:
             captured_ns = made.client.clock.now_ns()
-            made.rings["bay1"].write(0, np.zeros((60, 80, 3), np.uint8), 4, captured_ns - 50_000_000)
-            made.rings["bay1"].write(1, image, 5, captured_ns)
+            made.rings["bay1"].write(np.zeros((60, 80, 3), np.uint8), 4, captured_ns - 50_000_000)
+            made.rings["bay1"].write(image, 5, captured_ns)
             await asyncio.sleep(0.25)
             said = await api_client(made).get(f"/api/bays/bay1/snapshot.{ending}")
             assert (said.status, said.headers["x-frame-id"]) == (200, "5")

@@ -25,10 +25,10 @@ def shown(jpeg: bytes) -> Image:
     return np.asarray(image, np.uint8)
 
 
-def film(made: Plant, seq: int, *, reading: bool = True, slot: int | None = None) -> None:
+def film(made: Plant, seq: int, *, reading: bool = True) -> None:
     """The camera writes frame `seq`, and vision tells what it saw in it."""
     now_ns = made.client.clock.now_ns()
-    made.rings["bay1"].write(seq % 3 if slot is None else slot, scenery(seq % 256), seq, now_ns)
+    made.rings["bay1"].write(scenery(seq % 256), seq, now_ns)
     if reading:
         made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(80, 60, float(seq)), frame_id=seq))
 
@@ -128,12 +128,12 @@ def test_a_frame_that_was_written_over_is_replaced_by_the_newest_without_a_readi
     async def scene() -> None:
         async with plant() as made:
             pictures = of(made)
-            film(made, 1, slot=0)
+            film(made, 1)
             for seq in (2, 3, 4):  # vision is behind: its frame is gone
                 await asyncio.sleep(0.01)
-                film(made, seq, reading=False, slot=seq % 3)
+                film(made, seq, reading=False)
             await asyncio.sleep(0.01)
-            film(made, 5, reading=False, slot=0)
+            film(made, 5, reading=False)
             picture = await pictures.newer("bay1", None, 640)
             assert picture is not None
             assert (picture.seq, picture.reading) == (5, None)

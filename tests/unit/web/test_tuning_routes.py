@@ -53,7 +53,7 @@ class Bay:
         return await self.api_client.post(f"/api/bays/bay1/{path}", body)
 
     def film(self, seq: int = 1, u: float = MARKER[0]) -> None:
-        self.made.rings["bay1"].write(seq % 3, picture(u, seed=seq), seq, self.made.client.clock.now_ns())
+        self.made.rings["bay1"].write(picture(u, seed=seq), seq, self.made.client.clock.now_ns())
 
 
 @asynccontextmanager

@@ -1,0 +1,371 @@
+"""When the vision process of a bay is started and ended, what is reported of it, and when. Pure: no IO, no clock.
+
+The shell (`service`) reports what has happened (`opened`, `result`, `gone`, ..., and the process's own notes), then
+calls `settle(now_ns)` and carries out the actions it returns, in order. It reports everything that has arrived before
+it settles, the notes last: a result that has arrived but was not read is not late.
+
+Rules
+- The process builds its detector, opens its source, and gives frames. Until the detector is built, a failure is
+  PROCESS_FAULT; while the source is opened, LINK_DOWN; afterwards it depends on what has failed.
+- A source that ends, is lost, gives no first frame within `camera.open_deadline_s` or no further one within
+  `camera.deadline_s` is LINK_DOWN at once, and nothing captured before is reported afterwards.
+- A detector that throws, or gives no result within `vision.deadline_s`, and a process that dies is PROCESS_FAULT at
+  once; the frame that was being worked on is counted as lost. While the detector works on a frame the source is not
+  judged: native code may hold the interpreter's lock. A process of which neither thread runs is PROCESS_FAULT, too. A
+  process that crashes while its detector works on no frame has crashed in its driver: LINK_DOWN.
+- After LINK_DOWN the next process is started with the delays of `camera.reconnect`; after PROCESS_FAULT at once, from
+  the second failure in a row on with a delay. A detector that could not be built gets up to four times as long.
+- A process is started only when the one before it is gone: one writer for the memory, one owner for the device.
+- A film that is not to be repeated (`finite`) is not begun again. Where no frame may be skipped (`lossless`), it
+  continues after the frame that a detector failed on; else it stays lost.
+- `frames` + `skipped` + `lost` is the number of the newest frame reported: what is neither a result nor lost was
+  skipped.
+"""
+
+import random
+from collections import deque
+from dataclasses import dataclass, field, replace
+from enum import Enum, auto
+
+from gateway.config import CameraConfig, Reconnect, VisionConfig
+from gateway.core.model import Detection, PictureHealth, Quality, VisionReading, VisionStats
+from gateway.supervisor import delay_s
+from gateway.vision.picture.judge import PictureJudge
+from gateway.vision.transport.messages import Result
+from gateway.vision.transport.progress import Progress
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for so long
+MOST_PATIENCE = 4  # times as long may the next build of a detector take that was not ready in time
+PROCESS_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Start a vision process whose first frame has the number `first_seq`; see `VisionJob`."""
+
+    token: int  # never used twice
+    first_seq: int
+    discard: int
+
+
+@dataclass(frozen=True, slots=True)
+class Kill:
+    """End this process; report `gone` when it is."""
+
+    token: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Emit:
+    reading: VisionReading
+
+
+@dataclass(frozen=True, slots=True)
+class GiveUp:
+    """Only the operator can correct this."""
+
+    why: str
+
+
+Action = Start | Kill | Emit | GiveUp
+
+
+class Phase(Enum):
+    ABSENT = auto()  # to be started when due
+    BUILDING = auto()  # its detector
+    OPENING = auto()  # its source
+    RUNNING = auto()
+    LEAVING = auto()  # failed, not yet reported gone
+
+
+@dataclass(slots=True)
+class ProcessMonitor:
+    """Of one bay's vision process. They come and go, each with its own token; a late message of one is ignored."""
+
+    label: str  # of the source, for messages
+    camera: CameraConfig
+    vision: VisionConfig
+    rng: random.Random
+    stats: VisionStats = field(default_factory=VisionStats)
+    _phase: Phase = Phase.ABSENT
+    _token: int = 0
+    _since_ns: int = 0  # of the phase
+    _heard_ns: int = 0  # when a message came, or the notes were looked at
+    _due_ns: int = 0  # when ABSENT: not to be started before
+    _reaped: bool = True  # no process of this token exists
+    _started: bool = False  # one was started by this monitor
+    _link_is_down: bool = False  # why the last one ended: its source, else the process itself
+    _link_failures: int = 0  # in a row
+    _process_failures: int = 0
+    _opened_ns: int = 0  # the first frame was captured; 0: not yet
+    _lossless: bool = False
+    _film_begun: bool = False  # a finite source has given a frame
+    _film_first_seq: int = 1  # of the film that has begun
+    _over: bool = False  # the film is lost, and not begun again
+    _last_seq: int = 0  # newest frame that has a result, or never gets one
+    _progress: Progress = field(default_factory=Progress)
+    _judge: PictureJudge = field(init=False)
+    _picture: PictureHealth | None = None
+    _picture_ns: int = 0
+    _results_ns: deque[int] = field(default_factory=lambda: deque(maxlen=4096))  # within the last second
+    _out: list[Action] = field(default_factory=list)
+    _readings: list[VisionReading] = field(default_factory=list)  # to be emitted
+
+    def __post_init__(self) -> None:
+        self._judge = PictureJudge(self.camera.picture)
+
+    def successor(self, vision: VisionConfig) -> "ProcessMonitor":
+        """The one that follows when the settings change: a new process, but frame numbers and counts continue.
+
+        What was not reported by then is counted, like what ends with its process.
+        """
+        self._count_out(lost=self._at_work())
+        return replace(
+            ProcessMonitor(self.label, self.camera, vision, self.rng, self.stats),
+            _token=self._token,
+            _last_seq=self._last_seq,
+            _over=self._over,
+        )
+
+    # What has happened.
+
+    def ready(self, token: int, now_ns: int) -> None:
+        """The process has its detector."""
+        if self._is(token) and self._phase is Phase.BUILDING:
+            self._phase, self._since_ns = Phase.OPENING, now_ns
+
+    def opened(self, token: int, now_ns: int, *, lossless: bool, finite: bool) -> None:
+        """The source has given its first frame. `finite`: what it shows is shown once."""
+        if self._is(token):
+            self._phase, self._since_ns, self._heard_ns, self._opened_ns = Phase.RUNNING, now_ns, now_ns, now_ns
+            self._lossless, self._film_begun = lossless, finite
+
+    def result(self, token: int, result: Result, now_ns: int) -> None:
+        """The detector has finished a frame."""
+        if not self._is(token):
+            return
+        self._process_failures = 0
+        self._heard_ns = now_ns
+        if result.picture is not None:
+            self._picture = self._judge.judged(result.picture, result.t_capture_ns)
+            self._picture_ns = result.t_capture_ns
+        found = result.detection
+        self._readings.append(
+            VisionReading(
+                t_ns=min(result.t_capture_ns, result.unchanged_since_ns),
+                quality=_quality(found),
+                circle=found.circle,
+                frame_id=result.seq,
+                x_n=found.x_n,
+                y_n=found.y_n,
+                stats=self._with_result(result, now_ns),
+                stage_ns=found.stage_ns,
+                ellipse=found.ellipse,
+                confidence=found.confidence,
+                visible=found.visible,
+                tracking=found.tracking,
+                predicted=found.predicted,
+                wrong_size=found.wrong_size,
+                picture=self._picture if result.t_capture_ns - self._picture_ns <= PICTURE_NS else None,
+            )
+        )
+
+    def progress(self, progress: Progress) -> None:
+        """What the process has noted."""
+        if self._is(progress.token):
+            self._progress = progress
+
+    def source_lost(self, token: int, why: str, now_ns: int, *, config: bool = False) -> None:
+        """The process said so itself. `config`: trying again is no use."""
+        if self._is(token):
+            self._link_down(why, now_ns)
+            self._give_up(why, config)
+
+    def failed(self, token: int, why: str, now_ns: int, *, config: bool = False) -> None:
+        """The detector has raised something, or the process has sent what is no message."""
+        if self._is(token):
+            self._process_fault(f"vision process: {why}", now_ns)
+            self._give_up(why, config)
+
+    def gone(self, token: int, how: str, now_ns: int, *, crashed: bool = False) -> None:
+        """The process has ended and is reaped, whether it was asked to or not."""
+        if token != self._token or self._reaped:
+            return
+        self._reaped = True
+        if self._phase is Phase.LEAVING:
+            self._phase = Phase.ABSENT
+        elif self._phase is Phase.OPENING or (self._phase is Phase.RUNNING and crashed and not self._at_work()):
+            self._link_down(f"{self.label}: vision process {how} in the source's driver", now_ns)
+        else:
+            self._process_fault(f"vision process {how}", now_ns)
+
+    # What to do.
+
+    def readings(self) -> list[VisionReading]:
+        """What is known by now, to be emitted in this order: the control task waits for it. May be called before
+        `settle`, which else returns it first."""
+        readings, self._readings = self._readings, []
+        return readings
+
+    def settle(self, now_ns: int) -> list[Action]:
+        """Deadlines and replacements; then everything to be carried out, in order."""
+        deadline_ns = self.next_deadline_ns()
+        if self._phase is not Phase.ABSENT and deadline_ns is not None and now_ns >= deadline_ns:
+            self._judge_silence(now_ns)
+        if self._phase is Phase.ABSENT and now_ns >= self._due_ns and not self._over:
+            self._start(now_ns)
+        out, self._out = self._out, []
+        return [*map(Emit, self.readings()), *out]
+
+    def next_deadline_ns(self) -> int | None:
+        """When `settle` must be called at the latest if nothing happens; None: only when something happens."""
+        match self._phase:
+            case Phase.ABSENT:
+                return None if self._over else self._due_ns
+            case Phase.LEAVING:
+                return None
+            case Phase.BUILDING:
+                return self._since_ns + round(self._build_s * NS_PER_S)
+            case Phase.OPENING:
+                return self._since_ns + round(self.camera.open_deadline_s * NS_PER_S)
+        work_ns = round(self.vision.deadline_s * NS_PER_S)
+        if self._at_work():
+            return self._progress.work_began_ns + work_ns
+        # Whether it has begun to work on a frame is known at the latest when that would have taken too long.
+        return min(self._captured_ns + round(self.camera.deadline_s * NS_PER_S), self._heard_ns + work_ns)
+
+    def reads_messages(self, now_ns: int) -> bool:
+        """Whether the process reads its messages now: not while it starts, or has been silent for long.
+
+        A process that reads no messages is killed when its inbox is full; that is left to its deadlines.
+        """
+        return self._phase is Phase.RUNNING and now_ns - self._heard_ns < NS_PER_S
+
+    @property
+    def token(self) -> int:
+        """Of the process that was started last."""
+        return self._token
+
+    # Silence.
+
+    @property
+    def _build_s(self) -> float:
+        """How long building the detector may take. One that failed gets more: on a machine that is busy for long, one
+        that is killed and begun again and again, always shortly before it is ready, would keep vision away for good."""
+        return self.camera.open_deadline_s * min(MOST_PATIENCE, 1 << self._process_failures)
+
+    @property
+    def _captured_ns(self) -> int:
+        return max(self._opened_ns, self._progress.captured_ns)
+
+    def _at_work(self) -> bool:
+        """The detector has begun a frame whose result has not come."""
+        return self._progress.work_began_ns > 0 and self._progress.work_seq > self._last_seq
+
+    def _judge_silence(self, now_ns: int) -> None:
+        allowed_ns = round(self.camera.deadline_s * NS_PER_S)
+        if self._phase is Phase.BUILDING:
+            self._process_fault(f"vision process not ready within {self._build_s:g} s", now_ns)
+        elif self._phase is Phase.OPENING:
+            self._link_down(f"{self.label}: no first frame within {self.camera.open_deadline_s:g} s", now_ns)
+        elif self._at_work():
+            self._process_fault(f"vision process gave no result within {self.vision.deadline_s:g} s", now_ns)
+        elif now_ns < self._captured_ns + allowed_ns:
+            self._heard_ns = now_ns  # the notes have been reported, and tell of no work
+        elif self._progress.detector_ns < self._captured_ns + allowed_ns // 2:
+            self._process_fault(f"vision process has stopped: no sign of life for {self.camera.deadline_s:g} s", now_ns)
+        else:
+            self._link_down(f"{self.label}: no frame within {self.camera.deadline_s:g} s", now_ns)
+
+    # Failures.
+
+    def _link_down(self, why: str, now_ns: int) -> None:
+        """The source is lost. What is being worked on comes too late to be reported."""
+        well_for_long = self._opened_ns and now_ns - self._opened_ns > self.camera.reconnect.max_s * NS_PER_S
+        if self._film_begun:
+            self._over = True
+            why += "; it is not begun again (camera.loop)"
+        self._leave(why)
+        self._count_out()
+        self._link_is_down = True
+        self._link_failures = 1 if well_for_long else self._link_failures + 1
+        self._due_ns = now_ns + round(delay_s(self.camera.reconnect, self._link_failures, self.rng) * NS_PER_S)
+        self._emit_fault(Quality.LINK_DOWN, now_ns, self._last_seq, why, now_ns)
+
+    def _process_fault(self, why: str, now_ns: int) -> None:
+        self._leave(why)
+        at_work, progress = self._at_work(), self._progress
+        self._count_out(lost=at_work)
+        self._link_is_down = False
+        delay = delay_s(PROCESS_BACKOFF, self._process_failures, self.rng) if self._process_failures else 0.0
+        self._process_failures += 1
+        self._due_ns = now_ns + round(delay * NS_PER_S)
+        t_ns, seq = (progress.work_t_capture_ns, progress.work_seq) if at_work else (now_ns, self._last_seq)
+        self._emit_fault(Quality.PROCESS_FAULT, t_ns, seq, why, now_ns)
+        if self._film_begun and not self._lossless:
+            self._link_down(why, now_ns)
+
+    def _leave(self, why: str) -> None:
+        if self._phase not in (Phase.ABSENT, Phase.LEAVING):
+            self._phase = Phase.ABSENT if self._reaped else Phase.LEAVING
+            self._out.append(Kill(self._token, why))
+
+    def _give_up(self, why: str, config: bool) -> None:
+        if config:
+            self._out.append(GiveUp(why))  # after the fault has been reported
+
+    def _start(self, now_ns: int) -> None:
+        if self._started and self._link_is_down:
+            self.stats = replace(self.stats, reopens=self.stats.reopens + 1)
+        elif self._started:
+            self.stats = replace(self.stats, restarts=self.stats.restarts + 1)
+        next_seq = self._last_seq + 1
+        if not self._film_begun:
+            self._film_first_seq = next_seq
+        self._token += 1
+        self._phase, self._since_ns, self._opened_ns = Phase.BUILDING, now_ns, 0
+        self._started, self._reaped = True, False
+        self._out.append(Start(self._token, next_seq, discard=next_seq - self._film_first_seq))
+
+    # Readings and counts.
+
+    def _is(self, token: int) -> bool:
+        return token == self._token and self._phase not in (Phase.ABSENT, Phase.LEAVING)
+
+    def _with_result(self, result: Result, now_ns: int) -> VisionStats:
+        """The statistics with this result in them."""
+        old = self.stats
+        self._last_seq = result.seq
+        self._results_ns.append(now_ns)
+        frames = old.frames + 1
+        skipped = result.seq - frames - old.lost
+        latency_ms = max(0, now_ns - min(result.t_capture_ns, result.unchanged_since_ns)) / NS_PER_MS
+        rate_hz = self._rate_hz(now_ns)
+        self.stats = VisionStats(frames, skipped, old.lost, old.restarts, old.reopens, rate_hz, latency_ms)
+        return self.stats
+
+    def _rate_hz(self, now_ns: int) -> float:
+        while self._results_ns and now_ns - self._results_ns[0] >= NS_PER_S:
+            self._results_ns.popleft()
+        return float(len(self._results_ns))
+
+    def _count_out(self, *, lost: bool = False) -> None:
+        """Of the process that ends: every frame that it has numbered and that has no result is lost or skipped."""
+        noted = self._progress
+        self._last_seq = max(self._last_seq, noted.work_seq, 0 if self._lossless else noted.captured_seq)
+        self._progress = Progress()
+        lost_frames = self.stats.lost + lost
+        self.stats = replace(self.stats, lost=lost_frames, skipped=self._last_seq - self.stats.frames - lost_frames)
+
+    def _emit_fault(self, quality: Quality, t_ns: int, seq: int, why: str, now_ns: int) -> None:
+        self.stats = replace(self.stats, rate_hz=self._rate_hz(now_ns))
+        self._readings.append(VisionReading(t_ns, quality, frame_id=seq, detail=why, stats=self.stats))
+
+
+def _quality(detection: Detection) -> Quality:
+    if detection.circle is not None:
+        return Quality.GOOD
+    return Quality.NO_TARGET if detection.predicted is None else Quality.COASTED

@@ -1,0 +1,178 @@
+"""The vision process of a bay: one thread captures frames, the main thread looks at the newest one in place.
+
+One process, so that a frame needs no copy and no message; its own, so that a driver or a detector that hangs or crashes
+costs this process and nothing else. What the source raises is reported as `SourceLost`, what the detector throws as
+`Failed`; the main process ends this one then. A hang is seen from outside, by the progress that both threads note.
+"""
+
+import gc
+import os
+import sys
+import threading
+from dataclasses import dataclass
+
+import cv2
+
+from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.processes.channel import Link
+from gateway.processes.child import shown
+from gateway.vision.detect.method import RadiusLimited
+from gateway.vision.detect.radii import MarkerRadii
+from gateway.vision.picture.measure import PictureMeter
+from gateway.vision.pixels import Image
+from gateway.vision.source.checks import FrameChecks
+from gateway.vision.source.freshness import Changes, unchanged_since_ns
+from gateway.vision.transport.messages import TO_VISION, FromVision, Opened, Ready, Result, SourceLost, VisionJob
+from gateway.vision.transport.progress import ProgressPage
+from gateway.vision.transport.ring import Ring
+
+CODEC = TO_VISION
+
+
+def run(link: Link[FromVision, MarkerRadii], job: VisionJob) -> None:
+    """Until the main process is gone. Never returns."""
+    cv2.setNumThreads(job.detector.vision.workers)
+    clock = job.clock
+    progress = ProgressPage(job.ring, writable=True)
+    progress.begin(job.token, clock.now_ns())
+    ring = Ring(job.ring, writable=True)
+    detect = job.detector.build(clock.now_ns)
+    meter = PictureMeter()
+    link.send(Ready())
+    newest = NewestFrame()
+    capture = Capture(link, job, progress, newest)
+    threading.excepthook = capture.crashed
+    threading.Thread(target=capture.run, name="capture", daemon=True).start()
+    while True:
+        frame = newest.take(job.detector_beat_s / clock.speed)
+        progress.detector_runs(clock.now_ns())
+        for radii in link.waiting():
+            if isinstance(detect, RadiusLimited):
+                detect.expect(radii)
+        if frame is None:
+            continue
+        progress.work_begins(frame.seq, frame.t_capture_ns, clock.now_ns())
+        detection = detect(frame.image, frame.t_capture_ns)
+        height, width = frame.image.shape[:2]
+        since_ns = unchanged_since_ns(frame.changed_ns, width, height, detection.circle)
+        marker = detection.circle is not None or detection.predicted is not None
+        picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
+        link.send(Result(frame.seq, frame.t_capture_ns, detection, since_ns, picture))
+        now_ns = clock.now_ns()
+        progress.work_ends(now_ns)
+        if ring.due(now_ns):
+            ring.write(frame.image, frame.seq, frame.t_capture_ns, now_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedFrame:
+    """A frame that has passed the checks. `changed_ns`: when each tile of it last changed."""
+
+    image: Image
+    seq: int
+    t_capture_ns: int
+    changed_ns: Changes
+
+
+class NewestFrame:
+    """Hands frames from the capture thread to the detector; one that was not taken is replaced by a newer one."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._frame: CheckedFrame | None = None
+        self._working = False
+
+    def put(self, frame: CheckedFrame, *, wait: bool) -> None:
+        """`wait`: until the one before it has been taken."""
+        with self._changed:
+            while wait and self._frame is not None:
+                self._changed.wait()
+            self._frame = frame
+            self._changed.notify_all()
+
+    def take(self, seconds: float) -> CheckedFrame | None:
+        """The newest frame; waits at most so long for one. The frame taken before is done with."""
+        with self._changed:
+            self._working = False
+            self._changed.notify_all()
+            if self._frame is None:
+                self._changed.wait(seconds)
+            frame, self._frame = self._frame, None
+            self._working = frame is not None
+            self._changed.notify_all()
+            return frame
+
+    def wait_until_done(self) -> None:
+        """Until every frame has been taken and is done with."""
+        with self._changed:
+            while self._working or self._frame is not None:
+                self._changed.wait()
+
+
+class Capture:
+    """The capture thread: open the source, check and number its frames, hand them over. A hang is its to have."""
+
+    def __init__(
+        self, link: Link[FromVision, MarkerRadii], job: VisionJob, progress: ProgressPage, newest: NewestFrame
+    ) -> None:
+        self._link = link
+        self._job = job
+        self._progress = progress
+        self._newest = newest
+        self._lossless = False
+
+    def run(self) -> None:
+        """Until the source is lost."""
+        try:
+            self._capture()
+        except GatewayError as error:
+            self._lost(shown(str(error)), config=isinstance(error, ConfigError))
+
+    def crashed(self, hook: threading.ExceptHookArgs) -> None:
+        """A bug in the driver, reported like the loss of its source, after its traceback has gone to stderr."""
+        if hook.exc_value is not None:
+            sys.__excepthook__(hook.exc_type, hook.exc_value, hook.exc_traceback)
+            sys.stderr.flush()
+        self._lost(shown(f"{hook.exc_type.__name__}: {hook.exc_value}"), config=False)
+
+    def _lost(self, why: str, *, config: bool) -> None:
+        if self._lossless:
+            self._newest.wait_until_done()
+        self._link.send(SourceLost(why, config))
+
+    def _capture(self) -> None:
+        job, clock = self._job, self._job.clock
+        if job.camera_affinity is not None:
+            _run_on(job.camera_affinity)
+        spec = job.source.spec()
+        source = spec.open(clock)
+        self._lossless = source.lossless
+        gc.collect()
+        gc.freeze()  # 40,000 objects of the libraries, kept for good, are not looked through again every now and then
+        for _ in range(job.discard):
+            source.read()
+        checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
+        seq = job.first_seq - 1
+        while True:
+            frame = source.read()
+            changed_ns = checks.passed(frame)
+            if changed_ns is None:
+                continue
+            image = frame.image.view()
+            image.flags.writeable = False
+            seq += 1
+            if seq == job.first_seq:
+                height, width = image.shape[:2]
+                self._progress.set_size_px(width, height)
+            self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns), wait=source.lossless)
+            self._progress.captured(seq, clock.now_ns())
+            if seq == job.first_seq:
+                self._link.send(Opened(source.lossless, source.finite))
+
+
+def _run_on(cpus: tuple[int, ...]) -> None:
+    """This thread, and those that a library begins in it."""
+    try:
+        os.sched_setaffinity(0, set(cpus))
+    except OSError as error:
+        raise LinkError(f"cannot run on the CPUs of camera.affinity, {list(cpus)}: {error.strerror}") from error
