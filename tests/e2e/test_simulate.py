@@ -208,7 +208,7 @@ def test_a_killed_vision_process_is_replaced_and_meanwhile_stop_is_on(tmp_path: 
             plc.wait_for(lambda image: image["stop"] == 1)
             healed = plc.wait_for(lambda image: image["may_move"] == 1)
         assert healed.image["worker_restarts"] == 2
-        assert healed.image["frames_lost"] >= 1
+        assert healed.image["frames_lost"] <= 2  # no more than those that were being worked on
 
 
 # A machine that stands still for a moment makes readings old; being touched by another's fault would say another thing.
