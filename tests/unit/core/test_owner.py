@@ -12,6 +12,8 @@ from gateway.core.interlock import Rules
 from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, Phase, PlcConnection, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
 
+pytestmark = pytest.mark.one_interpreter
+
 MS = 1_000_000
 S = 1000 * MS
 T0 = 100 * S

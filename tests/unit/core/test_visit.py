@@ -33,6 +33,8 @@ from gateway.sim.scenario import Scenario
 from tests.visit_bench import MOMENTS_HZ, PLC, Bench, Levels, gateway, truck
 from tests.visit_judge import Row, complaints
 
+pytestmark = pytest.mark.one_interpreter
+
 CROSS_CHECK = {"focal_px": 600.0, "marker_radius_mm": 90.0}
 LEAVE: Mapping[str, Any] = {"distance_cm": 150, "speed_cm_s": 30, "hold_s": 30}
 DEAD_ONES = sorted(DEAD)

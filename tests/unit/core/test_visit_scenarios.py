@@ -16,6 +16,8 @@ from tests.visit_bench import MOMENTS_HZ, Bench, Levels, Moment, gateway, truck
 from tests.visit_judge import Row, complaints
 from tests.visit_stories import play
 
+pytestmark = pytest.mark.one_interpreter
+
 ROOT = Path(__file__).parents[3] / "config"
 VISITS = sorted(path.stem for path in (ROOT / "scenarios").glob("visit*.toml"))
 CONFIGS: dict[str, GatewayConfig] = {

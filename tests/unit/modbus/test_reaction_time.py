@@ -17,6 +17,8 @@ from gateway.modbus.reference import reaction_time
 from gateway.modbus.registers.register_map import decode, encode
 from gateway.ranger.hcsr04.protocol import PERIOD_MS
 
+pytestmark = pytest.mark.one_interpreter
+
 MS = 1_000_000
 PLC = Writer("10.0.0.9")
 CONFIG = parse({"modbus": {"writes": True, "plc_addresses": [PLC.address]}})

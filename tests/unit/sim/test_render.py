@@ -17,6 +17,8 @@ from gateway.sim.world import Truth, World
 from gateway.vision.detect.paper.pipeline import detect
 from gateway.vision.detect.registry import detector
 
+pytestmark = pytest.mark.one_interpreter
+
 Image = NDArray[np.uint8]
 IMAGES = Path(__file__).parents[3] / "docs" / "images"
 PLAIN: Mapping[str, object] = {

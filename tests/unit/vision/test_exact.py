@@ -20,6 +20,8 @@ from gateway.vision.detect.paper.exact.window import WindowStages
 from gateway.vision.pixels import Image
 from tests.vision_frames import KINDS, PAPER, colour_noise, frames, scene
 
+pytestmark = pytest.mark.one_interpreter
+
 FRAMES = 26 * len(KINDS)  # bench/vision_exact.py runs as many as one likes
 
 KernelOf = Callable[[VisionConfig], Kernel | None]

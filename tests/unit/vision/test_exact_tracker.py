@@ -16,6 +16,8 @@ from gateway.vision.track.follower import Follower
 from tests.vision_frames import PAPER, Colour, Things
 from tests.vision_promise import FRAME_NS, check_promise, searched_whole, told
 
+pytestmark = pytest.mark.one_interpreter
+
 WIDTH, HEIGHT = 320, 240
 RED: Colour = (40, 35, 190)
 

@@ -20,6 +20,8 @@ from gateway.vision.picture.judge import PictureJudge
 from gateway.vision.picture.measure import PERIOD_NS, PictureMeter, halved, sharpness, veil
 from gateway.vision.pixels import Image
 
+pytestmark = pytest.mark.one_interpreter
+
 S = 1_000_000_000
 T0 = 5000 * S
 SCENARIOS = Path(__file__).parents[3] / "config" / "scenarios"

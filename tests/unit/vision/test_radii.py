@@ -27,6 +27,8 @@ from gateway.vision.track.distractors import HELD_NS
 from gateway.vision.track.follower import Follower
 from gateway.vision.track.kalman_filter import Prediction, Track
 
+pytestmark = pytest.mark.one_interpreter
+
 MS = 1_000_000
 S = 1_000_000_000
 FRAME_NS = 33 * MS

@@ -17,6 +17,8 @@ from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import WEAKER
 from gateway.vision.track.follower import JUMP
 
+pytestmark = pytest.mark.one_interpreter
+
 WIDTH, HEIGHT = 320, 240
 PARAMS = VisionConfig()
 PLACE = Circle(163.3, 118.8, 41.7)

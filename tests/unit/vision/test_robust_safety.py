@@ -17,6 +17,8 @@ from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.pixels import Image
 
+pytestmark = pytest.mark.one_interpreter
+
 PARAMS = VisionConfig()
 WIDTH, HEIGHT = 320, 240
 chance = np.random.default_rng

@@ -25,6 +25,8 @@ from gateway.vision.detect.robust.roi_search import FAINT, LOOK, WHOLE, RoiSearc
 from gateway.vision.pixels import Image
 from gateway.vision.track.kalman_filter import Prediction, Track
 
+pytestmark = pytest.mark.one_interpreter
+
 PERIOD_NS = 33_000_000
 FOLLOWED = VisionConfig(method="robust", tracking=True)
 SAME_PX = 0.2  # between the window's and the full search's circle: both are refined from their own first guess
