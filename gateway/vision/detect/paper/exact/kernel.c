@@ -1,4 +1,4 @@
-/* The loops of the exact shortcuts: the red test on a grid, for which OpenCV has no call, and the masks of a window, for
+/* The loops of the exact shortcuts: the red test on a lattice, for which OpenCV has no call, and the masks of a window, for
  * which it has several, made for larger pictures.
  *
  * All blur with the separable kernel (w[2] w[1] w[0] w[1] w[2])^2 / 256, rounded half up, the border mirrored without
