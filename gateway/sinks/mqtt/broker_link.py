@@ -1,50 +1,55 @@
-"""One connection to the broker: the only file that knows the MQTT client library. IO.
+"""One connection to the broker: the only module that imports the MQTT client library, paho. IO.
 
-A client object lives for one connection: a message that was not acknowledged stays queued inside it and would go out
-unasked on a second one.
+A client object lives for one connection: a message that was not acknowledged stays queued inside it and would be sent again on a
+second one.
 
-The library opens its socket in a thread that can't be stopped, leaves it open when the broker never answers, and says
-goodbye properly even when it is torn down. Here it is handed a socket that is open already (`dial`), and how the
-connection ends is a promise: left normally, it disconnects, and the broker forgets the last will; left by an
-exception or a cancellation, the socket is cut, and the broker publishes the will.
+paho opens its socket with a blocking call, so it is handed one that is open already (`broker_socket`); the event loop calls it when
+the socket can be read or written. How the connection ends is a promise: left normally, it sends DISCONNECT, and the broker discards
+the last will; left by an exception or a cancellation, the socket is closed, and the broker publishes the will.
 """
 
 import asyncio
 import contextlib
 import logging
-import math
 import socket
 import ssl
-from collections.abc import AsyncIterator, Sequence
+import struct
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NoReturn
+from enum import Enum
+from typing import Any, NoReturn, TypeVar
 
-import aiomqtt
-from aiomqtt.exceptions import MqttConnectError
+import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from gateway.errors import LinkError
-from gateway.sinks.mqtt.address import Broker
-from gateway.sinks.mqtt.broker_socket import dial
-from gateway.sinks.mqtt.protocol_versions import Protocol
+from gateway.sinks.mqtt.broker import Broker
+from gateway.sinks.mqtt.broker_socket import open_socket
 
-CONNECT_S = 5.0  # for the socket, and again for the broker's greeting
-MAX_INCOMING = 100  # messages that came and were not fetched yet
-MAX_IN_FLIGHT = 8  # messages on their way at once; more wait their turn
+CONNECT_S = 5.0  # for the socket, and again for the CONNACK
+KEEPALIVE_CHECK_S = 1.0  # how often paho looks whether a PINGREQ is due
+MAX_INCOMING = 100  # messages received and not fetched yet
+MAX_IN_FLIGHT = 8  # messages without acknowledgement at once; more wait their turn
 
-REFUSED_SUBSCRIPTION = 128  # SUBACK codes from here on are failures
-UNKNOWN_PROTOCOL = (1, 132)  # CONNACK of MQTT 3.1.1 and of MQTT 5
-
-_VERSION = {Protocol.V5: aiomqtt.ProtocolVersion.V5, Protocol.V311: aiomqtt.ProtocolVersion.V311}
+UNSUPPORTED_PROTOCOL_VERSION = 132  # reason code of a CONNACK; paho converts that of MQTT 3.1.1
+NOT_MQTT = (OSError, ValueError, LookupError, TypeError, struct.error, paho.MQTTException)  # paho on damaged bytes
 
 _log = logging.getLogger("mqtt")
+T = TypeVar("T")
 
 
-class NotGreetedError(LinkError):
-    """There is something, but it did not greet us. `certain`: because it does not speak this version of MQTT."""
+class ProtocolVersion(Enum):
+    """The versions of MQTT that the gateway speaks."""
+
+    V5 = "5"
+    V311 = "3.1.1"
+
+
+class NotAcceptedError(LinkError):
+    """A peer is there, but did not accept the connection. `certain`: because it does not speak this version of MQTT."""
 
     def __init__(self, text: str, *, certain: bool) -> None:
         super().__init__(text)
@@ -53,7 +58,7 @@ class NotGreetedError(LinkError):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """`expiry_s` (MQTT 5): the broker forgets it after so long, retained or not; None: never. `text`: JSON in UTF-8."""
+    """`expiry_s` (MQTT 5): the broker drops it after so long, retained or not; None: never. `text`: JSON in UTF-8."""
 
     topic: str
     payload: bytes
@@ -65,7 +70,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Incoming:
-    """Something that came on a topic we subscribed to."""
+    """A message received on a subscribed topic."""
 
     topic: str
     payload: bytes
@@ -74,63 +79,213 @@ class Incoming:
 class BrokerLink:
     """A live connection. Real seconds, not the gateway's clock: the broker knows no simulated time."""
 
-    def __init__(self, client: aiomqtt.Client, broker: Broker, ack_s: float, protocol: Protocol) -> None:
-        self.protocol = protocol
-        self._client = client
+    def __init__(
+        self,
+        sock: socket.socket,
+        broker: Broker,
+        *,
+        client_id: str,
+        will: Message,
+        keepalive_s: int,
+        acknowledge_s: float,
+        version: ProtocolVersion,
+    ) -> None:
+        self.version = version
         self._broker = broker
-        self._ack_s = ack_s
-        self._turns = asyncio.Semaphore(MAX_IN_FLIGHT)
+        self._keepalive_s = keepalive_s
+        self._acknowledge_s = acknowledge_s
+        self._loop = asyncio.get_running_loop()
+        self._sock = sock
+        self._accepted: asyncio.Future[None] = self._loop.create_future()
+        self._ended: asyncio.Future[None] = self._loop.create_future()  # without an error after DISCONNECT
+        for future in (self._accepted, self._ended):  # perhaps nobody is left who asks how it ended
+            future.add_done_callback(lambda done: done.cancelled() or done.exception())
+        self._acknowledged: dict[int, asyncio.Future[None]] = {}
+        self._granted: dict[int, asyncio.Future[list[ReasonCode]]] = {}
+        self._incoming: asyncio.Queue[Incoming | None] = asyncio.Queue()  # None: the connection is gone
+        self._in_flight = asyncio.Semaphore(MAX_IN_FLIGHT)
+        self._keepalive_check: asyncio.TimerHandle | None = None
+        self._client = client = _Client(sock, client_id, version)
+        client.enable_logger(_log)
+        client.will_set(will.topic, will.payload, will.qos, will.retain)
+        if broker.username is not None:
+            client.username_pw_set(broker.username, broker.password)
+        client.on_connect = self._on_connect
+        client.on_disconnect = self._on_disconnect
+        client.on_publish = self._on_publish
+        client.on_subscribe = self._on_subscribe
+        client.on_message = self._on_message
+        client.on_socket_open = self._on_socket_open
+        client.on_socket_close = self._on_socket_close
+        client.on_socket_register_write = self._on_socket_register_write
+        client.on_socket_unregister_write = self._on_socket_unregister_write
 
     async def publish(self, message: Message) -> None:
-        """Returns when the broker has acknowledged it (QoS 1), or when it is on its way (QoS 0).
+        """Returns when the broker has acknowledged it (QoS 1), or when it is sent (QoS 0).
 
         Raises LinkError: the link is of no more use.
         """
         try:
-            async with self._turns, asyncio.timeout(self._ack_s):
-                properties = None if self.protocol is Protocol.V311 else _properties(message)
-                await self._client.publish(
-                    message.topic, message.payload, qos=message.qos, retain=message.retain, properties=properties
-                )
+            async with self._in_flight, asyncio.timeout(self._acknowledge_s):
+                properties = None if self.version is ProtocolVersion.V311 else _properties(message)
+                sent = self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
+                if sent.rc != paho.MQTT_ERR_SUCCESS:
+                    raise self._lost(f"cannot publish: {paho.error_string(sent.rc)}")
+                if not sent.is_published():
+                    await self._answer(self._acknowledged, sent.mid)
         except TimeoutError:
-            raise LinkError(f"{self._broker}: no acknowledgement within {self._ack_s:g} s") from None
-        except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: cannot publish: {error}") from error
+            raise LinkError(f"{self._broker}: no acknowledgement within {self._acknowledge_s:g} s") from None
 
     async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
         """Topics with their QoS; returns when the broker has granted them all. Raises LinkError."""
         try:
-            async with asyncio.timeout(self._ack_s):
-                granted = await self._client.subscribe([(topic, qos) for topic, qos in topics])
+            async with asyncio.timeout(self._acknowledge_s):
+                rc, number = self._client.subscribe(list(topics))
+                if rc != paho.MQTT_ERR_SUCCESS or number is None:
+                    raise self._lost(f"cannot subscribe: {paho.error_string(rc)}")
+                granted = await self._answer(self._granted, number)
         except TimeoutError:
-            raise LinkError(f"{self._broker}: no answer to a subscription within {self._ack_s:g} s") from None
-        except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: cannot subscribe: {error}") from error
-        if any(int(code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION for code in granted):
+            raise LinkError(f"{self._broker}: no answer to a subscription within {self._acknowledge_s:g} s") from None
+        if any(code.is_failure for code in granted):
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
     async def incoming(self) -> AsyncIterator[Incoming]:
-        """What comes, until the connection is gone: then LinkError. What nobody fetches is dropped, newest first."""
-        try:
-            async for message in self._client.messages:
-                payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
-                yield Incoming(str(message.topic), payload)
-        except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: connection lost: {error.__cause__ or error}") from error
-        raise LinkError(f"{self._broker}: connection lost")
+        """Messages received, until the connection is gone: then LinkError. What is not fetched is dropped, newest first."""
+        while (message := await self._incoming.get()) is not None:
+            yield message
+        raise self._lost("")
 
     async def lost(self) -> NoReturn:
         """Waits until the connection is gone, then raises LinkError."""
+        await asyncio.wait([self._ended])
+        raise self._lost("")
+
+    async def open(self) -> None:
+        """Returns when the broker has accepted the connection. Raises NotAcceptedError."""
         try:
-            async for _ in self._client.messages:  # nothing is subscribed to, so nothing should come
-                pass
-        except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: connection lost: {error.__cause__ or error}") from error
-        raise LinkError(f"{self._broker}: connection lost")
+            async with asyncio.timeout(CONNECT_S):
+                self._client.connect(self._broker.host, self._broker.port, self._keepalive_s)  # only queues the CONNECT
+                await self._accepted
+        except TimeoutError:
+            text = f"{self._broker}: connected, but no CONNACK within {CONNECT_S:g} s"
+            raise NotAcceptedError(text, certain=False) from None
+
+    async def disconnect(self, *, with_will: bool) -> None:
+        """DISCONNECT: the broker discards the last will, unless it is asked to publish it (MQTT 5)."""
+        reason = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message") if with_will else None
+        self._client.disconnect(reason)
+        await asyncio.wait([self._ended], timeout=CONNECT_S)
+
+    def close(self) -> None:
+        """Close the socket without DISCONNECT; nothing is left to do after a proper end."""
+        self._client.on_socket_close = None
+        self._on_socket_close(None, None, self._sock)
+        self._sock.close()
+
+    async def _answer(self, waiting: dict[int, asyncio.Future[T]], number: int) -> T:
+        waiting[number] = answer = self._loop.create_future()
+        try:
+            await asyncio.wait([answer, self._ended], return_when=asyncio.FIRST_COMPLETED)
+            if answer.done():
+                return answer.result()
+            raise self._lost("")
+        finally:
+            waiting.pop(number, None)
+
+    def _lost(self, fault: str) -> LinkError:
+        error = self._ended.exception() if self._ended.done() else None
+        return LinkError(f"{self._broker}: connection lost: {error}" if error else f"{self._broker}: {fault or 'closed'}")
+
+    def _end(self, fault: str) -> None:
+        """The connection is gone; empty: as intended."""
+        if not self._accepted.done():
+            text = f"{self._broker}: {fault or 'closed'} before a CONNACK arrived"
+            self._accepted.set_exception(NotAcceptedError(text, certain=False))
+        if not self._ended.done():
+            if fault:
+                self._ended.set_exception(LinkError(fault))
+            else:
+                self._ended.set_result(None)
+            self._incoming.put_nowait(None)
+
+    # Called by paho.
+
+    def _on_connect(self, client: Any, data: Any, flags: Any, reason: ReasonCode, properties: Any) -> None:
+        if self._accepted.done():
+            return
+        if reason.is_failure:
+            certain = reason.value == UNSUPPORTED_PROTOCOL_VERSION
+            error = NotAcceptedError(f"{self._broker}: refused: {reason}", certain=certain)
+            self._accepted.set_exception(error)
+            return
+        # MQTT 5 states how many messages the broker takes at once, and it may close the connection on more (section 3.3.4).
+        receive_maximum = getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT)
+        self._in_flight = asyncio.Semaphore(min(MAX_IN_FLIGHT, receive_maximum))
+        self._accepted.set_result(None)
+
+    def _on_disconnect(self, client: Any, data: Any, flags: Any, reason: ReasonCode, properties: Any) -> None:
+        self._end(str(reason) if reason.is_failure else "")
+
+    def _on_publish(self, client: Any, data: Any, number: int, reason: ReasonCode, properties: Any) -> None:
+        if reason.is_failure:  # MQTT 5: the broker has not taken the message
+            self._end(f"a message was refused: {reason}")
+        elif (answer := self._acknowledged.get(number)) is not None and not answer.done():
+            answer.set_result(None)
+
+    def _on_subscribe(self, client: Any, data: Any, number: int, reasons: list[ReasonCode], properties: Any) -> None:
+        if (answer := self._granted.get(number)) is not None and not answer.done():
+            answer.set_result(reasons)
+
+    def _on_message(self, client: Any, data: Any, message: paho.MQTTMessage) -> None:
+        if self._incoming.qsize() < MAX_INCOMING:
+            self._incoming.put_nowait(Incoming(message.topic, bytes(message.payload)))
+
+    def _on_socket_open(self, client: Any, data: Any, sock: Any) -> None:
+        self._loop.add_reader(sock.fileno(), self._call, self._read)
+        self._check_keepalive()
+
+    def _on_socket_close(self, client: Any, data: Any, sock: Any) -> None:
+        if sock.fileno() >= 0:
+            self._loop.remove_reader(sock.fileno())
+            self._loop.remove_writer(sock.fileno())
+        if self._keepalive_check is not None:
+            self._keepalive_check.cancel()
+
+    def _on_socket_register_write(self, client: Any, data: Any, sock: Any) -> None:
+        self._loop.add_writer(sock.fileno(), self._call, self._client.loop_write)
+
+    def _on_socket_unregister_write(self, client: Any, data: Any, sock: Any) -> None:
+        if sock.fileno() >= 0:
+            self._loop.remove_writer(sock.fileno())
+
+    # Called by the event loop.
+
+    def _read(self) -> None:
+        while self._client.loop_read() == paho.MQTT_ERR_SUCCESS:
+            if not isinstance(self._sock, ssl.SSLSocket) or self._sock.fileno() < 0 or not self._sock.pending():
+                return  # what TLS has decrypted already does not wake the loop
+
+    def _check_keepalive(self) -> None:
+        self._keepalive_check = self._loop.call_later(KEEPALIVE_CHECK_S, self._check_keepalive)
+        self._call(self._client.loop_misc)
+
+    def _call(self, part: Callable[[], object]) -> None:
+        try:
+            part()
+        except NOT_MQTT as error:
+            self._end(f"not MQTT: {error!r}")
 
 
-def _code(error: MqttConnectError) -> int | None:
-    return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
+class _Client(paho.Client):
+    """paho on a socket that is open already. The one private part of it that is overridden; a test watches it."""
+
+    def __init__(self, sock: socket.socket, client_id: str, version: ProtocolVersion) -> None:
+        protocol = paho.MQTTProtocolVersion.MQTTv5 if version is ProtocolVersion.V5 else paho.MQTTProtocolVersion.MQTTv311
+        super().__init__(CallbackAPIVersion.VERSION2, client_id, protocol=protocol, reconnect_on_failure=False)
+        self._open_socket = sock
+
+    def _create_socket_connection(self) -> socket.socket:
+        return self._open_socket
 
 
 def _properties(message: Message) -> Properties:
@@ -150,124 +305,33 @@ async def connect(
     client_id: str,
     will: Message,
     keepalive_s: int,
-    ack_s: float,
+    acknowledge_s: float,
     tls: ssl.SSLContext | None,
-    protocol: Protocol = Protocol.V311,
-    will_at_goodbye: bool = False,
+    version: ProtocolVersion = ProtocolVersion.V311,
+    will_at_disconnect: bool = False,
 ) -> AsyncIterator[BrokerLink]:
-    """Raises LinkError when there is no broker, or it refuses us; NotGreetedError where the protocol may be why.
+    """Raises LinkError when there is no broker, or it refuses the connection; NotAcceptedError where the version may be why.
 
-    `will_at_goodbye`: an MQTT 5 broker publishes the will even when the connection ends properly.
+    `will_at_disconnect`: an MQTT 5 broker publishes the will even when the connection ends properly.
     """
     try:
-        sock = await dial(broker.host, broker.port, tls, CONNECT_S)
+        sock = await open_socket(broker.host, broker.port, tls, CONNECT_S)
     except LinkError as error:
         raise LinkError(f"{broker}: {error}") from error
     with contextlib.closing(sock):
-        client = _Client(sock, broker, client_id=client_id, will=will, keepalive_s=keepalive_s, protocol=protocol)
-        try:
-            try:
-                await client.greet()
-            except MqttConnectError as error:
-                if _code(error) not in UNKNOWN_PROTOCOL:
-                    raise
-                raise NotGreetedError(f"{broker}: {error}", certain=True) from error
-            except aiomqtt.MqttError as error:
-                raise NotGreetedError(f"{broker}: {error}", certain=False) from error
-            yield BrokerLink(client, broker, ack_s, protocol)
-            if will_at_goodbye and protocol is Protocol.V5:
-                client.keep_will()
-            await client.say_goodbye()  # skipped when the body raises: then the broker must publish the will
-        except aiomqtt.MqttError as error:
-            raise LinkError(f"{broker}: {error}") from error
-        finally:
-            await client.cut()
-
-
-class _Client(aiomqtt.Client):
-    """aiomqtt on a socket that is open already."""
-
-    def __init__(
-        self,
-        sock: socket.socket,
-        broker: Broker,
-        *,
-        client_id: str,
-        will: Message,
-        keepalive_s: int,
-        protocol: Protocol,
-    ) -> None:
-        super().__init__(
-            broker.host,
-            broker.port,
-            username=broker.username,
-            password=broker.password,
-            identifier=client_id,
-            protocol=_VERSION[protocol],
-            will=aiomqtt.Will(will.topic, will.payload, qos=will.qos, retain=will.retain),
-            # Its own time limits lose a cancellation that comes together with an answer (Python 3.11's wait_for).
-            timeout=math.inf,
-            keepalive=keepalive_s,
-            max_queued_incoming_messages=MAX_INCOMING,
-            logger=_log,
+        link = BrokerLink(
+            sock,
+            broker,
+            client_id=client_id,
+            will=will,
+            keepalive_s=keepalive_s,
+            acknowledge_s=acknowledge_s,
+            version=version,
         )
-        for future in (self._connected, self._disconnected):  # nobody may be left who asks how it ended
-            future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
-        self._client._create_socket_connection = lambda: sock  # type: ignore[method-assign]  # it would open its own
-        # Nothing in it blocks on an open socket, so it needs no thread; it only queues the greeting.
-        super()._client_connect()
-
-    def _client_connect(self) -> None:
-        """Called by aiomqtt in a thread; done already."""
-
-    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
-        """At once. The library's own does it a moment later, when the socket may be closed and its number another's."""
-        self._loop.add_writer(sock.fileno(), client.loop_write)
-
-    def _on_connect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
-        """MQTT 5 tells how many messages the broker bears at once, and it may hang up on more (section 3.3.4)."""
-        bears = getattr(properties, "ReceiveMaximum", None)
-        if bears is not None:  # the library's own setter refuses on an open connection; nothing is on its way yet
-            self._client._max_inflight_messages = min(self._client._max_inflight_messages, bears)
-        super()._on_connect(client, userdata, flags, reason_code, properties)
-
-    def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
-        """MQTT 5 tells when the broker has not taken a message; the library does not look."""
-        if not reason_code.is_failure:
-            super()._on_publish(client, userdata, mid, reason_code, properties)
-        elif not self._disconnected.done():
-            self._disconnected.set_exception(aiomqtt.MqttError(f"a message was refused: {reason_code}"))
-
-    def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
-        """Also before the greeting, which the library would wait for all the same."""
-        if not self._connected.done():
-            self._connected.set_exception(aiomqtt.MqttError("the connection was closed before a greeting came"))
-        super()._on_disconnect(client, userdata, flags, reason_code, properties)
-
-    async def greet(self) -> None:
-        """Returns when the broker has accepted us. Raises MqttError."""
         try:
-            async with asyncio.timeout(CONNECT_S):
-                await self.__aenter__()
-        except TimeoutError:
-            raise aiomqtt.MqttError(f"connected, but no greeting within {CONNECT_S:g} s") from None
-
-    def keep_will(self) -> None:
-        """The goodbye to come will carry the reason `Disconnect with will message`; the library gives none."""
-        reason = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
-        self._client.disconnect = partial(self._client.disconnect, reason)  # type: ignore[method-assign]
-
-    async def say_goodbye(self) -> None:
-        """Disconnect: the broker forgets the last will."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(CONNECT_S):
-                await self.__aexit__(None, None, None)
-
-    async def cut(self) -> None:
-        """Close the socket without a goodbye; nothing is left to do after a proper end."""
-        if self._connected.cancelled():  # the library's callbacks stumble over it
-            self._connected = self._loop.create_future()
-        try:
-            await asyncio.sleep(0)  # what the library has asked the loop to watch is being watched by now
+            await link.open()
+            yield link
+            # Skipped when the body raises: then the broker must publish the will.
+            await link.disconnect(with_will=will_at_disconnect and version is ProtocolVersion.V5)
         finally:
-            self._client._sock_close()
+            link.close()

@@ -17,7 +17,7 @@ from gateway.errors import LinkError
 AddressInfo = tuple[Any, ...]  # as getaddrinfo gives it: family, type, protocol, name, address
 
 
-async def dial(host: str, port: int, tls: ssl.SSLContext | None, timeout_s: float) -> socket.socket:
+async def open_socket(host: str, port: int, tls: ssl.SSLContext | None, timeout_s: float) -> socket.socket:
     """Connected, non-blocking; the caller closes it. `timeout_s` (real seconds) bounds what follows the name lookup.
 
     Raises LinkError in the operating system's words.
@@ -41,20 +41,20 @@ async def _resolve(host: str, port: int) -> Sequence[AddressInfo]:
     loop = asyncio.get_running_loop()
     answer: asyncio.Future[Sequence[AddressInfo]] = loop.create_future()
 
-    def tell(result: Callable[[], None]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody asks any more
+    def report(result: Callable[[], None]) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits for it
             loop.call_soon_threadsafe(lambda: None if answer.done() else result())
 
-    def ask() -> None:
+    def look_up() -> None:
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         except (OSError, UnicodeError) as error:
             fault = error
-            tell(lambda: answer.set_exception(fault))
+            report(lambda: answer.set_exception(fault))
         else:
-            tell(lambda: answer.set_result(found))
+            report(lambda: answer.set_result(found))
 
-    threading.Thread(target=ask, name="mqtt-resolve", daemon=True).start()
+    threading.Thread(target=look_up, name="mqtt-resolve", daemon=True).start()
     return await answer
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gateway.core.model import Moved, Quality, Reason, Tracking, VisitPhase
-from gateway.sinks.mqtt.payloads import Gateway
+from gateway.sinks.mqtt.topics import Gateway
 
 QOS = 1
 

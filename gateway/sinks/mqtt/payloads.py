@@ -4,7 +4,6 @@ Times are Unix time; `offset_ns` is what turns the monotonic clock into it (wall
 """
 
 import math
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from pydantic import BaseModel
@@ -25,6 +24,7 @@ from gateway.core.model import (
 )
 from gateway.core.ne107 import Ne107
 from gateway.core.plc import Phase, PlcLink
+from gateway.sinks.contract import StoreStatus
 from gateway.sinks.mqtt.messages import (
     SCHEMA_VERSION,
     SENSORS,
@@ -46,26 +46,17 @@ from gateway.sinks.mqtt.messages import (
     SensorPayload,
     StatePayload,
     StatusPayload,
+    StorePayload,
     WritePayload,
 )
-from gateway.sinks.mqtt.topics import Topics
+from gateway.sinks.mqtt.topics import Gateway
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 LAST_MS = 253_402_300_799_999  # 9999-12-31T23:59:59.999Z, the last time ISO 8601 has four digits for
 MAX_DETAIL = 500
 # A change of stop is what the plant's records are kept for: dropped last.
-PRECIOUS = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
-
-
-@dataclass(frozen=True, slots=True)
-class Gateway:
-    """Who speaks: the same in every message of one start."""
-
-    topics: Topics
-    bays: tuple[str, ...]
-    version: str
-    boot: str
+DROPPED_LAST = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
 
 
 def final(state: StateVector, now_ns: int) -> StateVector:
@@ -149,6 +140,18 @@ def status_payload(
         timestamp_ms=None if wall_ns is None else _unix_ms(wall_ns),
         timestamp=None if wall_ns is None else _iso(_unix_ms(wall_ns)),
         delivery=delivery,
+    )
+
+
+def store_payload(store: StoreStatus | None) -> StorePayload | None:
+    if store is None:
+        return None
+    return StorePayload(
+        ok=not store.fault,
+        detail=text(store.fault),
+        faults=store.faults,
+        recovered=store.recovered,
+        unwritten=store.unwritten,
     )
 
 

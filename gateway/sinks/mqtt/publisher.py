@@ -1,8 +1,7 @@
-"""Every bay's state and events to the broker, for as long as there is one. IO.
+"""The MQTT sink: the states and events of every bay to the broker, for as long as there is one. IO.
 
-An event is rendered and put into the outbox in the moment it happens, so that it outlives the gateway; that takes
-microseconds and asks nobody. `deliver`, a row of the task table, is the life of one connection and ends with LinkError.
-What must outlive a connection (outbox, counters) lives here. Nothing here can make the control path wait.
+An event is rendered and put into the outbox in the moment it happens, so that it outlives the gateway; that takes microseconds and
+waits for nobody. `deliver` is the life of one connection. What must outlive a connection (outbox, counters) is kept here.
 """
 
 import asyncio
@@ -10,7 +9,7 @@ import contextlib
 import logging
 import math
 import secrets
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from functools import partial
@@ -18,22 +17,24 @@ from typing import NoReturn, Protocol
 
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
-from gateway.config import MqttConfig
+from gateway.config import GatewayConfig, MqttConfig
+from gateway.config.strict.placed_error import without_password
 from gateway.core.model import Event, Moved, Quality, Reason, StateVector
 from gateway.errors import LinkError
-from gateway.hub import Hub
-from gateway.sinks.mqtt import credentials, home_assistant, messages, payloads
-from gateway.sinks.mqtt.broker_connector import Door
+from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
+from gateway.sinks.mqtt import home_assistant, messages, payloads
+from gateway.sinks.mqtt.broker import broker_of, tls_context
+from gateway.sinks.mqtt.broker_connector import BrokerConnector, single_link_error
 from gateway.sinks.mqtt.broker_link import Message
-from gateway.sinks.mqtt.link_errors import plain_link_error
-from gateway.sinks.mqtt.topics import Topics
-from gateway.sinks.outbox.durable import DurableOutbox, limits
+from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
+from gateway.sinks.mqtt.topics import Gateway, Topics
+from gateway.sinks.outbox.durable import limits, opened_outbox
 from gateway.sinks.outbox.outbox import Entry, MemoryOutbox, Outbox
 
 log = logging.getLogger(__name__)
 
-LOOK_S = 0.1  # so often it is asked whether anybody still decides
-LIFE_SHARE = 0.5  # of a keepalive, from one sign of life to the next; see door.ACK_SHARE
+POLL_S = 0.1  # how often it is checked whether the shown state has expired
+STATUS_SHARE = 0.5  # of a keepalive, from one status message to the next; see broker_connector.ACKNOWLEDGE_SHARE
 
 
 class Link(Protocol):
@@ -45,60 +46,77 @@ class Link(Protocol):
 
 
 Connect = Callable[[], AbstractAsyncContextManager[Link]]
-Marks = tuple[bool, bool, bool, Moved, Reason, Quality, Quality]
+Urgent = tuple[bool, bool, bool, Moved, Reason, Quality, Quality]
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
-    """The state a bay last told the broker: what would make the next one urgent, and when it was told."""
+class Published:
+    """The state last published of a bay: the values whose change is urgent, and when it was published."""
 
-    marks: Marks
+    urgent: Urgent
     t_ns: int
 
 
 class MqttPublisher:
-    """One gateway's voice. `boot`: a random number of this start. Raises ConfigError for a URL or a topic root that
-    could never work."""
+    """`boot`: a random number of this start. Raises SettingError for a URL or a topic root that could never work."""
+
+    task = "mqtt.deliver"
 
     def __init__(
         self,
         config: MqttConfig,
         site: str,
         instance: str,
-        hub: Hub,
+        hub: Bays,
         clock: Clock,
         version: str = __version__,
         *,
         outbox: Outbox | None = None,
         connector: Connect | None = None,
         boot: str | None = None,
+        plan: Sequence[TopicKind] = PLAN,
     ) -> None:
+        self.reconnect = config.reconnect
         self._config = config
         self._hub = hub
         self._clock = clock
         self._topics = Topics(config.root, site, instance)
-        self._gateway = payloads.Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
-        self._broker = credentials.broker_of(config)
+        self._gateway = Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
+        self._state_topics = [(kind, kind.build) for kind in plan if kind.build is not None]
+        self._broker = broker_of(config)
         self._connect = connector or self._connector()
         self._event_expiry_s = round(config.event_expiry_h * 3600)
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
         self._outbox = outbox if outbox is not None else MemoryOutbox(limits(config))
         self._numbered = 0
-        self._filled = asyncio.Event()
-        self._alone = asyncio.Lock()  # held by whoever has a connection: one client id, one connection
-        self._event_turn = asyncio.Lock()  # held from the sending of an event to its acknowledgement
-        hub.listen(self._keep)
-        self._leaving = asyncio.Event()
-        self._said_goodbye = False
+        self._event_queued = asyncio.Event()
+        self._connection_lock = asyncio.Lock()  # one client id, one connection
+        self._event_lock = asyncio.Lock()  # held from the publishing of an event to its acknowledgement
+        hub.listen(self._queue_event)
+        self._closing = asyncio.Event()
+        self._final_published = False
         self._published = 0
         self._failed = 0
         self._connections = 0
         self._connected_now = False
 
     @property
-    def connected(self) -> bool:
-        """Is there a connection to the broker now?"""
-        return self._connected_now
+    def link(self) -> LinkStatus:
+        stats, store = self.stats, self._outbox.store
+        figures = {
+            "connected": int(self._connected_now),
+            "published": stats.published,
+            "failed": stats.failed,
+            "reconnects": stats.reconnects,
+            "events_dropped": stats.dropped,
+            "outbox_events": stats.queued,
+        }
+        if store is not None:
+            figures |= {"store_ok": int(not store.fault), "store_faults": store.faults}
+            figures["store_unwritten_events"] = store.unwritten
+        detail = "connected" if self._connected_now else "no connection"
+        peer = without_password(self._config.url)
+        return LinkStatus("mqtt", self._connected_now, detail, peer, stats.dropped, figures, store)
 
     @property
     def stats(self) -> messages.DeliveryPayload:
@@ -108,46 +126,47 @@ class MqttPublisher:
             reconnects=max(0, self._connections - 1),
             dropped=self._outbox.dropped,
             queued=len(self._outbox),
-            store=self._store_health(),
+            store=payloads.store_payload(self._outbox.store),
         )
 
     async def deliver(self) -> None:
         """Connect and deliver until the link breaks (LinkError), or return after `farewell`."""
-        async with self._alone:
-            if self._leaving.is_set():
+        async with self._connection_lock:
+            if self._closing.is_set():
                 return
             async with self._connected() as link:
                 await self._serve(link)
-                await self._say_goodbye(link)
+                await self._publish_final(link)
 
     async def farewell(self, timeout_s: float) -> bool:
-        """The last words: final states with stop on, the events still queued, `offline`. True if all were taken.
+        """Publish the final states with stop on, the events still queued, and `offline`. True if all were acknowledged.
 
-        Works beside a running `deliver`, which then returns, and without one. Takes at most `timeout_s` real seconds;
-        what is not said by then the broker's copy of the last will says when the connection breaks.
+        Works beside a running `deliver`, which then returns, and without one. Takes at most `timeout_s` real seconds; if that is not
+        enough, the broker publishes the last will when the connection breaks.
         """
-        self._leaving.set()
+        self._closing.set()
         try:
-            async with asyncio.timeout(timeout_s), self._alone:  # `deliver`, where it is connected, says it itself
-                if not self._said_goodbye:
+            # Where `deliver` is connected, it publishes them itself.
+            async with asyncio.timeout(timeout_s), self._connection_lock:
+                if not self._final_published:
                     async with self._connected() as link:
-                        await self._say_goodbye(link)
+                        await self._publish_final(link)
         except TimeoutError:
             log.warning("%s: no answer in %g s; %d events not delivered", self._broker, timeout_s, self.stats.queued)
         except LinkError as error:
             log.warning("%s; %d events not delivered", error, self.stats.queued)
-        return self._said_goodbye
+        return self._final_published
 
     def _connector(self) -> Connect:
         client_id = self._config.client_id or f"gateway-{self._topics.site}-{self._topics.instance}"
         will = payloads.encode(payloads.status_payload(self._gateway, "connection lost"))
-        door = Door(self._config, self._broker, client_id)
-        return partial(door.open, Message(self._topics.status, will, retain=True))
+        connector = BrokerConnector(self._config, self._broker, client_id)
+        return partial(connector.connect, Message(self._topics.status, will, retain=True))
 
     @contextlib.asynccontextmanager
     async def _connected(self) -> AsyncIterator[Link]:
         """A connection; when it is lost, the body ends at once, and all that failed with it is one LinkError."""
-        with plain_link_error():
+        with single_link_error():
             async with self._connect() as link, asyncio.TaskGroup() as group:
                 self._connections += 1
                 log.info("%s: connected", self._broker)
@@ -160,11 +179,11 @@ class MqttPublisher:
                     self._connected_now = False
 
     async def _serve(self, link: Link) -> None:
-        """Until told to leave. `online` is said only once no bay's retained state is an old one any more."""
-        sent: dict[str, Sent] = {}
+        """Until `farewell`. `online` is published only once no bay's retained state is an old one any more."""
+        sent: dict[str, Published] = {}
 
         async def first(bay: str) -> None:
-            sent[bay] = await self._send_state(link, bay)
+            sent[bay] = await self._publish_state(link, bay)
             if self._config.home_assistant:
                 await self._publish(link, self._discovery_message(bay))
 
@@ -173,50 +192,58 @@ class MqttPublisher:
                 group.create_task(first(bay))
         async with asyncio.TaskGroup() as group:
             tasks = [
-                group.create_task(self._send_life(link)),
-                group.create_task(self._send_events(link)),
-                *(group.create_task(self._follow(link, bay, sent[bay])) for bay in self._hub.bays),
+                group.create_task(self._publish_status(link)),
+                group.create_task(self._publish_events(link)),
+                *(group.create_task(self._publish_states(link, bay, sent[bay])) for bay in self._hub.bays),
             ]
-            await self._leaving.wait()
-            async with self._event_turn:  # or the event on its way would go out once more
+            await self._closing.wait()
+            async with self._event_lock:  # or the event on its way would go out once more
                 for task in tasks:
                     task.cancel()
 
-    async def _follow(self, link: Link, bay: str, sent: Sent) -> NoReturn:
+    async def _publish_states(self, link: Link, bay: str, sent: Published) -> NoReturn:
         """One bay's state: a change that matters at once, the rest once a period, the newest only."""
         period_ns = self._config.state_period_s * NS_PER_S
         while True:
             seq = -1
-            while _marks(self._shown(bay)) == sent.marks and self._clock.now_ns() < sent.t_ns + period_ns:
+            while _urgent(self._shown(bay)) == sent.urgent and self._clock.now_ns() < sent.t_ns + period_ns:
                 wait_s = (sent.t_ns + period_ns - self._clock.now_ns()) / NS_PER_S
                 with contextlib.suppress(TimeoutError):
-                    # No newer state: nobody decides any more, which must be told, too.
-                    async with self._clock.timeout(min(wait_s, LOOK_S)):
+                    # No newer state: the shown one may expire, which must be published, too.
+                    async with self._clock.timeout(min(wait_s, POLL_S)):
                         seq = await self._hub.newer(bay, seq)
-            sent = await self._send_state(link, bay)
+            sent = await self._publish_state(link, bay)
 
-    async def _send_state(self, link: Link, bay: str) -> Sent:
+    async def _publish_state(self, link: Link, bay: str) -> Published:
         state = self._shown(bay)
-        sent = Sent(_marks(state), self._clock.now_ns())
-        await self._publish(link, self._state_message(state))
-        return sent
+        published = Published(_urgent(state), self._clock.now_ns())
+        await self._publish_on_state_topics(link, state)
+        return published
 
-    async def _send_life(self, link: Link) -> NoReturn:
+    async def _publish_on_state_topics(self, link: Link, state: StateVector) -> None:
+        """The broker drops a live state (MQTT 5) once it is too old to be valid; the final one stays."""
+        expiry_s = None if state.reason is Reason.SHUTDOWN else math.ceil(self._stale_after_ms / 1000)
+        for kind, build in self._state_topics:
+            payload = payloads.encode(build(state, self._gateway, self._offset_ns(), self._stale_after_ms))
+            topic = self._topics.of(state.bay, kind.name)
+            await self._publish(link, Message(topic, payload, kind.retained, expiry_s, kind.qos))
+
+    async def _publish_status(self, link: Link) -> NoReturn:
         """`online`, again and again: it proves the link, and heals a late will of an older connection of ours."""
         while True:
             await self._publish(link, self._status_message("running"))
-            await asyncio.sleep(LIFE_SHARE * self._config.keepalive_s)
+            await asyncio.sleep(STATUS_SHARE * self._config.keepalive_s)
 
-    async def _send_events(self, link: Link) -> NoReturn:
+    async def _publish_events(self, link: Link) -> NoReturn:
         while True:
-            await self._empty_outbox(link)
-            self._filled.clear()
-            await self._filled.wait()
+            await self._publish_queued_events(link)
+            self._event_queued.clear()
+            await self._event_queued.wait()
 
-    async def _empty_outbox(self, link: Link) -> None:
+    async def _publish_queued_events(self, link: Link) -> None:
         """One at a time: a duplicate, if there is one, directly follows its first copy."""
         while True:
-            async with self._event_turn:
+            async with self._event_lock:
                 if (entry := self._outbox.oldest()) is None:
                     return
                 await self._publish(
@@ -224,13 +251,13 @@ class MqttPublisher:
                 )
                 self._outbox.acknowledge(entry.id)
 
-    async def _say_goodbye(self, link: Link) -> None:
+    async def _publish_final(self, link: Link) -> None:
         now_ns = self._clock.now_ns()
         for bay in self._hub.bays:  # first: a dead bay must not look alive, whatever else there is time for
-            await self._publish(link, self._state_message(payloads.final(self._hub.shown(bay, now_ns), now_ns)))
-        await self._empty_outbox(link)
+            await self._publish_on_state_topics(link, payloads.final(self._hub.shown(bay, now_ns), now_ns))
+        await self._publish_queued_events(link)
         await self._publish(link, self._status_message("shutdown"))
-        self._said_goodbye = True
+        self._final_published = True
 
     async def _publish(self, link: Link, message: Message) -> None:
         try:
@@ -240,22 +267,16 @@ class MqttPublisher:
             raise
         self._published += 1
 
-    def _keep(self, event: Event) -> None:
+    def _queue_event(self, event: Event) -> None:
         self._numbered += 1
         payload = payloads.event_payload(event, self._numbered, self._gateway, self._offset_ns())
         topic = self._topics.event(event.bay)
-        precious = event.kind in payloads.PRECIOUS
-        self._outbox.put(Entry(payload.id, topic, payloads.encode(payload), precious, payload.timestamp_ms))
-        self._filled.set()
+        drop_last = event.kind in payloads.DROPPED_LAST
+        self._outbox.put(Entry(payload.id, topic, payloads.encode(payload), drop_last, payload.timestamp_ms))
+        self._event_queued.set()
 
     def _shown(self, bay: str) -> StateVector:
         return self._hub.shown(bay, self._clock.now_ns())
-
-    def _state_message(self, state: StateVector) -> Message:
-        """A live state is forgotten by the broker (MQTT 5) once it is too old to be believed; a last word stays."""
-        expiry_s = None if state.reason is Reason.SHUTDOWN else math.ceil(self._stale_after_ms / 1000)
-        payload = payloads.state_payload(state, self._gateway, self._offset_ns(), self._stale_after_ms)
-        return Message(self._topics.state(state.bay), payloads.encode(payload), retain=True, expiry_s=expiry_s)
 
     def _discovery_message(self, bay: str) -> Message:
         topic = home_assistant.topic(self._config.home_assistant_prefix, self._gateway, bay)
@@ -265,24 +286,12 @@ class MqttPublisher:
         payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats)
         return Message(self._topics.status, payloads.encode(payload), retain=True)
 
-    def _store_health(self) -> messages.StorePayload | None:
-        if not isinstance(self._outbox, DurableOutbox):
-            return None
-        health = self._outbox.health
-        return messages.StorePayload(
-            ok=not health.fault,
-            detail=payloads.text(health.fault),
-            faults=health.faults,
-            recovered=health.recovered,
-            unwritten=health.unwritten,
-        )
-
     def _offset_ns(self) -> int:
         return self._clock.wall_ns() - self._clock.now_ns()
 
 
-def _marks(state: StateVector) -> Marks:
-    """What a subscriber must hear of at once."""
+def _urgent(state: StateVector) -> Urgent:
+    """The values whose change is published at once."""
     return (
         state.stop,
         state.may_move,
@@ -292,3 +301,24 @@ def _marks(state: StateVector) -> Marks:
         state.vision.quality,
         state.range.quality,
     )
+
+
+def _open(context: SinkContext) -> MqttPublisher:
+    config, whole = context.settings, context.config
+    outbox = context.resources.enter_context(opened_outbox(config, whole.site, whole.instance))
+    return MqttPublisher(
+        config, whole.site, whole.instance, context.bays, context.clock, outbox=outbox, boot=context.boot
+    )
+
+
+def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
+    mqtt = config.mqtt
+    if mqtt is None:
+        return ()
+    return (
+        lambda: tls_context(mqtt, broker_of(mqtt)),
+        partial(Topics, mqtt.root, config.site, config.instance),
+    )
+
+
+MQTT = SinkType("mqtt", _open, settings=lambda config: config.mqtt, checks=_checks)

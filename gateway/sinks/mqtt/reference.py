@@ -23,21 +23,17 @@ from gateway.core.model import (
     VisionStats,
 )
 from gateway.core.scale import MarkerScale, ScaleSample
-from gateway.sinks.mqtt import home_assistant, messages, payloads, topics
+from gateway.sinks.mqtt import home_assistant, messages, payloads, topic_plan
+from gateway.sinks.mqtt.topics import Gateway, Topics
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-MODELS: dict[str, type[BaseModel]] = {
-    topics.STATUS.schema: messages.StatusPayload,
-    topics.STATE.schema: messages.StatePayload,
-    topics.EVENT.schema: messages.EventPayload,
-}
 MS = 1_000_000
 WALL_NS = 1_795_000_000_000 * MS  # 2026-11-18T09:46:40Z
 
 
 def schemas() -> dict[str, str]:
     """File name under docs/schemas -> text. Open on purpose: a reader must bear fields it does not know."""
-    return {name: _schema(name, model) for name, model in MODELS.items()}
+    return {kind.schema: _schema(kind.schema, kind.model) for kind in topic_plan.PLAN}
 
 
 def _schema(name: str, model: type[BaseModel]) -> str:
@@ -47,7 +43,7 @@ def _schema(name: str, model: type[BaseModel]) -> str:
 
 def events_markdown() -> str:
     rows = (
-        f"| `{kind.value}` | {'last' if kind in payloads.PRECIOUS else 'first'} | {messages.EVENT_MEANING[kind]} |"
+        f"| `{kind.value}` | {'last' if kind in payloads.DROPPED_LAST else 'first'} | {messages.EVENT_MEANING[kind]} |"
         for kind in EventKind
     )
     return "\n".join(["| kind | dropped | meaning |", "|---|---|---|", *rows]) + "\n"
@@ -55,7 +51,7 @@ def events_markdown() -> str:
 
 def examples() -> dict[str, BaseModel]:
     """One message of each kind, of a truck that has just reached its place."""
-    gateway = payloads.Gateway(topics.Topics("loading", "site1", "gateway"), ("bay1",), "0.1.0", "9f86d081884c7d65")
+    gateway = Gateway(Topics("loading", "site1", "gateway"), ("bay1",), "0.1.0", "9f86d081884c7d65")
     state = StateVector(
         bay="bay1",
         t_ns=600_000 * MS,
@@ -112,7 +108,7 @@ def _example(name: str) -> str:
 
 
 BLOCKS: dict[str, Callable[[], str]] = {
-    "topics": topics.markdown,
+    "topics": topic_plan.markdown,
     "events": events_markdown,
     "home assistant": home_assistant.markdown,
     **{f"example {name}": partial(_example, name) for name in ("status", "will", "state", "event")},

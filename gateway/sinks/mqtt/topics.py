@@ -1,56 +1,21 @@
-"""The topic plan is data: code, docs/mqtt.md and tests read this one table. Pure.
+"""The names of the topics, and the identity of the gateway that publishes on them. Pure.
 
-One connection has one last will, so a gateway announces its own life on one status topic, and every bay's state names
-that topic. The instance stands where the bays stand: two gateways of one site never share a will, all topics have the
-same depth, and a gateway that serves a single bay may carry the bay's name (then `<bay>/status` is the bay's own).
+One connection has one last will, so a gateway has one status topic, and every bay's state names that topic. The instance takes the
+level of the bays: two gateways of one site never share a will, all topics have the same depth, and a gateway that serves a single bay
+may carry the bay's name (then `<bay>/status` is the bay's own).
 """
 
 import re
 from dataclasses import dataclass
 
-from gateway.errors import ConfigError
+from gateway.sinks.contract import SettingError
 
 MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a whole topic
 
 
 @dataclass(frozen=True, slots=True)
-class TopicKind:
-    """One row of the plan. `schema` is the file under docs/schemas that its payloads follow."""
-
-    pattern: str  # with {root}, {site} and {instance} or {bay}
-    qos: int
-    retained: bool
-    schema: str
-    meaning: str
-
-
-STATUS = TopicKind(
-    "{root}/{site}/{instance}/status",
-    1,
-    True,
-    "status.schema.json",
-    "is the gateway alive? Its last will: `offline`, sent by the broker when the connection breaks",
-)
-STATE = TopicKind(
-    "{root}/{site}/{bay}/state",
-    1,
-    True,
-    "state.schema.json",
-    "the newest state of a bay; states in between are skipped, never queued",
-)
-EVENT = TopicKind(
-    "{root}/{site}/{bay}/event",
-    1,
-    False,
-    "event.schema.json",
-    "what happened in a bay; every one, in order, until the broker has acknowledged it",
-)
-PLAN = (STATUS, STATE, EVENT)
-
-
-@dataclass(frozen=True, slots=True)
 class Topics:
-    """The topics of one gateway. Raises ConfigError for a root that no subscriber could work with."""
+    """The topics of one gateway. Raises SettingError for a root that no subscriber could work with."""
 
     root: str
     site: str
@@ -58,17 +23,31 @@ class Topics:
 
     def __post_init__(self) -> None:
         if fault := _fault_of(self.root):
-            raise ConfigError(f'mqtt.root = "{self.root}": {fault}')
+            raise SettingError("mqtt.root", fault, self.root)
 
     @property
     def status(self) -> str:
-        return STATUS.pattern.format(root=self.root, site=self.site, instance=self.instance)
+        return self.of(self.instance, "status")
 
     def state(self, bay: str) -> str:
-        return STATE.pattern.format(root=self.root, site=self.site, bay=bay)
+        return self.of(bay, "state")
 
     def event(self, bay: str) -> str:
-        return EVENT.pattern.format(root=self.root, site=self.site, bay=bay)
+        return self.of(bay, "event")
+
+    def of(self, level: str, name: str) -> str:
+        """`level`: a bay, or the instance."""
+        return f"{self.root}/{self.site}/{level}/{name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Gateway:
+    """The publishing gateway: the same in every message of one start."""
+
+    topics: Topics
+    bays: tuple[str, ...]
+    version: str
+    boot: str
 
 
 def _fault_of(root: str) -> str:
@@ -81,17 +60,3 @@ def _fault_of(root: str) -> str:
     if len(root.encode()) > MAX_ROOT_BYTES:
         return f"longer than {MAX_ROOT_BYTES} bytes"
     return ""
-
-
-def markdown() -> str:
-    """The plan as a table."""
-    rows = (
-        f"| `{_shown(kind.pattern)}` | {kind.qos} | {'yes' if kind.retained else 'no'} "
-        f"| [{kind.schema}](schemas/{kind.schema}) | {kind.meaning} |"
-        for kind in PLAN
-    )
-    return "\n".join(["| topic | QoS | retained | payload | meaning |", "|---|---|---|---|---|", *rows]) + "\n"
-
-
-def _shown(pattern: str) -> str:
-    return pattern.replace("{", "<").replace("}", ">")

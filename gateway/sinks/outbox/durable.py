@@ -1,42 +1,35 @@
 """An outbox that survives the gateway: memory for the order, a journal for the moment, a file for the rest. IO.
 
     put ──► memory (what is delivered, and the drop rule)
-        └─► journal (shared memory: survives SIGKILL) ──► file (a thread: survives a power cut) ──► journal slot freed
+        └─► journal (SQLite in shared memory: survives SIGKILL) ──► file (SQLite on disk, a thread: survives a power cut)
 
-Nobody waits for the disk, and what the disk does has no influence on what is delivered: memory holds the truth while
-the gateway runs. When the file can't be written (full, read-only, locked, corrupt) the thread says so, keeps trying,
-and makes the file what memory says as soon as it can.
+A put takes some 30 microseconds and never waits for the disk, and the disk has no influence on what is delivered: memory holds the
+events while the gateway runs. When the file can't be written (full, read-only, locked, corrupt) the thread reports it, keeps trying,
+and makes the file equal to memory as soon as it can. docs/decisions/0023-event-journal-is-sqlite.md says why there is a journal.
 """
 
 import contextlib
 import logging
 import threading
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from gateway.bay_file import default_folder
 from gateway.config import MqttConfig
-from gateway.sinks.outbox.journal import Journal
+from gateway.errors import ConfigError
+from gateway.shared_state import folder
+from gateway.sinks.contract import StoreStatus
 from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox
 from gateway.sinks.outbox.store import EventFile, StoreError, put_aside
 
 log = logging.getLogger(__name__)
 
 FIRST_RETRY_S, LAST_RETRY_S = 0.25, 30.0
-CLOSE_S = 1.0  # at the end the disk gets so long for what is left; the journal keeps what it does not take
-
-
-@dataclass(frozen=True, slots=True)
-class Health:
-    """What a technician must know of the file. `fault` is empty while it works."""
-
-    fault: str = ""
-    faults: int = 0  # times it began to fail
-    recovered: int = 0  # events found that an earlier gateway had not delivered
-    unwritten: int = 0  # events that only memory holds at the moment
+CLOSE_S = 1.0  # for the disk to take what is left at the end; the journal keeps the rest
+RELEASED_AT_ONCE = 20  # from the journal: there may be many, and a put must not wait for all
+JOURNAL_EVENTS = 1024  # several seconds of the worst flood while the disk is busy
 
 
 def limits(config: MqttConfig) -> Limits:
@@ -52,7 +45,7 @@ def path_of(config: MqttConfig, site: str, instance: str) -> Path | None:
 
 
 @contextlib.contextmanager
-def outbox_of(config: MqttConfig, site: str, instance: str) -> Iterator[Outbox]:
+def opened_outbox(config: MqttConfig, site: str, instance: str) -> Iterator[Outbox]:
     """The outbox of one gateway. Raises ConfigError where another gateway of this name runs."""
     path = path_of(config, site, instance)
     if path is None:
@@ -62,11 +55,77 @@ def outbox_of(config: MqttConfig, site: str, instance: str) -> Iterator[Outbox]:
         yield outbox
 
 
+class Journal:
+    """The events that the file on disk does not have yet, in shared memory. A context manager; nothing in it waits.
+
+    Entering raises ConfigError where another gateway of this name runs. A journal that can't be written costs nothing but its
+    purpose: what it did not take is counted in `overflowed`.
+    """
+
+    def __init__(self, name: str, *, events: int = JOURNAL_EVENTS) -> None:
+        self._path = folder() / f"loading-gateway-events.{name}.sqlite"
+        self._events = events
+        self._held: set[str] = set()
+        self.overflowed = 0
+
+    def __enter__(self) -> Self:
+        try:
+            self._file = EventFile(self._path, synced=False)
+        except StoreError as error:
+            if not error.corrupt:
+                what = "is in use by another gateway" if error.locked else f"cannot be used for the events: {error}"
+                raise ConfigError(f"{self._path} {what}") from error
+            self._begin_anew()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._held:  # what the disk does not have yet must still be there at the next start
+            self._file.close()
+        else:
+            self._file.remove()
+
+    def recover(self) -> list[Entry]:
+        """What an earlier gateway left, oldest first; it stays in the journal until it is released."""
+        try:
+            found = self._file.entries()
+        except StoreError:  # not written by a gateway
+            self._file.close()
+            self._begin_anew()
+            found = []
+        self._held = {entry.id for entry in found}
+        return found
+
+    def put(self, entry: Entry) -> None:
+        """Never waits, never raises; without room the entry is only counted."""
+        if len(self._held) < self._events:
+            with contextlib.suppress(StoreError):
+                self._file.write([entry], ())
+                self._held.add(entry.id)
+                return
+        self.overflowed += 1
+
+    def release(self, ids: Iterable[str]) -> None:
+        """The disk has them, or nobody needs them any more."""
+        if gone := [one for one in ids if one in self._held]:
+            with contextlib.suppress(StoreError):
+                self._file.write((), gone)
+                self._held.difference_update(gone)
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def _begin_anew(self) -> None:
+        put_aside(self._path).unlink()
+        self._file = EventFile(self._path, synced=False)
+
+
 class DurableOutbox:
     """A context manager around an `Outbox`. Entering may wait for the disk, nothing after it does.
 
     Entering raises ConfigError where another gateway of the same name runs. A file that can't be used is no error:
-    `health` tells of it. `open_file` makes the tests' faults possible.
+    `store` reports it. `open_file` makes the tests' faults possible.
     """
 
     def __init__(
@@ -89,7 +148,7 @@ class DurableOutbox:
         self._in_flight = 0  # of `added`, on their way to the disk
         self._stale = False  # the file is not what `_added` and `_removed` start from: write all of it
         self._read = False  # what an earlier gateway left in the file has been taken over
-        self._over = False
+        self._closing = False
         self._fault = ""
         self._faults = 0
         self._recovered = 0
@@ -102,8 +161,7 @@ class DurableOutbox:
         self._recovered = len(journaled)
         self._added = {entry.id: entry for entry in journaled}
         self._journaled = set(self._added)
-        for gone in self._memory.prepend(journaled):
-            self._forget(gone.id)
+        self._forget(self._memory.prepend(journaled))
         try:
             self._open()
         except StoreError as error:
@@ -115,7 +173,7 @@ class DurableOutbox:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with self._changed:
-            self._over = True
+            self._closing = True
             self._changed.notify()
         self._thread.join(CLOSE_S)
         with self._changed:  # a thread that hangs in the disk keeps its file; the process ends, and the kernel with it
@@ -126,16 +184,15 @@ class DurableOutbox:
         return self._memory.dropped
 
     @property
-    def health(self) -> Health:
+    def store(self) -> StoreStatus:
         unwritten = len(self._memory) if self._stale else len(self._added) + self._in_flight
-        return Health(self._fault, self._faults, self._recovered, unwritten)
+        return StoreStatus(self._fault, self._faults, self._recovered, unwritten)
 
     def put(self, entry: Entry) -> None:
         with self._changed:
             self._journal.put(entry)
             self._to_write(entry)
-            for gone in self._memory.put(entry):
-                self._forget(gone.id)
+            self._forget(self._memory.put(entry))
             self._changed.notify()
 
     def oldest(self) -> Entry | None:
@@ -144,8 +201,8 @@ class DurableOutbox:
 
     def acknowledge(self, entry_id: str) -> None:
         with self._changed:
-            if self._memory.acknowledge(entry_id):
-                self._forget(entry_id)
+            if (entry := self._memory.acknowledge(entry_id)) is not None:
+                self._forget([entry])
                 self._changed.notify()
 
     def __len__(self) -> int:
@@ -157,10 +214,11 @@ class DurableOutbox:
         if not self._stale:
             self._added[entry.id] = entry
 
-    def _forget(self, entry_id: str) -> None:
-        self._journal.release(entry_id)
-        if not self._stale and self._added.pop(entry_id, None) is None:
-            self._removed[entry_id] = None
+    def _forget(self, entries: list[Entry]) -> None:
+        self._journal.release(entry.id for entry in entries)
+        for entry in entries:
+            if not self._stale and self._added.pop(entry.id, None) is None:
+                self._removed[entry.id] = None
 
     # The thread.
 
@@ -169,10 +227,10 @@ class DurableOutbox:
         while True:
             with self._changed:
                 if self._fault:
-                    self._changed.wait_for(lambda: self._over, retry_s)
+                    self._changed.wait_for(lambda: self._closing, retry_s)
                 else:
-                    self._changed.wait_for(lambda: self._over or self._stale or self._added or self._removed)
-                over = self._over
+                    self._changed.wait_for(lambda: self._closing or self._stale or self._added or self._removed)
+                over = self._closing
             try:
                 self._open()
                 self._write()
@@ -199,7 +257,7 @@ class DurableOutbox:
             self._close()
             if not error.corrupt:
                 raise
-            log.error("%s: put aside as %s; a new file is begun", error, put_aside(self._path).name)
+            log.error("%s: renamed to %s; a new file is begun", error, put_aside(self._path).name)
             self._file = self._open_file(self._path)
             self._read = self._stale = True
 
@@ -213,8 +271,7 @@ class DurableOutbox:
             gone += memory.append(self._memory)
             self._memory = memory
             self._recovered += len(old)
-            for entry in gone:
-                self._forget(entry.id)
+            self._forget(gone)
             self._read = True
 
     def _write(self) -> None:
@@ -235,9 +292,9 @@ class DurableOutbox:
         file.write(added, removed, instead=stale)
         with self._changed:
             self._in_flight = 0
-        for entry in added:  # one at a time: there may be many, and a put must not wait for all
+        for n in range(0, len(added), RELEASED_AT_ONCE):
             with self._changed:
-                self._journal.release(entry.id)
+                self._journal.release(entry.id for entry in added[n : n + RELEASED_AT_ONCE])
 
     def _failed(self, error: StoreError) -> None:
         with self._changed:

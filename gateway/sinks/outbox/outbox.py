@@ -1,13 +1,14 @@
 """Events wait here, in order and bounded, until the broker has acknowledged them. Pure.
 
-`Outbox` is what the publisher asks for; `MemoryOutbox` keeps it in memory, and `durable` gives it a memory
-that survives a restart. Entries are opaque bytes under an id that is unique across restarts.
+`Outbox` is what the publisher needs; `MemoryOutbox` keeps it in memory, and `durable` also on disk, where it survives a restart. Entries are opaque bytes under an id that is unique across restarts.
 """
 
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
+
+from gateway.sinks.contract import StoreStatus
 
 CLOCK_SET_MS = 1_577_836_800_000  # 2020-01-01: an earlier stamp comes from a clock that was not set yet
 OVERHEAD_BYTES = 200  # of an entry beyond its topic and payload, roughly
@@ -20,7 +21,7 @@ class Entry:
     id: str
     topic: str
     payload: bytes
-    precious: bool  # a change of stop: dropped only when nothing else is left to drop
+    drop_last: bool  # a change of stop: dropped only when nothing else is left to drop
     unix_ms: int = 0  # when it happened
 
     @property
@@ -30,7 +31,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How much may wait; what is over it is dropped, oldest first, common before precious, and counted."""
+    """How much may wait; what is over it is dropped, oldest first, changes of stop last, and counted."""
 
     events: int
     size_bytes: int = 1 << 62
@@ -49,6 +50,10 @@ class Outbox(Protocol):
     def dropped(self) -> int:
         """Entries given up before they were acknowledged, since the start."""
 
+    @property
+    def store(self) -> StoreStatus | None:
+        """The file behind it; None: in memory only."""
+
     def put(self, entry: Entry) -> object:
         """Take the newest entry; `unix_ms` of it is the time by which older ones age."""
 
@@ -64,11 +69,13 @@ class Outbox(Protocol):
 class MemoryOutbox:
     """Everything in constant time, within `limits`."""
 
+    store = None
+
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._count = 0  # entries ever put: their order across the two queues
-        self._precious: deque[tuple[int, Entry]] = deque()
-        self._common: deque[tuple[int, Entry]] = deque()
+        self._last: deque[tuple[int, Entry]] = deque()
+        self._first: deque[tuple[int, Entry]] = deque()
         self._bytes = 0
         self._dropped = 0
 
@@ -79,22 +86,22 @@ class MemoryOutbox:
     def put(self, entry: Entry) -> list[Entry]:
         """Returns what had to be dropped for it; that may be the entry itself."""
         self._count += 1
-        (self._precious if entry.precious else self._common).append((self._count, entry))
+        (self._last if entry.drop_last else self._first).append((self._count, entry))
         self._bytes += entry.size
         gone: list[Entry] = []
-        for queue in (self._common, self._precious):
+        for queue in (self._first, self._last):
             while queue and self._expired(queue[0][1], entry.unix_ms):
                 gone.append(self._take(queue))
         while len(self) > self._limits.events or (self._bytes > self._limits.size_bytes and len(self) > 1):
-            gone.append(self._take(self._common or self._precious))
+            gone.append(self._take(self._first or self._last))
         self._dropped += len(gone)
         return gone
 
     def prepend(self, entries: Iterable[Entry]) -> list[Entry]:
         """Entries, oldest first, that come before everything here. Returns what had to be dropped."""
         waiting, dropped = self.waiting(), self._dropped
-        self._precious.clear()
-        self._common.clear()
+        self._last.clear()
+        self._first.clear()
         self._bytes = 0
         gone = [lost for entry in (*entries, *waiting) for lost in self.put(entry)]
         self._dropped = dropped + len(gone)
@@ -109,26 +116,23 @@ class MemoryOutbox:
         queue = self._next()
         return queue[0][1] if queue else None
 
-    def acknowledge(self, entry_id: str) -> bool:
-        """False where the id is not the oldest one's."""
+    def acknowledge(self, entry_id: str) -> Entry | None:
+        """The entry; None where the id is not the oldest one's."""
         queue = self._next()
-        if not queue or queue[0][1].id != entry_id:
-            return False
-        self._take(queue)
-        return True
+        return self._take(queue) if queue and queue[0][1].id == entry_id else None
 
     def copy(self) -> "MemoryOutbox":
         """As it stands now, in microseconds; what is slow can be done with the copy."""
         copy = MemoryOutbox(self._limits)
-        copy._precious, copy._common = self._precious.copy(), self._common.copy()
+        copy._last, copy._first = self._last.copy(), self._first.copy()
         return copy
 
     def waiting(self) -> list[Entry]:
         """Everything, oldest first."""
-        return [entry for _, entry in sorted([*self._precious, *self._common], key=lambda item: item[0])]
+        return [entry for _, entry in sorted([*self._last, *self._first], key=lambda item: item[0])]
 
     def __len__(self) -> int:
-        return len(self._precious) + len(self._common)
+        return len(self._last) + len(self._first)
 
     def _take(self, queue: deque[tuple[int, Entry]]) -> Entry:
         entry = queue.popleft()[1]
@@ -139,6 +143,6 @@ class MemoryOutbox:
         return entry.unix_ms >= CLOCK_SET_MS and now_ms - entry.unix_ms > self._limits.age_ms
 
     def _next(self) -> deque[tuple[int, Entry]]:
-        if self._precious and self._common:
-            return min(self._precious, self._common, key=lambda queue: queue[0][0])
-        return self._precious or self._common
+        if self._last and self._first:
+            return min(self._last, self._first, key=lambda queue: queue[0][0])
+        return self._last or self._first

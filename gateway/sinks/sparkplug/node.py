@@ -61,23 +61,9 @@ class Stats:
     history_dropped: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class SparkplugNow:
-    """The edge node, for pages and metrics. Counters since the start."""
-
-    connected: bool
-    born: bool  # told to the host; not while the primary host is waited for
-    births: int
-    rebirths: int
-    data: int
-    refused: int
-    history_dropped: int
-    history_waiting: int
-
-
 @dataclass(slots=True)
-class Change:
-    """What a bay's stop became while nobody could be told."""
+class StopChange:
+    """The values of a bay after a change of stop that no host may have received."""
 
     bay: str
     timestamp_ms: int
@@ -97,10 +83,10 @@ class EdgeNode:
     _seq: int = -1
     _born: bool = False
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
-    _told: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
-    _history: deque[Change] = field(default_factory=deque)
-    _since: list[Change] = field(default_factory=list)  # since `states` was asked; a slow link may miss some
-    _recent: deque[tuple[int, Change]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
+    _sent_values: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
+    _history: deque[StopChange] = field(default_factory=deque)
+    _since: list[StopChange] = field(default_factory=list)  # since `states` was asked; a slow link may miss some
+    _recent: deque[tuple[int, StopChange]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
 
     @property
     def born(self) -> bool:
@@ -118,7 +104,7 @@ class EdgeNode:
         self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
         self._host_ms = -1  # what is retained is told anew; a host whose clock was wrong once is not deaf for ever
         self._born = False
-        self._told.clear()
+        self._sent_values.clear()
         return self.death(now_ms)
 
     def death(self, now_ms: int) -> Publish:
@@ -134,7 +120,7 @@ class EdgeNode:
     def lost(self) -> None:
         """The connection is gone; the broker tells the NDEATH."""
         self._born = False
-        self._told.clear()
+        self._sent_values.clear()
         self._since.clear()
         kept = [*self._history, *(change for _, change in self._recent)]
         self._history.clear()
@@ -144,29 +130,29 @@ class EdgeNode:
 
     # From the hosts.
 
-    def heard(
+    def received(
         self, topic: str, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
     ) -> tuple[list[Publish], bool]:
         """A message that came: what to send, and whether this session must end (the primary host has gone offline)."""
         if self.identity.primary_host and topic == self.identity.state_topic:
-            return self._host_said(payload, states, now_ms)
-        if topic == self.identity.topic("NCMD") and self._wants_rebirth(payload):
+            return self._host_state(payload, states, now_ms)
+        if topic == self.identity.topic("NCMD") and self._is_rebirth(payload):
             self.stats.rebirths += 1
             return (self._birth(states, now_ms) if self._born else []), False
         self.stats.refused += 1
         return [], False
 
-    def _host_said(
+    def _host_state(
         self, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
     ) -> tuple[list[Publish], bool]:
         try:
-            said = json.loads(payload)
-            online, timestamp_ms = said["online"], said["timestamp"]
+            message = json.loads(payload)
+            online, timestamp_ms = message["online"], message["timestamp"]
         except (ValueError, TypeError, KeyError, RecursionError):
             self.stats.refused += 1
             return [], False
-        whole = isinstance(timestamp_ms, int) and not isinstance(timestamp_ms, bool)
-        if not isinstance(online, bool) or not whole or not 0 <= timestamp_ms < 1 << 64:
+        integer = isinstance(timestamp_ms, int) and not isinstance(timestamp_ms, bool)
+        if not isinstance(online, bool) or not integer or not 0 <= timestamp_ms < 1 << 64:
             self.stats.refused += 1
             return [], False
         if timestamp_ms < self._host_ms:  # of an earlier life of the host: its broker was slow
@@ -178,7 +164,7 @@ class EdgeNode:
             return [], False
         return [self.death(now_ms)], True
 
-    def _wants_rebirth(self, payload: bytes) -> bool:
+    def _is_rebirth(self, payload: bytes) -> bool:
         try:
             command = decode(payload)
         except WireError:
@@ -196,25 +182,25 @@ class EdgeNode:
         since, self._since = self._since, []
         for bay, state in states.items():
             # Changes that took each other back would be no change at all in what is told below.
-            if bay in self._told and len(missed := [change for change in since if change.bay == bay]) > 1:
+            if bay in self._sent_values and len(missed := [change for change in since if change.bay == bay]) > 1:
                 out += self._historical(missed, now_ms)
             if state is None:
-                if self._told.pop(bay, None) is not None:
+                if self._sent_values.pop(bay, None) is not None:
                     out.append(self._sequenced("DDEATH", bay, (), now_ms))
-            elif bay not in self._told:
+            elif bay not in self._sent_values:
                 out.append(self._device_birth(bay, state, now_ms))
             else:
                 now = metrics.readings(state)
-                changed = {name: reading for name, reading in now.items() if reading != self._told[bay][name]}
+                changed = {name: reading for name, reading in now.items() if reading != self._sent_values[bay][name]}
                 if changed:
-                    self._told[bay] = now
+                    self._sent_values[bay] = now
                     out.append(self._data(bay, metrics.metrics(changed, now_ms), now_ms))
         return out
 
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
         """`stop` of a bay changed. Kept, where nobody can be told now, or it is not certain that somebody is."""
         now = metrics.readings(state)
-        change = Change(state.bay, timestamp_ms, {name: now[name] for name in HISTORY})
+        change = StopChange(state.bay, timestamp_ms, {name: now[name] for name in HISTORY})
         if not self._born:
             self._keep(change)
             return
@@ -228,7 +214,7 @@ class EdgeNode:
         while self._recent and (len(self._recent) > self.history_limit or now_ms - self._recent[0][0] > self.doubt_ms):
             self._recent.popleft()
 
-    def _keep(self, change: Change) -> None:
+    def _keep(self, change: StopChange) -> None:
         self._history.append(change)
         if len(self._history) > self.history_limit:
             self._history.popleft()
@@ -238,13 +224,13 @@ class EdgeNode:
         """What was kept, oldest first, as historical values of devices that have a birth."""
         if not self._born:
             return []
-        told = [change for change in self._history if change.bay in self._told]
-        self._history = deque(change for change in self._history if change.bay not in self._told)
-        self._recent.extend((now_ms, change) for change in told)  # this link, too, may be dead already
+        known = [change for change in self._history if change.bay in self._sent_values]
+        self._history = deque(change for change in self._history if change.bay not in self._sent_values)
+        self._recent.extend((now_ms, change) for change in known)  # this link, too, may be dead already
         self._forget(now_ms)
-        return self._historical(told, now_ms)
+        return self._historical(known, now_ms)
 
-    def _historical(self, changes: list[Change], now_ms: int) -> list[Publish]:
+    def _historical(self, changes: list[StopChange], now_ms: int) -> list[Publish]:
         """Changes of devices that have a birth, some to a message."""
         out: list[Publish] = []
         for bay in dict.fromkeys(change.bay for change in changes):
@@ -263,7 +249,7 @@ class EdgeNode:
     def _birth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
         """NBIRTH with sequence number 0, then a DBIRTH for every bay that lives, then what was kept."""
         self._seq, self._born = -1, True
-        self._told.clear()
+        self._sent_values.clear()
         self.stats.births += 1
         node = (
             Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq),
@@ -278,7 +264,7 @@ class EdgeNode:
 
     def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Publish:
         now = metrics.readings(state)
-        self._told[bay] = now
+        self._sent_values[bay] = now
         return self._sequenced("DBIRTH", bay, metrics.metrics(now, now_ms, birth=True), now_ms)
 
     def _data(self, bay: str, found: tuple[Metric, ...], now_ms: int) -> Publish:

@@ -1,4 +1,4 @@
-"""The edge node's connection: births, data, commands, and a proper end. IO.
+"""The Sparkplug sink: the edge node's connection with births, data, commands and a proper end. IO.
 
 A connection of its own beside the plain topics', because a connection has one last will, and here that is the NDEATH.
 """
@@ -13,20 +13,21 @@ from typing import NoReturn, Protocol
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import MqttConfig
+from gateway.config.strict.placed_error import without_password
 from gateway.core.model import Event, Reason, StateVector
 from gateway.errors import LinkError
-from gateway.hub import Hub
-from gateway.sinks.mqtt import credentials, payloads
-from gateway.sinks.mqtt.broker_connector import Door
+from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
+from gateway.sinks.mqtt import payloads
+from gateway.sinks.mqtt.broker import broker_of
+from gateway.sinks.mqtt.broker_connector import BrokerConnector, single_link_error
 from gateway.sinks.mqtt.broker_link import Incoming, Message
-from gateway.sinks.mqtt.link_errors import plain_link_error
 from gateway.sinks.sparkplug.bd_seq import BdSeq
-from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish, SparkplugNow
+from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish
 
 log = logging.getLogger(__name__)
 
 NS_PER_MS = 1_000_000
-LOOK_S = 0.1  # so often it is looked whether a host must hear of something
+POLL_S = 0.1  # how often changes that are not a change of stop are looked for
 
 
 class Link(Protocol):
@@ -47,14 +48,16 @@ class HostOfflineError(LinkError):
 
 
 class SparkplugPublisher:
-    """One gateway as one edge node. `deliver` is a row of the task table."""
+    """One gateway as one edge node."""
+
+    task = "mqtt.sparkplug"
 
     def __init__(
         self,
         config: MqttConfig,
         site: str,
         instance: str,
-        hub: Hub,
+        hub: Bays,
         clock: Clock,
         *,
         connector: Connect | None = None,
@@ -62,6 +65,7 @@ class SparkplugPublisher:
     ) -> None:
         if config.sparkplug is None:
             raise ValueError("no [mqtt.sparkplug] in the configuration")
+        self.reconnect = config.reconnect
         self._config = config
         self._settings = config.sparkplug
         self._hub = hub
@@ -74,40 +78,44 @@ class SparkplugPublisher:
         )
         doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
         self.node = EdgeNode(identity, __version__, history_limit=self._settings.history, doubt_ms=doubt_ms)
-        self._broker = credentials.broker_of(config)
+        self._broker = broker_of(config)
         client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
-        # A proper end tells the NDEATH, too: section 6.4.25.
-        self._connect = connector or Door(config, self._broker, client_id, will_at_goodbye=True).open
+        # A proper end publishes the NDEATH, too: section 6.4.25.
+        self._connect = connector or BrokerConnector(config, self._broker, client_id, will_at_disconnect=True).connect
         self._urgent = asyncio.Event()
-        self._leaving = asyncio.Event()
-        self._alone = asyncio.Lock()
-        self._turn = asyncio.Lock()  # messages go out in the order of their sequence numbers
+        self._closing = asyncio.Event()
+        self._connection_lock = asyncio.Lock()
+        self._send_lock = asyncio.Lock()  # messages go out in the order of their sequence numbers
         self._connected = False
-        hub.listen(self._note)
+        hub.listen(self._on_event)
 
     @property
-    def now(self) -> SparkplugNow:
-        """How the session does, and what it has done so far."""
-        stats = self.node.stats
-        return SparkplugNow(
-            connected=self._connected,
-            born=self.node.born,
-            births=stats.births,
-            rebirths=stats.rebirths,
-            data=stats.data,
-            refused=stats.refused,
-            history_dropped=stats.history_dropped,
-            history_waiting=self.node.waiting,
+    def link(self) -> LinkStatus:
+        """`connected`: births were sent in this session; not while the primary host is awaited."""
+        stats, born = self.node.stats, self._connected and self.node.born
+        figures = {
+            "connected": int(self._connected),
+            "born": int(self.node.born),
+            "births": stats.births,
+            "rebirths": stats.rebirths,
+            "data_messages": stats.data,
+            "commands_refused": stats.refused,
+            "history_dropped": stats.history_dropped,
+            "history_waiting": self.node.waiting,
+        }
+        detail = "session open" if born else "no session"
+        return LinkStatus(
+            "sparkplug", born, detail, without_password(self._config.url), stats.history_dropped, figures
         )
 
     async def deliver(self) -> None:
         """One session, until the link breaks or the primary host goes offline (LinkError), or after `farewell`."""
-        async with self._alone:
-            if self._leaving.is_set():
+        async with self._connection_lock:
+            if self._closing.is_set():
                 return
             will = self.node.will(self._bd_seq(), self._now_ms())
             try:
-                with plain_link_error():
+                with single_link_error():
                     await self._session(will)
             finally:
                 self._connected = False
@@ -115,10 +123,10 @@ class SparkplugPublisher:
 
     async def farewell(self, timeout_s: float) -> None:
         """NDEATH, then DISCONNECT, where there is a session. Takes at most `timeout_s` real seconds."""
-        self._leaving.set()
+        self._closing.set()
         self._urgent.set()
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s), self._alone:
+            async with asyncio.timeout(timeout_s), self._connection_lock:
                 pass
 
     async def _session(self, will: Publish) -> None:
@@ -130,8 +138,8 @@ class SparkplugPublisher:
             offline: HostOfflineError | None = None
             try:
                 async with asyncio.TaskGroup() as group:
-                    tasks = [group.create_task(self._listen(link)), group.create_task(self._follow(link))]
-                    await self._leaving.wait()
+                    tasks = [group.create_task(self._receive(link)), group.create_task(self._publish_changes(link))]
+                    await self._closing.wait()
                     for task in tasks:
                         task.cancel()
             except* HostOfflineError:
@@ -141,52 +149,52 @@ class SparkplugPublisher:
         if offline is not None:  # after a proper DISCONNECT
             raise offline
 
-    async def _listen(self, link: Link) -> None:
+    async def _receive(self, link: Link) -> None:
         """Commands and the primary host's state, for ever."""
         async for message in link.incoming():
             ends = False
 
-            def answer(said: Incoming = message) -> list[Publish]:
+            def answer(command: Incoming = message) -> list[Publish]:
                 nonlocal ends
-                out, ends = self.node.heard(said.topic, said.payload, self._states(), self._now_ms())
+                out, ends = self.node.received(command.topic, command.payload, self._states(), self._now_ms())
                 return out
 
             await self._send(link, answer)
             if ends:
                 raise HostOfflineError
 
-    async def _follow(self, link: Link) -> NoReturn:
-        """Changes: of stop at once, of what else a host must hear of within LOOK_S, the rest once a period."""
+    async def _publish_changes(self, link: Link) -> NoReturn:
+        """Changes: of stop at once, of the other urgent values within POLL_S, the rest once a period."""
         while True:
             self._urgent.clear()
-            told = self._marks()
+            published = self._urgent_values()
             await self._send(link, lambda: self.node.states(self._states(), self._now_ms()))
             until_ns = self._clock.now_ns() + self._settings.period_s * NS_PER_S
             while not self._urgent.is_set() and (left_ns := until_ns - self._clock.now_ns()) > 0:
                 with contextlib.suppress(TimeoutError):
-                    async with self._clock.timeout(min(left_ns / NS_PER_S, LOOK_S)):
+                    async with self._clock.timeout(min(left_ns / NS_PER_S, POLL_S)):
                         await self._urgent.wait()
-                if self._marks() != told:
+                if self._urgent_values() != published:
                     break
 
-    def _marks(self) -> list[tuple[object, ...] | None]:
-        """What a host must hear of soon, of each bay; None: nobody decides there."""
+    def _urgent_values(self) -> list[tuple[object, ...] | None]:
+        """The values of each bay whose change is published within POLL_S; None: its state is not computed."""
         states = self._states().values()
         return [None if s is None else (s.stop, s.may_move, s.in_place, s.visit.moved, s.reason) for s in states]
 
-    async def _send(self, link: Link, made: Callable[[], list[Publish]]) -> None:
-        """Make and send in one turn: what is numbered first goes out first."""
-        async with self._turn:
-            for publish in made():
+    async def _send(self, link: Link, make: Callable[[], list[Publish]]) -> None:
+        """Make and send under one lock: what is numbered first is sent first."""
+        async with self._send_lock:
+            for publish in make():
                 await link.publish(_message(publish))
 
-    def _note(self, event: Event) -> None:
-        if event.kind in payloads.PRECIOUS:
+    def _on_event(self, event: Event) -> None:
+        if event.kind in payloads.DROPPED_LAST:
             self.node.changed(event.state, self._unix_ms(event.t_ns))
             self._urgent.set()
 
     def _states(self) -> Mapping[str, StateVector | None]:
-        """None: nothing computes this bay's state any more."""
+        """None: this bay's state is not computed any more."""
         now_ns = self._clock.now_ns()
         shown = {bay: self._hub.shown(bay, now_ns) for bay in self._hub.bays}
         return {bay: None if s.reason is Reason.GATEWAY_FAULT else s for bay, s in shown.items()}
@@ -201,3 +209,15 @@ class SparkplugPublisher:
 
 def _message(publish: Publish) -> Message:
     return Message(publish.topic, publish.payload, retain=False, qos=publish.qos, text=False)
+
+
+def _open(context: SinkContext) -> SparkplugPublisher:
+    config = context.config
+    return SparkplugPublisher(context.settings, config.site, config.instance, context.bays, context.clock)
+
+
+SPARKPLUG = SinkType(
+    "sparkplug",
+    _open,
+    settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.sparkplug is not None else None,
+)

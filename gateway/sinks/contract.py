@@ -1,0 +1,127 @@
+"""What a sink is: it passes the states and events of every bay on to another system. Pure.
+
+A sink gets a `SinkContext` and reports a `LinkStatus`; `gateway/sinks/registry.py` finds it. It must not hold up the control path:
+
+- `deliver` runs as a supervised task of its own. It ends with LinkError when the link breaks, and is started again after the
+  backoff in `reconnect`; it returns only after `farewell`.
+- States are pulled (`newer`, `shown`): a slow sink skips states. It shows a bay through `shown` alone, so that an old state
+  never looks valid.
+- Events come from a bounded queue (`subscribe`), which drops and counts what a slow sink does not fetch. A sink that must have
+  an event before anything else happens registers a listener (`listen`): it must return within microseconds and must not raise.
+- `link` is asked about once a second by the alarms and the pages, and must not wait.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from gateway.clock import Clock
+from gateway.config import GatewayConfig, Reconnect
+from gateway.config.strict.section import Section
+from gateway.core.model import Event, StateVector
+from gateway.errors import ConfigError
+
+
+class EventQueue(Protocol):
+    """A bounded queue of events; the oldest is dropped first, and counted."""
+
+    @property
+    def dropped(self) -> int: ...
+
+    async def get(self) -> Event: ...
+
+    def drain(self) -> list[Event]: ...
+
+
+class Bays(Protocol):
+    """What a sink sees of the hub."""
+
+    @property
+    def bays(self) -> tuple[str, ...]: ...
+
+    def shown(self, bay: str, now_ns: int) -> StateVector:
+        """The newest state as it may be shown at `now_ns` (monotonic)."""
+
+    async def newer(self, bay: str, seq: int) -> int:
+        """Wait for a state with a sequence number above `seq`; returns the newest one's."""
+
+    def subscribe(self, limit: int = 1000) -> EventQueue:
+        """The events of all bays from now on."""
+
+    def listen(self, listener: Callable[[Event], None]) -> None:
+        """`listener` is called with every event at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoreStatus:
+    """The file in which a sink keeps undelivered events. `fault` is empty while the file works."""
+
+    fault: str = ""
+    faults: int = 0  # times it began to fail
+    recovered: int = 0  # events found in it that an earlier start had not delivered
+    unwritten: int = 0  # events that only memory holds now
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatus:
+    """The link of one sink. Counters count since the start of the gateway."""
+
+    sink: str  # name of its type
+    connected: bool  # what is delivered now reaches the other system
+    detail: str  # of `connected`, in words, for people; without addresses, because /healthz shows it to anybody
+    peer: str = ""  # address of the other system, without a password
+    events_lost: int = 0  # given up before the other system had them
+    figures: dict[str, int] = field(default_factory=dict)  # counters and gauges by name, for /metrics
+    store: StoreStatus | None = None  # None: the sink keeps events in memory only
+
+
+@dataclass(frozen=True, slots=True)
+class SinkContext:
+    """What a sink is made of. `settings`: its section of the configuration. `boot`: random number of this start."""
+
+    config: GatewayConfig
+    settings: Any
+    bays: Bays
+    clock: Clock
+    boot: str
+    resources: ExitStack  # closed after `farewell`
+
+
+class Sink(Protocol):
+    """One configured sink; see above."""
+
+    task: str  # name of its row in the supervisor's table
+    reconnect: Reconnect
+
+    @property
+    def link(self) -> LinkStatus: ...
+
+    async def deliver(self) -> None: ...
+
+    async def farewell(self, timeout_s: float) -> object:
+        """Deliver the last states and what is queued, beside a running `deliver` or without one; at most `timeout_s`."""
+
+
+class SettingError(ConfigError):
+    """A value of the configuration that can't work. `place` is its key as a path, `fault` what is wrong with it."""
+
+    def __init__(self, key: str, fault: str, value: str | None = None) -> None:
+        super().__init__(f"{key}: {fault}" if value is None else f'{key} = "{value}": {fault}')
+        self.place: tuple[str | int, ...] = tuple(key.split("."))
+        self.fault = fault
+
+
+@dataclass(frozen=True, slots=True)
+class SinkType:
+    """The record that a kind of sink exports.
+
+    `section`: the model of its table `[sinks.<name>]`. A sink with a top-level section of its own has `settings` instead, which
+    reads it; None there: not configured. `checks`: what can be checked without connecting; each raises SettingError.
+    """
+
+    name: str
+    open: Callable[[SinkContext], Sink]
+    section: type[Section] | None = None
+    settings: Callable[[GatewayConfig], object | None] = lambda config: None
+    checks: Callable[[GatewayConfig], Sequence[Callable[[], object]]] = lambda config: ()

@@ -1,0 +1,153 @@
+"""The configured broker: its address, the user and password there, and the certificates. IO: reads small files.
+
+Secrets may be in the URL, in a file, or in an environment variable. No error here quotes one, and neither the text nor the repr of
+a `Broker` contains its password.
+"""
+
+import os
+import re
+import ssl
+import stat
+from dataclasses import dataclass, field, replace
+from urllib.parse import unquote, urlsplit
+
+from gateway.config import MqttConfig
+from gateway.sinks.contract import SettingError
+
+DEFAULT_PORT = {"mqtt": 1883, "mqtts": 8883}
+MAX_BYTES = 65_535  # of any string in MQTT
+MAX_FILE_BYTES = MAX_BYTES + 2
+SHAPE = "mqtt[s]://[user[:password]@]host[:port]"
+
+
+@dataclass(frozen=True, slots=True)
+class Broker:
+    host: str
+    port: int
+    tls: bool
+    username: str | None = None
+    password: str | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'mqtts' if self.tls else 'mqtt'}://{host}:{self.port}"
+
+
+def parse(url: str) -> Broker:
+    """Raises SettingError, which never quotes the URL: a password may be anywhere in a damaged one."""
+    try:
+        url.encode()  # what came over the command line may not be text
+        parts = urlsplit(url)
+        scheme, host, port = parts.scheme, parts.hostname or "", parts.port
+    except ValueError:  # its text may quote the password, as may its chained form
+        raise _url_error("not a URL with a host and a port from 1 to 65535") from None
+    if scheme not in DEFAULT_PORT:
+        raise _url_error("must begin with mqtt:// or mqtts://")
+    if parts.path not in ("", "/") or parts.query or parts.fragment or "?" in url or "#" in url:
+        raise _url_error("nothing may follow the port; write / ? # in a password as %2F %3F %23")
+    if not host or host.startswith(".") or re.search(r"[\s\x00-\x1f\x7f]", url):
+        raise _url_error("names no host, or contains blanks")
+    if port == 0:
+        raise _url_error("port 0 cannot be connected to")
+    username, password = _decoded(parts.username), _decoded(parts.password)
+    if "\0" in (username or ""):
+        raise _url_error("a user name cannot contain %00")
+    if password is not None and not username:
+        raise _url_error("a password needs a user name (MQTT 3.1.1)")
+    return Broker(host, port or DEFAULT_PORT[scheme], scheme == "mqtts", username or None, password)
+
+
+def _decoded(text: str | None) -> str | None:
+    if text is None:
+        return None
+    try:
+        decoded = unquote(text, errors="strict")
+    except UnicodeDecodeError:
+        raise _url_error("user or password: the %-escapes are not UTF-8") from None
+    if len(decoded.encode()) > MAX_BYTES:
+        raise _url_error(f"user or password: longer than {MAX_BYTES} bytes")
+    return decoded
+
+
+def _url_error(fault: str) -> SettingError:
+    return SettingError("mqtt.url", f"{fault}; expected {SHAPE}")
+
+
+def broker_of(config: MqttConfig) -> Broker:
+    """The address with user and password. Raises SettingError naming the key, never the secret."""
+    broker = parse(config.url)
+    if config.username is not None:
+        if broker.username is not None:
+            raise SettingError("mqtt.username", "mqtt.url names a user, too; keep one of them")
+        broker = replace(broker, username=config.username)
+    secret = _password(config)
+    if secret is None:
+        return broker
+    if broker.password is not None:
+        raise SettingError("mqtt.url", "holds a password beside password_file or password_env; keep one of them")
+    if broker.username is None:
+        raise SettingError("mqtt.username", "is missing; a password needs a user name")
+    return replace(broker, password=secret)
+
+
+def tls_context(config: MqttConfig, broker: Broker) -> ssl.SSLContext | None:
+    """None without TLS. Raises SettingError for a file that can't be used. Reads from disk."""
+    if not broker.tls:
+        if config.tls is not None:
+            raise SettingError("mqtt.tls", 'needs url = "mqtts://..."; with mqtt:// nothing is encrypted')
+        return None
+    if config.tls is None:
+        return ssl.create_default_context()
+    tls = config.tls
+    try:
+        context = ssl.create_default_context(cafile=tls.ca_file)
+    except (OSError, ssl.SSLError) as error:
+        raise SettingError("mqtt.tls.ca_file", _reason(error), tls.ca_file) from error
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if tls.cert_file is not None:
+        secret = (
+            None if tls.key_password_file is None else _one_line("mqtt.tls.key_password_file", tls.key_password_file)
+        )
+        try:
+            # Without a password of ours OpenSSL would ask the terminal for one, and the gateway would hang there.
+            context.load_cert_chain(tls.cert_file, tls.key_file, password=secret or "")
+        except (OSError, ssl.SSLError) as error:
+            fault = f"with key_file {tls.key_file}: {_reason(error)}"
+            raise SettingError("mqtt.tls.cert_file", fault, tls.cert_file) from error
+    return context
+
+
+def _password(config: MqttConfig) -> str | None:
+    if config.password_file is not None:
+        return _one_line("mqtt.password_file", config.password_file)
+    if config.password_env is not None:
+        secret = os.environ.get(config.password_env)
+        if not secret:
+            raise SettingError("mqtt.password_env", "no such variable in the environment", config.password_env)
+        return secret
+    return None
+
+
+def _one_line(key: str, name: str) -> str:
+    """The file's text less one newline at its end."""
+    try:
+        fd = os.open(name, os.O_RDONLY | os.O_NONBLOCK)
+        with os.fdopen(fd, "rb") as file:
+            if not stat.S_ISREG(os.fstat(fd).st_mode):  # read more than once, and a pipe would be waited for
+                raise SettingError(key, "must be a plain file", name)
+            data = file.read(MAX_FILE_BYTES + 1)
+        text = data.decode().removesuffix("\n").removesuffix("\r")
+    except OSError as error:
+        raise SettingError(key, error.strerror or str(error), name) from error
+    except UnicodeDecodeError:
+        raise SettingError(key, "not UTF-8 text", name) from None
+    if not text or len(text.encode()) > MAX_BYTES or "\n" in text:
+        raise SettingError(key, f"must hold one line of 1 to {MAX_BYTES} bytes", name)
+    return text
+
+
+def _reason(error: OSError) -> str:
+    if isinstance(error, ssl.SSLError):
+        reason = (error.reason or "not a certificate, or the key does not belong to it").lower().replace("_", " ")
+        return f"not usable: {reason}"
+    return error.strerror or str(error)
