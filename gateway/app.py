@@ -18,8 +18,8 @@ from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.records import AlarmChange
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
-from gateway.clock import Clock, SystemClock
-from gateway.config import SHARED_SECTIONS, GatewayConfig, Reconnect
+from gateway.clock import SystemClock
+from gateway.config import SHARED_SECTIONS, GatewayConfig
 from gateway.config.strict.errors import at
 from gateway.core.model import RangeReading
 from gateway.errors import ConfigError, GatewayError, LinkError
@@ -31,11 +31,8 @@ from gateway.net.listener import listening, url
 from gateway.net.tls import TlsFiles
 from gateway.ranger.service import RangerService, check_port
 from gateway.shared_state import SharedStateWriter
-from gateway.sinks.mqtt import address, credentials
-from gateway.sinks.mqtt.publisher import MqttPublisher
-from gateway.sinks.mqtt.topics import Topics
-from gateway.sinks.outbox.durable import outbox_of
-from gateway.sinks.sparkplug.publisher import SparkplugPublisher
+from gateway.sinks import registry as sink_registry
+from gateway.sinks.contract import SettingError
 from gateway.supervisor import Supervisor, Task
 from gateway.vision.process.service import VisionService
 from gateway.vision.source.contract import SourceSpec
@@ -48,7 +45,7 @@ from gateway.web.ipc.messages import WebSetup
 
 log = logging.getLogger(__name__)
 
-FAREWELL_S = 1.0  # for the last MQTT words; the whole exit stays under 2 s
+FAREWELL_S = 1.0  # for the final messages of the sinks; the whole exit stays under 2 s
 LAST_WORD_S = 0.5  # at least so long a PLC can read that the gateway leaves; five polls at 100 ms
 
 
@@ -79,7 +76,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         try:
             part()
         except ConfigError as error:
-            said = re.sub(r"^(modbus\.tls\.|camera\.url|mqtt\.url|mqtt\.root|ranger port)\b[:= ]*", "", str(error))
+            said = re.sub(r"^(modbus\.tls\.|camera\.url|ranger port)\b[:= ]*", "", str(error))
             line = at(place, said, source=source, text=text, shared=SHARED_SECTIONS)
             if line not in faults:  # a shared section is looked at once per bay
                 faults.append(line)
@@ -89,14 +86,11 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
-    if config.mqtt is not None:
-        look(("mqtt", "url"), partial(address.parse, config.mqtt.url))
+    for part in sink_registry.checks(config):
         try:
-            if not faults:
-                credentials.tls_context(config.mqtt, credentials.broker_of(config.mqtt))
-        except credentials.CredentialsError as error:
-            faults.append(at(error.place, error.said, source=source, text=text, shared=SHARED_SECTIONS))
-        look(("mqtt", "root"), partial(Topics, config.mqtt.root, config.site, config.instance))
+            part()
+        except SettingError as error:
+            faults.append(at(error.place, error.fault, source=source, text=text, shared=SHARED_SECTIONS))
     if config.hmi.enabled:
         try:
             tls.check(TlsFiles.of_pages(config.hmi))
@@ -138,11 +132,10 @@ async def run(
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
         events = EventHistory(hub)
-        # Publisher and companions subscribe before the first state, or the start events would be missed.
+        # Sinks and companions subscribe before the first state, or the start events would be missed.
         parts = StatusCollector(config, hub, boot=secrets.token_hex(8))
-        voices = _voices(config, clock, parts, shared)
-        backoff = config.mqtt.reconnect if config.mqtt is not None else Reconnect()
-        tasks = [*companions(hub), *(Task(name, voice.deliver, backoff) for name, voice in voices)]
+        sinks = parts.sinks = sink_registry.opened(config, hub, clock, parts.boot, shared)
+        tasks = [*companions(hub), *(Task(sink.task, sink.deliver, sink.reconnect) for sink in sinks)]
         vectors = {bay.name: shared.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays}
         # Read now: with the vectors in hand, no earlier gateway of this name can write its last any more.
         files = parts.bay_files = BayFiles.read(config, clock)
@@ -198,7 +191,9 @@ async def run(
             readers = {bay: shm.reader(ring) for bay, ring in rings.items()}
             for ring in readers.values():
                 shared.callback(os.close, ring.fd)
-            setup = WebSetup(config.model_copy(update={"mqtt": None}), clock, readers, source=source, boot=parts.boot)
+            setup = WebSetup(
+                config.model_copy(update={"mqtt": None, "sinks": {}}), clock, readers, source=source, boot=parts.boot
+            )
             pages, hmi_url = _pages(setup, handler, shared)
             tasks.append(pages)
         supervisor = Supervisor(tasks, clock)
@@ -214,7 +209,7 @@ async def run(
                     for control in controls.values():
                         control.shut_down()
                     last_words: list[Awaitable[object]] = [asyncio.sleep(LAST_WORD_S)]
-                    last_words += [voice.farewell(FAREWELL_S) for _, voice in voices]
+                    last_words += [sink.farewell(FAREWELL_S) for sink in sinks]
                     await asyncio.gather(*last_words)
                 supervised.cancel()
         except BaseExceptionGroup as group_error:
@@ -229,23 +224,6 @@ def _on_range(control: BayControl, vision: VisionService, reading: RangeReading)
 
 def _log_alarm(change: AlarmChange) -> None:
     log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change)
-
-
-def _voices(
-    config: GatewayConfig, clock: Clock, parts: StatusCollector, shared: ExitStack
-) -> list[tuple[str, MqttPublisher | SparkplugPublisher]]:
-    """Those that tell the plant, each with the name of its task."""
-    if config.mqtt is None:
-        return []
-    outbox = shared.enter_context(outbox_of(config.mqtt, config.site, config.instance))
-    publisher = MqttPublisher(
-        config.mqtt, config.site, config.instance, parts.hub, clock, outbox=outbox, boot=parts.boot
-    )
-    parts.publisher = publisher
-    if config.mqtt.sparkplug is None:
-        return [("mqtt.deliver", publisher)]
-    parts.sparkplug = SparkplugPublisher(config.mqtt, config.site, config.instance, parts.hub, clock)
-    return [("mqtt.deliver", publisher), ("mqtt.sparkplug", parts.sparkplug)]
 
 
 def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple[Task, str | None]:

@@ -4,7 +4,7 @@ The table is the contract; docs/alarms.md is made from it. ISA-18.2: an alarm is
 time. What needs no action is none: an empty bay, a truck in place, a marker hidden for a moment, a sensor that starts.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Generic, TypeVar
@@ -13,6 +13,7 @@ from gateway.core.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, Pictur
 from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
 
+OWN_ALARM = ("mqtt", "sparkplug")  # sinks whose loss is an alarm of its own
 ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
 MINUTE_S = 60.0
 
@@ -64,8 +65,7 @@ class BayInputs:
 class GatewayConditions:
     """What the alarms of the gateway look at. None: there is no such part."""
 
-    broker_connected: bool | None = None
-    sparkplug_connected: bool | None = None
+    sinks_connected: Mapping[str, bool] = field(default_factory=dict)  # by name, of the configured ones
     plc_reads: bool | None = None  # does one of modbus.plc_addresses ask? None: none is configured
     store_fault: str = ""  # of the file that keeps events
     events_lost: int = 0  # counter
@@ -496,6 +496,11 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
     ),
 )
 
+
+def _lost_sinks(conditions: GatewayConditions) -> list[str]:
+    return [sink for sink, up in conditions.sinks_connected.items() if not up and sink not in OWN_ALARM]
+
+
 GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
     AlarmDefinition(
         "plc_not_reading",
@@ -518,7 +523,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("the broker or its network is down", "password or certificate is no longer accepted"),
         "look at the broker and at the gateway's log",
         60,
-        lambda inputs: inputs.now.broker_connected is False,
+        lambda inputs: inputs.now.sinks_connected.get("mqtt") is False,
         on_delay_s=30.0,
     ),
     AlarmDefinition(
@@ -530,7 +535,20 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         ("the broker, the host application or the network is down",),
         "look at the broker, the host application and the gateway's log",
         60,
-        lambda inputs: inputs.now.sparkplug_connected is False,
+        lambda inputs: inputs.now.sinks_connected.get("sparkplug") is False,
+        on_delay_s=30.0,
+    ),
+    AlarmDefinition(
+        "sink_lost",
+        "Connection to another system lost",
+        Priority.MEDIUM,
+        "a further configured sink (a table `[sinks.<name>]`) has no connection to its system",
+        "that system does not see what happens in the bays",
+        ("the other system or its network is down", "its settings in `[sinks.<name>]` are wrong"),
+        "look at the system that the detail names and at the gateway's log",
+        60,
+        lambda inputs: bool(_lost_sinks(inputs.now)),
+        lambda inputs: ", ".join(_lost_sinks(inputs.now)),
         on_delay_s=30.0,
     ),
     AlarmDefinition(

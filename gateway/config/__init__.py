@@ -106,6 +106,10 @@ class GatewayConfig(Section):
     )
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None
+    sinks: dict[str, dict[str, Any]] = Field(
+        default_factory=dict,
+        description="tables `[sinks.<name>]`, one for each further sink (docs/extending.md); the sink checks its keys",
+    )
     hmi: HmiConfig = Field(default_factory=HmiConfig)
     recipes: tuple[RecipeConfig, ...] = Field((), max_length=1000, description="thresholds that the PLC may select")
     bays: tuple[BayConfig, ...] = Field(default_factory=lambda: (BayConfig(),), min_length=1, max_length=64)

@@ -1,13 +1,15 @@
 """What a sink is: it passes the states and events of every bay on to another system. Pure.
 
-A sink gets a `SinkContext` and reports a `LinkStatus`; `gateway/sinks/registry.py` finds it. It must not hold up the control path:
+A sink gets a `SinkContext` and reports a `LinkStatus`; `gateway/sinks/registry.py` finds it. It must not hold up the
+control path:
 
-- `deliver` runs as a supervised task of its own. It ends with LinkError when the link breaks, and is started again after the
-  backoff in `reconnect`; it returns only after `farewell`.
-- States are pulled (`newer`, `shown`): a slow sink skips states. It shows a bay through `shown` alone, so that an old state
-  never looks valid.
-- Events come from a bounded queue (`subscribe`), which drops and counts what a slow sink does not fetch. A sink that must have
-  an event before anything else happens registers a listener (`listen`): it must return within microseconds and must not raise.
+- `deliver` runs as a supervised task of its own. It ends with LinkError when the link breaks, and is started again
+  after the backoff in `reconnect`; it returns only after `farewell`.
+- States are pulled (`newer`, `shown`): a slow sink skips states. It shows a bay through `shown` alone, so that an old
+  state never looks valid.
+- Events come from a bounded queue (`subscribe`), which drops and counts what a slow sink does not fetch. A sink that
+  must have an event before anything else happens registers a listener (`listen`): it must return within microseconds
+  and must not raise.
 - `link` is asked about once a second by the alarms and the pages, and must not wait.
 """
 
@@ -100,7 +102,7 @@ class Sink(Protocol):
     async def deliver(self) -> None: ...
 
     async def farewell(self, timeout_s: float) -> object:
-        """Deliver the last states and what is queued, beside a running `deliver` or without one; at most `timeout_s`."""
+        """Deliver the final states and what is queued, beside a running `deliver` or without one, in `timeout_s`."""
 
 
 class SettingError(ConfigError):
@@ -116,8 +118,9 @@ class SettingError(ConfigError):
 class SinkType:
     """The record that a kind of sink exports.
 
-    `section`: the model of its table `[sinks.<name>]`. A sink with a top-level section of its own has `settings` instead, which
-    reads it; None there: not configured. `checks`: what can be checked without connecting; each raises SettingError.
+    `section`: the model of its table `[sinks.<name>]`. A sink with a top-level section of its own has `settings`
+    instead, which reads it; None there: not configured. `checks`: what can be checked without connecting; each raises
+    SettingError.
     """
 
     name: str

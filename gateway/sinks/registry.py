@@ -1,10 +1,10 @@
 """Which sinks there are, and the configured ones of them.
 
-MQTT and Sparkplug have sections of their own; any other sink is configured by a table `[sinks.<name>]`, and comes from the
-list below or from an entry point of the group `loading_gateway.sinks` in another distribution.
+MQTT and Sparkplug have sections of their own; any other sink is configured by a table `[sinks.<name>]`, and comes
+from the list below or from an entry point of the group `gateway.sinks` in another distribution.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import entry_points
@@ -13,45 +13,41 @@ from pydantic import ValidationError
 
 from gateway.clock import Clock
 from gateway.config import GatewayConfig
-from gateway.errors import ConfigError
 from gateway.sinks.contract import Bays, SettingError, Sink, SinkContext, SinkType
 from gateway.sinks.mqtt.publisher import MQTT
 from gateway.sinks.sparkplug.publisher import SPARKPLUG
 
-GROUP = "loading_gateway.sinks"
-TYPES = (MQTT, SPARKPLUG)
+GROUP = "gateway.sinks"
+TYPES: tuple[SinkType, ...] = (MQTT, SPARKPLUG)
 
 
-def opened(
-    config: GatewayConfig, bays: Bays, clock: Clock, boot: str, resources: ExitStack, types: Sequence[SinkType] = TYPES
-) -> list[Sink]:
+def opened(config: GatewayConfig, bays: Bays, clock: Clock, boot: str, resources: ExitStack) -> list[Sink]:
     """The configured sinks. Raises ConfigError for a sink that is not known, and for settings that can't work."""
     return [
-        kind.open(SinkContext(config, settings, bays, clock, boot, resources))
-        for kind, settings in _configured(config, types)
+        kind.open(SinkContext(config, settings, bays, clock, boot, resources)) for kind, settings in _configured(config)
     ]
 
 
-def checks(config: GatewayConfig, types: Sequence[SinkType] = TYPES) -> Iterator[Callable[[], object]]:
+def checks(config: GatewayConfig) -> Iterator[Callable[[], object]]:
     """What can be checked without connecting to anything; each raises SettingError."""
-    yield from (partial(_settings, config, name, types) for name in config.sinks)
-    for kind in types:
+    yield from (partial(_settings, config, name) for name in config.sinks)
+    for kind in TYPES:
         yield from kind.checks(config)
 
 
-def _configured(config: GatewayConfig, types: Sequence[SinkType]) -> Iterator[tuple[SinkType, object]]:
-    for kind in types:
+def _configured(config: GatewayConfig) -> Iterator[tuple[SinkType, object]]:
+    for kind in TYPES:
         if (settings := kind.settings(config)) is not None:
             yield kind, settings
     for name in config.sinks:
-        yield _settings(config, name, types)
+        yield _settings(config, name)
 
 
-def _settings(config: GatewayConfig, name: str, types: Sequence[SinkType]) -> tuple[SinkType, object]:
+def _settings(config: GatewayConfig, name: str) -> tuple[SinkType, object]:
     """The type of sink that `[sinks.<name>]` configures, and its settings."""
-    kind = _named(name, types)
+    kind = _named(name)
     if kind.section is None:
-        raise SettingError(f"sinks.{name}", f"is configured by [{name}], not here")
+        raise SettingError(f"sinks.{name}", "has a section of its own (docs/config.md)")
     try:
         return kind, kind.section.model_validate(config.sinks[name])
     except ValidationError as error:
@@ -61,15 +57,15 @@ def _settings(config: GatewayConfig, name: str, types: Sequence[SinkType]) -> tu
     raise fault  # outside `except`: the checker's error quotes values, which may be passwords
 
 
-def _named(name: str, types: Sequence[SinkType]) -> SinkType:
-    known = {kind.name: kind for kind in types}
+def _named(name: str) -> SinkType:
+    known = {kind.name: kind for kind in TYPES}
     if name in known:
         return known[name]
     others = entry_points(group=GROUP)
     if name in others.names:
         found: object = others[name].load()
-        if not isinstance(found, SinkType):
-            raise ConfigError(f"entry point {name} of {GROUP}: {others[name].value} is not a SinkType")
-        return found
-    names = sorted({kind.name for kind in types if kind.section is not None} | others.names)
+        if isinstance(found, SinkType):
+            return found
+        raise SettingError(f"sinks.{name}", f"the entry point {others[name].value} is not a SinkType")
+    names = sorted({kind.name for kind in TYPES if kind.section is not None} | others.names)
     raise SettingError(f"sinks.{name}", f"no such sink; known here: {', '.join(names) or 'none'}")

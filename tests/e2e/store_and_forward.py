@@ -56,7 +56,7 @@ class Telling(DurableOutbox):
 
     def put(self, entry: Entry) -> None:
         super().put(entry)
-        os.write(1, f"{entry.id} {entry.topic.split('/')[2]} {int(entry.precious)}\n".encode())
+        os.write(1, f"{entry.id} {entry.topic.split('/')[2]} {int(entry.drop_last)}\n".encode())
 
 
 async def child(url: str, name: str, file: str, per_s: float) -> None:

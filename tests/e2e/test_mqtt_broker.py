@@ -24,7 +24,8 @@ import pytest
 from gateway.config import Reconnect
 from gateway.core.model import EventKind, Reason
 from gateway.errors import LinkError
-from gateway.sinks.mqtt import address, broker_link
+from gateway.sinks.mqtt import broker_link
+from gateway.sinks.mqtt.broker import parse
 from gateway.sinks.mqtt.broker_link import Message
 from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
@@ -297,22 +298,23 @@ def test_a_cancelled_delivery_makes_the_broker_say_offline(mosquitto: Mosquitto)
 async def linked(url: str) -> AsyncIterator[broker_link.BrokerLink]:
     will = Message("w", b"", retain=False)
     async with broker_link.connect(
-        address.parse(url), client_id="c", will=will, keepalive_s=5, ack_s=5, tls=None
+        parse(url), client_id="c", will=will, keepalive_s=5, acknowledge_s=5, tls=None
     ) as live:
         yield live
 
 
 def watched() -> int:
-    """What the running loop waits for, besides its own wake-up: sockets and other tasks."""
+    """What the running loop waits for, besides its own wake-up: sockets, timers and other tasks."""
     loop: Any = asyncio.get_running_loop()
-    return len(loop._selector.get_map()) - 1 + len(asyncio.all_tasks()) - 1
+    timers = [timer for timer in loop._scheduled if not timer.cancelled()]
+    return len(loop._selector.get_map()) - 1 + len(asyncio.all_tasks()) - 1 + len(timers)
 
 
 def test_a_cancellation_that_comes_with_the_acknowledgement_is_not_lost(mosquitto: Mosquitto) -> None:
     async def scenario() -> None:
         async with linked(mosquitto.url) as live:
             task = asyncio.get_running_loop().create_task(live.publish(Message("t", b"x", retain=False)))
-            paho = live._client._client
+            paho = live._client
             told = paho.on_publish
             assert told is not None
 
@@ -344,7 +346,7 @@ def test_a_socket_that_closes_under_a_message_leaves_nothing_in_the_loop(mosquit
     async def scenario() -> None:
         with contextlib.suppress(LinkError):
             async with linked(mosquitto.url) as live:
-                paho = live._client._client
+                paho = live._client
                 paho.publish("t", b"x", 1)
                 paho._sock_close()  # as the library does when it reads the end, in the same step of the loop
                 await live.publish(Message("t", b"x", retain=False))
@@ -360,7 +362,7 @@ def test_a_loss_that_nobody_watched_is_not_reported_as_forgotten(mosquitto: Mosq
         with contextlib.suppress(ZeroDivisionError):
             async with linked(mosquitto.url) as live:
                 mosquitto.kill()
-                await asyncio.wait([live._client._disconnected], timeout=5)
+                await asyncio.wait([live._ended], timeout=5)
                 raise ZeroDivisionError
 
     asyncio.run(scenario())  # the fixture looks at the log

@@ -6,9 +6,8 @@ from asyncio import StreamReader, StreamWriter
 import pytest
 
 from gateway import event_loop
-from gateway.sinks.mqtt.address import Broker
-from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, Message, connect
-from gateway.sinks.mqtt.protocol_versions import Protocol
+from gateway.sinks.mqtt.broker import Broker
+from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, Message, ProtocolVersion, connect
 
 PUBLISH, DISCONNECT = 3, 14
 
@@ -64,9 +63,9 @@ def test_never_more_messages_are_on_their_way_than_the_broker_bears(bears: int, 
                 client_id="gateway",
                 will=Message("will", b"", retain=False),
                 keepalive_s=30,
-                ack_s=30,
+                acknowledge_s=30,
                 tls=None,
-                protocol=Protocol.V5,
+                version=ProtocolVersion.V5,
             ) as link,
             asyncio.TaskGroup() as group,
         ):

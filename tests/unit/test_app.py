@@ -10,11 +10,12 @@ import pytest
 
 from gateway import app
 from gateway.clock import SystemClock
-from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, MqttConfig
+from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, Reconnect
 from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
 from gateway.errors import ConfigError
 from gateway.hub import Hub
-from gateway.sinks.outbox.outbox import Outbox
+from gateway.sinks import registry
+from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
 from gateway.supervisor import Task
 from gateway.vision.source.specs import FileSpec
 
@@ -37,37 +38,38 @@ class Sensors:
         await asyncio.Event().wait()
 
 
-class Publisher:
-    """Remembers the state that its last words told."""
+class LastState:
+    """A sink that remembers the state of its farewell."""
 
-    told: StateVector | None = None
+    task = "last-state"
+    reconnect = Reconnect()
+    link = LinkStatus("last_state", True, "")
+    published: StateVector | None = None
 
-    def __init__(
-        self, config: MqttConfig, site: str, instance: str, hub: Hub, clock: SystemClock, *, outbox: Outbox, boot: str
-    ) -> None:
-        self._hub = hub
+    def __init__(self, context: SinkContext) -> None:
+        self._bays = context.bays
+        self._clock = context.clock
 
     async def deliver(self) -> None:
         await asyncio.Event().wait()
 
-    async def farewell(self, timeout_s: float) -> bool:
-        Publisher.told = self._hub.state("bay1")
-        return True
+    async def farewell(self, timeout_s: float) -> None:
+        LastState.published = self._bays.shown("bay1", self._clock.now_ns())
 
 
 @pytest.mark.parametrize("past_help", [True, False])
 def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.MonkeyPatch, past_help: bool) -> None:
     """Else the broker would keep `may_move` of the last good state for as long as nobody starts the gateway again."""
-    for name, stand_in in (("VisionService", Sensors), ("RangerService", Sensors), ("MqttPublisher", Publisher)):
+    for name, stand_in in (("VisionService", Sensors), ("RangerService", Sensors)):
         monkeypatch.setattr(app, name, stand_in)
     monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
-    monkeypatch.setattr(Publisher, "told", None)
+    monkeypatch.setattr(LastState, "published", None)
+    monkeypatch.setattr(registry, "TYPES", (SinkType("last_state", LastState, settings=lambda config: config),))
     config = GatewayConfig(
         instance=f"test-app-{os.getpid()}-{past_help}",
         bays=(BayConfig(fusion=FusionConfig(decision="plain")),),
         state_dir="",
         modbus=ModbusConfig(port=0),
-        mqtt=MqttConfig(url="mqtt://127.0.0.1:1", outbox_file=""),
     )
     permitted: list[bool] = []
 
@@ -95,7 +97,7 @@ def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.M
     else:
         asyncio.run(main())
     assert permitted == [True]
-    told = Publisher.told
+    told = LastState.published
     assert told is not None
     assert (told.stop, told.may_move, told.reason) == (True, False, Reason.SHUTDOWN)
 

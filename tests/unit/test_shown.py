@@ -69,7 +69,7 @@ class Outputs:
         return _of_registers(decode(self._image()))
 
     def _json(self) -> tuple[Any, ...]:
-        said = json.loads(self._mqtt._state_message(self._mqtt._shown("bay1")).payload)
+        said = json.loads(self._mqtt._state_messages(self._mqtt._shown("bay1"))[0].payload)
         return said["stop"], said["may_move"], said["in_place"], said["moved"], said["reason"]["name"]
 
     def _metrics(self) -> tuple[Any, ...]:

@@ -1,7 +1,7 @@
 """The configured broker: its address, the user and password there, and the certificates. IO: reads small files.
 
-Secrets may be in the URL, in a file, or in an environment variable. No error here quotes one, and neither the text nor the repr of
-a `Broker` contains its password.
+Secrets may be in the URL, in a file, or in an environment variable. No error here quotes one, and neither the text
+nor the repr of a `Broker` contains its password.
 """
 
 import os

@@ -1,12 +1,12 @@
-"""How a connection to the configured broker is opened: with its certificates, and in a version of MQTT that it knows. IO.
+"""How a connection to the configured broker is opened: its certificates, and a version of MQTT that it knows. IO.
 
-MQTT 5 is tried first. A broker that does not know it answers so, or closes the connection without an answer; 3.1.1 is tried then. After
-a timeout the next attempt uses the other version, because the broker may only have been slow. A version that was accepted is kept.
+MQTT 5 is tried first. A broker that does not know it answers so, or closes the connection without an answer; 3.1.1 is
+tried then. After a timeout the next attempt uses the other version, because the broker may only have been slow. A
+version that was accepted is kept.
 """
 
 import contextlib
 from collections.abc import AsyncIterator, Iterator
-from enum import Enum
 from typing import Literal
 
 from gateway.config import MqttConfig

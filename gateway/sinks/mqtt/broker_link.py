@@ -1,11 +1,12 @@
 """One connection to the broker: the only module that imports the MQTT client library, paho. IO.
 
-A client object lives for one connection: a message that was not acknowledged stays queued inside it and would be sent again on a
-second one.
+A client object lives for one connection: a message that was not acknowledged stays queued inside it and would be sent
+again on a second one.
 
-paho opens its socket with a blocking call, so it is handed one that is open already (`broker_socket`); the event loop calls it when
-the socket can be read or written. How the connection ends is a promise: left normally, it sends DISCONNECT, and the broker discards
-the last will; left by an exception or a cancellation, the socket is closed, and the broker publishes the will.
+paho opens its socket with a blocking call, so it is handed one that is open already (`broker_socket`); the event loop
+calls it when the socket can be read or written. How the connection ends is a promise: left normally, it sends
+DISCONNECT, and the broker discards the last will; left by an exception or a cancellation, the socket is closed, and
+the broker publishes the will.
 """
 
 import asyncio
@@ -20,7 +21,8 @@ from enum import Enum
 from typing import Any, NoReturn, TypeVar
 
 import paho.mqtt.client as paho
-from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.exception import MQTTException
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
@@ -35,7 +37,7 @@ MAX_INCOMING = 100  # messages received and not fetched yet
 MAX_IN_FLIGHT = 8  # messages without acknowledgement at once; more wait their turn
 
 UNSUPPORTED_PROTOCOL_VERSION = 132  # reason code of a CONNACK; paho converts that of MQTT 3.1.1
-NOT_MQTT = (OSError, ValueError, LookupError, TypeError, struct.error, paho.MQTTException)  # paho on damaged bytes
+NOT_MQTT = (OSError, ValueError, LookupError, TypeError, struct.error, MQTTException)  # paho on damaged bytes
 
 _log = logging.getLogger("mqtt")
 T = TypeVar("T")
@@ -150,7 +152,7 @@ class BrokerLink:
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
     async def incoming(self) -> AsyncIterator[Incoming]:
-        """Messages received, until the connection is gone: then LinkError. What is not fetched is dropped, newest first."""
+        """Messages received, until the connection is gone: then LinkError. What is not fetched in time is dropped."""
         while (message := await self._incoming.get()) is not None:
             yield message
         raise self._lost("")
@@ -185,16 +187,19 @@ class BrokerLink:
     async def _answer(self, waiting: dict[int, asyncio.Future[T]], number: int) -> T:
         waiting[number] = answer = self._loop.create_future()
         try:
-            await asyncio.wait([answer, self._ended], return_when=asyncio.FIRST_COMPLETED)
-            if answer.done():
-                return answer.result()
-            raise self._lost("")
+            await asyncio.wait((answer, self._ended), return_when=asyncio.FIRST_COMPLETED)
+            if not answer.done():
+                raise self._lost("")
+            result: T = answer.result()
+            return result
         finally:
             waiting.pop(number, None)
 
     def _lost(self, fault: str) -> LinkError:
         error = self._ended.exception() if self._ended.done() else None
-        return LinkError(f"{self._broker}: connection lost: {error}" if error else f"{self._broker}: {fault or 'closed'}")
+        return LinkError(
+            f"{self._broker}: connection lost: {error}" if error else f"{self._broker}: {fault or 'closed'}"
+        )
 
     def _end(self, fault: str) -> None:
         """The connection is gone; empty: as intended."""
@@ -218,7 +223,8 @@ class BrokerLink:
             error = NotAcceptedError(f"{self._broker}: refused: {reason}", certain=certain)
             self._accepted.set_exception(error)
             return
-        # MQTT 5 states how many messages the broker takes at once, and it may close the connection on more (section 3.3.4).
+        # MQTT 5 states how many messages the broker takes at once, and it may close the connection on more
+        # (section 3.3.4).
         receive_maximum = getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT)
         self._in_flight = asyncio.Semaphore(min(MAX_IN_FLIGHT, receive_maximum))
         self._accepted.set_result(None)
@@ -280,7 +286,7 @@ class _Client(paho.Client):
     """paho on a socket that is open already. The one private part of it that is overridden; a test watches it."""
 
     def __init__(self, sock: socket.socket, client_id: str, version: ProtocolVersion) -> None:
-        protocol = paho.MQTTProtocolVersion.MQTTv5 if version is ProtocolVersion.V5 else paho.MQTTProtocolVersion.MQTTv311
+        protocol = MQTTProtocolVersion.MQTTv5 if version is ProtocolVersion.V5 else MQTTProtocolVersion.MQTTv311
         super().__init__(CallbackAPIVersion.VERSION2, client_id, protocol=protocol, reconnect_on_failure=False)
         self._open_socket = sock
 
@@ -310,7 +316,7 @@ async def connect(
     version: ProtocolVersion = ProtocolVersion.V311,
     will_at_disconnect: bool = False,
 ) -> AsyncIterator[BrokerLink]:
-    """Raises LinkError when there is no broker, or it refuses the connection; NotAcceptedError where the version may be why.
+    """Raises LinkError when there is no broker, NotAcceptedError where it does not accept the connection.
 
     `will_at_disconnect`: an MQTT 5 broker publishes the will even when the connection ends properly.
     """

@@ -1,7 +1,8 @@
 """The MQTT sink: the states and events of every bay to the broker, for as long as there is one. IO.
 
-An event is rendered and put into the outbox in the moment it happens, so that it outlives the gateway; that takes microseconds and
-waits for nobody. `deliver` is the life of one connection. What must outlive a connection (outbox, counters) is kept here.
+An event is rendered and put into the outbox in the moment it happens, so that it outlives the gateway; that takes
+microseconds and waits for nobody. `deliver` is the life of one connection. What must outlive a connection (outbox,
+counters) is kept here.
 """
 
 import asyncio
@@ -18,7 +19,7 @@ from typing import NoReturn, Protocol
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import GatewayConfig, MqttConfig
-from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.errors import without_password
 from gateway.core.model import Event, Moved, Quality, Reason, StateVector
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
@@ -141,8 +142,8 @@ class MqttPublisher:
     async def farewell(self, timeout_s: float) -> bool:
         """Publish the final states with stop on, the events still queued, and `offline`. True if all were acknowledged.
 
-        Works beside a running `deliver`, which then returns, and without one. Takes at most `timeout_s` real seconds; if that is not
-        enough, the broker publishes the last will when the connection breaks.
+        Works beside a running `deliver`, which then returns, and without one. Takes at most `timeout_s` real seconds;
+        if that is not enough, the broker publishes the last will when the connection breaks.
         """
         self._closing.set()
         try:
@@ -217,16 +218,22 @@ class MqttPublisher:
     async def _publish_state(self, link: Link, bay: str) -> Published:
         state = self._shown(bay)
         published = Published(_urgent(state), self._clock.now_ns())
-        await self._publish_on_state_topics(link, state)
+        await self._publish_all(link, self._state_messages(state))
         return published
 
-    async def _publish_on_state_topics(self, link: Link, state: StateVector) -> None:
-        """The broker drops a live state (MQTT 5) once it is too old to be valid; the final one stays."""
+    def _state_messages(self, state: StateVector) -> list[Message]:
+        """One for each topic of a bay. The broker drops a live state (MQTT 5) once it is too old; the final one
+        stays."""
         expiry_s = None if state.reason is Reason.SHUTDOWN else math.ceil(self._stale_after_ms / 1000)
+        found = []
         for kind, build in self._state_topics:
             payload = payloads.encode(build(state, self._gateway, self._offset_ns(), self._stale_after_ms))
-            topic = self._topics.of(state.bay, kind.name)
-            await self._publish(link, Message(topic, payload, kind.retained, expiry_s, kind.qos))
+            found.append(Message(self._topics.of(state.bay, kind.name), payload, kind.retained, expiry_s, kind.qos))
+        return found
+
+    async def _publish_all(self, link: Link, found: Sequence[Message]) -> None:
+        for message in found:
+            await self._publish(link, message)
 
     async def _publish_status(self, link: Link) -> NoReturn:
         """`online`, again and again: it proves the link, and heals a late will of an older connection of ours."""
@@ -254,7 +261,7 @@ class MqttPublisher:
     async def _publish_final(self, link: Link) -> None:
         now_ns = self._clock.now_ns()
         for bay in self._hub.bays:  # first: a dead bay must not look alive, whatever else there is time for
-            await self._publish_on_state_topics(link, payloads.final(self._hub.shown(bay, now_ns), now_ns))
+            await self._publish_all(link, self._state_messages(payloads.final(self._hub.shown(bay, now_ns), now_ns)))
         await self._publish_queued_events(link)
         await self._publish(link, self._status_message("shutdown"))
         self._final_published = True

@@ -18,8 +18,9 @@ from gateway.sinks.mqtt.topics import Gateway
 class TopicKind:
     """One row of the plan.
 
-    `build` makes the payload of a state: (state, gateway, offset_ns, stale_after_ms), see `payloads.state_payload`. Such a topic is
-    published with every state that is published, and once more with the final one. None: the publisher makes the payload itself.
+    `build` makes the payload of a state: (state, gateway, offset_ns, stale_after_ms), see `payloads.state_payload`.
+    Such a topic is published with every state that is published, and once more with the final one. None: the
+    publisher makes the payload itself.
     """
 
     name: str  # last level

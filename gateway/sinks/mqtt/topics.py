@@ -1,8 +1,8 @@
 """The names of the topics, and the identity of the gateway that publishes on them. Pure.
 
-One connection has one last will, so a gateway has one status topic, and every bay's state names that topic. The instance takes the
-level of the bays: two gateways of one site never share a will, all topics have the same depth, and a gateway that serves a single bay
-may carry the bay's name (then `<bay>/status` is the bay's own).
+One connection has one last will, so a gateway has one status topic, and every bay's state names that topic. The
+instance takes the level of the bays: two gateways of one site never share a will, all topics have the same depth, and
+a gateway that serves a single bay may carry the bay's name (then `<bay>/status` is the bay's own).
 """
 
 import re

@@ -1,11 +1,12 @@
 """An outbox that survives the gateway: memory for the order, a journal for the moment, a file for the rest. IO.
 
     put ──► memory (what is delivered, and the drop rule)
-        └─► journal (SQLite in shared memory: survives SIGKILL) ──► file (SQLite on disk, a thread: survives a power cut)
+        └─► journal (SQLite in shared memory: survives SIGKILL) ──► file (SQLite, a thread: survives a power cut)
 
-A put takes some 30 microseconds and never waits for the disk, and the disk has no influence on what is delivered: memory holds the
-events while the gateway runs. When the file can't be written (full, read-only, locked, corrupt) the thread reports it, keeps trying,
-and makes the file equal to memory as soon as it can. docs/decisions/0023-event-journal-is-sqlite.md says why there is a journal.
+A put takes some 30 microseconds and never waits for the disk, and the disk has no influence on what is delivered:
+memory holds the events while the gateway runs. When the file can't be written (full, read-only, locked, corrupt) the
+thread reports it, keeps trying, and makes the file equal to memory as soon as it can.
+docs/decisions/0023-event-journal-is-sqlite.md says why there is a journal.
 """
 
 import contextlib
@@ -58,8 +59,8 @@ def opened_outbox(config: MqttConfig, site: str, instance: str) -> Iterator[Outb
 class Journal:
     """The events that the file on disk does not have yet, in shared memory. A context manager; nothing in it waits.
 
-    Entering raises ConfigError where another gateway of this name runs. A journal that can't be written costs nothing but its
-    purpose: what it did not take is counted in `overflowed`.
+    Entering raises ConfigError where another gateway of this name runs. A journal that can't be written costs nothing
+    but its purpose: what it did not take is counted in `overflowed`.
     """
 
     def __init__(self, name: str, *, events: int = JOURNAL_EVENTS) -> None:

@@ -1,6 +1,7 @@
 """Events wait here, in order and bounded, until the broker has acknowledged them. Pure.
 
-`Outbox` is what the publisher needs; `MemoryOutbox` keeps it in memory, and `durable` also on disk, where it survives a restart. Entries are opaque bytes under an id that is unique across restarts.
+`Outbox` is what the publisher needs; `MemoryOutbox` keeps it in memory, and `durable` also on disk, where it survives
+a restart. Entries are opaque bytes under an id that is unique across restarts.
 """
 
 from collections import deque

@@ -1,7 +1,7 @@
 """The file of an outbox: one SQLite table, held by one gateway at a time. IO.
 
-The same class serves twice: on disk, where every call may wait for the disk; and as the journal in shared memory, which survives the
-process, not a power cut, and waits for nothing.
+The same class serves twice: on disk, where every call may wait for the disk; and as the journal in shared memory,
+which survives the process, not a power cut, and waits for nothing.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ _CREATE = """CREATE TABLE IF NOT EXISTS events (
 
 
 class StoreError(Exception):
-    """The file can't be used now; the text says why. `corrupt`: it is not a database of ours any more. `locked`: another gateway
+    """The file can't be used now; the text says why. `corrupt`: not a database of ours. `locked`: another gateway
     uses it."""
 
     def __init__(self, text: str, *, corrupt: bool = False, locked: bool = False) -> None:

@@ -13,7 +13,7 @@ from typing import NoReturn, Protocol
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import MqttConfig
-from gateway.config.strict.placed_error import without_password
+from gateway.config.strict.errors import without_password
 from gateway.core.model import Event, Reason, StateVector
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
@@ -104,9 +104,7 @@ class SparkplugPublisher:
             "history_waiting": self.node.waiting,
         }
         detail = "session open" if born else "no session"
-        return LinkStatus(
-            "sparkplug", born, detail, without_password(self._config.url), stats.history_dropped, figures
-        )
+        return LinkStatus("sparkplug", born, detail, without_password(self._config.url), stats.history_dropped, figures)
 
     async def deliver(self) -> None:
         """One session, until the link breaks or the primary host goes offline (LinkError), or after `farewell`."""

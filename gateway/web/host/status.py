@@ -1,19 +1,17 @@
 """The status of the gateway's parts, collected in the main process for the pages and for the alarms. Never waits."""
 
 from bisect import bisect_left
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.table import GatewayConditions
 from gateway.bay_file import BayFiles
 from gateway.config import GatewayConfig
-from gateway.config.strict.errors import without_password
 from gateway.core.model import FRESH_FRAME, VisionReading
 from gateway.hub import Hub
 from gateway.modbus.server.traffic import ServerNow
-from gateway.sinks.mqtt.publisher import MqttPublisher
-from gateway.sinks.sparkplug.publisher import SparkplugPublisher
+from gateway.sinks.contract import Sink
 from gateway.supervisor import TaskRecord
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
 
@@ -73,8 +71,7 @@ class StatusCollector:
     config: GatewayConfig
     hub: Hub
     boot: str = ""
-    publisher: MqttPublisher | None = None
-    sparkplug: SparkplugPublisher | None = None
+    sinks: Sequence[Sink] = ()
     latencies: LatencyHistograms = field(default_factory=LatencyHistograms)
     bay_files: BayFiles | None = None
     modbus: Callable[[], tuple[ServerNow, ...]] = tuple
@@ -86,16 +83,12 @@ class StatusCollector:
 
     def system_status(self, monitor: AlarmMonitor) -> SystemStatus:
         """For the pages, about once a second."""
-        mqtt = self.config.mqtt
         return SystemStatus(
             tasks=tuple(
                 TaskStatus(name, row.running, row.starts, row.link_errors, row.crashes, row.last_error[:MAX_ERROR])
                 for name, row in self.tasks.items()
             ),
-            broker=None if mqtt is None else without_password(mqtt.url),
-            delivery=None if self.publisher is None else self.publisher.stats,
-            broker_connected=self.publisher is not None and self.publisher.connected,
-            sparkplug=None if self.sparkplug is None else self.sparkplug.now,
+            sinks=tuple(sink.link for sink in self.sinks),
             modbus=self.modbus(),
             events_dropped=self.hub.dropped,
             alarms=monitor.summary(MAX_ALARMS),
@@ -105,18 +98,13 @@ class StatusCollector:
 
     def conditions(self) -> GatewayConditions:
         """For the alarms, about once a second."""
-        delivery = None if self.publisher is None else self.publisher.stats
-        store = None if delivery is None else delivery.store
-        session = None if self.sparkplug is None else self.sparkplug.now
+        sinks = [sink.link for sink in self.sinks]
         crashed = {name: row for name, row in self.tasks.items() if row.crashes}
         return GatewayConditions(
-            broker_connected=None if self.publisher is None else self.publisher.connected,
-            sparkplug_connected=None if session is None else session.connected and session.born,
+            sinks_connected={sink.sink: sink.connected for sink in sinks},
             plc_reads=self._plc_reads(),
-            store_fault="" if store is None or store.ok else store.detail or "cannot be written",
-            events_lost=self.hub.dropped
-            + (0 if delivery is None else delivery.dropped)
-            + (0 if session is None else session.history_dropped),
+            store_fault=next((sink.store.fault for sink in sinks if sink.store is not None and sink.store.fault), ""),
+            events_lost=self.hub.dropped + sum(sink.events_lost for sink in sinks),
             crashes=sum(row.crashes for row in crashed.values()),
             crashed=", ".join(f"{name}: {row.last_error}" for name, row in self.tasks.items() if row.crashes)[
                 :MAX_ERROR

@@ -19,8 +19,7 @@ from gateway.errors import ConfigError
 from gateway.modbus.server.traffic import ServerNow
 from gateway.processes.codec import Codec, Message
 from gateway.processes.notices import Failed
-from gateway.sinks.mqtt.messages import DeliveryPayload
-from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.sinks.contract import LinkStatus
 from gateway.vision.transport.ring import RingSpec
 
 MAX_STATES = 6  # in one answer, which must fit into one message of the link
@@ -146,15 +145,16 @@ class SystemStatus:
     """How the gateway's parts and its links to others do."""
 
     tasks: tuple[TaskStatus, ...] = ()
-    broker: str | None = None  # its address without a password; None: there is none
-    delivery: DeliveryPayload | None = None
-    broker_connected: bool = False
-    sparkplug: SparkplugNow | None = None  # None: not configured
+    sinks: tuple[LinkStatus, ...] = ()
     modbus: tuple[ServerNow, ...] = ()
     events_dropped: int = 0  # by queues of the main process
     alarms: AlarmSummary = field(default_factory=AlarmSummary)
     changes: tuple[AlarmChange, ...] = ()  # of alarms, the newest few
     latencies: tuple[Histogram, ...] = ()
+
+    def sink(self, name: str) -> LinkStatus | None:
+        """None: not configured."""
+        return next((link for link in self.sinks if link.sink == name), None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,14 +82,11 @@ def _links(links: SystemStatus) -> Iterator[HealthReason]:
     for server in links.modbus:
         name = "modbus_tls" if server.tls else "modbus"
         yield _reason(name, "ok", f"{server.open} connected")
-    if links.delivery is not None:
-        connected, store = links.broker_connected, links.delivery.store
-        yield _reason("mqtt", "ok" if connected else "degraded", "connected" if connected else "no connection")
-        if store is not None:
-            yield _reason("event_store", "ok" if store.ok else "degraded", "ok" if store.ok else "cannot be written")
-    if links.sparkplug is not None:
-        born = links.sparkplug.connected and links.sparkplug.born
-        yield _reason("sparkplug", "ok" if born else "degraded", "session open" if born else "no session")
+    for link in links.sinks:
+        yield _reason(link.sink, "ok" if link.connected else "degraded", link.detail)
+        if link.store is not None:
+            ok = not link.store.fault
+            yield _reason("event_store", "ok" if ok else "degraded", "ok" if ok else "cannot be written")
     for task in links.tasks:
         # One that has done all it had to do has no error.
         broken = not task.running and bool(task.last_error)

@@ -12,9 +12,9 @@ from gateway.errors import ProtocolError
 from gateway.modbus.registers.register import Register
 from gateway.modbus.registers.register_map import REGISTERS, decode
 from gateway.modbus.server.traffic import ServerNow
+from gateway.sinks.contract import LinkStatus
 from gateway.sinks.mqtt import payloads
-from gateway.sinks.sparkplug.node import SparkplugNow
-from gateway.web.ipc.messages import SystemStatus
+from gateway.sinks.mqtt.topics import Gateway
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.models import (
     PRIORITY_NAME,
@@ -31,6 +31,7 @@ from gateway.web.server.models import (
     PeerView,
     RegistersView,
     RegisterView,
+    SinkView,
     SparkplugView,
     TaskView,
 )
@@ -124,12 +125,17 @@ def _change_view(client: GatewayClient, change: AlarmChange) -> AlarmChangeView:
 
 def links_view(client: GatewayClient) -> LinksView:
     links = client.links
+    mqtt, sparkplug = links.sink("mqtt"), links.sink("sparkplug")
     known_ns = client.links_ns
     return LinksView(
         age_ms=None if known_ns is None else round(max(0, client.clock.now_ns() - known_ns) / NS_PER_MS, 1),
         modbus=tuple(_modbus_view(server) for server in links.modbus),
-        mqtt=_mqtt_view(links),
-        sparkplug=None if links.sparkplug is None else _sparkplug_view(links.sparkplug),
+        mqtt=None if mqtt is None else _mqtt_view(mqtt),
+        sparkplug=None if sparkplug is None else _sparkplug_view(sparkplug),
+        sinks=tuple(
+            SinkView(name=link.sink, connected=link.connected, detail=link.detail, peer=link.peer)
+            for link in links.sinks
+        ),
         tasks=tuple(
             TaskView(
                 name=task.name,
@@ -170,39 +176,36 @@ def _modbus_view(server: ServerNow) -> ModbusView:
     )
 
 
-def _mqtt_view(links: SystemStatus) -> MqttView | None:
-    if links.broker is None or links.delivery is None:
-        return None
-    delivery = links.delivery
+def _mqtt_view(link: LinkStatus) -> MqttView:
     return MqttView(
-        broker=links.broker,
-        connected=links.broker_connected,
-        published=delivery.published,
-        failed=delivery.failed,
-        reconnects=delivery.reconnects,
-        dropped=delivery.dropped,
-        queued=delivery.queued,
-        store=delivery.store,
+        broker=link.peer,
+        connected=link.connected,
+        published=link.figures["published"],
+        failed=link.figures["failed"],
+        reconnects=link.figures["reconnects"],
+        dropped=link.figures["events_dropped"],
+        queued=link.figures["outbox_events"],
+        store=payloads.store_payload(link.store),
     )
 
 
-def _sparkplug_view(session: SparkplugNow) -> SparkplugView:
+def _sparkplug_view(link: LinkStatus) -> SparkplugView:
     return SparkplugView(
-        connected=session.connected,
-        born=session.born,
-        births=session.births,
-        rebirths=session.rebirths,
-        data=session.data,
-        refused=session.refused,
-        history_dropped=session.history_dropped,
-        history_waiting=session.history_waiting,
+        connected=bool(link.figures["connected"]),
+        born=bool(link.figures["born"]),
+        births=link.figures["births"],
+        rebirths=link.figures["rebirths"],
+        data=link.figures["data_messages"],
+        refused=link.figures["commands_refused"],
+        history_dropped=link.figures["history_dropped"],
+        history_waiting=link.figures["history_waiting"],
     )
 
 
 # Events.
 
 
-def events_view(client: GatewayClient, gateway: payloads.Gateway, bay: str | None, after: int, most: int) -> EventsView:
+def events_view(client: GatewayClient, gateway: Gateway, bay: str | None, after: int, most: int) -> EventsView:
     """The oldest `most` of those after number `after`. `bay` None: of all."""
     offset_ns = client.clock.wall_ns() - client.clock.now_ns()
     rows = [row for row in client.events if row.number > after and bay in (None, row.event.bay)][:most]

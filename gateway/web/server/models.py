@@ -138,6 +138,16 @@ class SparkplugView(BaseModel):
     history_waiting: Count
 
 
+class SinkView(BaseModel):
+    """The link of one sink, whatever its kind."""
+
+    model_config = FROZEN
+    name: str
+    connected: bool
+    detail: str = Field(description="in words, for people; never to be parsed")
+    peer: str = Field(description="address of the other system, without a password")
+
+
 class TaskView(BaseModel):
     """One row of the supervisor's table."""
 
@@ -158,6 +168,7 @@ class LinksView(BaseModel):
     modbus: tuple[ModbusView, ...]
     mqtt: MqttView | None = Field(description="null: no broker is configured")
     sparkplug: SparkplugView | None = Field(description="null: not configured")
+    sinks: tuple[SinkView, ...] = Field((), description="every configured sink, MQTT and Sparkplug among them")
     tasks: tuple[TaskView, ...] = Field(description="those that do not run, or did not always")
     events_dropped: Count = Field(description="by queues inside of the gateway")
 

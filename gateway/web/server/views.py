@@ -6,7 +6,7 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.core.interlock import Recipe
 from gateway.core.model import GUIDANCE_MEANING, Circle, Ellipse, GuidanceCode, VisionReading
 from gateway.sinks.mqtt import payloads
-from gateway.sinks.mqtt.topics import Topics
+from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.web.server import lists
 from gateway.web.server.gateway_client import BayReport, GatewayClient
 from gateway.web.server.models import (
@@ -24,10 +24,10 @@ from gateway.web.server.models import (
 STALE_AFTER_MS = 500
 
 
-def gateway_of(client: GatewayClient) -> payloads.Gateway:
+def gateway_of(client: GatewayClient) -> Gateway:
     """As the messages name it."""
     config = client.about.config
-    return payloads.Gateway(Topics("hmi", config.site, config.instance), client.bays, __version__, client.about.boot)
+    return Gateway(Topics("hmi", config.site, config.instance), client.bays, __version__, client.about.boot)
 
 
 def bay_view(client: GatewayClient, config: BayConfig) -> BayView:

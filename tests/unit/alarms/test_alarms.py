@@ -217,8 +217,9 @@ class TestTheTable:
         ("kind", "conditions"),
         [
             ("plc_not_reading", GatewayConditions(plc_reads=False)),
-            ("broker_lost", GatewayConditions(broker_connected=False)),
-            ("sparkplug_lost", GatewayConditions(sparkplug_connected=False)),
+            ("broker_lost", GatewayConditions(sinks_connected={"mqtt": False})),
+            ("sparkplug_lost", GatewayConditions(sinks_connected={"sparkplug": False})),
+            ("sink_lost", GatewayConditions(sinks_connected={"mqtt": True, "historian": False})),
             ("events_lost", GatewayConditions(events_lost=1)),
             ("event_store_fault", GatewayConditions(store_fault="disk full")),
             ("task_crashed", GatewayConditions(crashes=1)),

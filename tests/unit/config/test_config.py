@@ -254,7 +254,7 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
         (
             "[fuson]\nperiod_s = 0.02\n",
             "g.toml:1: fuson: unknown key (misspelt?); known here: site, instance, log_level, state_dir,"
-            " modbus, mqtt, hmi, recipes, bays, camera, vision, ranger, fusion, guidance, visit",
+            " modbus, mqtt, sinks, hmi, recipes, bays, camera, vision, ranger, fusion, guidance, visit",
         ),
         (
             "[ranger]\nreconnect = { min = 1 }\n",

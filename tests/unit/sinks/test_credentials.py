@@ -9,7 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from gateway.config import MqttConfig, MqttTls
-from gateway.sinks.mqtt.credentials import CredentialsError, broker_of, tls_context
+from gateway.sinks.contract import SettingError
+from gateway.sinks.mqtt.broker import broker_of, tls_context
 
 SECRET = "p@ss/wörd"
 
@@ -31,7 +32,7 @@ def test_a_password_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("PLANT_SECRET", SECRET)
     assert broker_of(config(password_env="PLANT_SECRET")).password == SECRET
     monkeypatch.delenv("PLANT_SECRET")
-    with pytest.raises(CredentialsError, match=r'mqtt\.password_env = "PLANT_SECRET": no such variable'):
+    with pytest.raises(SettingError, match=r'mqtt\.password_env = "PLANT_SECRET": no such variable'):
         broker_of(config(password_env="PLANT_SECRET"))
 
 
@@ -55,10 +56,10 @@ def test_a_bad_password_file_is_named_and_not_quoted(tmp_path: Path, data: bytes
     path = tmp_path / "secret"
     if data is not None:
         path.write_bytes(data)
-    with pytest.raises(CredentialsError, match=said) as caught:
+    with pytest.raises(SettingError, match=said) as caught:
         broker_of(config(password_file=str(path)))
     assert caught.value.place == ("mqtt", "password_file")
-    assert "two" not in caught.value.said
+    assert "two" not in caught.value.fault
     assert str(path) in str(caught.value)
 
 
@@ -71,15 +72,15 @@ def test_a_bad_password_file_is_named_and_not_quoted(tmp_path: Path, data: bytes
     ],
 )
 def test_two_sources_are_one_too_many(values: dict[str, Any], key: str) -> None:
-    with pytest.raises(CredentialsError) as caught:
+    with pytest.raises(SettingError) as caught:
         broker_of(config(**values))
-    assert ".".join(caught.value.place) == key
+    assert ".".join(map(str, caught.value.place)) == key
     assert "hunter2" not in str(caught.value)
 
 
 def test_certificates_need_an_encrypted_url_and_each_other() -> None:
     plain = config(tls=MqttTls(ca_file="x"))
-    with pytest.raises(CredentialsError, match="mqtts://"):
+    with pytest.raises(SettingError, match="mqtts://"):
         tls_context(plain, broker_of(plain))
     assert tls_context(config(), broker_of(config())) is None
     with pytest.raises(ValidationError, match="key_file"):
@@ -96,7 +97,7 @@ def test_a_bad_certificate_file_is_named(tmp_path: Path, key: str, damage: bytes
         path.write_bytes(damage)
     tls = MqttTls(ca_file=str(path)) if key == "ca_file" else MqttTls(cert_file=str(path), key_file=str(path))
     bad = config(url="mqtts://broker", tls=tls)
-    with pytest.raises(CredentialsError) as caught:
+    with pytest.raises(SettingError) as caught:
         tls_context(bad, broker_of(bad))
     assert caught.value.place == ("mqtt", "tls", key)
     assert str(path) in str(caught.value)
@@ -110,13 +111,13 @@ def test_a_pipe_is_no_place_for_a_secret(tmp_path: Path, key: str) -> None:
     tls = MqttTls(cert_file="c.pem", key_file="c.key", key_password_file=str(pipe))
     asked = config(password_file=str(pipe)) if key == "password_file" else config(url="mqtts://broker", tls=tls)
 
-    found: list[CredentialsError] = []
+    found: list[SettingError] = []
     done = threading.Event()
 
     def attempt() -> None:
         try:
             tls_context(asked, broker_of(asked))
-        except CredentialsError as error:
+        except SettingError as error:
             found.append(error)
         done.set()
 

@@ -19,8 +19,7 @@ import pytest
 from gateway.errors import ConfigError
 from gateway.shared_state import folder
 from gateway.sinks.outbox import durable, store
-from gateway.sinks.outbox.durable import DurableOutbox
-from gateway.sinks.outbox.journal import SLOT_BYTES, Journal
+from gateway.sinks.outbox.durable import DurableOutbox, Journal
 from gateway.sinks.outbox.outbox import Entry, Limits
 from gateway.sinks.outbox.store import EventFile, StoreError
 
@@ -31,11 +30,11 @@ LIMITS = Limits(100)
 def name() -> Iterator[str]:
     name = f"test-{uuid4().hex}"
     yield name
-    (folder() / f"loading-gateway-events.{name}").unlink(missing_ok=True)
+    (folder() / f"loading-gateway-events.{name}.sqlite").unlink(missing_ok=True)
 
 
-def entry(number: int, *, precious: bool = False, unix_ms: int = 0, size: int = 10) -> Entry:
-    return Entry(f"b-{number}", "loading/s/bay1/event", bytes([number % 256]) * size, precious, unix_ms)
+def entry(number: int, *, drop_last: bool = False, unix_ms: int = 0, size: int = 10) -> Entry:
+    return Entry(f"b-{number}", "loading/s/bay1/event", bytes([number % 256]) * size, drop_last, unix_ms)
 
 
 def drained(outbox: DurableOutbox) -> list[str]:
@@ -54,7 +53,7 @@ def until(fact: Callable[[], bool], timeout_s: float = 20.0) -> None:
 
 
 def written(outbox: DurableOutbox) -> bool:
-    return outbox.health.unwritten == 0 and not outbox.health.fault
+    return outbox.store.unwritten == 0 and not outbox.store.fault
 
 
 def rows(path: Path) -> list[str]:
@@ -68,17 +67,17 @@ def test_what_was_not_acknowledged_is_there_at_the_next_start_in_order(name: str
     path = tmp_path / "deep" / "outbox.sqlite"
     with DurableOutbox(name, path, LIMITS) as outbox:
         for number in range(1, 8):
-            outbox.put(entry(number, precious=number in (2, 5), unix_ms=number))
+            outbox.put(entry(number, drop_last=number in (2, 5), unix_ms=number))
         outbox.acknowledge("b-1")
         outbox.acknowledge("b-3")  # not the oldest: ignored
     with DurableOutbox(name, path, LIMITS) as outbox:
-        assert outbox.oldest() == entry(2, precious=True, unix_ms=2)
-        assert (len(outbox), outbox.health.recovered, outbox.dropped) == (6, 6, 0)
+        assert outbox.oldest() == entry(2, drop_last=True, unix_ms=2)
+        assert (len(outbox), outbox.store.recovered, outbox.dropped) == (6, 6, 0)
         outbox.put(entry(8))
         assert drained(outbox) == [f"b-{n}" for n in range(2, 9)]
         until(lambda: written(outbox) and rows(path) == [])
     assert path.stat().st_mode & 0o077 == 0
-    assert not (folder() / f"loading-gateway-events.{name}").exists()
+    assert not (folder() / f"loading-gateway-events.{name}.sqlite").exists()
 
 
 class Stuck(EventFile):
@@ -94,9 +93,9 @@ def test_a_full_disk_is_told_and_costs_nothing(name: str, tmp_path: Path) -> Non
     with DurableOutbox(name, path, LIMITS, open_file=Stuck) as outbox:
         for number in range(1, 6):
             outbox.put(entry(number))
-        until(lambda: outbox.health.fault != "")
-        assert (outbox.health.fault, outbox.health.faults) == ("the disk is full", 1)
-        assert (len(outbox), outbox.health.unwritten) == (5, 5)
+        until(lambda: outbox.store.fault != "")
+        assert (outbox.store.fault, outbox.store.faults) == ("the disk is full", 1)
+        assert (len(outbox), outbox.store.unwritten) == (5, 5)
         outbox.acknowledge("b-1")
     with DurableOutbox(name, path, LIMITS) as outbox:
         assert drained(outbox) == ["b-2", "b-3", "b-4", "b-5"]
@@ -114,7 +113,7 @@ def test_when_the_disk_can_be_written_again_it_holds_what_memory_holds(name: str
 
     with DurableOutbox(name, path, LIMITS, open_file=Sometimes) as outbox:
         outbox.put(entry(1))
-        until(lambda: outbox.health.fault == "no room")
+        until(lambda: outbox.store.fault == "no room")
         outbox.put(entry(2))
         outbox.acknowledge("b-1")
         full = False
@@ -125,19 +124,26 @@ def test_when_the_disk_can_be_written_again_it_holds_what_memory_holds(name: str
 
 
 def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) -> None:
-    """RLIMIT_FSIZE: the kernel itself refuses the write."""
+    """RLIMIT_FSIZE: the kernel itself refuses the write. The limit is the process's: only the disk's file meets it."""
     code = (
-        "import resource, sys, time\n"
+        "import resource, sys, threading, time\n"
         "from pathlib import Path\n"
         "from gateway.sinks.outbox.durable import DurableOutbox\n"
         "from gateway.sinks.outbox.outbox import Entry, Limits\n"
-        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(1000)) as outbox:\n"
-        "    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))\n"
+        "from gateway.sinks.outbox.store import EventFile\n"
+        "all_put = threading.Event()\n"
+        "class Small(EventFile):\n"
+        "    def write(self, *args, **kwargs):\n"
+        "        all_put.wait()\n"
+        "        resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))\n"
+        "        super().write(*args, **kwargs)\n"
+        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(1000), open_file=Small) as outbox:\n"
         "    for n in range(60):\n"
         "        outbox.put(Entry(f'b-{n}', 't', b'x' * 2000, True))\n"
-        "    while not outbox.health.fault:\n"
+        "    all_put.set()\n"
+        "    while not outbox.store.fault:\n"
         "        time.sleep(0.01)\n"
-        "    print(len(outbox), outbox.health.faults)\n"
+        "    print(len(outbox), outbox.store.faults)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, name, str(tmp_path / "outbox.sqlite")],
@@ -157,7 +163,7 @@ def test_a_corrupt_file_is_put_aside_and_a_new_one_begun(name: str, tmp_path: Pa
     for _ in range(6):
         path.write_bytes(damage)
         with DurableOutbox(name, path, LIMITS) as outbox:
-            assert outbox.health.fault == ""
+            assert outbox.store.fault == ""
             outbox.put(entry(1))
             until(lambda outbox=outbox: written(outbox))  # type: ignore[misc]
             assert rows(path) == ["b-1"]
@@ -172,7 +178,7 @@ def test_a_file_of_another_layout_is_left_alone(name: str, tmp_path: Path) -> No
         db.execute("PRAGMA user_version = 99")
     db.close()
     with DurableOutbox(name, path, LIMITS) as outbox:
-        assert "layout 99" in outbox.health.fault
+        assert "layout 99" in outbox.store.fault
         outbox.put(entry(1))
         assert drained(outbox) == ["b-1"]
 
@@ -188,7 +194,7 @@ def test_a_locked_file_is_told_and_what_it_holds_comes_when_it_is_free(
         file = EventFile(path)
         other.callback(file.close)
         outbox = other.enter_context(DurableOutbox(name, path, LIMITS))
-        assert "another gateway uses it" in outbox.health.fault
+        assert "another gateway uses it" in outbox.store.fault
         outbox.put(entry(2))
         assert outbox.oldest() == entry(2)
         file.close()
@@ -200,7 +206,7 @@ def test_a_folder_that_cannot_be_written_is_told(name: str, tmp_path: Path) -> N
     (tmp_path / "file").write_text("in the way")
     path = tmp_path / "file" / "outbox.sqlite"
     with DurableOutbox(name, path, LIMITS) as outbox:
-        assert str(path) in outbox.health.fault
+        assert str(path) in outbox.store.fault
         outbox.put(entry(1))
         assert drained(outbox) == ["b-1"]
 
@@ -218,7 +224,7 @@ def test_what_is_dropped_is_dropped_on_disk_too(name: str, tmp_path: Path) -> No
     path = tmp_path / "outbox.sqlite"
     with DurableOutbox(name, path, Limits(3)) as outbox:
         for number, precious in ((1, True), (2, False), (3, True), (4, False), (5, True)):
-            outbox.put(entry(number, precious=precious))
+            outbox.put(entry(number, drop_last=precious))
         assert outbox.dropped == 2
         until(lambda: written(outbox) and rows(path) == ["b-1", "b-3", "b-5"])
 
@@ -268,25 +274,25 @@ def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path:
 
 
 def test_the_journal_bears_anything_that_a_dead_gateway_can_leave(name: str) -> None:
-    with Journal(name, slots=4) as journal:
+    with Journal(name, events=4) as journal:
         for number in range(1, 6):
             journal.put(entry(number))
-        journal.put(entry(9, size=SLOT_BYTES))
+        journal.put(entry(9, size=5000))
         assert (len(journal), journal.overflowed) == (4, 2)
-        journal.release("b-2")
-        journal.release("b-none")
-    path = folder() / f"loading-gateway-events.{name}"
-    data = bytearray(path.read_bytes())
-    slots = [data[n * SLOT_BYTES : (n + 1) * SLOT_BYTES] for n in range(4)]
-    holding = next(n for n, slot in enumerate(slots) if b"b-3" in slot)
-    data[holding * SLOT_BYTES + 40] ^= 1  # half written when it died
-    path.write_bytes(bytes(data))
-    with Journal(name, slots=4) as journal:
-        assert [e.id for e in journal.recover()] == ["b-1", "b-4"]
-        journal.put(entry(6))
-    path.write_bytes(os.urandom(4 * SLOT_BYTES))
-    with Journal(name, slots=4) as journal:
-        assert journal.recover() == []
+        journal.release(["b-2", "b-none"])
+        journal.put(entry(6, size=5000))  # any length
+        assert (len(journal), journal.overflowed) == (4, 2)
+    path = folder() / f"loading-gateway-events.{name}.sqlite"
+    with Journal(name, events=4) as journal:
+        assert [e.id for e in journal.recover()] == ["b-1", "b-3", "b-4", "b-6"]
+        journal.release(["b-6"])
+        journal.put(entry(7))
+    for noise in (os.urandom(16_384), path.read_bytes()[:4096] + os.urandom(8192), b""):
+        path.write_bytes(noise)
+        with Journal(name, events=4) as journal:
+            assert journal.recover() == []
+            journal.put(entry(8))
+            assert (len(journal), journal.overflowed) == (1, 0)
 
 
 def test_only_so_many_corrupt_files_are_kept(tmp_path: Path) -> None:
@@ -321,7 +327,7 @@ def test_a_file_with_a_row_that_is_no_event_is_a_corrupt_one(name: str, tmp_path
     with DurableOutbox(name, path, LIMITS) as outbox:
         outbox.put(entry(3))
         until(lambda: written(outbox))
-        assert outbox.health.fault == ""
+        assert outbox.store.fault == ""
     assert rows(path) == ["b-3"]
     assert [p.name for p in tmp_path.glob("*.corrupt-*")] == ["outbox.sqlite.corrupt-1"]
 

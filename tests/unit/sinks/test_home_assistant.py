@@ -6,9 +6,9 @@ from typing import Any
 import jinja2
 
 from gateway.sinks.mqtt import home_assistant, payloads, reference
-from gateway.sinks.mqtt.topics import Topics
+from gateway.sinks.mqtt.topics import Gateway, Topics
 
-GATEWAY = payloads.Gateway(Topics("loading", "site1", "gateway"), ("bay1", "bay2"), "1.2.3", "0" * 16)
+GATEWAY = Gateway(Topics("loading", "site1", "gateway"), ("bay1", "bay2"), "1.2.3", "0" * 16)
 
 
 def shown(state: dict[str, Any]) -> dict[str, str]:

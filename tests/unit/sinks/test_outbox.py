@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox
 
 
-def entry(number: int, *, precious: bool = False) -> Entry:
-    return Entry(f"b-{number}", "loading/s/bay1/event", str(number).encode(), precious)
+def entry(number: int, *, drop_last: bool = False) -> Entry:
+    return Entry(f"b-{number}", "loading/s/bay1/event", str(number).encode(), drop_last)
 
 
 def ids(outbox: MemoryOutbox) -> list[str]:
@@ -35,30 +35,30 @@ def test_an_entry_stays_until_it_is_acknowledged() -> None:
 def test_order_is_kept_across_kinds() -> None:
     outbox = MemoryOutbox(Limits(10))
     for number in range(1, 8):
-        outbox.put(entry(number, precious=number in (2, 3, 6)))
+        outbox.put(entry(number, drop_last=number in (2, 3, 6)))
     assert ids(outbox) == [f"b-{n}" for n in range(1, 8)]
 
 
-def test_when_full_the_oldest_common_entry_goes_before_any_precious_one() -> None:
+def test_when_full_the_oldest_common_entry_goes_before_any_drop_last_one() -> None:
     outbox = MemoryOutbox(Limits(3))
-    for number, precious in ((1, True), (2, False), (3, True), (4, False), (5, True)):
-        outbox.put(entry(number, precious=precious))
+    for number, drop_last in ((1, True), (2, False), (3, True), (4, False), (5, True)):
+        outbox.put(entry(number, drop_last=drop_last))
     assert outbox.dropped == 2
     assert ids(outbox) == ["b-1", "b-3", "b-5"]
 
 
-def test_full_of_precious_entries_a_common_one_is_not_taken() -> None:
+def test_full_of_drop_last_entries_a_common_one_is_not_taken() -> None:
     outbox = MemoryOutbox(Limits(2))
-    for number, precious in ((1, True), (2, True), (3, False)):
-        outbox.put(entry(number, precious=precious))
+    for number, drop_last in ((1, True), (2, True), (3, False)):
+        outbox.put(entry(number, drop_last=drop_last))
     assert outbox.dropped == 1
     assert ids(outbox) == ["b-1", "b-2"]
 
 
-def test_full_of_precious_entries_the_oldest_goes_for_a_newer_one() -> None:
+def test_full_of_drop_last_entries_the_oldest_goes_for_a_newer_one() -> None:
     outbox = MemoryOutbox(Limits(2))
     for number in (1, 2, 3):
-        outbox.put(entry(number, precious=True))
+        outbox.put(entry(number, drop_last=True))
     assert outbox.dropped == 1
     assert ids(outbox) == ["b-2", "b-3"]
 
@@ -77,7 +77,8 @@ def test_room_for_nothing_is_no_outbox() -> None:
 
 
 @given(
-    limit=st.integers(1, 6), moves=st.lists(st.sampled_from(["common", "precious", "acknowledge", "late"]), max_size=60)
+    limit=st.integers(1, 6),
+    moves=st.lists(st.sampled_from(["common", "drop_last", "acknowledge", "late"]), max_size=60),
 )
 def test_it_behaves_like_a_slow_list(limit: int, moves: list[str]) -> None:
     outbox = MemoryOutbox(Limits(limit))
@@ -88,12 +89,12 @@ def test_it_behaves_like_a_slow_list(limit: int, moves: list[str]) -> None:
             outbox.acknowledge(model.pop(0).id)
         elif move == "late":
             outbox.acknowledge("b-none")
-        elif move in ("common", "precious"):
-            new = entry(number, precious=move == "precious")
+        elif move in ("common", "drop_last"):
+            new = entry(number, drop_last=move == "drop_last")
             outbox.put(new)
             model.append(new)
             if len(model) > limit:
-                model.remove(next((e for e in model if not e.precious), model[0]))
+                model.remove(next((e for e in model if not e.drop_last), model[0]))
                 dropped += 1
         assert outbox.oldest() == (model[0] if model else None)
         assert (len(outbox), outbox.dropped) == (len(model), dropped)
@@ -105,7 +106,7 @@ def test_size_and_age_drop_the_oldest_common_entries_first() -> None:
     outbox = MemoryOutbox(Limits(100, size_bytes=4 * entry(1).size, age_ms=2 * day_ms))
     now_ms = 1_795_000_000_000
     for number in range(1, 6):
-        gone = outbox.put(replace(entry(number, precious=number == 1), unix_ms=now_ms))
+        gone = outbox.put(replace(entry(number, drop_last=number == 1), unix_ms=now_ms))
     assert [e.id for e in gone] == ["b-2"]
     assert outbox.dropped == 1
     gone = outbox.put(replace(entry(6), unix_ms=now_ms + 2 * day_ms + 1))
@@ -130,8 +131,8 @@ def test_one_entry_larger_than_all_room_is_kept() -> None:
 def test_older_entries_come_first() -> None:
     outbox = MemoryOutbox(Limits(3))
     outbox.put(entry(7))
-    outbox.put(entry(8, precious=True))
-    assert [e.id for e in outbox.prepend([entry(1), entry(2, precious=True), entry(3)])] == ["b-1", "b-3"]
+    outbox.put(entry(8, drop_last=True))
+    assert [e.id for e in outbox.prepend([entry(1), entry(2, drop_last=True), entry(3)])] == ["b-1", "b-3"]
     assert outbox.dropped == 2
     assert [e.id for e in outbox.copy().waiting()] == ids(outbox) == ["b-2", "b-7", "b-8"]
 

@@ -1,172 +1,20 @@
 """The publisher against a broker made of memory, in virtual time: hours of outage cost nothing."""
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NoReturn
+from typing import Any
 
 import pytest
 
 from gateway.config import MqttConfig
-from gateway.core import fusion
-from gateway.core.model import Event, EventKind, Quality, Reason, StateVector
-from gateway.errors import ConfigError, LinkError
+from gateway.core.model import EventKind, Quality, Reason
+from gateway.errors import ConfigError
 from gateway.hub import Hub
-from gateway.sinks.mqtt.broker_link import Message
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from tests import virtual_time
-from tests.mqtt_messages import checked
+from tests.unit.sinks.mqtt_stand_ins import Plant, in_virtual_time, now_s
 from tests.virtual_time import LoopClock
-
-
-@dataclass
-class Heard:
-    at_s: float
-    topic: str
-    retain: bool
-    json: dict[str, Any]
-
-
-class Broker:
-    """What comes is kept in `heard` at once and acknowledged `ack_s` later; never, while `hung`."""
-
-    def __init__(self) -> None:
-        self.ack_s = 0.0
-        self.hung = False
-        self.refuses = False
-        self.heard: list[Heard] = []
-        self.unacknowledged = 0
-        self.connections = 0
-        self.ends: list[str] = []  # how each connection was left
-        self.lost = asyncio.Event()
-        self.bug: Exception | None = None
-
-    @contextlib.asynccontextmanager
-    async def connect(self) -> AsyncIterator["Link"]:
-        if self.refuses:
-            raise LinkError("refused")
-        assert self.connections == len(self.ends), "two connections with one client id"
-        self.connections += 1
-        self.lost = asyncio.Event()
-        try:
-            yield Link(self)
-        except BaseException:
-            self.ends.append("cut")
-            raise
-        self.ends.append("goodbye")
-
-    def lose(self) -> None:
-        """Break the connection there is."""
-        self.lost.set()
-
-    def on(self, suffix: str) -> list[Heard]:
-        return [heard for heard in self.heard if heard.topic.endswith(suffix)]
-
-    def ids(self) -> list[str]:
-        return [heard.json["id"] for heard in self.on("/event")]
-
-    def kinds(self) -> list[str]:
-        return [heard.json["kind"] for heard in self.on("/event")]
-
-
-class Link:
-    def __init__(self, broker: Broker) -> None:
-        self._broker = broker
-
-    async def publish(self, message: Message) -> None:
-        broker = self._broker
-        if broker.bug is not None:
-            raise broker.bug
-        broker.heard.append(Heard(now_s(), message.topic, message.retain, checked(message.topic, message.payload)))
-        broker.unacknowledged += 1
-        try:
-            async with asyncio.timeout(7.5):
-                await (asyncio.Event().wait() if broker.hung else asyncio.sleep(broker.ack_s))
-        except TimeoutError:
-            raise LinkError("no acknowledgement") from None
-        finally:
-            broker.unacknowledged -= 1
-        if broker.lost.is_set():
-            raise LinkError("connection lost")
-
-    async def lost(self) -> NoReturn:
-        await self._broker.lost.wait()
-        raise LinkError("connection lost")
-
-
-def now_s() -> float:
-    return asyncio.get_running_loop().time()
-
-
-VALID_NS = 3_000_000_000  # after its last state a bay counts as dead
-
-
-class Plant:
-    """A hub whose bays are computed every 20 ms, a publisher, and the supervisor's part in small."""
-
-    def __init__(self, *bays: str, **settings: Any) -> None:
-        self.clock = LoopClock()
-        self.broker = Broker()
-        self.hub = Hub(bays or ("bay1",))
-        for bay in self.hub.bays:
-            self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
-        config = MqttConfig(**({"url": "mqtt://broker", "root": "r"} | settings))
-        self.publisher = MqttPublisher(config, "site", "gw", self.hub, self.clock, "1.0", connector=self.broker.connect)
-        self.link_errors: list[str] = []
-        self.failed = asyncio.Event()
-        self.computing = set(self.hub.bays)
-        for bay in self.hub.bays:
-            self.hub.publish(replace(self.hub.state(bay), valid_until_ns=self.clock.now_ns() + VALID_NS))
-
-    def change(self, bay: str = "bay1", **values: Any) -> StateVector:
-        old = self.hub.state(bay)
-        now_ns = self.clock.now_ns()
-        new = replace(old, seq=old.seq + 1, t_ns=now_ns, valid_until_ns=now_ns + VALID_NS, **values)
-        self.hub.publish(new)
-        return new
-
-    def happen(self, kind: EventKind, bay: str = "bay1") -> None:
-        state = self.hub.state(bay)
-        self.hub.publish(state, [Event(kind, bay, self.clock.now_ns(), state)])
-
-    async def compute(self) -> None:
-        while True:
-            await asyncio.sleep(0.02)
-            for bay in self.computing:
-                self.change(bay)
-
-    async def keep_delivering(self) -> None:
-        while True:
-            try:
-                return await self.publisher.deliver()
-            except LinkError as error:
-                self.link_errors.append(str(error))
-                self.failed.set()
-                await asyncio.sleep(1)
-
-    @contextlib.asynccontextmanager
-    async def running(self, *parts: Callable[[], Awaitable[None]]) -> AsyncIterator[None]:
-        async with asyncio.TaskGroup() as group:
-            chosen = parts or (self.compute, self.keep_delivering)
-            tasks = [group.create_task(as_coroutine(part())) for part in chosen]
-            yield
-            for task in tasks:
-                task.cancel()
-
-
-async def as_coroutine(awaitable: Awaitable[None]) -> None:
-    await awaitable
-
-
-def in_virtual_time(test: Callable[[], Coroutine[Any, Any, None]]) -> Callable[[], None]:
-    def run() -> None:
-        virtual_time.run(test())
-
-    run.__name__ = test.__name__
-    run.__doc__ = test.__doc__
-    return run
 
 
 @in_virtual_time
@@ -348,18 +196,18 @@ async def test_a_hung_broker_is_noticed_within_one_and_a_half_keepalives() -> No
 @in_virtual_time
 async def test_a_lost_connection_is_one_link_error_at_once() -> None:
     plant = Plant("bay1", "bay2", "bay3")
-    connected = [plant.publisher.connected]
+    connected = [plant.publisher.link.connected]
     async with plant.running():
         await asyncio.sleep(1)
-        connected.append(plant.publisher.connected)
+        connected.append(plant.publisher.link.connected)
         plant.broker.lose()
         await asyncio.sleep(0)
         await asyncio.sleep(0.01)
         assert plant.link_errors == ["connection lost"]
-        connected.append(plant.publisher.connected)
+        connected.append(plant.publisher.link.connected)
         await asyncio.sleep(2)
         assert plant.broker.connections == 2
-        assert [*connected, plant.publisher.connected] == [False, True, False, True]
+        assert [*connected, plant.publisher.link.connected] == [False, True, False, True]
         assert plant.broker.ends == ["cut"]
 
 

@@ -12,16 +12,17 @@ from typing import Any
 import pytest
 
 from gateway.config import FusionConfig
-from gateway.sinks.mqtt import topics
+from gateway.sinks.mqtt.topic_plan import PLAN as TOPIC_PLAN
+from gateway.sinks.mqtt.topic_plan import TopicKind
 
 DOCS = Path(__file__).parents[3] / "docs"
 BOARD = json.loads((DOCS / "scada" / "grafana-loading-bays.json").read_text(encoding="utf-8"))
 PANELS = [panel for panel in BOARD["panels"] if "targets" in panel]
 VARIABLES = {variable["name"] for variable in BOARD["templating"]["list"]}
-PLAN = {kind.pattern: kind for kind in topics.PLAN}
+PLAN = {kind.pattern: kind for kind in TOPIC_PLAN}
 
 
-def kind_of(panel: dict[str, Any]) -> topics.TopicKind:
+def kind_of(panel: dict[str, Any]) -> TopicKind:
     """The row of the topic plan that the panel's one target follows."""
     (target,) = panel["targets"]
     pattern = target["topic"].replace("${", "{").replace("{gateway}", "{instance}")
@@ -99,7 +100,7 @@ BOARD_SOURCE = {"type": BOARD["__inputs"][0]["pluginId"], "uid": "${" + BOARD["_
 def test_it_shows_what_was_promised() -> None:
     everything = set().union(*(shown(panel) for panel in PANELS))
     assert everything >= {"status", "stop", "may_move", "Reason", "radius_px", "distance_mm", "Camera rate", "NE 107"}
-    assert {kind_of(panel).schema for panel in PANELS} == {kind.schema for kind in topics.PLAN}
+    assert {kind_of(panel).schema for panel in PANELS} == {kind.schema for kind in TOPIC_PLAN}
     (row,) = [panel for panel in BOARD["panels"] if panel["type"] == "row"]
     assert row["repeat"] == "bay"
 

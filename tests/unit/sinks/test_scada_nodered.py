@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from gateway.sinks.mqtt import reference, topics
+from gateway.sinks.mqtt import reference, topic_plan
 from tests.node_function import run_function
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -54,7 +54,7 @@ def alarm(view: dict[str, Any]) -> tuple[bool, bool, str]:
 
 def test_what_it_subscribes_to_is_the_topic_plan() -> None:
     filters = {node["topic"]: node for node in FLOW if node["type"] == "mqtt in"}
-    plan = {re.sub(r"\{(site|bay|instance)\}", "+", k.pattern).format(root="loading"): k for k in topics.PLAN}
+    plan = {re.sub(r"\{(site|bay|instance)\}", "+", k.pattern).format(root="loading"): k for k in topic_plan.PLAN}
     assert set(filters) == set(plan)
     assert {node["qos"] for node in filters.values()} == {"1"}
 

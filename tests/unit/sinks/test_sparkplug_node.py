@@ -60,15 +60,15 @@ def test_history_is_told_in_the_order_of_its_times() -> None:
     edge = node("scada")
     edge.will(0, T0)
     edge.connected(STATES, T0)
-    edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 1}', STATES, T0)
+    edge.received(edge.identity.state_topic, b'{"online": true, "timestamp": 1}', STATES, T0)
     change(edge, 1, 2)
-    edge.heard(edge.identity.state_topic, b'{"online": false, "timestamp": 2}', STATES, T0 + 3)
+    edge.received(edge.identity.state_topic, b'{"online": false, "timestamp": 2}', STATES, T0 + 3)
     change(edge, 4)  # after the NDEATH, before the connection is closed
     edge.lost()
 
     edge.will(1, T0 + 5)
     edge.connected(STATES, T0 + 5)
-    births, _ = edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 3}', STATES, T0 + 6)
+    births, _ = edge.received(edge.identity.state_topic, b'{"online": true, "timestamp": 3}', STATES, T0 + 6)
     assert told(births) == [1, 2, 4]
 
 
@@ -139,9 +139,9 @@ def test_a_state_that_is_none_is_counted_and_nothing_else(said: bytes) -> None:
     edge.will(0, T0)
     edge.connected(STATES, T0)
 
-    assert edge.heard(edge.identity.state_topic, said, STATES, T0) == ([], False)
+    assert edge.received(edge.identity.state_topic, said, STATES, T0) == ([], False)
     assert edge.stats.refused == 1
-    births, _ = edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 0}', STATES, T0)
+    births, _ = edge.received(edge.identity.state_topic, b'{"online": true, "timestamp": 0}', STATES, T0)
     assert len(births) == 2
 
 
@@ -149,13 +149,13 @@ def test_a_host_whose_clock_was_wrong_is_heard_again_in_the_next_session() -> No
     edge = node("scada")
     edge.will(0, T0)
     edge.connected(STATES, T0)
-    edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 18446744073709551615}', STATES, T0)
-    assert edge.heard(edge.identity.state_topic, b'{"online": false, "timestamp": 5}', STATES, T0) == ([], False)
+    edge.received(edge.identity.state_topic, b'{"online": true, "timestamp": 18446744073709551615}', STATES, T0)
+    assert edge.received(edge.identity.state_topic, b'{"online": false, "timestamp": 5}', STATES, T0) == ([], False)
     edge.lost()
 
     edge.will(1, T0 + 1)
     edge.connected(STATES, T0 + 1)
-    births, _ = edge.heard(edge.identity.state_topic, b'{"online": true, "timestamp": 6}', STATES, T0 + 2)
+    births, _ = edge.received(edge.identity.state_topic, b'{"online": true, "timestamp": 6}', STATES, T0 + 2)
     assert len(births) == 2
 
 

@@ -44,14 +44,17 @@ def test_connected_and_born_are_true_for_as_long_as_the_session_lasts() -> None:
         config = MqttConfig(url="mqtt://broker", sparkplug=SparkplugConfig())
         hub = Hub(["bay1"])
         publisher = SparkplugPublisher(config, "site", "gw", hub, LoopClock(), connector=connect, bd_seq=lambda: 0)
-        before = publisher.now
+        before = publisher.link
         async with asyncio.TaskGroup() as group:
             delivering = group.create_task(until_lost(publisher))
             await asyncio.sleep(1)
-            during = publisher.now
+            during = publisher.link
             links[0].broken.set()
             assert await delivering == "connection lost"
-        told = [(now.connected, now.born, now.births) for now in (before, during, publisher.now)]
+        told = [
+            (now.figures["connected"], now.figures["born"], now.figures["births"])
+            for now in (before, during, publisher.link)
+        ]
         assert told == [(False, False, 0), (True, True, 1), (False, False, 1)]
 
     virtual_time.run(main())

@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.errors import ConfigError
-from gateway.sinks.mqtt import address
-from gateway.sinks.mqtt.address import Broker
-from gateway.sinks.mqtt.topics import PLAN, Topics, markdown
+from gateway.sinks.mqtt import broker as address
+from gateway.sinks.mqtt.broker import Broker
+from gateway.sinks.mqtt.topic_plan import PLAN, markdown
+from gateway.sinks.mqtt.topics import Topics
 
 
 def test_the_topics_of_a_gateway() -> None:

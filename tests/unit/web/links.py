@@ -2,8 +2,7 @@
 
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.traffic import PeerNow, ServerNow
-from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
-from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.sinks.contract import LinkStatus, StoreStatus
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
 
 
@@ -22,18 +21,39 @@ def server(*, tls: bool = False) -> ServerNow:
     )
 
 
-def store(*, ok: bool = True) -> StorePayload:
-    return StorePayload(ok=ok, detail="" if ok else "disk full", faults=0, recovered=0, unwritten=4)
+def store(*, ok: bool = True) -> StoreStatus:
+    return StoreStatus("" if ok else "disk full", unwritten=4)
+
+
+def mqtt(*, connected: bool = True, ok: bool = True) -> LinkStatus:
+    figures = {
+        "connected": int(connected),
+        "published": 9,
+        "failed": 1,
+        "reconnects": 2,
+        "events_dropped": 3,
+        "outbox_events": 7,
+    }
+    figures |= {"store_ok": int(ok), "store_faults": 0, "store_unwritten_events": 4}
+    detail = "connected" if connected else "no connection"
+    return LinkStatus("mqtt", connected, detail, "mqtt://broker:1883", 3, figures, store(ok=ok))
+
+
+def sparkplug(*, born: bool = True) -> LinkStatus:
+    figures = {"connected": 1, "born": int(born), "births": 1, "rebirths": 0, "data_messages": 44}
+    figures |= {"commands_refused": 0, "history_dropped": 4, "history_waiting": 0}
+    return LinkStatus("sparkplug", born, "session open" if born else "no session", "mqtt://broker:1883", 4, figures)
+
+
+def historian() -> LinkStatus:
+    return LinkStatus("historian", True, "connected", "db:5432", figures={"rows": 12})
 
 
 def full(**changes: object) -> SystemStatus:
     counts = (1, 0, 2, *([0] * (len(BOUNDS_S) - 2)))
     links = {
         "tasks": (TaskStatus("bay1.control", True, 1, 0, 0, ""), TaskStatus("mqtt.deliver", True, 4, 3, 0, "lost")),
-        "broker": "mqtt://broker:1883",
-        "delivery": DeliveryPayload(published=9, failed=1, reconnects=2, dropped=3, queued=7, store=store()),
-        "broker_connected": True,
-        "sparkplug": SparkplugNow(True, True, 1, 0, 44, 0, 0, 0),
+        "sinks": (mqtt(), sparkplug(), historian()),
         "modbus": (server(), server(tls=True)),
         "events_dropped": 5,
         "latencies": (Histogram("bay1", CAPTURE_TO_RESULT, counts, 0.0123), Histogram("bay1", "fit", counts, 0.01)),

@@ -24,6 +24,7 @@ from gateway.web.ipc.messages import (
 )
 from gateway.web.server.gateway_client import RefusedError
 from tests.unit.web.gateway_client import Plant, plant
+from tests.unit.web.links import full
 from tests.virtual_time import run
 
 ANNA = Writer("127.0.0.1", "anna", "technician")
@@ -202,7 +203,7 @@ def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message()
                     control.check_function(mode)
             answer = made.feed.answer(StateRequest(1, made.client.bays[:MAX_STATES]))
             rows = tuple(TaskStatus(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
-            answer = structs.replace(answer, links=SystemStatus(rows, "mqtts://broker.plant:8883", None))
+            answer = structs.replace(answer, links=SystemStatus(rows, full().sinks))
             assert len(answer.bays) == MAX_STATES
             assert len(Codec.packed(answer)) < MAX_MESSAGE_BYTES
             bays = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, 65))

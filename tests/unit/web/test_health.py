@@ -8,13 +8,11 @@ import pytest
 
 from gateway.config import GatewayConfig, ModbusConfig
 from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, Tick, VisionReading
-from gateway.sinks.mqtt.messages import DeliveryPayload
-from gateway.sinks.sparkplug.node import SparkplugNow
 from gateway.web.ipc.messages import SystemStatus, TaskStatus
 from gateway.web.server.health import health, status_code
 from gateway.web.server.models import HealthView
 from tests.unit.web.gateway_client import Plant, plant
-from tests.unit.web.links import full, store
+from tests.unit.web.links import full, historian, mqtt, sparkplug
 from tests.unit.web.programs import api_client
 from tests.virtual_time import run
 
@@ -48,7 +46,7 @@ def test_all_is_well() -> None:
             assert view.parts is not None
             assert {part.part for part in view.parts} >= {
                 "main", "bay1.control", "bay1.vision", "bay1.range", "modbus", "modbus_tls", "mqtt", "event_store",
-                "sparkplug", "task bay1.control",
+                "sparkplug", "historian", "task bay1.control",
             }  # fmt: skip
             assert all(part.status == "ok" for part in view.parts)
 
@@ -131,16 +129,14 @@ def test_a_silent_main_process_fails() -> None:
     run(scene())
 
 
-DELIVERY = DeliveryPayload(published=0, failed=0, reconnects=0, dropped=0, queued=0, store=store())
-
-
 @pytest.mark.parametrize(
     ("links", "part", "status"),
     [
         (full(modbus=()), "modbus", "failing"),
-        (full(broker_connected=False), "mqtt", "degraded"),
-        (full(delivery=DELIVERY.model_copy(update={"store": store(ok=False)})), "event_store", "degraded"),
-        (full(sparkplug=SparkplugNow(True, False, 0, 0, 0, 0, 0, 0)), "sparkplug", "degraded"),
+        (full(sinks=(mqtt(connected=False), sparkplug())), "mqtt", "degraded"),
+        (full(sinks=(mqtt(ok=False), sparkplug())), "event_store", "degraded"),
+        (full(sinks=(mqtt(), sparkplug(born=False))), "sparkplug", "degraded"),
+        (full(sinks=(replace(historian(), connected=False),)), "historian", "degraded"),
         (full(tasks=(TaskStatus("bay1.vision", False, 2, 1, 0, "lost"),)), "task bay1.vision", "degraded"),
         (full(tasks=(TaskStatus("bay1.control", False, 2, 0, 1, "KeyError()"),)), "task bay1.control", "failing"),
     ],

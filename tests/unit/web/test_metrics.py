@@ -117,6 +117,10 @@ def test_everything_is_told_and_parsed() -> None:
             assert now.value("mqtt_outbox_events") == 7
             assert now.value("mqtt_connected") == 1
             assert now.value("sparkplug_data_messages_total") == 44
+            assert [now.value("sink_connected", sink=sink) for sink in ("mqtt", "sparkplug", "historian")] == [1, 1, 1]
+            assert now.value("sink_events_lost_total", sink="mqtt") == 3
+            assert now.value("sink_figures", sink="historian", figure="rows") == 12
+            assert now.value("sink_figures", sink="mqtt", figure="published") is None  # it has a family of its own
             assert now.value("task_starts_total", task="mqtt.deliver") == 4
             assert now.value("event_queues_dropped_total") == 5
             assert now.value("viewers", page="live") == 2

@@ -24,34 +24,30 @@ from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
 from gateway.core.model import Quality, VisionReading
 from gateway.hub import Hub
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
-from gateway.sinks.mqtt.messages import DeliveryPayload
-from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.sinks.contract import LinkStatus, Sink
+from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import TaskRecord
 from gateway.web.host.status import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector
 from gateway.web.ipc.messages import BOUNDS_S, TO_WEB, Histogram, StateReply, StateRequest, TaskStatus
 from gateway.web.server.process_usage import ProcessUsage, by_name, process_usage
 from tests.unit.web.gateway_client import plant
-from tests.unit.web.links import full, server, store
+from tests.unit.web.links import full, mqtt, server, sparkplug
 from tests.virtual_time import in_virtual_time
 
 
-def parts(*, plc: str = "", mqtt: bool = False, **changes: Any) -> StatusCollector:
-    config = GatewayConfig(
-        modbus=ModbusConfig(plc_addresses=(plc,) if plc else ()),
-        mqtt=MqttConfig(url="mqtt://anna:secret@broker") if mqtt else None,
-    )
+def parts(*, plc: str = "", **changes: Any) -> StatusCollector:
+    config = GatewayConfig(modbus=ModbusConfig(plc_addresses=(plc,) if plc else ()))
     return StatusCollector(config, Hub(["bay1"]), **changes)
 
 
-def voice(**changes: Any) -> Any:
-    delivery = DeliveryPayload(published=1, failed=0, reconnects=0, dropped=0, queued=0, store=None)
-    return cast(Any, SimpleNamespace(connected=True, stats=delivery.model_copy(update=changes)))
+def sinks(*links: LinkStatus) -> list[Sink]:
+    return [cast(Sink, SimpleNamespace(link=link)) for link in links]
 
 
 class TestSigns:
     def test_what_is_not_configured_gives_no_sign(self) -> None:
         conditions = parts().conditions()
-        assert (conditions.broker_connected, conditions.sparkplug_connected, conditions.plc_reads) == (None, None, None)
+        assert (conditions.sinks_connected, conditions.plc_reads) == ({}, None)
 
     @pytest.mark.parametrize(
         ("quiet_s", "reads"), [(None, False), (0.0, True), (PLC_QUIET_S - 0.1, True), (PLC_QUIET_S, False)]
@@ -62,17 +58,15 @@ class TestSigns:
         assert parts(modbus=lambda: told).conditions().plc_reads is None
 
     def test_losses_of_all_queues_are_counted(self) -> None:
-        session = SparkplugNow(True, True, 1, 0, 0, 0, history_dropped=4, history_waiting=0)
-        made = parts(mqtt=True, publisher=voice(dropped=3), sparkplug=cast(Any, SimpleNamespace(now=session)))
+        made = parts(sinks=sinks(mqtt(), sparkplug()))
         assert made.conditions().events_lost == 7
-        assert made.conditions().sparkplug_connected is True
-        waiting = replace(session, born=False)
-        made.sparkplug = cast(Any, SimpleNamespace(now=waiting))
-        assert made.conditions().sparkplug_connected is False
+        assert made.conditions().sinks_connected == {"mqtt": True, "sparkplug": True}
+        made.sinks = sinks(mqtt(), sparkplug(born=False))
+        assert made.conditions().sinks_connected == {"mqtt": True, "sparkplug": False}
 
     def test_a_store_that_fails_is_named(self) -> None:
-        assert parts(mqtt=True, publisher=voice(store=store(ok=False))).conditions().store_fault == "disk full"
-        assert parts(mqtt=True, publisher=voice(store=store())).conditions().store_fault == ""
+        assert parts(sinks=sinks(mqtt(ok=False))).conditions().store_fault == "disk full"
+        assert parts(sinks=sinks(mqtt())).conditions().store_fault == ""
 
     def test_crashes_are_summed_and_told_by_name(self) -> None:
         tasks = {"a": TaskRecord(starts=3, crashes=2, last_error="KeyError()"), "b": TaskRecord(link_errors=9)}
@@ -83,15 +77,18 @@ class TestSigns:
 @in_virtual_time
 async def test_links_hold_what_the_parts_say_and_no_password() -> None:
     async with plant() as made:
+        config = MqttConfig(url="mqtt://anna:secret@broker")
+        publisher = MqttPublisher(config, "site", "gw", made.hub, made.client.clock)
         tasks = {"bay1.control": TaskRecord(starts=1, running=True, last_error="x" * 900)}
-        gathered = parts(mqtt=True, publisher=voice(), tasks=tasks, modbus=lambda: (server(),))
+        gathered = parts(sinks=[publisher], tasks=tasks, modbus=lambda: (server(),))
         links = gathered.system_status(made.monitor)
-        assert links.broker == "mqtt://anna:***@broker" or "secret" not in str(links.broker)
+        assert links.sinks == (publisher.link,)
+        assert links.sinks[0].peer == "mqtt://***@broker"
         assert "secret" not in repr(links)
         assert (links.tasks[0].name, links.tasks[0].running, len(links.tasks[0].last_error)) == (
             "bay1.control", True, MAX_ERROR,
         )  # fmt: skip
-        assert (links.modbus, links.broker_connected) == ((server(),), True)
+        assert links.modbus == (server(),)
         assert sum(count for _, count in links.alarms.counts) == len(BAY_ALARMS) + len(GATEWAY_ALARMS)
 
 

@@ -7,14 +7,14 @@ from gateway.alarms.states import AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.clock import NS_PER_S
 from gateway.modbus.server.traffic import ServerNow
-from gateway.sinks.mqtt.messages import DeliveryPayload, StorePayload
-from gateway.sinks.sparkplug.node import SparkplugNow
+from gateway.sinks.contract import LinkStatus
 from gateway.web.ipc.messages import TaskStatus
 from gateway.web.server.health import health
 from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.family import Family, Form, Labelled, MetricsSource, Value
 from gateway.web.server.process_usage import ProcessUsage
 
+OWN_FAMILIES = ("mqtt", "sparkplug")  # sinks whose figures have families of their own
 STATUSES = ("ok", "degraded", "failing")
 
 
@@ -41,24 +41,27 @@ def _peers(source: MetricsSource) -> Iterator[Labelled]:
             yield (_transport(server), peer.address, "yes" if peer.is_plc else "no"), peer.quiet_s
 
 
-def _mqtt(name: str, form: Form, help: str, read: Callable[[DeliveryPayload], Value]) -> Family:
+def _figure(name: str, form: Form, help: str) -> Family:
+    """`<sink>_<figure>` of a sink's link."""
+    sink, figure = name.split("_", 1)
+
     def rows(source: MetricsSource) -> list[Labelled]:
-        delivery = source.client.links.delivery
-        return [] if delivery is None else [((), read(delivery))]
+        link = source.client.links.sink(sink)
+        return [] if link is None or figure not in link.figures else [((), link.figures[figure])]
 
-    return Family(f"mqtt_{name}", form, help, rows)
-
-
-def _store(name: str, form: Form, help: str, read: Callable[[StorePayload], Value]) -> Family:
-    return _mqtt(f"store_{name}", form, help, lambda d: None if d.store is None else read(d.store))
+    return Family(name, form, help, rows)
 
 
-def _sparkplug(name: str, form: Form, help: str, read: Callable[[SparkplugNow], Value]) -> Family:
-    def rows(source: MetricsSource) -> list[Labelled]:
-        session = source.client.links.sparkplug
-        return [] if session is None else [((), read(session))]
+def _links(name: str, form: Form, help: str, read: Callable[[LinkStatus], Value]) -> Family:
+    def rows(source: MetricsSource) -> Iterator[Labelled]:
+        return (((link.sink,), read(link)) for link in source.client.links.sinks)
 
-    return Family(f"sparkplug_{name}", form, help, rows)
+    return Family(f"sink_{name}", form, help, rows, ("sink",))
+
+
+def _figures(source: MetricsSource) -> Iterator[Labelled]:
+    others = (link for link in source.client.links.sinks if link.sink not in OWN_FAMILIES)
+    return (((link.sink, name), value) for link in others for name, value in link.figures.items())
 
 
 def _task(name: str, form: Form, help: str, read: Callable[[TaskStatus], Value]) -> Family:
@@ -119,24 +122,26 @@ PARTS: tuple[Family, ...] = (
             lambda s: s.plc_quiet_s),
     Family("modbus_peer_quiet_seconds", "gauge", "since this client was answered; a long list is cut", _peers,
            ("transport", "address", "plc")),
-    Family("mqtt_connected", "gauge", "1: there is a connection to the broker",
-           lambda k: [] if k.client.links.delivery is None else [((), k.client.links.broker_connected)]),
-    _mqtt("published", "counter", "messages the broker has acknowledged", lambda d: d.published),
-    _mqtt("failed", "counter", "messages it has not", lambda d: d.failed),
-    _mqtt("reconnects", "counter", "connections after the first", lambda d: d.reconnects),
-    _mqtt("events_dropped", "counter", "events given up because the outbox was full", lambda d: d.dropped),
-    _mqtt("outbox_events", "gauge", "events that wait for their acknowledgement", lambda d: d.queued),
-    _store("ok", "gauge", "1: the file of the outbox can be written", lambda s: s.ok),
-    _store("faults", "counter", "times it began to fail", lambda s: s.faults),
-    _store("unwritten_events", "gauge", "events that only memory holds", lambda s: s.unwritten),
-    _sparkplug("connected", "gauge", "1: connected and subscribed", lambda s: s.connected),
-    _sparkplug("born", "gauge", "1: births were sent in this session", lambda s: s.born),
-    _sparkplug("births", "counter", "NBIRTHs", lambda s: s.births),
-    _sparkplug("rebirths", "counter", "births that a host asked for", lambda s: s.rebirths),
-    _sparkplug("data_messages", "counter", "DDATA and NDATA", lambda s: s.data),
-    _sparkplug("commands_refused", "counter", "commands that nothing obeys", lambda s: s.refused),
-    _sparkplug("history_dropped", "counter", "changes of stop given up", lambda s: s.history_dropped),
-    _sparkplug("history_waiting", "gauge", "changes of stop to be told later", lambda s: s.history_waiting),
+    _figure("mqtt_connected", "gauge", "1: there is a connection to the broker"),
+    _figure("mqtt_published", "counter", "messages the broker has acknowledged"),
+    _figure("mqtt_failed", "counter", "messages it has not"),
+    _figure("mqtt_reconnects", "counter", "connections after the first"),
+    _figure("mqtt_events_dropped", "counter", "events given up because the outbox was full"),
+    _figure("mqtt_outbox_events", "gauge", "events that wait for their acknowledgement"),
+    _figure("mqtt_store_ok", "gauge", "1: the file of the outbox can be written"),
+    _figure("mqtt_store_faults", "counter", "times it began to fail"),
+    _figure("mqtt_store_unwritten_events", "gauge", "events that only memory holds"),
+    _figure("sparkplug_connected", "gauge", "1: connected and subscribed"),
+    _figure("sparkplug_born", "gauge", "1: births were sent in this session"),
+    _figure("sparkplug_births", "counter", "NBIRTHs"),
+    _figure("sparkplug_rebirths", "counter", "births that a host asked for"),
+    _figure("sparkplug_data_messages", "counter", "DDATA and NDATA"),
+    _figure("sparkplug_commands_refused", "counter", "commands that nothing obeys"),
+    _figure("sparkplug_history_dropped", "counter", "changes of stop given up"),
+    _figure("sparkplug_history_waiting", "gauge", "changes of stop to be told later"),
+    _links("connected", "gauge", "1: what this sink delivers arrives", lambda link: link.connected),
+    _links("events_lost", "counter", "events that this sink has given up", lambda link: link.events_lost),
+    Family("sink_figures", "gauge", "further figures of this sink", _figures, ("sink", "figure")),
     _whole("event_queues_dropped", "counter", "events that queues inside of the gateway had no room for",
            lambda k: k.client.links.events_dropped),
     _whole("events", "counter", "events of all bays", lambda k: k.client.newest_event),

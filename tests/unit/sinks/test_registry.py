@@ -1,0 +1,129 @@
+"""Sinks and MQTT topics from outside the package, in the real app and the real publisher; what the registry refuses."""
+
+import asyncio
+import json
+import os
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from gateway import app
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig, parse
+from gateway.core.model import EventKind, Quality, Reason, StateVector
+from gateway.errors import ConfigError
+from gateway.hub import Hub
+from gateway.sinks import registry
+from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
+from gateway.sinks.mqtt.topics import Gateway
+from gateway.supervisor import Task
+from gateway.vision.source.specs import FileSpec
+from tests.historian_sink import TABLES
+from tests.unit.sinks.mqtt_stand_ins import Plant
+from tests.unit.test_app import Sensors
+from tests.virtual_time import run
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another distribution with two entry points, one of which is no sink."""
+    folder = tmp_path / "historian-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: historian\nVersion: 1.0\n")
+    points = "historian = tests.historian_sink:HISTORIAN\nwrong = tests.historian_sink:TABLES\n"
+    (folder / "entry_points.txt").write_text(f"[{registry.GROUP}]\n{points}")
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(monkeypatch: pytest.MonkeyPatch) -> None:
+    for service in ("VisionService", "RangerService"):
+        monkeypatch.setattr(app, service, Sensors)
+    monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
+    text = '[sinks.historian]\ntable = "plant"\n'
+    document = {
+        "instance": f"test-sink-{os.getpid()}",
+        "state_dir": "",
+        "modbus": {"port": 0},
+        "fusion": {"decision": "plain"},
+        "sinks": {"historian": {"table": "plant"}},
+    }
+    config = parse(document, text=text)
+    app.check(config, source="g.toml", text=text)
+
+    async def main() -> None:
+        stop = asyncio.Event()
+
+        def companions(hub: Hub) -> list[Task]:
+            async def ends() -> None:
+                seq = -1
+                while not any(state.may_move for state in TABLES["plant"].states):
+                    seq = await hub.newer("bay1", seq)
+                stop.set()
+
+            return [Task("ends", ends)]
+
+        ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        await app.run(config, ports, SystemClock(), stop=stop, companions=companions)
+
+    asyncio.run(asyncio.wait_for(main(), 60))
+    rows = TABLES.pop("plant")
+    seqs = [state.seq for state in rows.states]
+    assert seqs == sorted(seqs)
+    assert (rows.states[-1].reason, rows.states[-1].stop) == (Reason.SHUTDOWN, True)
+    kinds = [event.kind for event in rows.events]
+    assert (kinds[0], kinds[-1]) == (EventKind.START, EventKind.SHUTDOWN)
+    assert EventKind.STOP_CLEARED in kinds
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("sinks", "expected"),
+    [
+        ({"historien": {}}, "sinks.historien: no such sink; known here: historian, wrong"),
+        ({"wrong": {}}, "sinks.wrong: the entry point tests.historian_sink:TABLES is not a SinkType"),
+        ({"mqtt": {}}, "sinks.mqtt: has a section of its own (docs/config.md)"),
+        ({"historian": {"tabel": "x"}}, "sinks.historian: tabel: Extra inputs are not permitted"),
+        ({"historian": {"table": ""}}, "sinks.historian: table: String should have at least 1 character"),
+    ],
+)
+def test_what_is_not_known_is_an_error_that_names_it(sinks: dict[str, dict[str, Any]], expected: str) -> None:
+    config = GatewayConfig(sinks=sinks)
+    with ExitStack() as resources, pytest.raises(ConfigError) as caught:
+        registry.opened(config, Hub(["bay1"]), SystemClock(), "b", resources)
+    assert str(caught.value) == expected
+    text = "".join(f"\n[sinks.{name}]\n" for name in sinks)
+    with pytest.raises(ConfigError) as caught:
+        app.check(config, source="g.toml", text=text)
+    assert str(caught.value) == f"g.toml:2: {expected}"
+
+
+class DistancePayload(BaseModel):
+    distance_mm: float | None
+    stop: bool
+
+
+def distance(state: StateVector, gateway: Gateway, offset_ns: int, stale_after_ms: int) -> DistancePayload:
+    good = state.range.quality is Quality.GOOD
+    return DistancePayload(distance_mm=state.range.distance_mm if good else None, stop=state.stop)
+
+
+DISTANCE = TopicKind("distance", True, True, DistancePayload, "the distance alone", distance)
+
+
+def test_a_topic_of_another_module_is_published_with_every_state() -> None:
+    async def scene() -> None:
+        plant = Plant("bay1", "bay2", plan=(*PLAN, DISTANCE))
+        plant.broker.check = lambda topic, payload: json.loads(payload)
+        async with plant.running():
+            await asyncio.sleep(2)
+        for bay in ("bay1", "bay2"):
+            states, distances = plant.broker.on(f"{bay}/state"), plant.broker.on(f"{bay}/distance")
+            assert len(distances) == len(states) > 2
+            assert {heard.topic for heard in distances} == {f"r/site/{bay}/distance"}
+            assert all(heard.retain and heard.json == {"distance_mm": None, "stop": True} for heard in distances)
+
+    run(scene())
