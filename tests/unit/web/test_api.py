@@ -19,7 +19,7 @@ from gateway.web.server import openapi
 from gateway.web.server.api import MAX_NUMBER
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.programs import Said, api_client
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 DOCUMENT = openapi.document()
 
@@ -58,38 +58,35 @@ def lost(made: Plant, bay: str = "bay1") -> None:
     made.controls[bay].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="no such device"))
 
 
-def test_state_of_all_bays_and_of_one() -> None:
-    async def scene() -> None:
-        async with plant(bays=2) as made:
-            ask = api_client(made)
-            await asyncio.sleep(1.2)
-            loading(made)
-            await made.client.links_anew()
-            both = fits(await ask.get("/api/state"), "BayView")
-            assert [bay["bay"] for bay in both] == ["bay1", "bay2"]
-            one = fits(await ask.get("/api/bays/bay1/state"), "BayView")
-            assert (one["state"]["radius_px"], one["state"]["distance_mm"]) == (100.0, 900.0)
-            assert one["state"]["may_move"] is True
-            assert 0 <= one["age_ms"] < 1500
-            assert (one["unit_id"], one["function_check"], one["method"]) == (1, "OFF", "robust")
-            assert both[1]["state"]["reason"]["name"] == "STARTING"
-
-    run(scene())
+@in_virtual_time
+async def test_state_of_all_bays_and_of_one() -> None:
+    async with plant(bays=2) as made:
+        ask = api_client(made)
+        await asyncio.sleep(1.2)
+        loading(made)
+        await made.client.links_anew()
+        both = fits(await ask.get("/api/state"), "BayView")
+        assert [bay["bay"] for bay in both] == ["bay1", "bay2"]
+        one = fits(await ask.get("/api/bays/bay1/state"), "BayView")
+        assert (one["state"]["radius_px"], one["state"]["distance_mm"]) == (100.0, 900.0)
+        assert one["state"]["may_move"] is True
+        assert 0 <= one["age_ms"] < 1500
+        assert (one["unit_id"], one["function_check"], one["method"]) == (1, "OFF", "robust")
+        assert both[1]["state"]["reason"]["name"] == "STARTING"
 
 
-def test_of_many_bays_all_are_young() -> None:
-    async def scene() -> None:
-        async with plant(bays=20) as made:
-            for _ in range(2):
-                told = fits(await api_client(made).get("/api/state"), "BayView")
-                assert len(told) == 20
-                assert max(bay["age_ms"] for bay in told) < 1600
-                await asyncio.sleep(5)
-
-    run(scene())
+@in_virtual_time
+async def test_of_many_bays_all_are_young() -> None:
+    async with plant(bays=20) as made:
+        for _ in range(2):
+            told = fits(await api_client(made).get("/api/state"), "BayView")
+            assert len(told) == 20
+            assert max(bay["age_ms"] for bay in told) < 1600
+            await asyncio.sleep(5)
 
 
-def test_thresholds_are_those_of_the_recipe_in_force() -> None:
+@in_virtual_time
+async def test_thresholds_are_those_of_the_recipe_in_force() -> None:
     fusion = FusionConfig(decision="plain", radius_threshold_px=180, radius_hysteresis_px=4)
     bay = BayConfig(name="bay1", fusion=fusion, guidance=GuidanceConfig(aim_u_px=300.0))
     recipe = RecipeConfig.model_validate(
@@ -98,66 +95,57 @@ def test_thresholds_are_those_of_the_recipe_in_force() -> None:
     modbus = ModbusConfig(writes=True, plc_addresses=("10.0.0.9",))
     config = GatewayConfig(bays=(bay,), recipes=(recipe,), modbus=modbus)
 
-    async def scene() -> None:
-        async with plant(config=config) as made:
-            before = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
-            verdict = made.controls["bay1"].on_write(PlcWrite(Writer("10.0.0.1"), recipe=5))
-            assert verdict is WriteVerdict.TAKEN
-            await asyncio.sleep(2)
-            after = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
-            told = [(b["thresholds"]["radius_threshold_px"], b["aim"]["u_px"]) for b in (before, after)]
-            assert told == [(180.0, 300.0), (140.0, 320.0)]
-            assert (before["thresholds"]["recipe_name"], after["thresholds"]["recipe_name"]) == (None, "short truck")
-            assert after["thresholds"]["radius_hysteresis_px"] == 4
-            assert after["deadlines"]["plc_ms"] == 1000.0
-
-    run(scene())
+    async with plant(config=config) as made:
+        before = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
+        verdict = made.controls["bay1"].on_write(PlcWrite(Writer("10.0.0.1"), recipe=5))
+        assert verdict is WriteVerdict.TAKEN
+        await asyncio.sleep(2)
+        after = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
+        told = [(b["thresholds"]["radius_threshold_px"], b["aim"]["u_px"]) for b in (before, after)]
+        assert told == [(180.0, 300.0), (140.0, 320.0)]
+        assert (before["thresholds"]["recipe_name"], after["thresholds"]["recipe_name"]) == (None, "short truck")
+        assert after["thresholds"]["radius_hysteresis_px"] == 4
+        assert after["deadlines"]["plc_ms"] == 1000.0
 
 
 @pytest.mark.parametrize("path", ["state", "events", "registers", "snapshot.jpg", "snapshot.png"])
-def test_no_such_bay(path: str) -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            assert "'bay9'" in wrong(await api_client(made).get(f"/api/bays/bay9/{path}"), 404, "bay")
-
-    run(scene())
+@in_virtual_time
+async def test_no_such_bay(path: str) -> None:
+    async with plant() as made:
+        assert "'bay9'" in wrong(await api_client(made).get(f"/api/bays/bay9/{path}"), 404, "bay")
 
 
-def test_a_main_process_that_says_nothing_is_told_as_such() -> None:
-    async def scene() -> None:
-        async with plant(keep=False) as made:
-            ask = api_client(made)
-            assert fits(await ask.get("/api/bays/bay1/state"), "BayView")["state"] is None
-            wrong(await ask.get("/api/bays/bay1/registers"), 503, "not_known")
-            wrong(await ask.get("/api/bays/bay1/snapshot.jpg"), 503, "no_frame")
-            assert (await ask.get("/healthz")).status == 503
-
-    run(scene())
+@in_virtual_time
+async def test_a_main_process_that_says_nothing_is_told_as_such() -> None:
+    async with plant(keep=False) as made:
+        ask = api_client(made)
+        assert fits(await ask.get("/api/bays/bay1/state"), "BayView")["state"] is None
+        wrong(await ask.get("/api/bays/bay1/registers"), 503, "not_known")
+        wrong(await ask.get("/api/bays/bay1/snapshot.jpg"), 503, "no_frame")
+        assert (await ask.get("/healthz")).status == 503
 
 
-def test_events_are_told_from_a_number_on() -> None:
-    async def scene() -> None:
-        async with plant(bays=2) as made:
-            ask = api_client(made)
-            for _ in range(3):
-                lost(made, "bay2")
-                await asyncio.sleep(1)
-                loading(made, "bay2")
-                await asyncio.sleep(1)
-            await asyncio.sleep(3)
-            told = fits(await ask.get("/api/events"), "EventsView")
-            numbers = [row["number"] for row in told["events"]]
-            assert numbers == list(range(1, told["newest"] + 1))
-            assert told["events"][0]["event"]["kind"] == "start"
-            some = fits(await ask.get("/api/events", "after=3&limit=2"), "EventsView")
-            assert [row["number"] for row in some["events"]] == [4, 5]
-            one = fits(await ask.get("/api/bays/bay1/events"), "EventsView")
-            assert {row["event"]["bay"] for row in one["events"]} == {"bay1"}
-            assert one["newest"] == told["newest"]
-            kinds = [row["event"]["kind"] for row in told["events"] if row["event"]["bay"] == "bay2"]
-            assert kinds.count(EventKind.SENSOR_FAULT) >= 3
-
-    run(scene())
+@in_virtual_time
+async def test_events_are_told_from_a_number_on() -> None:
+    async with plant(bays=2) as made:
+        ask = api_client(made)
+        for _ in range(3):
+            lost(made, "bay2")
+            await asyncio.sleep(1)
+            loading(made, "bay2")
+            await asyncio.sleep(1)
+        await asyncio.sleep(3)
+        told = fits(await ask.get("/api/events"), "EventsView")
+        numbers = [row["number"] for row in told["events"]]
+        assert numbers == list(range(1, told["newest"] + 1))
+        assert told["events"][0]["event"]["kind"] == "start"
+        some = fits(await ask.get("/api/events", "after=3&limit=2"), "EventsView")
+        assert [row["number"] for row in some["events"]] == [4, 5]
+        one = fits(await ask.get("/api/bays/bay1/events"), "EventsView")
+        assert {row["event"]["bay"] for row in one["events"]} == {"bay1"}
+        assert one["newest"] == told["newest"]
+        kinds = [row["event"]["kind"] for row in told["events"] if row["event"]["bay"] == "bay2"]
+        assert kinds.count(EventKind.SENSOR_FAULT) >= 3
 
 
 @pytest.mark.parametrize(
@@ -174,197 +162,173 @@ def test_events_are_told_from_a_number_on() -> None:
         ("limit=1001", "limit"),
     ],
 )
-def test_a_number_out_of_its_range_is_named(query: str, said: str) -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            for path in ("/api/events", "/api/bays/bay1/events"):
-                assert wrong(await api_client(made).get(path, query), 400, "query").startswith(said)
-
-    run(scene())
+@in_virtual_time
+async def test_a_number_out_of_its_range_is_named(query: str, said: str) -> None:
+    async with plant() as made:
+        for path in ("/api/events", "/api/bays/bay1/events"):
+            assert wrong(await api_client(made).get(path, query), 400, "query").startswith(said)
 
 
-def test_registers_are_the_words_that_a_plc_reads() -> None:
-    async def scene() -> None:
-        async with plant() as made, asyncio.TaskGroup() as group:
-            task = group.create_task(kept_loading(made))
-            await asyncio.sleep(1.5)
-            told = fits(await api_client(made).get("/api/bays/bay1/registers"), "RegistersView")
-            task.cancel()
-            rows = {row["name"]: row for row in told["registers"]}
-            report = made.client.report("bay1")
-            assert report is not None
-            image = report.now.image
-            for row in told["registers"]:
-                assert tuple(row["words"]) == tuple(image[row["address"] : row["address"] + len(row["words"])])
-            assert (rows["distance"]["words"], rows["distance"]["value"], rows["distance"]["unit"]) == (
-                [900],
-                900,
-                "mm",
-            )
-            assert (rows["radius"]["words"], rows["radius"]["value"], rows["radius"]["scale"]) == ([1000], 100.0, 0.1)
-            assert (rows["vision_quality"]["value"], rows["vision_quality"]["text"]) == (0, "good")
-            assert (rows["z_vision"]["words"], rows["z_vision"]["value"]) == ([0xFFFF], None)
-            on = {bit["name"] for bit in rows["status"]["bits"] if bit["on"]}
-            assert on == {"may_move", "vision_good", "range_good", "healthy"}
-            assert rows["seq_begin"]["words"] == rows["seq_end"]["words"]
-            assert told["word_order"] == "big"
-            assert [name for name, row in rows.items() if row["writable"]] == [
-                "plc_heartbeat", "plc_control", "recipe_select",
-            ]  # fmt: skip
-
-    run(scene())
+@in_virtual_time
+async def test_registers_are_the_words_that_a_plc_reads() -> None:
+    async with plant() as made, asyncio.TaskGroup() as group:
+        task = group.create_task(kept_loading(made))
+        await asyncio.sleep(1.5)
+        told = fits(await api_client(made).get("/api/bays/bay1/registers"), "RegistersView")
+        task.cancel()
+        rows = {row["name"]: row for row in told["registers"]}
+        report = made.client.report("bay1")
+        assert report is not None
+        image = report.now.image
+        for row in told["registers"]:
+            assert tuple(row["words"]) == tuple(image[row["address"] : row["address"] + len(row["words"])])
+        assert (rows["distance"]["words"], rows["distance"]["value"], rows["distance"]["unit"]) == (
+            [900],
+            900,
+            "mm",
+        )
+        assert (rows["radius"]["words"], rows["radius"]["value"], rows["radius"]["scale"]) == ([1000], 100.0, 0.1)
+        assert (rows["vision_quality"]["value"], rows["vision_quality"]["text"]) == (0, "good")
+        assert (rows["z_vision"]["words"], rows["z_vision"]["value"]) == ([0xFFFF], None)
+        on = {bit["name"] for bit in rows["status"]["bits"] if bit["on"]}
+        assert on == {"may_move", "vision_good", "range_good", "healthy"}
+        assert rows["seq_begin"]["words"] == rows["seq_end"]["words"]
+        assert told["word_order"] == "big"
+        assert [name for name, row in rows.items() if row["writable"]] == [
+            "plc_heartbeat", "plc_control", "recipe_select",
+        ]  # fmt: skip
 
 
 @pytest.mark.parametrize("ending", ["png", "jpg"])
-def test_a_snapshot_is_the_newest_frame(ending: str) -> None:
+@in_virtual_time
+async def test_a_snapshot_is_the_newest_frame(ending: str) -> None:
     image = np.zeros((60, 80, 3), np.uint8)
     image[20:40, 30:50] = (30, 60, 200)
 
-    async def scene() -> None:
-        async with plant() as made:
-            captured_ns = made.client.clock.now_ns()
-            made.rings["bay1"].write(np.zeros((60, 80, 3), np.uint8), 4, captured_ns - 50_000_000)
-            made.rings["bay1"].write(image, 5, captured_ns)
-            await asyncio.sleep(0.25)
-            said = await api_client(made).get(f"/api/bays/bay1/snapshot.{ending}")
-            assert (said.status, said.headers["x-frame-id"]) == (200, "5")
-            assert said.headers["content-type"] == {"png": "image/png", "jpg": "image/jpeg"}[ending]
-            assert 250 <= float(said.headers["x-frame-age-ms"]) < 300
-            shown = cv2.imdecode(np.frombuffer(said.body, np.uint8), cv2.IMREAD_COLOR)
-            assert shown is not None
-            assert int(np.abs(shown.astype(int) - image.astype(int)).max()) <= (0 if ending == "png" else 110)
-            assert np.abs(shown.astype(int) - image.astype(int)).mean() < (0.1 if ending == "png" else 3)
-
-    run(scene())
+    async with plant() as made:
+        captured_ns = made.client.clock.now_ns()
+        made.rings["bay1"].write(np.zeros((60, 80, 3), np.uint8), 4, captured_ns - 50_000_000)
+        made.rings["bay1"].write(image, 5, captured_ns)
+        await asyncio.sleep(0.25)
+        said = await api_client(made).get(f"/api/bays/bay1/snapshot.{ending}")
+        assert (said.status, said.headers["x-frame-id"]) == (200, "5")
+        assert said.headers["content-type"] == {"png": "image/png", "jpg": "image/jpeg"}[ending]
+        assert 250 <= float(said.headers["x-frame-age-ms"]) < 300
+        shown = cv2.imdecode(np.frombuffer(said.body, np.uint8), cv2.IMREAD_COLOR)
+        assert shown is not None
+        assert int(np.abs(shown.astype(int) - image.astype(int)).max()) <= (0 if ending == "png" else 110)
+        assert np.abs(shown.astype(int) - image.astype(int)).mean() < (0.1 if ending == "png" else 3)
 
 
 class TestAlarms:
-    def test_an_alarm_is_told_acknowledged_by_name_and_changes_nothing_else(self) -> None:
-        async def scene() -> None:
-            async with plant() as made:
-                ask = api_client(made)
-                loading(made)
-                await asyncio.sleep(0.1)
-                lost(made)
-                await asyncio.sleep(5)
-                (alarm, *_) = fits(await ask.get("/api/alarms"), "AlarmsView")["alarms"]
-                assert (alarm["id"], alarm["state"]) == ("bay1.camera_down", "unacknowledged")
-                assert (alarm["priority"], alarm["detail"]) == ("high", "no such device")
-                before = made.hub.state("bay1")
-                said = await ask.post(
-                    "/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 1, "note": "gone to look"}
-                )
-                told = fits(said, "AlarmsView")
-                now = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
-                assert (now["state"], now["who"], now["note"]) == ("acknowledged", "anna", "gone to look")
-                assert told["summary"]["by_bay"]["bay1"] == len([a for a in told["alarms"] if a["bay"] == "bay1"])
-                change = told["changes"][-1]
-                assert (change["cue"], change["after"], change["who"]) == ("acknowledge", "acknowledged", "anna")
-                after = made.hub.state("bay1")
-                assert (after.stop, after.may_move, after.reason) == (before.stop, before.may_move, before.reason)
-                assert after.stop
-                assert not after.may_move
-
-        run(scene())
-
-    def test_without_a_login_the_address_is_kept(self) -> None:
-        async def scene() -> None:
-            async with plant() as made:
-                ask = api_client(made)
-                ask.caller = Caller("", Level.TECHNICIAN, "10.0.0.9", "token")
-                lost(made)
-                await asyncio.sleep(5)
-                told = fits(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
-                alarm = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
-                assert alarm["who"] == "10.0.0.9 (without login, role technician)"
-
-        run(scene())
-
-    def test_every_deed_does_what_it_is_called(self) -> None:
-        async def scene() -> None:
-            async with plant() as made:
-                ask = api_client(made)
-                made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
-                await asyncio.sleep(2)
-
-                def state() -> str:
-                    return next((a.state.value for a in made.client.links.alarms.alarms if a.id == "task_crashed"), "")
-
-                states = []
-                for deed, body in (
-                    ("shelve", {"minutes": 5}), ("unshelve", None), ("remove", None), ("restore", None),
-                    ("acknowledge", None),
-                ):  # fmt: skip
-                    fits(await ask.post(f"/api/alarms/task_crashed/{deed}", body), "AlarmsView")
-                    states.append(state())
-                assert states == ["shelved", "unacknowledged", "out_of_service", "unacknowledged", "acknowledged"]
-                await asyncio.sleep(70)
-                assert state() == "latched_acknowledged"
-                fits(await ask.post("/api/alarms/task_crashed/reset"), "AlarmsView")
-                assert state() == ""
-
-        run(scene())
-
-    def test_what_is_not_possible_is_said(self) -> None:
-        async def scene() -> None:
-            async with plant() as made:
-                ask = api_client(made)
-                await asyncio.sleep(1.2)
-                base = "/api/alarms/bay1.camera_down"
-                for name in (
-                    "nothing",
-                    "bay1",
-                    "camera_down",
-                    "bay9.camera_down",
-                    "bay1.broker_lost",
-                    "bay1.camera_down.x",
-                ):
-                    assert repr(name) in wrong(await ask.post(f"/api/alarms/{name}/acknowledge"), 404, "alarm")
-                assert "not possible" in wrong(await ask.post(f"{base}/acknowledge"), 409, "refused")
-                assert wrong(await ask.post(f"{base}/acknowledge", {"extra": 1}), 400, "body").startswith("extra: ")
-                assert wrong(await ask.post(f"{base}/acknowledge", {"note": "x" * 121}), 400, "body").startswith("note")
-                assert wrong(await ask.post(f"{base}/acknowledge", [1]), 400, "body").startswith("body")
-                assert wrong(await ask.post(f"{base}/shelve"), 400, "body").startswith("minutes")
-                assert wrong(await ask.post(f"{base}/shelve", {"minutes": 721}), 400, "body").startswith("minutes")
-                for body in (b"{", b"null", b'{"note": "\\ud800"}', b"note=x", b"[" * 100_000):
-                    assert wrong(await ask.ask("POST", f"{base}/acknowledge", body=body), 400, "body").startswith(
-                        "body"
-                    )
-                for content in ("text/plain", "application/x-www-form-urlencoded", "application/json"):  # all is JSON
-                    headers = {"Content-Type": content}
-                    said = await ask.ask("POST", f"{base}/acknowledge", body=b'{"note": "x"}', headers=headers)
-                    assert "not possible" in wrong(said, 409, "refused")
-                assert made.monitor.changes() == ()
-
-        run(scene())
-
-    def test_a_new_occurrence_is_not_acknowledged_unseen(self) -> None:
-        async def scene() -> None:
-            async with plant() as made:
-                lost(made)
-                await asyncio.sleep(5)
-                said = await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 0})
-                assert "occurred again" in wrong(said, 409, "refused")
-
-        run(scene())
-
-    def test_a_hung_main_process_is_no_success(self) -> None:
-        async def scene() -> None:
-            async with plant(keep=False) as made:
-                wrong(await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge"), 503, "gateway")
-
-        run(scene())
-
-
-def test_a_function_check_suppresses_and_says_so() -> None:
-    async def scene() -> None:
+    @in_virtual_time
+    async def test_an_alarm_is_told_acknowledged_by_name_and_changes_nothing_else(self) -> None:
         async with plant() as made:
-            made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
-            await asyncio.sleep(2)
-            summary = fits(await api_client(made).get("/api/alarms"), "AlarmsView")["summary"]
-            hidden = sum(Suppression.FUNCTION_CHECK in kind.suppressed_by for kind in BAY_ALARMS)
-            assert (summary["suppressed"], summary["active"], summary["first"]) == (hidden, 0, None)
-            one = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
-            assert one["function_check"] == "MAY_MOVE_OFF"
+            ask = api_client(made)
+            loading(made)
+            await asyncio.sleep(0.1)
+            lost(made)
+            await asyncio.sleep(5)
+            (alarm, *_) = fits(await ask.get("/api/alarms"), "AlarmsView")["alarms"]
+            assert (alarm["id"], alarm["state"]) == ("bay1.camera_down", "unacknowledged")
+            assert (alarm["priority"], alarm["detail"]) == ("high", "no such device")
+            before = made.hub.state("bay1")
+            said = await ask.post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 1, "note": "gone to look"})
+            told = fits(said, "AlarmsView")
+            now = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
+            assert (now["state"], now["who"], now["note"]) == ("acknowledged", "anna", "gone to look")
+            assert told["summary"]["by_bay"]["bay1"] == len([a for a in told["alarms"] if a["bay"] == "bay1"])
+            change = told["changes"][-1]
+            assert (change["cue"], change["after"], change["who"]) == ("acknowledge", "acknowledged", "anna")
+            after = made.hub.state("bay1")
+            assert (after.stop, after.may_move, after.reason) == (before.stop, before.may_move, before.reason)
+            assert after.stop
+            assert not after.may_move
 
-    run(scene())
+    @in_virtual_time
+    async def test_without_a_login_the_address_is_kept(self) -> None:
+        async with plant() as made:
+            ask = api_client(made)
+            ask.caller = Caller("", Level.TECHNICIAN, "10.0.0.9", "token")
+            lost(made)
+            await asyncio.sleep(5)
+            told = fits(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
+            alarm = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
+            assert alarm["who"] == "10.0.0.9 (without login, role technician)"
+
+    @in_virtual_time
+    async def test_every_deed_does_what_it_is_called(self) -> None:
+        async with plant() as made:
+            ask = api_client(made)
+            made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
+            await asyncio.sleep(2)
+
+            def state() -> str:
+                return next((a.state.value for a in made.client.links.alarms.alarms if a.id == "task_crashed"), "")
+
+            states = []
+            for deed, body in (
+                ("shelve", {"minutes": 5}), ("unshelve", None), ("remove", None), ("restore", None),
+                ("acknowledge", None),
+            ):  # fmt: skip
+                fits(await ask.post(f"/api/alarms/task_crashed/{deed}", body), "AlarmsView")
+                states.append(state())
+            assert states == ["shelved", "unacknowledged", "out_of_service", "unacknowledged", "acknowledged"]
+            await asyncio.sleep(70)
+            assert state() == "latched_acknowledged"
+            fits(await ask.post("/api/alarms/task_crashed/reset"), "AlarmsView")
+            assert state() == ""
+
+    @in_virtual_time
+    async def test_what_is_not_possible_is_said(self) -> None:
+        async with plant() as made:
+            ask = api_client(made)
+            await asyncio.sleep(1.2)
+            base = "/api/alarms/bay1.camera_down"
+            for name in (
+                "nothing",
+                "bay1",
+                "camera_down",
+                "bay9.camera_down",
+                "bay1.broker_lost",
+                "bay1.camera_down.x",
+            ):
+                assert repr(name) in wrong(await ask.post(f"/api/alarms/{name}/acknowledge"), 404, "alarm")
+            assert "not possible" in wrong(await ask.post(f"{base}/acknowledge"), 409, "refused")
+            assert wrong(await ask.post(f"{base}/acknowledge", {"extra": 1}), 400, "body").startswith("extra: ")
+            assert wrong(await ask.post(f"{base}/acknowledge", {"note": "x" * 121}), 400, "body").startswith("note")
+            assert wrong(await ask.post(f"{base}/acknowledge", [1]), 400, "body").startswith("body")
+            assert wrong(await ask.post(f"{base}/shelve"), 400, "body").startswith("minutes")
+            assert wrong(await ask.post(f"{base}/shelve", {"minutes": 721}), 400, "body").startswith("minutes")
+            for body in (b"{", b"null", b'{"note": "\\ud800"}', b"note=x", b"[" * 100_000):
+                assert wrong(await ask.ask("POST", f"{base}/acknowledge", body=body), 400, "body").startswith("body")
+            for content in ("text/plain", "application/x-www-form-urlencoded", "application/json"):  # all is JSON
+                headers = {"Content-Type": content}
+                said = await ask.ask("POST", f"{base}/acknowledge", body=b'{"note": "x"}', headers=headers)
+                assert "not possible" in wrong(said, 409, "refused")
+            assert made.monitor.changes() == ()
+
+    @in_virtual_time
+    async def test_a_new_occurrence_is_not_acknowledged_unseen(self) -> None:
+        async with plant() as made:
+            lost(made)
+            await asyncio.sleep(5)
+            said = await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 0})
+            assert "occurred again" in wrong(said, 409, "refused")
+
+    @in_virtual_time
+    async def test_a_hung_main_process_is_no_success(self) -> None:
+        async with plant(keep=False) as made:
+            wrong(await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge"), 503, "gateway")
+
+
+@in_virtual_time
+async def test_a_function_check_suppresses_and_says_so() -> None:
+    async with plant() as made:
+        made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
+        await asyncio.sleep(2)
+        summary = fits(await api_client(made).get("/api/alarms"), "AlarmsView")["summary"]
+        hidden = sum(Suppression.FUNCTION_CHECK in kind.suppressed_by for kind in BAY_ALARMS)
+        assert (summary["suppressed"], summary["active"], summary["first"]) == (hidden, 0, None)
+        one = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
+        assert one["function_check"] == "MAY_MOVE_OFF"

@@ -1,7 +1,6 @@
 """Who gets through to the pages. Every row of the table is tried by everybody; then the attacks, one by one."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
@@ -21,24 +20,10 @@ from gateway.web.auth.bodies import BODY_S
 from gateway.web.auth.security import ENDED, REQUEST_S
 from gateway.web.server.app import RULES
 from tests.unit.web.auth import HOST, ORIGIN, PASSWORD, Browser, example, secured_app
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 NEEDS = {"driver": Level.DRIVER, "viewer": Level.VIEWER, "technician": Level.TECHNICIAN, "none": Level.OPEN}
 WHO = [("", "none"), ("", "driver"), ("", "viewer"), ("vera", "none"), ("vera", "driver"), ("tom", "none")]
-
-
-def virtual(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
-    """The test in virtual time."""
-
-    def wrapped(*args: Any, **kwargs: Any) -> None:
-        async def whole() -> None:
-            await test(*args, **kwargs)
-
-        run(whole())
-
-    wrapped.__name__ = getattr(test, "__name__", "test")
-    wrapped.__doc__ = test.__doc__
-    return wrapped
 
 
 def expected(rule: Rule, name: str, without_login: str) -> int:
@@ -76,17 +61,15 @@ async def tried(browser: Browser, rule: Rule) -> int:
 
 
 @pytest.mark.parametrize(("name", "without_login"), WHO)
-def test_every_address_by_everybody(name: str, without_login: str) -> None:
-    async def whole() -> None:
-        for rule in RULES:
-            browser = Browser(secured_app(without_login))
-            if name:
-                assert (await browser.login(name)).status == 200
-            else:
-                browser.csrf = (await browser.get("/api/session")).json["csrf"]
-            assert (rule.path, await tried(browser, rule)) == (rule.path, expected(rule, name, without_login))
-
-    run(whole())
+@in_virtual_time
+async def test_every_address_by_everybody(name: str, without_login: str) -> None:
+    for rule in RULES:
+        browser = Browser(secured_app(without_login))
+        if name:
+            assert (await browser.login(name)).status == 200
+        else:
+            browser.csrf = (await browser.get("/api/session")).json["csrf"]
+        assert (rule.path, await tried(browser, rule)) == (rule.path, expected(rule, name, without_login))
 
 
 def test_what_technicians_do_is_closed_to_all_others() -> None:
@@ -102,7 +85,7 @@ def test_what_technicians_do_is_closed_to_all_others() -> None:
     assert {rule.path for rule in RULES if rule.least is Level.DRIVER} == {"/driver", "/driver/{bay}", "/api/driver"}
 
 
-@virtual
+@in_virtual_time
 async def test_everybody_is_technician_where_loopback_says_so() -> None:
     browser = Browser(secured_app("technician", host="127.0.0.1", users=()), host="127.0.0.1:8080")
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
@@ -117,7 +100,7 @@ async def test_everybody_is_technician_where_loopback_says_so() -> None:
     assert (await browser.post("/api/bays/north/profile/apply", {}, {"x-csrf-token": "-"})).status == 403
 
 
-@virtual
+@in_virtual_time
 async def test_a_viewer_without_login_looks_and_touches_nothing() -> None:
     browser = Browser(secured_app("viewer"))
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
@@ -128,7 +111,7 @@ async def test_a_viewer_without_login_looks_and_touches_nothing() -> None:
     assert (answer.status, answer.json["by"]) == (200, "10.0.0.99 (vera, role viewer)")
 
 
-@virtual
+@in_virtual_time
 async def test_the_way_to_the_login_is_not_bent() -> None:
     """What was asked for stands in one parameter, whatever it holds."""
     browser = Browser(secured_app())
@@ -156,19 +139,17 @@ async def _nothing(_: Any) -> Any:
         (Mount("/api", routes=[Route("/new", _nothing)]), "GET", "/api/new", 404),
     ],
 )
-def test_a_route_without_a_rule_is_answered_to_nobody(route: Any, method: str, path: str, status: int) -> None:
-    async def whole() -> None:
-        browser = Browser(secured_app())
-        await browser.login("tom")
-        application = browser.secured_app.middleware._app
-        assert isinstance(application, FastAPI)
-        application.router.routes.insert(0, route)
-        if method == "WS":
-            assert (await browser.socket(path)).status == status
-        else:
-            assert (await browser.get(path, method=method)).status == status
-
-    run(whole())
+@in_virtual_time
+async def test_a_route_without_a_rule_is_answered_to_nobody(route: Any, method: str, path: str, status: int) -> None:
+    browser = Browser(secured_app())
+    await browser.login("tom")
+    application = browser.secured_app.middleware._app
+    assert isinstance(application, FastAPI)
+    application.router.routes.insert(0, route)
+    if method == "WS":
+        assert (await browser.socket(path)).status == status
+    else:
+        assert (await browser.get(path, method=method)).status == status
 
 
 @pytest.mark.parametrize(
@@ -197,15 +178,13 @@ def test_a_route_without_a_rule_is_answered_to_nobody(route: Any, method: str, p
         ("GET", "/static/..js", 200),  # a name as good as any
     ],
 )
-def test_what_there_is_not(method: str, path: str, status: int) -> None:
-    async def whole() -> None:
-        browser = Browser(secured_app("viewer"))
-        answer = await browser.get(path, method=method)
-        assert answer.status == status
-        if status == 405:
-            assert answer.headers["allow"] in ("GET", "POST")
-
-    run(whole())
+@in_virtual_time
+async def test_what_there_is_not(method: str, path: str, status: int) -> None:
+    browser = Browser(secured_app("viewer"))
+    answer = await browser.get(path, method=method)
+    assert answer.status == status
+    if status == 405:
+        assert answer.headers["allow"] in ("GET", "POST")
 
 
 @given(st.text(max_size=60))
@@ -222,7 +201,7 @@ def test_no_path_slips_past_its_row(text: str) -> None:
 # The attacks
 
 
-@virtual
+@in_virtual_time
 async def test_dns_rebinding() -> None:
     browser = Browser(secured_app("viewer"))
     for host in ("evil.example", "evil.example:8080", "10.0.0.5.evil.example", "10.0.0.6", "", "10.0.0.5, evil", "-"):
@@ -244,21 +223,19 @@ async def test_dns_rebinding() -> None:
     ["-", "null", "http://evil.example", "https://10.0.0.5:8080", "http://10.0.0.5", "http://10.0.0.5:8081",
      "http://10.0.0.5:8080/", "http://10.0.0.5:8080@evil.example", "http://evil.example:8080", "10.0.0.5:8080", ""],
 )  # fmt: skip
-def test_another_sites_page_changes_and_hears_nothing(origin: str) -> None:
-    async def whole() -> None:
-        browser = Browser(secured_app("viewer"))
-        await browser.login("tom")
-        answer = await browser.post("/api/bays/north/profile/save", {}, {"origin": origin})
-        assert (answer.status, answer.json["error"]) == (403, "origin")
-        socket = await browser.socket("/api/live", {"origin": origin})
-        assert (socket.status, socket.data) == (403, 0)
-        assert (await browser.post("/api/bays/north/profile/save")).status == 200
-        assert browser.secured_app.kinds() == [AuditKind.LOGIN, AuditKind.REFUSED, AuditKind.REFUSED, AuditKind.CHANGED]
-
-    run(whole())
+@in_virtual_time
+async def test_another_sites_page_changes_and_hears_nothing(origin: str) -> None:
+    browser = Browser(secured_app("viewer"))
+    await browser.login("tom")
+    answer = await browser.post("/api/bays/north/profile/save", {}, {"origin": origin})
+    assert (answer.status, answer.json["error"]) == (403, "origin")
+    socket = await browser.socket("/api/live", {"origin": origin})
+    assert (socket.status, socket.data) == (403, 0)
+    assert (await browser.post("/api/bays/north/profile/save")).status == 200
+    assert browser.secured_app.kinds() == [AuditKind.LOGIN, AuditKind.REFUSED, AuditKind.REFUSED, AuditKind.CHANGED]
 
 
-@virtual
+@in_virtual_time
 async def test_origin_twice_is_no_origin() -> None:
     browser = Browser(secured_app("technician", host="127.0.0.1"), host="127.0.0.1")
     headers = [(b"host", b"127.0.0.1"), (b"origin", b"http://127.0.0.1"), (b"origin", b"http://evil.example")]
@@ -266,27 +243,25 @@ async def test_origin_twice_is_no_origin() -> None:
 
 
 @pytest.mark.parametrize("token", ["-", "", "x" * 43, "another's", "strangers", "before"])
-def test_forged_requests(token: str) -> None:
-    async def whole() -> None:
-        built = secured_app("driver")
-        other, browser = Browser(built), Browser(built)
-        await other.login("tom")
-        strangers = (await browser.get("/api/session")).json["csrf"]
-        await browser.login("tom")
-        before = browser.csrf
-        await browser.login("tom")
-        real = browser.csrf
-        assert len({strangers, before, real, other.csrf}) == 4
-        forged = {"another's": other.csrf, "strangers": strangers, "before": before}.get(token, token)
-        answer = await browser.post("/api/bays/north/profile/apply", {}, {"x-csrf-token": forged})
-        assert (answer.status, answer.json["error"]) == (403, "csrf")
-        assert AuditKind.CHANGED not in built.kinds()
-        assert (await browser.post("/api/bays/north/profile/apply")).status == 200
-
-    run(whole())
+@in_virtual_time
+async def test_forged_requests(token: str) -> None:
+    built = secured_app("driver")
+    other, browser = Browser(built), Browser(built)
+    await other.login("tom")
+    strangers = (await browser.get("/api/session")).json["csrf"]
+    await browser.login("tom")
+    before = browser.csrf
+    await browser.login("tom")
+    real = browser.csrf
+    assert len({strangers, before, real, other.csrf}) == 4
+    forged = {"another's": other.csrf, "strangers": strangers, "before": before}.get(token, token)
+    answer = await browser.post("/api/bays/north/profile/apply", {}, {"x-csrf-token": forged})
+    assert (answer.status, answer.json["error"]) == (403, "csrf")
+    assert AuditKind.CHANGED not in built.kinds()
+    assert (await browser.post("/api/bays/north/profile/apply")).status == 200
 
 
-@virtual
+@in_virtual_time
 async def test_a_login_is_not_forged_either() -> None:
     browser = Browser(secured_app())
     answer = await browser.post("/api/login", {"name": "tom", "password": PASSWORD}, {"x-csrf-token": "-"})
@@ -296,7 +271,7 @@ async def test_a_login_is_not_forged_either() -> None:
     assert browser.cookies == {}
 
 
-@virtual
+@in_virtual_time
 async def test_a_session_is_not_planted() -> None:
     """Session fixation: an id that the attacker knows never becomes the victim's."""
     built = secured_app()
@@ -313,7 +288,7 @@ async def test_a_session_is_not_planted() -> None:
     assert victim.cookies["g1-session"] != "chosen-by-the-attacker"
 
 
-@virtual
+@in_virtual_time
 async def test_brute_force_at_speed() -> None:
     browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
@@ -330,7 +305,7 @@ async def test_brute_force_at_speed() -> None:
     assert (last.kind, last.who, last.address) == (AuditKind.LOGIN, "tom", "10.0.0.99")
 
 
-@virtual
+@in_virtual_time
 async def test_brute_force_all_at_once() -> None:
     browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
@@ -339,7 +314,7 @@ async def test_brute_force_all_at_once() -> None:
     assert sorted(answer.status for answer in answers) == [401] * 10 + [429] * 90
 
 
-@virtual
+@in_virtual_time
 async def test_who_types_the_right_password_is_never_held_up() -> None:
     browser = Browser(secured_app())
     for _ in range(30):
@@ -350,7 +325,7 @@ async def test_who_types_the_right_password_is_never_held_up() -> None:
         await asyncio.sleep(301)  # so that each is checked anew
 
 
-@virtual
+@in_virtual_time
 async def test_a_stranger_who_guesses_does_not_lock_the_technician_out() -> None:
     built = secured_app()
     technician = Browser(built)
@@ -362,7 +337,7 @@ async def test_a_stranger_who_guesses_does_not_lock_the_technician_out() -> None
     assert (await technician.login("tom")).status == 200
 
 
-@virtual
+@in_virtual_time
 async def test_nothing_tells_whether_a_user_exists() -> None:
     browser = Browser(secured_app())
     known, unknown = await browser.login("tom", "wrong password"), await browser.login("tim", "wrong password")
@@ -372,33 +347,31 @@ async def test_nothing_tells_whether_a_user_exists() -> None:
 @pytest.mark.parametrize(
     ("path", "limit"), [("/api/login", LOGIN_BYTES), ("/api/bays/north/trial", BODY_BYTES), ("/api/state", 0)]
 )
-def test_huge_bodies(path: str, limit: int) -> None:
-    async def whole() -> None:
-        browser = Browser(secured_app())
-        await browser.login("tom")
-        cookie = f"g1-session={browser.cookies['g1-session']}".encode()
-        headers = [
-            (b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"cookie", cookie),
-            (b"x-csrf-token", browser.csrf.encode()),
-        ]  # fmt: skip
-        method = "GET" if path == "/api/state" else "POST"
-        told = str(limit + 1).encode()
-        for length in (told, b"99999999999999999999", b"-1", b"1_0", b"0x10", b""):
-            answer = await browser.raw(method, path, [*headers, (b"content-length", length)], [b""])
-            assert (length, answer.status) == (length, 413)
-        two = [(b"content-length", b"0"), (b"content-length", b"7")]
-        assert (await browser.raw(method, path, [*headers, *two], [b""])).status == 413
-        if method == "POST":
-            grown = [b"x" * 1024] * (limit // 1024) + [b"x"]  # of untold length
-            answer = await browser.raw(method, path, headers, grown)
-            assert (answer.status, answer.headers["connection"]) == (413, "close")
-            fits = await browser.raw(method, path, headers, grown[:-1])
-            assert fits.status != 413
-
-    run(whole())
+@in_virtual_time
+async def test_huge_bodies(path: str, limit: int) -> None:
+    browser = Browser(secured_app())
+    await browser.login("tom")
+    cookie = f"g1-session={browser.cookies['g1-session']}".encode()
+    headers = [
+        (b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"cookie", cookie),
+        (b"x-csrf-token", browser.csrf.encode()),
+    ]  # fmt: skip
+    method = "GET" if path == "/api/state" else "POST"
+    told = str(limit + 1).encode()
+    for length in (told, b"99999999999999999999", b"-1", b"1_0", b"0x10", b""):
+        answer = await browser.raw(method, path, [*headers, (b"content-length", length)], [b""])
+        assert (length, answer.status) == (length, 413)
+    two = [(b"content-length", b"0"), (b"content-length", b"7")]
+    assert (await browser.raw(method, path, [*headers, *two], [b""])).status == 413
+    if method == "POST":
+        grown = [b"x" * 1024] * (limit // 1024) + [b"x"]  # of untold length
+        answer = await browser.raw(method, path, headers, grown)
+        assert (answer.status, answer.headers["connection"]) == (413, "close")
+        fits = await browser.raw(method, path, headers, grown[:-1])
+        assert fits.status != 413
 
 
-@virtual
+@in_virtual_time
 async def test_a_body_that_never_comes() -> None:
     browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
@@ -420,7 +393,7 @@ async def test_a_body_that_never_comes() -> None:
     assert asyncio.get_running_loop().time() - before_s == pytest.approx(BODY_S)
 
 
-@virtual
+@in_virtual_time
 async def test_a_body_arrives_whole_however_it_is_cut() -> None:
     browser = Browser(secured_app())
     await browser.login("tom")
@@ -431,7 +404,7 @@ async def test_a_body_arrives_whole_however_it_is_cut() -> None:
     assert answer.json["body"] == "abcd"
 
 
-@virtual
+@in_virtual_time
 async def test_other_sites_embed_nothing() -> None:
     browser = Browser(secured_app("viewer"))
     for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 200), ("none", 200)):
@@ -446,38 +419,36 @@ async def test_other_sites_embed_nothing() -> None:
 
 
 @pytest.mark.parametrize("name", ["vera", "tom"])
-def test_logging_out_ends_what_is_open(name: str) -> None:
-    async def whole() -> None:
-        built = secured_app()
-        browser, other = Browser(built), Browser(built)
-        await browser.login(name)
-        await other.login(name)
-        socket, others = await browser.socket("/api/live"), await other.socket("/api/live")
-        await socket.say()
-        assert (socket.status, socket.data, socket.closed) == (101, 2, None)
-        waiting = asyncio.get_running_loop().create_task(browser.get("/api/bays/north/picture?wait_s=5"))
-        await asyncio.sleep(1)
-        before_s = asyncio.get_running_loop().time()
-        cookies = dict(browser.cookies)
-        assert (await browser.post("/api/logout")).status == 200
-        await socket.settle()
-        assert (socket.closed, socket.task.done()) == (ENDED, True)
-        answer = await waiting
-        assert (answer.status, answer.json["error"]) == (401, "login")
-        assert asyncio.get_running_loop().time() - before_s < 0.1
-        assert browser.cookies == {}
-        browser.cookies = cookies  # a thief's copy is worth nothing
-        assert (await browser.get("/api/state")).status == 401
-        await others.say()
-        assert (others.data, others.closed) == (2, None)
-        await others.leave()
-        assert built.kinds()[-1] is AuditKind.LOGOUT
-        assert built.middleware._open == {}
-
-    run(whole())
+@in_virtual_time
+async def test_logging_out_ends_what_is_open(name: str) -> None:
+    built = secured_app()
+    browser, other = Browser(built), Browser(built)
+    await browser.login(name)
+    await other.login(name)
+    socket, others = await browser.socket("/api/live"), await other.socket("/api/live")
+    await socket.say()
+    assert (socket.status, socket.data, socket.closed) == (101, 2, None)
+    waiting = asyncio.get_running_loop().create_task(browser.get("/api/bays/north/picture?wait_s=5"))
+    await asyncio.sleep(1)
+    before_s = asyncio.get_running_loop().time()
+    cookies = dict(browser.cookies)
+    assert (await browser.post("/api/logout")).status == 200
+    await socket.settle()
+    assert (socket.closed, socket.task.done()) == (ENDED, True)
+    answer = await waiting
+    assert (answer.status, answer.json["error"]) == (401, "login")
+    assert asyncio.get_running_loop().time() - before_s < 0.1
+    assert browser.cookies == {}
+    browser.cookies = cookies  # a thief's copy is worth nothing
+    assert (await browser.get("/api/state")).status == 401
+    await others.say()
+    assert (others.data, others.closed) == (2, None)
+    await others.leave()
+    assert built.kinds()[-1] is AuditKind.LOGOUT
+    assert built.middleware._open == {}
 
 
-@virtual
+@in_virtual_time
 async def test_a_session_is_over_after_its_time_however_busy_its_page() -> None:
     browser = Browser(secured_app(session_hours=1.0, session_idle_minutes=10.0))
     assert (await browser.login("vera")).json["expires_in_s"] == 3600
@@ -492,7 +463,7 @@ async def test_a_session_is_over_after_its_time_however_busy_its_page() -> None:
     assert (await browser.get("/api/session")).json["name"] is None
 
 
-@virtual
+@in_virtual_time
 async def test_an_idle_session_ends() -> None:
     browser = Browser(secured_app(session_idle_minutes=10.0))
     await browser.login("vera")
@@ -507,7 +478,7 @@ async def test_an_idle_session_ends() -> None:
     assert socket.closed == ENDED
 
 
-@virtual
+@in_virtual_time
 async def test_what_a_technician_began_is_not_left_half_done() -> None:
     browser = Browser(secured_app())
     await browser.login("tom")
@@ -528,7 +499,7 @@ def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str
         done.append(request.url.path)
         raise KeyError("a bug")
 
-    @virtual
+    @in_virtual_time
     async def scene() -> None:
         built = secured_app()
         inner = Starlette(routes=[Route("/api/bays/{bay}/profile/apply", acts_and_breaks, methods=["POST"])])
@@ -550,7 +521,7 @@ def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str
     scene()
 
 
-@virtual
+@in_virtual_time
 async def test_no_request_lasts_for_ever() -> None:
     browser = Browser(secured_app("viewer"))
     before_s = asyncio.get_running_loop().time()
@@ -562,47 +533,43 @@ async def test_no_request_lasts_for_ever() -> None:
 
 
 @pytest.mark.parametrize("tls", [False, True])
-def test_headers_of_every_answer(tls: bool) -> None:
-    async def whole() -> None:
-        files: dict[str, Any] = {"tls_cert": "a.pem", "tls_key": "a.key", "port": 443} if tls else {}
-        built = secured_app(**files)
-        browser = Browser(built, scheme="https" if tls else "http")
-        answers = [await browser.get(path) for path in ("/login", "/nothing", "/api/state", "/static/a.js", "/tune/a")]
-        answers.append(await browser.post("/api/login", {}))
-        answers.append(await browser.get("/login", {"host": "evil.example"}))
-        login = await browser.login("tom")
-        assert [a.status for a in answers] == [200, 404, 401, 200, 303, 403, 400]
-        for answer in [*answers, login]:
-            said = answer.headers
-            assert said["content-security-policy"].split("; ") == [
-                "default-src 'self'", "img-src 'self' blob: data:", "connect-src 'self'", "object-src 'none'",
-                "base-uri 'none'", "form-action 'self'", "frame-ancestors 'none'",
-            ]  # fmt: skip
-            assert said["x-content-type-options"] == "nosniff"
-            assert said["x-frame-options"] == "DENY"
-            assert said["referrer-policy"] == "same-origin"
-            assert "camera=()" in said["permissions-policy"]
-            assert said["cross-origin-resource-policy"] == "same-origin"
-            assert said.get("cross-origin-opener-policy") == ("same-origin" if tls else None)
-            assert said.get("strict-transport-security") == ("max-age=2592000" if tls else None)
-        assert [a.headers["cache-control"] for a in answers[:4]] == ["no-store", "no-store", "no-store", "no-cache"]
-        cookie = login.headers["set-cookie"]
-        name, _, flags = cookie.partition("=")
-        assert name == ("__Host-g1-session" if tls else "g1-session")
-        flags = flags.partition("; ")[2].lower()
-        assert set(flags.split("; ")) == {
-            "httponly", "samesite=strict", "path=/", "max-age=43200", *(["secure"] if tls else []),
-        }  # fmt: skip
-
-    run(whole())
+@in_virtual_time
+async def test_headers_of_every_answer(tls: bool) -> None:
+    files: dict[str, Any] = {"tls_cert": "a.pem", "tls_key": "a.key", "port": 443} if tls else {}
+    built = secured_app(**files)
+    browser = Browser(built, scheme="https" if tls else "http")
+    answers = [await browser.get(path) for path in ("/login", "/nothing", "/api/state", "/static/a.js", "/tune/a")]
+    answers.append(await browser.post("/api/login", {}))
+    answers.append(await browser.get("/login", {"host": "evil.example"}))
+    login = await browser.login("tom")
+    assert [a.status for a in answers] == [200, 404, 401, 200, 303, 403, 400]
+    for answer in [*answers, login]:
+        said = answer.headers
+        assert said["content-security-policy"].split("; ") == [
+            "default-src 'self'", "img-src 'self' blob: data:", "connect-src 'self'", "object-src 'none'",
+            "base-uri 'none'", "form-action 'self'", "frame-ancestors 'none'",
+        ]  # fmt: skip
+        assert said["x-content-type-options"] == "nosniff"
+        assert said["x-frame-options"] == "DENY"
+        assert said["referrer-policy"] == "same-origin"
+        assert "camera=()" in said["permissions-policy"]
+        assert said["cross-origin-resource-policy"] == "same-origin"
+        assert said.get("cross-origin-opener-policy") == ("same-origin" if tls else None)
+        assert said.get("strict-transport-security") == ("max-age=2592000" if tls else None)
+    assert [a.headers["cache-control"] for a in answers[:4]] == ["no-store", "no-store", "no-store", "no-cache"]
+    cookie = login.headers["set-cookie"]
+    name, _, flags = cookie.partition("=")
+    assert name == ("__Host-g1-session" if tls else "g1-session")
+    flags = flags.partition("; ")[2].lower()
+    assert set(flags.split("; ")) == {
+        "httponly", "samesite=strict", "path=/", "max-age=43200", *(["secure"] if tls else []),
+    }  # fmt: skip
 
 
-def test_hsts_only_where_the_pages_are_the_hosts_web_site() -> None:
-    async def whole() -> None:
-        browser = Browser(secured_app(tls_cert="a", tls_key="b", port=8443), scheme="https")
-        assert "strict-transport-security" not in (await browser.get("/login")).headers
-
-    run(whole())
+@in_virtual_time
+async def test_hsts_only_where_the_pages_are_the_hosts_web_site() -> None:
+    browser = Browser(secured_app(tls_cert="a", tls_key="b", port=8443), scheme="https")
+    assert "strict-transport-security" not in (await browser.get("/login")).headers
 
 
 # HTTP Basic, for programs
@@ -614,7 +581,7 @@ def basic(name: str, password: str) -> dict[str, str]:
     return {"authorization": "Basic " + b64encode(f"{name}:{password}".encode()).decode()}
 
 
-@virtual
+@in_virtual_time
 async def test_a_program_logs_in_with_every_request_and_costs_one_check() -> None:
     program = Browser(secured_app("none"))
     for _ in range(20):
@@ -628,7 +595,7 @@ async def test_a_program_logs_in_with_every_request_and_costs_one_check() -> Non
     assert program.cookies == {}
 
 
-@virtual
+@in_virtual_time
 async def test_where_programs_may_not() -> None:
     program = Browser(secured_app("none"))
     good = basic("tom", PASSWORD)
@@ -646,16 +613,14 @@ async def test_where_programs_may_not() -> None:
 @pytest.mark.parametrize(
     "said", ["Basic", "Basic !!!", "Basic dG9t", "Bearer abc", "Basic \xe4", "Basic " + "A" * 2000, "Basic /w==", ""]
 )
-def test_basic_that_is_none(said: str) -> None:
-    async def whole() -> None:
-        answer = await Browser(secured_app("none")).get("/metrics", {"authorization": said})
-        assert (answer.status, answer.json["error"]) == (401, "basic")
-        assert answer.headers["www-authenticate"].startswith("Basic ")
-
-    run(whole())
+@in_virtual_time
+async def test_basic_that_is_none(said: str) -> None:
+    answer = await Browser(secured_app("none")).get("/metrics", {"authorization": said})
+    assert (answer.status, answer.json["error"]) == (401, "basic")
+    assert answer.headers["www-authenticate"].startswith("Basic ")
 
 
-@virtual
+@in_virtual_time
 async def test_basic_is_throttled_as_the_login_is() -> None:
     program = Browser(secured_app("none"))
     wrong = [(await program.get("/metrics", basic("tom", f"guess {n}"))).status for n in range(30)]
@@ -663,7 +628,7 @@ async def test_basic_is_throttled_as_the_login_is() -> None:
     assert program.secured_app.logins.passwords.checks == 10
 
 
-@virtual
+@in_virtual_time
 async def test_a_wrong_password_is_never_served_from_memory() -> None:
     program = Browser(secured_app("none"))
     assert (await program.get("/metrics", basic("tom", PASSWORD))).status == 200
@@ -679,33 +644,29 @@ texts = st.text(st.characters(max_codepoint=255), max_size=200)
 
 @given(cookie=texts, host=texts, origin=texts, token=texts, authorization=texts)
 @settings(max_examples=200)
-def test_no_header_opens_a_door_or_breaks_it(
+@in_virtual_time
+async def test_no_header_opens_a_door_or_breaks_it(
     cookie: str, host: str, origin: str, token: str, authorization: str
 ) -> None:
-    async def whole() -> None:
-        built = secured_app("none")
-        browser = Browser(built)
-        wild = {"cookie": cookie, "authorization": authorization}
-        assert (await browser.get("/api/state", wild)).status == 401
-        assert (await browser.get("/api/state", {**wild, "host": host})).status in (400, 401)
-        posted = {**wild, "origin": origin, "x-csrf-token": token}
-        assert (await browser.post("/api/bays/north/freeze", {}, posted)).status in (401, 403)
-        assert (await browser.post("/api/login", {}, {**posted, "origin": ORIGIN})).status == 403
-        assert built.records == [] or set(built.kinds()) <= {AuditKind.REFUSED, AuditKind.LOGIN_FAILED}
-        assert all(str(told).isprintable() for told in built.records)
-
-    run(whole())
+    built = secured_app("none")
+    browser = Browser(built)
+    wild = {"cookie": cookie, "authorization": authorization}
+    assert (await browser.get("/api/state", wild)).status == 401
+    assert (await browser.get("/api/state", {**wild, "host": host})).status in (400, 401)
+    posted = {**wild, "origin": origin, "x-csrf-token": token}
+    assert (await browser.post("/api/bays/north/freeze", {}, posted)).status in (401, 403)
+    assert (await browser.post("/api/login", {}, {**posted, "origin": ORIGIN})).status == 403
+    assert built.records == [] or set(built.kinds()) <= {AuditKind.REFUSED, AuditKind.LOGIN_FAILED}
+    assert all(str(told).isprintable() for told in built.records)
 
 
 @given(st.lists(st.tuples(st.sampled_from(["g1-session", "other", " g1-session ", "", "G1-SESSION"]), texts)))
 @settings(max_examples=100)
-def test_a_cookie_beside_ours_does_not_hide_it(others: list[tuple[str, str]]) -> None:
-    async def whole() -> None:
-        browser = Browser(secured_app("none"))
-        await browser.login("vera")
-        ours = f"g1-session={browser.cookies['g1-session']}"
-        before = "; ".join(f"{name}={value.replace(';', '')}" for name, value in others)
-        answer = await browser.get("/api/session", {"cookie": f"{before}; {ours}" if before else ours})
-        assert answer.json["name"] == ("vera" if len(before) < 4000 else None)
-
-    run(whole())
+@in_virtual_time
+async def test_a_cookie_beside_ours_does_not_hide_it(others: list[tuple[str, str]]) -> None:
+    browser = Browser(secured_app("none"))
+    await browser.login("vera")
+    ours = f"g1-session={browser.cookies['g1-session']}"
+    before = "; ".join(f"{name}={value.replace(';', '')}" for name, value in others)
+    answer = await browser.get("/api/session", {"cookie": f"{before}; {ours}" if before else ours})
+    assert answer.json["name"] == ("vera" if len(before) < 4000 else None)

@@ -25,7 +25,7 @@ from gateway.web.ipc.messages import (
 from gateway.web.server.gateway_client import RefusedError
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 ANNA = Writer("127.0.0.1", "anna", "technician")
 
@@ -36,178 +36,156 @@ def fresh(made: Plant, bay: str = "bay1") -> None:
     made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
-def test_nobody_looks_and_the_main_process_is_asked_once_a_second() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            await asyncio.sleep(10.05)
-            assert len(made.asks) == 11
-            assert made.client.report("bay1") is not None
-
-    run(scene())
+@in_virtual_time
+async def test_nobody_looks_and_the_main_process_is_asked_once_a_second() -> None:
+    async with plant() as made:
+        await asyncio.sleep(10.05)
+        assert len(made.asks) == 11
+        assert made.client.report("bay1") is not None
 
 
-def test_whoever_looks_is_served_at_once_and_ten_times_a_second_until_the_last_one_leaves() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            await asyncio.sleep(2.5)
-            before = len(made.asks)
-            with made.client.watching("bay1"), made.client.watching("bay1"):
-                report = await made.client.newer("bay1", made.client.answers, 0.05)
-                assert report is not None
-                await asyncio.sleep(2.0)
-            assert 20 <= len(made.asks) - before <= 22  # however many look
-            await asyncio.sleep(0.2)
-            before = len(made.asks)
+@in_virtual_time
+async def test_whoever_looks_is_served_at_once_and_ten_times_a_second_until_the_last_one_leaves() -> None:
+    async with plant() as made:
+        await asyncio.sleep(2.5)
+        before = len(made.asks)
+        with made.client.watching("bay1"), made.client.watching("bay1"):
+            report = await made.client.newer("bay1", made.client.answers, 0.05)
+            assert report is not None
+            await asyncio.sleep(2.0)
+        assert 20 <= len(made.asks) - before <= 22  # however many look
+        await asyncio.sleep(0.2)
+        before = len(made.asks)
+        await asyncio.sleep(5.0)
+        assert 5 <= len(made.asks) - before <= 6
+
+
+@in_virtual_time
+async def test_of_many_bays_those_that_somebody_looks_at_are_always_fresh_and_none_is_forgotten() -> None:
+    async with plant(bays=64) as made:
+        with made.client.watching(*made.client.bays, urgent=False), made.client.watching("bay40"):
             await asyncio.sleep(5.0)
-            assert 5 <= len(made.asks) - before <= 6
-
-    run(scene())
-
-
-def test_of_many_bays_those_that_somebody_looks_at_are_always_fresh_and_none_is_forgotten() -> None:
-    async def scene() -> None:
-        async with plant(bays=64) as made:
-            with made.client.watching(*made.client.bays, urgent=False), made.client.watching("bay40"):
-                await asyncio.sleep(5.0)
-                now_ns = made.client.clock.now_ns()
-                ages_s = {}
-                for bay in made.client.bays:
-                    report = made.client.report(bay)
-                    assert report is not None, bay
-                    ages_s[bay] = (now_ns - report.now_ns) / 1e9
-                assert ages_s["bay40"] <= 0.11
-                assert max(ages_s.values()) <= 1.4  # 64 bays, five with each answer, ten answers a second
-        assert all(len(ask.bays) <= MAX_STATES for ask in made.asks)
-
-    run(scene())
+            now_ns = made.client.clock.now_ns()
+            ages_s = {}
+            for bay in made.client.bays:
+                report = made.client.report(bay)
+                assert report is not None, bay
+                ages_s[bay] = (now_ns - report.now_ns) / 1e9
+            assert ages_s["bay40"] <= 0.11
+            assert max(ages_s.values()) <= 1.4  # 64 bays, five with each answer, ten answers a second
+    assert all(len(ask.bays) <= MAX_STATES for ask in made.asks)
 
 
-def test_as_many_displays_as_bays_are_all_in_time() -> None:
-    async def scene() -> None:
-        async with plant(bays=64) as made:
-            with made.client.watching(*made.client.bays):
-                await asyncio.sleep(2.0)
-                now_ns = made.client.clock.now_ns()
-                for bay in made.client.bays:
-                    report = made.client.report(bay)
-                    assert report is not None
-                    assert (now_ns - report.now_ns) / 1e9 <= 0.25, bay  # a display shows STOP after 0.5 s
-
-    run(scene())
+@in_virtual_time
+async def test_as_many_displays_as_bays_are_all_in_time() -> None:
+    async with plant(bays=64) as made:
+        with made.client.watching(*made.client.bays):
+            await asyncio.sleep(2.0)
+            now_ns = made.client.clock.now_ns()
+            for bay in made.client.bays:
+                report = made.client.report(bay)
+                assert report is not None
+                assert (now_ns - report.now_ns) / 1e9 <= 0.25, bay  # a display shows STOP after 0.5 s
 
 
-def test_events_come_once_in_order_and_those_from_before_the_first_visitor_too() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            for _ in range(30):
-                made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
-                made.controls["bay1"].check_function(FunctionCheck.OFF)
+@in_virtual_time
+async def test_events_come_once_in_order_and_those_from_before_the_first_visitor_too() -> None:
+    async with plant() as made:
+        for _ in range(30):
+            made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
+            made.controls["bay1"].check_function(FunctionCheck.OFF)
+        await asyncio.sleep(0.0)
+        for _ in range(100):
             await asyncio.sleep(0.0)
-            for _ in range(100):
-                await asyncio.sleep(0.0)
-            numbers = [row.number for row in made.client.events]
-            assert numbers == list(range(1, 62))  # the start and sixty
-            assert made.client.events_missed == 0
-            assert [row.event.kind for row in made.client.events][:2] == [
-                EventKind.START,
-                EventKind.FUNCTION_CHECK_BEGUN,
-            ]
-
-    run(scene())
+        numbers = [row.number for row in made.client.events]
+        assert numbers == list(range(1, 62))  # the start and sixty
+        assert made.client.events_missed == 0
+        assert [row.event.kind for row in made.client.events][:2] == [
+            EventKind.START,
+            EventKind.FUNCTION_CHECK_BEGUN,
+        ]
 
 
-def test_more_events_than_are_kept_are_missed_and_counted() -> None:
-    async def scene() -> None:
-        async with plant(keep=False) as made:
-            for _ in range(600):
-                made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
-                made.controls["bay1"].check_function(FunctionCheck.OFF)
-            first = made.feed.answer(StateRequest(1, ("bay1",), after=1))
-            assert [row.number for row in first.events] == [202, 203, 204, 205]  # 1201 in all, the newest 1000 are kept
-            assert first.newest_event == 1201
-            assert len(first.events) == MAX_EVENTS
-
-    run(scene())
+@in_virtual_time
+async def test_more_events_than_are_kept_are_missed_and_counted() -> None:
+    async with plant(keep=False) as made:
+        for _ in range(600):
+            made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
+            made.controls["bay1"].check_function(FunctionCheck.OFF)
+        first = made.feed.answer(StateRequest(1, ("bay1",), after=1))
+        assert [row.number for row in first.events] == [202, 203, 204, 205]  # 1201 in all, the newest 1000 are kept
+        assert first.newest_event == 1201
+        assert len(first.events) == MAX_EVENTS
 
 
-def test_a_hung_main_process_is_noticed() -> None:
-    async def scene() -> None:
-        async with plant(keep=False) as made:
-            made.answering = False
-            with pytest.raises(LinkError, match="not answered within 5 s"):
-                await made.client.keep()
-
-    run(scene())
+@in_virtual_time
+async def test_a_hung_main_process_is_noticed() -> None:
+    async with plant(keep=False) as made:
+        made.answering = False
+        with pytest.raises(LinkError, match="not answered within 5 s"):
+            await made.client.keep()
 
 
-def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            fresh(made)
-            assert made.hub.state("bay1").may_move
-            await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
-            assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
-            assert not made.hub.state("bay1").may_move
-            await asyncio.sleep(1.1)
-            told = [row.event for row in made.client.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
-            assert [event.detail for event in told] == ["127.0.0.1 (anna, role technician)"]
-
-    run(scene())
+@in_virtual_time
+async def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() -> None:
+    async with plant() as made:
+        fresh(made)
+        assert made.hub.state("bay1").may_move
+        await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
+        assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
+        assert not made.hub.state("bay1").may_move
+        await asyncio.sleep(1.1)
+        told = [row.event for row in made.client.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
+        assert [event.detail for event in told] == ["127.0.0.1 (anna, role technician)"]
 
 
-def test_settings_go_live_only_while_a_function_check_is_on() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            wished = VisionConfig(method="paper", min_area_px2=250.0)
-            with pytest.raises(RefusedError, match="function check first"):
-                await made.client.order(ApplySettings("bay1", wished), ANNA)
-            assert made.eyes["bay1"].settings == VisionConfig()
-            await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
+@in_virtual_time
+async def test_settings_go_live_only_while_a_function_check_is_on() -> None:
+    async with plant() as made:
+        wished = VisionConfig(method="paper", min_area_px2=250.0)
+        with pytest.raises(RefusedError, match="function check first"):
             await made.client.order(ApplySettings("bay1", wished), ANNA)
-            assert made.eyes["bay1"].settings == wished
-            made.eyes["bay1"].refuses = "vision.workers can't change while the gateway runs"
-            with pytest.raises(RefusedError, match="can't change"):
-                await made.client.order(ApplySettings("bay1", VisionConfig()), ANNA)
-            await asyncio.sleep(1.1)
-            told = [row.event.detail for row in made.client.events if row.event.kind is EventKind.SETTINGS_CHANGED]
-            assert told == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
-
-    run(scene())
-
-
-def test_an_order_for_no_bay_is_refused() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            with pytest.raises(RefusedError, match="no bay 'bay7'"):
-                await made.client.order(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
-
-    run(scene())
+        assert made.eyes["bay1"].settings == VisionConfig()
+        await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
+        await made.client.order(ApplySettings("bay1", wished), ANNA)
+        assert made.eyes["bay1"].settings == wished
+        made.eyes["bay1"].refuses = "vision.workers can't change while the gateway runs"
+        with pytest.raises(RefusedError, match="can't change"):
+            await made.client.order(ApplySettings("bay1", VisionConfig()), ANNA)
+        await asyncio.sleep(1.1)
+        told = [row.event.detail for row in made.client.events if row.event.kind is EventKind.SETTINGS_CHANGED]
+        assert told == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
 
 
-def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message() -> None:
-    async def scene() -> None:
-        async with plant(bays=64) as made:
-            track = tuple((5_000_000_000 + n * 60_000_000, 812.4 + n) for n in range(16))
-            for control in made.controls.values():
-                fresh(made, control.name)
-                state = made.hub.state(control.name)
-                reading = replace(
-                    state.vision,
-                    detail="x" * 500,
-                    stage_ns=tuple((f"stage {n}", 123_456 + n) for n in range(12)),
-                    ellipse=None,
-                )
-                memory = replace(state.memory, track=track)
-                made.hub.publish(replace(state, vision=reading, memory=memory, seq=state.seq + 1))
-                for mode in (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF):
-                    control.check_function(mode)
-            answer = made.feed.answer(StateRequest(1, made.client.bays[:MAX_STATES]))
-            rows = tuple(TaskStatus(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
-            answer = structs.replace(answer, links=SystemStatus(rows, full().sinks))
-            assert len(answer.bays) == MAX_STATES
-            assert len(Codec.packed(answer)) < MAX_MESSAGE_BYTES
-            bays = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, 65))
-            about = WebSetup(GatewayConfig(bays=bays), SystemClock(), {})
-            assert len(Codec.packed(about)) < MAX_MESSAGE_BYTES / 2
+@in_virtual_time
+async def test_an_order_for_no_bay_is_refused() -> None:
+    async with plant() as made:
+        with pytest.raises(RefusedError, match="no bay 'bay7'"):
+            await made.client.order(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
 
-    run(scene())
+
+@in_virtual_time
+async def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message() -> None:
+    async with plant(bays=64) as made:
+        track = tuple((5_000_000_000 + n * 60_000_000, 812.4 + n) for n in range(16))
+        for control in made.controls.values():
+            fresh(made, control.name)
+            state = made.hub.state(control.name)
+            reading = replace(
+                state.vision,
+                detail="x" * 500,
+                stage_ns=tuple((f"stage {n}", 123_456 + n) for n in range(12)),
+                ellipse=None,
+            )
+            memory = replace(state.memory, track=track)
+            made.hub.publish(replace(state, vision=reading, memory=memory, seq=state.seq + 1))
+            for mode in (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF):
+                control.check_function(mode)
+        answer = made.feed.answer(StateRequest(1, made.client.bays[:MAX_STATES]))
+        rows = tuple(TaskStatus(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
+        answer = structs.replace(answer, links=SystemStatus(rows, full().sinks))
+        assert len(answer.bays) == MAX_STATES
+        assert len(Codec.packed(answer)) < MAX_MESSAGE_BYTES
+        bays = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, 65))
+        about = WebSetup(GatewayConfig(bays=bays), SystemClock(), {})
+        assert len(Codec.packed(about)) < MAX_MESSAGE_BYTES / 2

@@ -14,7 +14,7 @@ from gateway.web.server.models import HealthView
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full, historian, mqtt, sparkplug
 from tests.unit.web.programs import api_client
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 
 def loading(made: Plant) -> None:
@@ -37,20 +37,18 @@ def told(view: HealthView) -> list[tuple[str, str]]:
     return [(reason.part, reason.status) for reason in view.reasons]
 
 
-def test_all_is_well() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.links = full()
-            view = await judged(made, verbose=True)
-            assert (view.status, view.reasons, status_code(view)) == ("ok", (), 200)
-            assert view.parts is not None
-            assert {part.part for part in view.parts} >= {
-                "main", "bay1.control", "bay1.vision", "bay1.range", "modbus", "modbus_tls", "mqtt", "event_store",
-                "sparkplug", "historian", "task bay1.control",
-            }  # fmt: skip
-            assert all(part.status == "ok" for part in view.parts)
-
-    run(scene())
+@in_virtual_time
+async def test_all_is_well() -> None:
+    async with plant() as made:
+        made.links = full()
+        view = await judged(made, verbose=True)
+        assert (view.status, view.reasons, status_code(view)) == ("ok", (), 200)
+        assert view.parts is not None
+        assert {part.part for part in view.parts} >= {
+            "main", "bay1.control", "bay1.vision", "bay1.range", "modbus", "modbus_tls", "mqtt", "event_store",
+            "sparkplug", "historian", "task bay1.control",
+        }  # fmt: skip
+        assert all(part.status == "ok" for part in view.parts)
 
 
 def of(quality: Quality, sensor: str) -> Callable[[Plant], None]:
@@ -65,16 +63,14 @@ def of(quality: Quality, sensor: str) -> Callable[[Plant], None]:
 
 
 @pytest.mark.parametrize("quality", [Quality.LINK_DOWN, Quality.PROCESS_FAULT])
-def test_a_broken_camera_is_degraded_and_no_reason_to_restart(quality: Quality) -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.links = full()
-            view = await judged(made, of(quality, "vision"), verbose=True)
-            assert (view.status, status_code(view)) == ("degraded", 200)
-            assert told(view) == [("bay1.vision", "degraded")]
-            assert "rtsp" not in view.model_dump_json()  # anybody may ask
-
-    run(scene())
+@in_virtual_time
+async def test_a_broken_camera_is_degraded_and_no_reason_to_restart(quality: Quality) -> None:
+    async with plant() as made:
+        made.links = full()
+        view = await judged(made, of(quality, "vision"), verbose=True)
+        assert (view.status, status_code(view)) == ("degraded", 200)
+        assert told(view) == [("bay1.vision", "degraded")]
+        assert "rtsp" not in view.model_dump_json()  # anybody may ask
 
 
 @pytest.mark.parametrize(
@@ -82,51 +78,45 @@ def test_a_broken_camera_is_degraded_and_no_reason_to_restart(quality: Quality) 
     [(Quality.LINK_DOWN, True), (Quality.STUCK, True), (Quality.WRONG_VERSION, True), (Quality.NO_ECHO, False),
      (Quality.TOO_FAR, False), (Quality.UNSTABLE, False)],
 )  # fmt: skip
-def test_a_broken_ranger_is_degraded_an_empty_bay_is_not(quality: Quality, wrong: bool) -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.links = full()
-            view = await judged(made, of(quality, "range"))
-            assert told(view) == ([("bay1.range", "degraded")] if wrong else [])
-
-    run(scene())
+@in_virtual_time
+async def test_a_broken_ranger_is_degraded_an_empty_bay_is_not(quality: Quality, wrong: bool) -> None:
+    async with plant() as made:
+        made.links = full()
+        view = await judged(made, of(quality, "range"))
+        assert told(view) == ([("bay1.range", "degraded")] if wrong else [])
 
 
-def test_a_control_task_that_does_not_tick_fails() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.links = full()
-            await asyncio.sleep(1.2)
-            loading(made)
-            control = made.controls["bay1"]
-            step = control._step
-            control._step = lambda seen, *more, **named: None if isinstance(seen, Tick) else step(seen, *more, **named)  # type: ignore[method-assign]
-            await asyncio.sleep(2)
-            view = health(made.client)
-            assert (view.status, status_code(view)) == ("failing", 503)
-            assert told(view) == [("bay1.control", "failing")]
-            said = await api_client(made).get("/healthz")
-            assert (said.status, said.json["status"], said.json["parts"]) == (503, "failing", None)
-
-    run(scene())
+@in_virtual_time
+async def test_a_control_task_that_does_not_tick_fails() -> None:
+    async with plant() as made:
+        made.links = full()
+        await asyncio.sleep(1.2)
+        loading(made)
+        control = made.controls["bay1"]
+        step = control._step
+        control._step = lambda seen, *more, **named: None if isinstance(seen, Tick) else step(seen, *more, **named)  # type: ignore[method-assign]
+        await asyncio.sleep(2)
+        view = health(made.client)
+        assert (view.status, status_code(view)) == ("failing", 503)
+        assert told(view) == [("bay1.control", "failing")]
+        said = await api_client(made).get("/healthz")
+        assert (said.status, said.json["status"], said.json["parts"]) == (503, "failing", None)
 
 
-def test_a_silent_main_process_fails() -> None:
-    async def scene() -> None:
-        async with plant(keep=False) as made:
-            assert told(health(made.client))[0] == ("main", "failing")
-        async with plant() as made:
-            made.links = full()
-            await judged(made)
-            made.answering = False
-            await asyncio.sleep(3.5)
-            view = health(made.client)
-            assert view.status == "failing"
-            assert ("main", "failing") in told(view)
-            assert ("bay1.control", "failing") in told(view)
-            made.answering = True
-
-    run(scene())
+@in_virtual_time
+async def test_a_silent_main_process_fails() -> None:
+    async with plant(keep=False) as made:
+        assert told(health(made.client))[0] == ("main", "failing")
+    async with plant() as made:
+        made.links = full()
+        await judged(made)
+        made.answering = False
+        await asyncio.sleep(3.5)
+        view = health(made.client)
+        assert view.status == "failing"
+        assert ("main", "failing") in told(view)
+        assert ("bay1.control", "failing") in told(view)
+        made.answering = True
 
 
 @pytest.mark.parametrize(
@@ -141,49 +131,41 @@ def test_a_silent_main_process_fails() -> None:
         (full(tasks=(TaskStatus("bay1.control", False, 2, 0, 1, "KeyError()"),)), "task bay1.control", "failing"),
     ],
 )
-def test_links(links: SystemStatus, part: str, status: str) -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.links = links
-            view = await judged(made)
-            assert told(view) == [(part, status)]
-            assert view.status == status
-
-    run(scene())
+@in_virtual_time
+async def test_links(links: SystemStatus, part: str, status: str) -> None:
+    async with plant() as made:
+        made.links = links
+        view = await judged(made)
+        assert told(view) == [(part, status)]
+        assert view.status == status
 
 
-def test_a_task_that_has_done_its_work_is_in_order() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.links = full(tasks=(TaskStatus("trials", False, 1, 0, 0, ""),))
-            assert (await judged(made)).status == "ok"
-
-    run(scene())
+@in_virtual_time
+async def test_a_task_that_has_done_its_work_is_in_order() -> None:
+    async with plant() as made:
+        made.links = full(tasks=(TaskStatus("trials", False, 1, 0, 0, ""),))
+        assert (await judged(made)).status == "ok"
 
 
-def test_disagreement_wear_and_a_lost_plc_are_degraded() -> None:
-    async def scene() -> None:
-        async with plant(config=GatewayConfig(modbus=ModbusConfig(writes=True, plc_addresses=("10.0.0.9",)))) as made:
-            made.links = full()
-            await asyncio.sleep(3)  # no heartbeat came
-            state = made.hub.state("bay1")
+@in_virtual_time
+async def test_disagreement_wear_and_a_lost_plc_are_degraded() -> None:
+    async with plant(config=GatewayConfig(modbus=ModbusConfig(writes=True, plc_addresses=("10.0.0.9",)))) as made:
+        made.links = full()
+        await asyncio.sleep(3)  # no heartbeat came
+        state = made.hub.state("bay1")
 
-            def happens(made: Plant) -> None:
-                memory = FusionMemory(disagree=True, restarts=1, restarted_ns=state.t_ns)
-                made.hub.publish(replace(made.hub.state("bay1"), memory=memory))
+        def happens(made: Plant) -> None:
+            memory = FusionMemory(disagree=True, restarts=1, restarted_ns=state.t_ns)
+            made.hub.publish(replace(made.hub.state("bay1"), memory=memory))
 
-            view = await judged(made, happens)
-            assert told(view) == [(f"bay1.{part}", "degraded") for part in ("cross_check", "plc", "maintenance")]
-
-    run(scene())
+        view = await judged(made, happens)
+        assert told(view) == [(f"bay1.{part}", "degraded") for part in ("cross_check", "plc", "maintenance")]
 
 
-def test_verbose_is_asked_for_by_name() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            made.links = full()
-            await judged(made)
-            assert (await api_client(made).get("/healthz")).json["parts"] is None
-            assert len((await api_client(made).get("/healthz", "verbose")).json["parts"]) > 8
-
-    run(scene())
+@in_virtual_time
+async def test_verbose_is_asked_for_by_name() -> None:
+    async with plant() as made:
+        made.links = full()
+        await judged(made)
+        assert (await api_client(made).get("/healthz")).json["parts"] is None
+        assert len((await api_client(made).get("/healthz", "verbose")).json["parts"]) > 8

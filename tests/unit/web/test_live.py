@@ -11,7 +11,7 @@ from starlette.websockets import WebSocket
 from gateway.web.server import views
 from gateway.web.server.live import BAD_ANSWER, TAKEN_S, TOO_MANY, UNKNOWN_BAY, Live, Render
 from tests.unit.web.gateway_client import plant
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 
 class Page:
@@ -56,182 +56,160 @@ class Page:
                 asyncio.get_running_loop().call_later(self._think_s, self._inbox.put_nowait, answer)
 
 
-def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1")
-            async with asyncio.TaskGroup() as group:
-                group.create_task(live.serve(page.socket))
-                await asyncio.sleep(5)
-                page.leave()
-            assert 48 <= len(page.sent) <= 53
-            numbers = [view["bays"][0]["state"]["seq"] for view in page.sent]
-            assert numbers == sorted(set(numbers))
-            assert max(view["bays"][0]["age_ms"] for view in page.sent) <= 20.0
-            assert live.counts.open == 0
-
-    run(scene())
+@in_virtual_time
+async def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last() -> None:
+    async with plant() as made:
+        live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1")
+        async with asyncio.TaskGroup() as group:
+            group.create_task(live.serve(page.socket))
+            await asyncio.sleep(5)
+            page.leave()
+        assert 48 <= len(page.sent) <= 53
+        numbers = [view["bays"][0]["state"]["seq"] for view in page.sent]
+        assert numbers == sorted(set(numbers))
+        assert max(view["bays"][0]["age_ms"] for view in page.sent) <= 20.0
+        assert live.counts.open == 0
 
 
-def test_a_page_that_stalls_gets_the_newest_when_it_comes_back_and_nothing_of_what_it_missed() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)
-            async with asyncio.TaskGroup() as group:
-                group.create_task(live.serve(page.socket))
-                await asyncio.sleep(50)
-                page.leave()
-            assert len(page.sent) == 3  # at 0, 20 and 40 s
-            assert all(view["bays"][0]["age_ms"] <= 130.0 for view in page.sent)
-
-    run(scene())
+@in_virtual_time
+async def test_a_page_that_stalls_gets_the_newest_when_it_comes_back_and_nothing_of_what_it_missed() -> None:
+    async with plant() as made:
+        live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(live.serve(page.socket))
+            await asyncio.sleep(50)
+            page.leave()
+        assert len(page.sent) == 3  # at 0, 20 and 40 s
+        assert all(view["bays"][0]["age_ms"] <= 130.0 for view in page.sent)
 
 
 @pytest.mark.parametrize("render", [views.live_json, views.driver_json])
-def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(render: Render) -> None:
+@in_virtual_time
+async def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(render: Render) -> None:
     """To a page that was there, and to one that is opened only then. (After 5 s the web process gives up.)"""
 
     def ages_ms(page: Page) -> list[float]:
         return [view.get("bays", [view])[0]["age_ms"] for view in page.sent]
 
-    async def scene() -> None:
-        async with plant() as made:
-            live, page, late = Live(made.client, render, 4, 4), Page("bay=bay1"), Page("bay=bay1")
-            async with asyncio.TaskGroup() as group:
-                served = [group.create_task(live.serve(page.socket))]
-                await asyncio.sleep(1)
-                made.answering = False
-                before = len(page.sent)
-                await asyncio.sleep(3)
-                served.append(group.create_task(live.serve(late.socket)))
-                await asyncio.sleep(1.5)
-                for each in served:
-                    each.cancel()
-            assert ages_ms(page)[before:] == [pytest.approx(age_ms, abs=150) for age_ms in (2000, 4000)]
-            assert ages_ms(late)[0] == pytest.approx(3000, abs=150)
-
-    run(scene())
+    async with plant() as made:
+        live, page, late = Live(made.client, render, 4, 4), Page("bay=bay1"), Page("bay=bay1")
+        async with asyncio.TaskGroup() as group:
+            served = [group.create_task(live.serve(page.socket))]
+            await asyncio.sleep(1)
+            made.answering = False
+            before = len(page.sent)
+            await asyncio.sleep(3)
+            served.append(group.create_task(live.serve(late.socket)))
+            await asyncio.sleep(1.5)
+            for each in served:
+                each.cancel()
+        assert ages_ms(page)[before:] == [pytest.approx(age_ms, abs=150) for age_ms in (2000, 4000)]
+        assert ages_ms(late)[0] == pytest.approx(3000, abs=150)
 
 
-def test_a_page_that_never_answers_is_let_go() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=None)
-            begun_s = asyncio.get_running_loop().time()
-            await live.serve(page.socket)
-            assert asyncio.get_running_loop().time() - begun_s <= TAKEN_S + 3
-            assert (page.closed, len(page.sent), live.counts.let_go, live.counts.open) == (BAD_ANSWER, 1, 1, 0)
-
-    run(scene())
+@in_virtual_time
+async def test_a_page_that_never_answers_is_let_go() -> None:
+    async with plant() as made:
+        live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=None)
+        begun_s = asyncio.get_running_loop().time()
+        await live.serve(page.socket)
+        assert asyncio.get_running_loop().time() - begun_s <= TAKEN_S + 3
+        assert (page.closed, len(page.sent), live.counts.let_go, live.counts.open) == (BAD_ANSWER, 1, 1, 0)
 
 
-def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live = Live(made.client, views.live_json, 2, 2)
-            pages = [Page("bay=bay1") for _ in range(3)]
-            stranger = Page("bay=bay9")
-            async with asyncio.TaskGroup() as group:
-                for page in (*pages, stranger):
-                    group.create_task(live.serve(page.socket))
-                await asyncio.sleep(1)
-                assert live.counts.open == 2
-                for page in pages:
-                    page.leave()
-            assert [page.closed for page in pages] == [None, None, TOO_MANY]
-            assert (stranger.closed, stranger.sent) == (UNKNOWN_BAY, [])
-            assert live.counts.refused == 1
-
-    run(scene())
+@in_virtual_time
+async def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist() -> None:
+    async with plant() as made:
+        live = Live(made.client, views.live_json, 2, 2)
+        pages = [Page("bay=bay1") for _ in range(3)]
+        stranger = Page("bay=bay9")
+        async with asyncio.TaskGroup() as group:
+            for page in (*pages, stranger):
+                group.create_task(live.serve(page.socket))
+            await asyncio.sleep(1)
+            assert live.counts.open == 2
+            for page in pages:
+                page.leave()
+        assert [page.closed for page in pages] == [None, None, TOO_MANY]
+        assert (stranger.closed, stranger.sent) == (UNKNOWN_BAY, [])
+        assert live.counts.refused == 1
 
 
-def test_one_address_has_its_share_of_the_pages() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live = Live(made.client, views.driver_json, 64, 16)
-            greedy = [Page("bay=bay1", address="10.0.1.66") for _ in range(64)]
-            driver = Page("bay=bay1", address="10.0.1.8")
-            async with asyncio.TaskGroup() as group:
-                for page in (*greedy, driver):
-                    group.create_task(live.serve(page.socket))
-                await asyncio.sleep(1)
-                assert live.counts.open == 17
-                assert len(driver.sent) > 5
-                greedy[0].leave()
-                await asyncio.sleep(1)
-                again = Page("bay=bay1", address="10.0.1.66")
-                group.create_task(live.serve(again.socket))
-                await asyncio.sleep(1)
-                assert (again.closed, live.counts.open) == (None, 17)
-                for page in (*greedy, driver, again):
-                    page.leave()
-            assert [page.closed for page in greedy] == [None] * 16 + [TOO_MANY] * 48
-            assert (live.counts.refused, live.counts.open, len(live._open)) == (48, 0, 0)
-
-    run(scene())
+@in_virtual_time
+async def test_one_address_has_its_share_of_the_pages() -> None:
+    async with plant() as made:
+        live = Live(made.client, views.driver_json, 64, 16)
+        greedy = [Page("bay=bay1", address="10.0.1.66") for _ in range(64)]
+        driver = Page("bay=bay1", address="10.0.1.8")
+        async with asyncio.TaskGroup() as group:
+            for page in (*greedy, driver):
+                group.create_task(live.serve(page.socket))
+            await asyncio.sleep(1)
+            assert live.counts.open == 17
+            assert len(driver.sent) > 5
+            greedy[0].leave()
+            await asyncio.sleep(1)
+            again = Page("bay=bay1", address="10.0.1.66")
+            group.create_task(live.serve(again.socket))
+            await asyncio.sleep(1)
+            assert (again.closed, live.counts.open) == (None, 17)
+            for page in (*greedy, driver, again):
+                page.leave()
+        assert [page.closed for page in greedy] == [None] * 16 + [TOO_MANY] * 48
+        assert (live.counts.refused, live.counts.open, len(live._open)) == (48, 0, 0)
 
 
-def test_a_page_that_talks_too_much_is_closed() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", words=["next", "x" * 65])
-            await live.serve(page.socket)
-            assert (page.closed, len(page.sent)) == (BAD_ANSWER, 2)
-
-    run(scene())
+@in_virtual_time
+async def test_a_page_that_talks_too_much_is_closed() -> None:
+    async with plant() as made:
+        live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", words=["next", "x" * 65])
+        await live.serve(page.socket)
+        assert (page.closed, len(page.sent)) == (BAD_ANSWER, 2)
 
 
 @pytest.mark.parametrize("render", [views.live_json, views.driver_json])
-def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_raised(render: Render) -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live, page = Live(made.client, render, 4, 4), Page("bay=bay1", words=["next", b"next"])
-            await live.serve(page.socket)
-            assert (page.closed, len(page.sent), live.counts.open) == (BAD_ANSWER, 2, 0)
-
-    run(scene())
+@in_virtual_time
+async def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_raised(render: Render) -> None:
+    async with plant() as made:
+        live, page = Live(made.client, render, 4, 4), Page("bay=bay1", words=["next", b"next"])
+        await live.serve(page.socket)
+        assert (page.closed, len(page.sent), live.counts.open) == (BAD_ANSWER, 2, 0)
 
 
 @pytest.mark.parametrize("gone_at", ["websocket.accept", "websocket.send", "websocket.close"])
-def test_a_page_that_goes_while_it_is_told_something_is_no_fault(gone_at: str) -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            live = Live(made.client, views.live_json, 4, 4)
-            for page in (Page("bay=bay1", think_s=None), Page("bay=bay9"), Page("bay=bay1", words=[b""])):
-                page.gone_at = (gone_at,)
-                await live.serve(page.socket)
-            assert live.counts.open == 0
-
-    run(scene())
+@in_virtual_time
+async def test_a_page_that_goes_while_it_is_told_something_is_no_fault(gone_at: str) -> None:
+    async with plant() as made:
+        live = Live(made.client, views.live_json, 4, 4)
+        for page in (Page("bay=bay1", think_s=None), Page("bay=bay9"), Page("bay=bay1", words=[b""])):
+            page.gone_at = (gone_at,)
+            await live.serve(page.socket)
+        assert live.counts.open == 0
 
 
-def test_many_pages_share_one_rendering() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            rendered: list[tuple[str, ...]] = []
+@in_virtual_time
+async def test_many_pages_share_one_rendering() -> None:
+    async with plant() as made:
+        rendered: list[tuple[str, ...]] = []
 
-            def render(client: Any, bays: tuple[str, ...]) -> str:
-                rendered.append(bays)
-                return views.live_json(client, bays)
+        def render(client: Any, bays: tuple[str, ...]) -> str:
+            rendered.append(bays)
+            return views.live_json(client, bays)
 
-            live, pages = Live(made.client, render, 30, 30), [Page() for _ in range(20)]
-            async with asyncio.TaskGroup() as group:
-                for page in pages:
-                    group.create_task(live.serve(page.socket))
-                await asyncio.sleep(3)
-                for page in pages:
-                    page.leave()
-            answers = made.client.answers
-            assert all(len(page.sent) >= 28 for page in pages)
-            assert len(rendered) <= answers + 1
-
-    run(scene())
+        live, pages = Live(made.client, render, 30, 30), [Page() for _ in range(20)]
+        async with asyncio.TaskGroup() as group:
+            for page in pages:
+                group.create_task(live.serve(page.socket))
+            await asyncio.sleep(3)
+            for page in pages:
+                page.leave()
+        answers = made.client.answers
+        assert all(len(page.sent) >= 28 for page in pages)
+        assert len(rendered) <= answers + 1
 
 
-def test_the_drivers_view_says_fault_while_nothing_is_known() -> None:
-    async def scene() -> None:
-        async with plant(keep=False) as made:
-            view = json.loads(views.driver_json(made.client, ("bay1",)))
-            assert (view["code"], view["stop"], view["age_ms"]) == ("FAULT", True, None)
-
-    run(scene())
+@in_virtual_time
+async def test_the_drivers_view_says_fault_while_nothing_is_known() -> None:
+    async with plant(keep=False) as made:
+        view = json.loads(views.driver_json(made.client, ("bay1",)))
+        assert (view["code"], view["stop"], view["age_ms"]) == ("FAULT", True, None)

@@ -24,7 +24,7 @@ from gateway.web.server.process_usage import ProcessUsage
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
 from tests.unit.web.programs import api_client
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 OPENMETRICS = "application/openmetrics-text; version=1.0.0"
 PAGES = PageStatistics({"live": ViewerCounts(open=2, opened=3, sent=40)}, 12, {"csrf": 1})
@@ -93,111 +93,101 @@ NOT_KNOWN = {
 }
 
 
-def test_everything_is_told_and_parsed() -> None:
-    async def scene() -> None:
-        async with plant(bays=2) as made:
-            now = await told(made)
-            for family in FAMILIES:  # with everything there, every family has a sample, but for what is not known
-                name = PREFIX + family.name
-                empty = not now.families[name].samples
-                assert empty == (family.name in NOT_KNOWN), name
-            assert now.value("info", site="site1", instance="gateway") == 1
-            assert (now.value("bay_stop", bay="bay1"), now.value("bay_permit", bay="bay1")) == (0, 1)
-            assert (now.value("bay_distance_meters", bay="bay1"), now.value("bay_radius_pixels", bay="bay1")) == (
-                0.9,
-                100,
-            )
-            assert now.value("bay_frames_total", bay="bay1") == 8
-            assert now.value("bay_frames_skipped_total", bay="bay1") == 2
-            assert now.value("bay_decision", bay="bay1") == 0
-            assert now.value("modbus_requests_total", transport="tcp") == 1000
-            assert now.value("modbus_refusals_total", transport="tcp", reason="idle") == 2
-            assert now.value("modbus_plc_quiet_seconds", transport="tcp") == 0.25
-            assert now.value("modbus_plc_quiet_seconds", transport="tls") is None
-            assert now.value("mqtt_outbox_events") == 7
-            assert now.value("mqtt_connected") == 1
-            assert now.value("sparkplug_data_messages_total") == 44
-            assert [now.value("sink_connected", sink=sink) for sink in ("mqtt", "sparkplug", "historian")] == [1, 1, 1]
-            assert now.value("sink_events_lost_total", sink="mqtt") == 3
-            assert now.value("sink_figures", sink="historian", figure="rows") == 12
-            assert now.value("sink_figures", sink="mqtt", figure="published") is None  # it has a family of its own
-            assert now.value("task_starts_total", task="mqtt.deliver") == 4
-            assert now.value("event_queues_dropped_total") == 5
-            assert now.value("viewers", page="live") == 2
-            assert now.value("pictures_encoded_total") == 12
-            assert now.value("page_refusals_total", code="csrf") == 1
-            assert now.value("process_cpu_seconds_total", process="main") == 12.5
-            assert now.value("process_resident_memory_bytes", process="gw-worker-bay1") == 1 << 22
-            assert now.value("process_instances", process="gw-worker-bay1") == 2
-            assert now.value("alarms", state="normal") == 2 * len(BAY_ALARMS) + len(GATEWAY_ALARMS)
-            assert now.value("bay_picture_veil_ratio", bay="bay1") == 0.2
-            assert now.value("bay_picture_fault", bay="bay1", fault="dusty") == 1
-            assert now.value("bay_picture_fault", bay="bay1", fault="dark") == 0
-
-    run(scene())
+@in_virtual_time
+async def test_everything_is_told_and_parsed() -> None:
+    async with plant(bays=2) as made:
+        now = await told(made)
+        for family in FAMILIES:  # with everything there, every family has a sample, but for what is not known
+            name = PREFIX + family.name
+            empty = not now.families[name].samples
+            assert empty == (family.name in NOT_KNOWN), name
+        assert now.value("info", site="site1", instance="gateway") == 1
+        assert (now.value("bay_stop", bay="bay1"), now.value("bay_permit", bay="bay1")) == (0, 1)
+        assert (now.value("bay_distance_meters", bay="bay1"), now.value("bay_radius_pixels", bay="bay1")) == (
+            0.9,
+            100,
+        )
+        assert now.value("bay_frames_total", bay="bay1") == 8
+        assert now.value("bay_frames_skipped_total", bay="bay1") == 2
+        assert now.value("bay_decision", bay="bay1") == 0
+        assert now.value("modbus_requests_total", transport="tcp") == 1000
+        assert now.value("modbus_refusals_total", transport="tcp", reason="idle") == 2
+        assert now.value("modbus_plc_quiet_seconds", transport="tcp") == 0.25
+        assert now.value("modbus_plc_quiet_seconds", transport="tls") is None
+        assert now.value("mqtt_outbox_events") == 7
+        assert now.value("mqtt_connected") == 1
+        assert now.value("sparkplug_data_messages_total") == 44
+        assert [now.value("sink_connected", sink=sink) for sink in ("mqtt", "sparkplug", "historian")] == [1, 1, 1]
+        assert now.value("sink_events_lost_total", sink="mqtt") == 3
+        assert now.value("sink_figures", sink="historian", figure="rows") == 12
+        assert now.value("sink_figures", sink="mqtt", figure="published") is None  # it has a family of its own
+        assert now.value("task_starts_total", task="mqtt.deliver") == 4
+        assert now.value("event_queues_dropped_total") == 5
+        assert now.value("viewers", page="live") == 2
+        assert now.value("pictures_encoded_total") == 12
+        assert now.value("page_refusals_total", code="csrf") == 1
+        assert now.value("process_cpu_seconds_total", process="main") == 12.5
+        assert now.value("process_resident_memory_bytes", process="gw-worker-bay1") == 1 << 22
+        assert now.value("process_instances", process="gw-worker-bay1") == 2
+        assert now.value("alarms", state="normal") == 2 * len(BAY_ALARMS) + len(GATEWAY_ALARMS)
+        assert now.value("bay_picture_veil_ratio", bay="bay1") == 0.2
+        assert now.value("bay_picture_fault", bay="bay1", fault="dusty") == 1
+        assert now.value("bay_picture_fault", bay="bay1", fault="dark") == 0
 
 
-def test_what_is_not_known_has_no_sample() -> None:
-    async def scene() -> None:
-        async with plant(bays=2) as made:
-            now = await told(made, SystemStatus())
-            # bay2 has seen nothing yet
-            for name in ("bay_radius_pixels", "bay_distance_meters", "bay_decision", "bay_vision_age_seconds"):
-                assert now.value(name, bay="bay1") is not None, name
-                assert now.value(name, bay="bay2") is None, name
-            for name in ("mqtt_connected", "mqtt_published_total", "sparkplug_connected", "modbus_requests_total"):
-                assert now.value(name) is None, name
-            assert now.holds("bay_tracking", "bay2") == []
-        async with plant(keep=False) as made:
-            body, _ = text(MetricsSource(made.client, PageStatistics()))
-            early = parsed(body)
-            assert early.value("bay_stop") is None
-            assert early.value("links_age_seconds") is None
-            assert early.value("health", **{f"{PREFIX}health": "failing"}) == 1
-
-    run(scene())
+@in_virtual_time
+async def test_what_is_not_known_has_no_sample() -> None:
+    async with plant(bays=2) as made:
+        now = await told(made, SystemStatus())
+        # bay2 has seen nothing yet
+        for name in ("bay_radius_pixels", "bay_distance_meters", "bay_decision", "bay_vision_age_seconds"):
+            assert now.value(name, bay="bay1") is not None, name
+            assert now.value(name, bay="bay2") is None, name
+        for name in ("mqtt_connected", "mqtt_published_total", "sparkplug_connected", "modbus_requests_total"):
+            assert now.value(name) is None, name
+        assert now.holds("bay_tracking", "bay2") == []
+    async with plant(keep=False) as made:
+        body, _ = text(MetricsSource(made.client, PageStatistics()))
+        early = parsed(body)
+        assert early.value("bay_stop") is None
+        assert early.value("links_age_seconds") is None
+        assert early.value("health", **{f"{PREFIX}health": "failing"}) == 1
 
 
-def test_what_was_learned_of_the_marker() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            scale = MarkerScale(56_000.0, 280.0, 0.02, 12, ScaleSample(0, 225.0, 280.0), jump=0.125)
-            state = made.hub.state("bay1")
-            made.hub.publish(replace(state, memory=replace(state.memory, scale=scale)))
-            now = await told(made)
-            rows = ("pixel_meters", "spread_ratio", "visits", "jump_ratio")
-            assert [now.value(f"bay_scale_{row}", bay="bay1") for row in rows] == [56.0, 0.02, 12, 0.125]
-
-    run(scene())
+@in_virtual_time
+async def test_what_was_learned_of_the_marker() -> None:
+    async with plant() as made:
+        scale = MarkerScale(56_000.0, 280.0, 0.02, 12, ScaleSample(0, 225.0, 280.0), jump=0.125)
+        state = made.hub.state("bay1")
+        made.hub.publish(replace(state, memory=replace(state.memory, scale=scale)))
+        now = await told(made)
+        rows = ("pixel_meters", "spread_ratio", "visits", "jump_ratio")
+        assert [now.value(f"bay_scale_{row}", bay="bay1") for row in rows] == [56.0, 0.02, 12, 0.125]
 
 
-def test_of_a_state_set_one_holds() -> None:
-    async def scene() -> None:
-        async with plant(bays=2) as made:
-            now = await told(made)
-            assert now.holds("bay_reason", "bay1") == ["none"]
-            assert now.holds("bay_reason", "bay2") == ["starting"]
-            assert now.holds("bay_vision_quality", "bay1") == ["good"]
-            assert now.holds("bay_function_check", "bay1") == ["off"]
-            for family in BAYS:
-                if family.form == "state set" and family.name != "bay_tracking":
-                    assert len(now.holds(family.name, "bay1")) == len(now.holds(family.name, "bay2")) == 1, family.name
-
-    run(scene())
+@in_virtual_time
+async def test_of_a_state_set_one_holds() -> None:
+    async with plant(bays=2) as made:
+        now = await told(made)
+        assert now.holds("bay_reason", "bay1") == ["none"]
+        assert now.holds("bay_reason", "bay2") == ["starting"]
+        assert now.holds("bay_vision_quality", "bay1") == ["good"]
+        assert now.holds("bay_function_check", "bay1") == ["off"]
+        for family in BAYS:
+            if family.form == "state set" and family.name != "bay_tracking":
+                assert len(now.holds(family.name, "bay1")) == len(now.holds(family.name, "bay2")) == 1, family.name
 
 
-def test_histograms_add_up() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            now = await told(made)
-            name = "bay_vision_latency_seconds"
-            buckets = [now.value(f"{name}_bucket", le=f"{bound_s:g}") for bound_s in BOUNDS_S]
-            assert buckets == [1, 1, *([3] * (len(BOUNDS_S) - 2))]
-            assert now.value(f"{name}_bucket", le="+Inf") == now.value(f"{name}_count") == 3
-            assert now.value(f"{name}_sum") == 0.0123
-            assert now.value("bay_vision_stage_seconds_count", stage="fit") == 3
-
-    run(scene())
+@in_virtual_time
+async def test_histograms_add_up() -> None:
+    async with plant() as made:
+        now = await told(made)
+        name = "bay_vision_latency_seconds"
+        buckets = [now.value(f"{name}_bucket", le=f"{bound_s:g}") for bound_s in BOUNDS_S]
+        assert buckets == [1, 1, *([3] * (len(BOUNDS_S) - 2))]
+        assert now.value(f"{name}_bucket", le="+Inf") == now.value(f"{name}_count") == 3
+        assert now.value(f"{name}_sum") == 0.0123
+        assert now.value("bay_vision_stage_seconds_count", stage="fit") == 3
 
 
 def test_names_keep_the_conventions() -> None:
@@ -214,26 +204,24 @@ def test_names_keep_the_conventions() -> None:
     assert len({family.name for family in FAMILIES}) == len(FAMILIES) == len(BAYS) + len(PARTS)
 
 
-def test_openmetrics_for_those_who_ask() -> None:
-    async def scene() -> None:
-        async with plant(bays=2) as made:
-            made.links = full()
-            await asyncio.sleep(1.2)
-            said = await api_client(made, PAGES).get("/metrics", headers={"Accept": OPENMETRICS})
-            assert said.status == 200
-            assert said.headers["content-type"].startswith("application/openmetrics-text")
-            parse: Callable[[str], Iterator[Metric]] = openmetrics_parser.text_string_to_metric_families
-            families = list(parse(said.body.decode()))
-            kinds = {family.name: family.type for family in families}
-            assert kinds[PREFIX + "bay_reason"] == "stateset"
-            assert kinds[PREFIX + "bay_frames"] == "counter"
-            assert kinds[PREFIX + "bay_vision_latency_seconds"] == "histogram"
-            plain = await api_client(made, PAGES).get("/metrics")
-            assert plain.headers["content-type"].startswith("text/plain")
-            processes = {s.labels["process"] for s in parsed(plain.body).families[PREFIX + "process_instances"].samples}
-            assert "main" in processes  # of whoever has started the tests, but real
-
-    run(scene())
+@in_virtual_time
+async def test_openmetrics_for_those_who_ask() -> None:
+    async with plant(bays=2) as made:
+        made.links = full()
+        await asyncio.sleep(1.2)
+        said = await api_client(made, PAGES).get("/metrics", headers={"Accept": OPENMETRICS})
+        assert said.status == 200
+        assert said.headers["content-type"].startswith("application/openmetrics-text")
+        parse: Callable[[str], Iterator[Metric]] = openmetrics_parser.text_string_to_metric_families
+        families = list(parse(said.body.decode()))
+        kinds = {family.name: family.type for family in families}
+        assert kinds[PREFIX + "bay_reason"] == "stateset"
+        assert kinds[PREFIX + "bay_frames"] == "counter"
+        assert kinds[PREFIX + "bay_vision_latency_seconds"] == "histogram"
+        plain = await api_client(made, PAGES).get("/metrics")
+        assert plain.headers["content-type"].startswith("text/plain")
+        processes = {s.labels["process"] for s in parsed(plain.body).families[PREFIX + "process_instances"].samples}
+        assert "main" in processes  # of whoever has started the tests, but real
 
 
 def test_the_page_names_every_family() -> None:

@@ -11,6 +11,7 @@ from gateway.config.sections.hmi import HmiUser
 from gateway.web.auth import passwords
 from gateway.web.auth.passwords import MAX_WAITING, BusyError, Passwords, hashed, weakness
 from tests.unit.web.auth import HASH, PASSWORD, USERS
+from tests.virtual_time import in_real_time
 
 
 @pytest.mark.parametrize(
@@ -127,22 +128,20 @@ def test_the_event_loop_goes_on_and_a_crowd_is_turned_away() -> None:
     asyncio.run(whole())
 
 
-def test_a_page_that_goes_away_leaves_no_room_taken() -> None:
-    async def whole() -> None:
-        book = Passwords(USERS)
-        try:
-            for _ in range(3):
-                tasks = [asyncio.ensure_future(book.check("tom", PASSWORD)) for _ in range(MAX_WAITING)]
-                await asyncio.sleep(0)
-                for task in tasks:
-                    task.cancel()
-                async with asyncio.timeout(60):
-                    while book._waiting:  # noqa: ASYNC110
-                        await asyncio.sleep(0.01)
-        finally:
-            book.close()
-
-    asyncio.run(whole())
+@in_real_time
+async def test_a_page_that_goes_away_leaves_no_room_taken() -> None:
+    book = Passwords(USERS)
+    try:
+        for _ in range(3):
+            tasks = [asyncio.ensure_future(book.check("tom", PASSWORD)) for _ in range(MAX_WAITING)]
+            await asyncio.sleep(0)
+            for task in tasks:
+                task.cancel()
+            async with asyncio.timeout(60):
+                while book._waiting:  # noqa: ASYNC110
+                    await asyncio.sleep(0.01)
+    finally:
+        book.close()
 
 
 # The verb

@@ -30,6 +30,7 @@ from gateway.web.auth import slow_clients
 from gateway.web.auth.security import ENDED
 from tests.plant_certs import NOW, Plant
 from tests.unit.web.auth import HASH, PASSWORD, USERS, SecuredApp
+from tests.virtual_time import in_real_time
 
 HURRY_S = 30.0  # nothing here takes so long, on any machine
 
@@ -97,45 +98,37 @@ async def said(port: int, *parts: bytes, pause_s: float = 0.0) -> bytes:
 REQUEST = b"GET / HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
 
 
-def test_who_says_nothing_or_dribbles_is_let_go_and_others_are_served() -> None:
-    async def whole() -> None:
-        async with served(hello) as port:
-            silent, dribbling, whole_one = await asyncio.gather(
-                said(port), said(port, *[b"G"] + [b"x"] * 200, pause_s=0.02), said(port, REQUEST)
-            )
-            assert silent == b""
-            assert dribbling == b""
-            assert whole_one.endswith(b"hello")
-
-    asyncio.run(whole())
+@in_real_time
+async def test_who_says_nothing_or_dribbles_is_let_go_and_others_are_served() -> None:
+    async with served(hello) as port:
+        silent, dribbling, whole_one = await asyncio.gather(
+            said(port), said(port, *[b"G"] + [b"x"] * 200, pause_s=0.02), said(port, REQUEST)
+        )
+        assert silent == b""
+        assert dribbling == b""
+        assert whole_one.endswith(b"hello")
 
 
-def test_who_is_worked_for_is_not_let_go() -> None:
-    async def whole() -> None:
-        async with served(hello) as port:
-            slow = await said(
-                port, b"GET /1.0 HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
-            )  # over three times head_s
-            assert slow.endswith(b"hello")
-            async with connect(f"ws://127.0.0.1:{port}/") as page:
-                await asyncio.sleep(1.0)
-                await page.send("next")
-                assert await page.recv() == "data"
-
-    asyncio.run(whole())
+@in_real_time
+async def test_who_is_worked_for_is_not_let_go() -> None:
+    async with served(hello) as port:
+        slow = await said(port, b"GET /1.0 HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n")  # over three times head_s
+        assert slow.endswith(b"hello")
+        async with connect(f"ws://127.0.0.1:{port}/") as page:
+            await asyncio.sleep(1.0)
+            await page.send("next")
+            assert await page.recv() == "data"
 
 
-def test_a_head_has_a_length() -> None:
-    async def whole() -> None:
-        async with served(hello) as port:
-            endless = [b"GET / HTTP/1.1\r\n"] + [b"x-%d: " % n + b"a" * 4000 + b"\r\n" for n in range(100)]
-            got = await said(port, *endless)
-            assert got == b"" or got.startswith(b"HTTP/1.1 400 ")
-            line = await said(port, b"GET /" + b"a" * 400_000)
-            assert line == b"" or line.startswith(b"HTTP/1.1 400 ")
-            assert (await said(port, REQUEST)).endswith(b"hello")
-
-    asyncio.run(whole())
+@in_real_time
+async def test_a_head_has_a_length() -> None:
+    async with served(hello) as port:
+        endless = [b"GET / HTTP/1.1\r\n"] + [b"x-%d: " % n + b"a" * 4000 + b"\r\n" for n in range(100)]
+        got = await said(port, *endless)
+        assert got == b"" or got.startswith(b"HTTP/1.1 400 ")
+        line = await said(port, b"GET /" + b"a" * 400_000)
+        assert line == b"" or line.startswith(b"HTTP/1.1 400 ")
+        assert (await said(port, REQUEST)).endswith(b"hello")
 
 
 def test_what_is_no_http_is_refused_without_filling_the_log(caplog: pytest.LogCaptureFixture) -> None:
@@ -151,21 +144,19 @@ def test_what_is_no_http_is_refused_without_filling_the_log(caplog: pytest.LogCa
     assert caplog.records == []
 
 
-def test_one_address_never_has_all_connections() -> None:
-    async def whole() -> None:
-        async with served(hello, protocol=slow_clients.PatientProtocol, limit_concurrency=20) as port:
-            held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(40)]
-            await asyncio.sleep(0)
-            ended = await asyncio.gather(*(_ended(reader) for reader, _ in held[15:]))
-            assert all(ended)  # three quarters of twenty stay, idle as they are
-            assert not any(reader.at_eof() for reader, _ in held[:15])
-            reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.9", 0))
-            writer.write(REQUEST)
-            assert (await reader.read(1000)).startswith(b"HTTP/1.1 200 ")
-            for _, other in [*held, (reader, writer)]:
-                other.close()
-
-    asyncio.run(whole())
+@in_real_time
+async def test_one_address_never_has_all_connections() -> None:
+    async with served(hello, protocol=slow_clients.PatientProtocol, limit_concurrency=20) as port:
+        held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(40)]
+        await asyncio.sleep(0)
+        ended = await asyncio.gather(*(_ended(reader) for reader, _ in held[15:]))
+        assert all(ended)  # three quarters of twenty stay, idle as they are
+        assert not any(reader.at_eof() for reader, _ in held[:15])
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.9", 0))
+        writer.write(REQUEST)
+        assert (await reader.read(1000)).startswith(b"HTTP/1.1 200 ")
+        for _, other in [*held, (reader, writer)]:
+            other.close()
 
 
 async def _ended(reader: asyncio.StreamReader) -> bool:
@@ -178,41 +169,37 @@ async def _ended(reader: asyncio.StreamReader) -> bool:
 # The whole of it: server, guard, login
 
 
-def test_a_login_over_real_sockets_and_its_end() -> None:
-    async def whole() -> None:
-        made = SecuredApp(
-            HmiConfig.model_validate({"without_login": "none", "users": USERS}), quick=False, real_time=True
-        )
-        async with served(made.middleware) as port:
-            host = f"127.0.0.1:{port}"
-            origin = Origin(f"http://{host}")
-            async with httpx2.AsyncClient(base_url=f"http://{host}", timeout=HURRY_S, trust_env=False) as page:
-                with pytest.raises(InvalidStatus) as refused:
-                    async with connect(f"ws://{host}/api/live", origin=origin):
-                        pass
-                assert refused.value.response.status_code == 401
-                csrf = (await page.get("/api/session")).json()["csrf"]
-                body = {"name": "tom", "password": PASSWORD}
-                answer = await page.post("/api/login", json=body, headers={"Origin": origin, "X-CSRF-Token": csrf})
-                assert (answer.status_code, answer.json()["role"]) == (200, "technician")
-                mine = {"Cookie": f"g1-session={page.cookies['g1-session']}"}
-                async with connect(
-                    f"ws://{host}/api/live",
-                    origin=origin,
-                    additional_headers=mine,
-                ) as live:
-                    assert await live.recv() == "data"
-                    bye = await page.post(
-                        "/api/logout", json={}, headers={"Origin": origin, "X-CSRF-Token": answer.json()["csrf"]}
-                    )
-                    assert bye.status_code == 200
-                    with pytest.raises(ConnectionClosed):
-                        await live.recv()
-                    assert live.close_code == ENDED
-                assert (await page.get("/api/state")).status_code == 401
-        made.logins.close()
-
-    asyncio.run(whole())
+@in_real_time
+async def test_a_login_over_real_sockets_and_its_end() -> None:
+    made = SecuredApp(HmiConfig.model_validate({"without_login": "none", "users": USERS}), quick=False, real_time=True)
+    async with served(made.middleware) as port:
+        host = f"127.0.0.1:{port}"
+        origin = Origin(f"http://{host}")
+        async with httpx2.AsyncClient(base_url=f"http://{host}", timeout=HURRY_S, trust_env=False) as page:
+            with pytest.raises(InvalidStatus) as refused:
+                async with connect(f"ws://{host}/api/live", origin=origin):
+                    pass
+            assert refused.value.response.status_code == 401
+            csrf = (await page.get("/api/session")).json()["csrf"]
+            body = {"name": "tom", "password": PASSWORD}
+            answer = await page.post("/api/login", json=body, headers={"Origin": origin, "X-CSRF-Token": csrf})
+            assert (answer.status_code, answer.json()["role"]) == (200, "technician")
+            mine = {"Cookie": f"g1-session={page.cookies['g1-session']}"}
+            async with connect(
+                f"ws://{host}/api/live",
+                origin=origin,
+                additional_headers=mine,
+            ) as live:
+                assert await live.recv() == "data"
+                bye = await page.post(
+                    "/api/logout", json={}, headers={"Origin": origin, "X-CSRF-Token": answer.json()["csrf"]}
+                )
+                assert bye.status_code == 200
+                with pytest.raises(ConnectionClosed):
+                    await live.recv()
+                assert live.close_code == ENDED
+            assert (await page.get("/api/state")).status_code == 401
+    made.logins.close()
 
 
 # TLS
@@ -244,7 +231,10 @@ async def shaken(port: int, context: ssl.SSLContext) -> tuple[str | None, bytes 
     return found
 
 
-def test_tls_and_a_certificate_that_is_renewed(plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@in_real_time
+async def test_tls_and_a_certificate_that_is_renewed(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(tls, "LOOK_NS", 20_000_000)
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
     cert.write_bytes(plant.folder.certificate_path("gateway").read_bytes())
@@ -261,26 +251,21 @@ def test_tls_and_a_certificate_that_is_renewed(plant: Plant, tmp_path: Path, mon
                 await asyncio.sleep(0.02)
             return found
 
-    async def whole() -> None:
-        async with asyncio.TaskGroup() as group, served(hello, context=context) as port:
-            fresh = group.create_task(reloading.keep_current(0.02))
-            version, first = await shaken(port, trusting(plant))
-            assert version == "TLSv1.3"
-            old = trusting(plant)
-            old.maximum_version = ssl.TLSVersion.TLSv1_2
-            assert (await shaken(port, old))[0] == "TLSv1.2"
-            key.write_text("nonsense")  # half of a renewal, or a mistake: the pair read before goes on
-            await asyncio.sleep(0.3)
-            assert (await shaken(port, trusting(plant)))[1] == first
-            assert (
-                main(["certs", "server", "--dir", str(plant.folder.path), "--host", "localhost", "--name", "next"]) == 0
-            )
-            cert.write_bytes(plant.folder.certificate_path("next").read_bytes())
-            key.write_bytes(plant.folder.key_path("next").read_bytes())
-            assert await renewed(port, first) is not None
-            fresh.cancel()
-
-    asyncio.run(whole())
+    async with asyncio.TaskGroup() as group, served(hello, context=context) as port:
+        fresh = group.create_task(reloading.keep_current(0.02))
+        version, first = await shaken(port, trusting(plant))
+        assert version == "TLSv1.3"
+        old = trusting(plant)
+        old.maximum_version = ssl.TLSVersion.TLSv1_2
+        assert (await shaken(port, old))[0] == "TLSv1.2"
+        key.write_text("nonsense")  # half of a renewal, or a mistake: the pair read before goes on
+        await asyncio.sleep(0.3)
+        assert (await shaken(port, trusting(plant)))[1] == first
+        assert main(["certs", "server", "--dir", str(plant.folder.path), "--host", "localhost", "--name", "next"]) == 0
+        cert.write_bytes(plant.folder.certificate_path("next").read_bytes())
+        key.write_bytes(plant.folder.key_path("next").read_bytes())
+        assert await renewed(port, first) is not None
+        fresh.cancel()
 
 
 @pytest.mark.parametrize(

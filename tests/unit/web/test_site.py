@@ -21,7 +21,7 @@ from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.services import services_of
 from tests.unit.web.auth import USERS, Browser, QuickPasswords, SecuredApp
 from tests.unit.web.gateway_client import plant
-from tests.virtual_time import LoopClock, run
+from tests.virtual_time import LoopClock, in_virtual_time
 
 
 @dataclass
@@ -75,47 +75,43 @@ async def status(browser: Browser, method: str, path: str) -> int | None:
     return (await (browser.post(path) if method == "POST" else browser.get(path, method=method))).status
 
 
-def test_every_address_is_closed_to_those_it_is_not_for() -> None:
-    async def whole() -> None:
-        async with site() as real:
-            addresses = real.addresses()
-            assert sorted(real.routes()) == sorted((rule.method, rule.path) for rule in app.RULES)
-            stranger, viewer = Browser(real), Browser(real, address="10.0.0.8")
-            stranger.csrf = (await stranger.get("/api/session")).json["csrf"]
-            await viewer.login("vera")
-            tried = 0
-            for method, path in addresses:
-                rule = find(method, path, app.RULES).rule
-                assert rule is not None, f"{method} {path} has no row"
-                if rule.least > Level.OPEN:
-                    expected = 303 if rule.page else 401
-                    assert (method, path, await status(stranger, method, path)) == (method, path, expected)
-                if rule.least is Level.TECHNICIAN:
-                    tried += 1
-                    expected = 303 if rule.page else 403
-                    assert (method, path, await status(viewer, method, path)) == (method, path, expected)
-            assert tried > 8
-
-    run(whole())
+@in_virtual_time
+async def test_every_address_is_closed_to_those_it_is_not_for() -> None:
+    async with site() as real:
+        addresses = real.addresses()
+        assert sorted(real.routes()) == sorted((rule.method, rule.path) for rule in app.RULES)
+        stranger, viewer = Browser(real), Browser(real, address="10.0.0.8")
+        stranger.csrf = (await stranger.get("/api/session")).json["csrf"]
+        await viewer.login("vera")
+        tried = 0
+        for method, path in addresses:
+            rule = find(method, path, app.RULES).rule
+            assert rule is not None, f"{method} {path} has no row"
+            if rule.least > Level.OPEN:
+                expected = 303 if rule.page else 401
+                assert (method, path, await status(stranger, method, path)) == (method, path, expected)
+            if rule.least is Level.TECHNICIAN:
+                tried += 1
+                expected = 303 if rule.page else 403
+                assert (method, path, await status(viewer, method, path)) == (method, path, expected)
+        assert tried > 8
 
 
-def test_the_real_live_page_ends_with_its_login() -> None:
-    async def whole() -> None:
-        async with site() as real:
-            browser = Browser(real)
-            await browser.login("vera")
-            socket = await browser.socket("/api/live")
-            async with asyncio.timeout(30):
-                while not socket.data:  # noqa: ASYNC110
-                    await asyncio.sleep(0.1)
-            assert real.client is not None
-            assert real.client.watchers == 1
-            await browser.post("/api/logout")
-            await socket.settle()
-            assert (socket.closed, socket.task.done()) == (ENDED, True)
-            assert real.client.watchers == 0
-
-    run(whole())
+@in_virtual_time
+async def test_the_real_live_page_ends_with_its_login() -> None:
+    async with site() as real:
+        browser = Browser(real)
+        await browser.login("vera")
+        socket = await browser.socket("/api/live")
+        async with asyncio.timeout(30):
+            while not socket.data:  # noqa: ASYNC110
+                await asyncio.sleep(0.1)
+        assert real.client is not None
+        assert real.client.watchers == 1
+        await browser.post("/api/logout")
+        await socket.settle()
+        assert (socket.closed, socket.task.done()) == (ENDED, True)
+        assert real.client.watchers == 0
 
 
 @pytest.mark.parametrize(
@@ -123,23 +119,19 @@ def test_the_real_live_page_ends_with_its_login() -> None:
     ["/static/../web.py", "/static/../../../pyproject.toml", "/static//etc/passwd", "/static/lib/../../web.py",
      "/static/\\..\\web.py", "/static/./../web.py", "/static/", "/static/lib", "/static/web.py"],
 )  # fmt: skip
-def test_no_file_but_the_pages_own(path: str) -> None:
-    async def whole() -> None:
-        async with site() as real:
-            answer = await Browser(real).get(path)
-            assert answer.status == 404
-            assert "import" not in answer.text
-
-    run(whole())
+@in_virtual_time
+async def test_no_file_but_the_pages_own(path: str) -> None:
+    async with site() as real:
+        answer = await Browser(real).get(path)
+        assert answer.status == 404
+        assert "import" not in answer.text
 
 
-def test_the_pages_own_files() -> None:
-    async def whole() -> None:
-        async with site() as real:
-            answer = await Browser(real).get("/static/driver.js")
-            assert (answer.status, answer.headers["cache-control"]) == (200, "no-cache")
-            assert "javascript" in answer.headers["content-type"]
-            again = await Browser(real).get("/static/driver.js", {"if-none-match": answer.headers["etag"]})
-            assert (again.status, again.text) == (304, "")
-
-    run(whole())
+@in_virtual_time
+async def test_the_pages_own_files() -> None:
+    async with site() as real:
+        answer = await Browser(real).get("/static/driver.js")
+        assert (answer.status, answer.headers["cache-control"]) == (200, "no-cache")
+        assert "javascript" in answer.headers["content-type"]
+        again = await Browser(real).get("/static/driver.js", {"if-none-match": answer.headers["etag"]})
+        assert (again.status, again.text) == (304, "")

@@ -11,7 +11,7 @@ from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server import openapi, views
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 COMPONENTS = openapi.document()["components"]
 
@@ -34,70 +34,62 @@ def loading(made: Plant, bay: str = "bay1") -> None:
     made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
-def test_the_live_view_of_some_bays() -> None:
-    async def scene() -> None:
-        async with plant(bays=3) as made:
-            made.links = full()
-            await asyncio.sleep(1.2)
-            loading(made, "bay2")
-            await made.client.links_anew()
-            told = fits(views.live_json(made.client, ("bay2", "bay3")), "LiveView")
-            assert [bay["bay"] for bay in told["bays"]] == ["bay2", "bay3"]
-            first = told["bays"][0]
-            assert first["stage_ms"] == {"hsv": 1.25, "fit": 0.4}
-            assert first["state"]["guidance"]["name"] == "FORWARD"
-            assert first["deadlines"] == {"vision_ms": 300.0, "range_ms": 400.0, "plc_ms": None}
-            assert told["links"]["mqtt"]["queued"] == 7
-            assert told["links"]["modbus"][0]["refused"] == {"idle": 2}
-            assert told["links"]["modbus"][0]["peers"][0]["quiet_ms"] == 250
-            assert [task["name"] for task in told["links"]["tasks"]] == ["mqtt.deliver"]  # the one that began anew
-            assert 0 <= told["links"]["age_ms"] < 200
-            assert told["events_newest"] == made.client.newest_event
-
-    run(scene())
+@in_virtual_time
+async def test_the_live_view_of_some_bays() -> None:
+    async with plant(bays=3) as made:
+        made.links = full()
+        await asyncio.sleep(1.2)
+        loading(made, "bay2")
+        await made.client.links_anew()
+        told = fits(views.live_json(made.client, ("bay2", "bay3")), "LiveView")
+        assert [bay["bay"] for bay in told["bays"]] == ["bay2", "bay3"]
+        first = told["bays"][0]
+        assert first["stage_ms"] == {"hsv": 1.25, "fit": 0.4}
+        assert first["state"]["guidance"]["name"] == "FORWARD"
+        assert first["deadlines"] == {"vision_ms": 300.0, "range_ms": 400.0, "plc_ms": None}
+        assert told["links"]["mqtt"]["queued"] == 7
+        assert told["links"]["modbus"][0]["refused"] == {"idle": 2}
+        assert told["links"]["modbus"][0]["peers"][0]["quiet_ms"] == 250
+        assert [task["name"] for task in told["links"]["tasks"]] == ["mqtt.deliver"]  # the one that began anew
+        assert 0 <= told["links"]["age_ms"] < 200
+        assert told["events_newest"] == made.client.newest_event
 
 
-def test_ages_grow_while_the_main_process_is_silent() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            await asyncio.sleep(1.2)
-            made.answering = False
-            await asyncio.sleep(3)
-            live = fits(views.live_json(made.client, ("bay1",)), "LiveView")
-            driver = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
-            assert live["bays"][0]["age_ms"] >= 3000
-            assert driver["age_ms"] >= 3000
-            assert live["links"]["age_ms"] >= 3000
-            made.answering = True
-
-    run(scene())
+@in_virtual_time
+async def test_ages_grow_while_the_main_process_is_silent() -> None:
+    async with plant() as made:
+        await asyncio.sleep(1.2)
+        made.answering = False
+        await asyncio.sleep(3)
+        live = fits(views.live_json(made.client, ("bay1",)), "LiveView")
+        driver = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
+        assert live["bays"][0]["age_ms"] >= 3000
+        assert driver["age_ms"] >= 3000
+        assert live["links"]["age_ms"] >= 3000
+        made.answering = True
 
 
-def test_before_anything_is_known() -> None:
-    async def scene() -> None:
-        async with plant(keep=False) as made:
-            live = fits(views.live_json(made.client, ("bay1",)), "LiveView")
-            assert (live["bays"][0]["state"], live["bays"][0]["age_ms"]) == (None, None)
-            assert live["links"]["age_ms"] is None
-            assert made.client.links == SystemStatus()
-            driver = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
-            assert (driver["code"], driver["stop"], driver["age_ms"]) == ("FAULT", True, None)
-
-    run(scene())
+@in_virtual_time
+async def test_before_anything_is_known() -> None:
+    async with plant(keep=False) as made:
+        live = fits(views.live_json(made.client, ("bay1",)), "LiveView")
+        assert (live["bays"][0]["state"], live["bays"][0]["age_ms"]) == (None, None)
+        assert live["links"]["age_ms"] is None
+        assert made.client.links == SystemStatus()
+        driver = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
+        assert (driver["code"], driver["stop"], driver["age_ms"]) == ("FAULT", True, None)
 
 
-def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
-    async def scene() -> None:
-        async with plant() as made:
-            await asyncio.sleep(1.2)
-            loading(made)
-            await made.client.links_anew()
-            told = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
-            guidance = made.hub.state("bay1").guidance
-            assert (told["code"], told["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
-            assert told["stop"] is made.hub.state("bay1").stop is False
-
-    run(scene())
+@in_virtual_time
+async def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
+    async with plant() as made:
+        await asyncio.sleep(1.2)
+        loading(made)
+        await made.client.links_anew()
+        told = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
+        guidance = made.hub.state("bay1").guidance
+        assert (told["code"], told["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
+        assert told["stop"] is made.hub.state("bay1").stop is False
 
 
 def test_a_frame_fits_into_a_header() -> None:
