@@ -3,7 +3,10 @@
 uvicorn bounds what a request says but not how long it takes to say it: a stranger who opens connections and is silent,
 or sends one letter a minute, would hold them all. Here a connection that is not working on a request must have sent a
 whole head within HEAD_S, and one address never has them all. (Of more than `limit_concurrency` connections uvicorn
-answers the newest with 503; of many more than that they are let go without a word.)
+answers the newest with 503; of many more than that they are closed without an answer.)
+
+uvicorn has no public interface for this: H11Protocol's methods are overridden, and `cycle`, `client`, `connections` and
+`limit_concurrency` are read. So uvicorn and h11 are pinned exactly, and a test fails when one of these parts changes.
 """
 
 import asyncio
@@ -18,7 +21,7 @@ BEYOND = 64  # connections more than uvicorn's limit, to be told 503
 SHARE_OF_ONE = 0.75  # of the limit, for one address; a wall of tablets may come through one
 
 
-class PatientProtocol(H11Protocol):
+class HeadDeadlineProtocol(H11Protocol):
     """For `uvicorn.Config(http=...)`."""
 
     head_s = HEAD_S
@@ -67,7 +70,7 @@ class PatientProtocol(H11Protocol):
 def settings(context: Any) -> dict[str, Any]:
     """What of `uvicorn.Config` is about safety. `context`: the ssl.SSLContext, or None."""
     return {
-        "http": PatientProtocol,
+        "http": HeadDeadlineProtocol,
         "ws": "websockets-sansio",  # the others are legacy, or wait for wsproto
         "access_log": False,
         "log_level": "error",  # a stranger's bad requests must not fill the log

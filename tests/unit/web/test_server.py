@@ -1,6 +1,8 @@
 """The pages' server on real sockets: who is slow, silent, greedy or unreadable, and TLS from files."""
 
 import asyncio
+import hashlib
+import inspect
 import os
 import socket
 import ssl
@@ -8,12 +10,14 @@ import tomllib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import timedelta
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.typing import Origin
@@ -35,7 +39,7 @@ from tests.virtual_time import in_real_time
 HURRY_S = 30.0  # nothing here takes so long, on any machine
 
 
-class Hasty(slow_clients.PatientProtocol):
+class QuickDeadline(slow_clients.HeadDeadlineProtocol):
     """Waits for a head for a moment only."""
 
     head_s = 0.3
@@ -44,7 +48,11 @@ class Hasty(slow_clients.PatientProtocol):
 
 @asynccontextmanager
 async def served(
-    application: Any, *, protocol: type[slow_clients.PatientProtocol] = Hasty, context: Any = None, **more: Any
+    application: Any,
+    *,
+    protocol: type[slow_clients.HeadDeadlineProtocol] = QuickDeadline,
+    context: Any = None,
+    **more: Any,
 ) -> AsyncIterator[int]:
     """The port."""
     with socket.socket() as sock:
@@ -93,6 +101,28 @@ async def said(port: int, *parts: bytes, pause_s: float = 0.0) -> bytes:
     finally:
         writer.close()
     return got
+
+
+# What slow_clients overrides or reads of uvicorn, as it was when that was written: name -> SHA-256 of its source.
+UVICORN_PARTS = {
+    "__init__": "ad1ed8e837b2db8d",
+    "connection_made": "6efb565ff3d36b91",
+    "connection_lost": "dbb688fa2b386000",
+    "handle_events": "e63a9d1492e3efe7",
+    "handle_websocket_upgrade": "6f42a029e35aed5c",
+}
+
+
+@pytest.mark.parametrize("name", UVICORN_PARTS)
+def test_the_overridden_parts_of_uvicorn_are_those_that_were_looked_at(name: str) -> None:
+    source = inspect.getsource(getattr(H11Protocol, name))
+    assert hashlib.sha256(source.encode()).hexdigest()[:16] == UVICORN_PARTS[name], "look at slow_clients.py anew"
+
+
+@pytest.mark.parametrize("package", ["uvicorn", "h11"])
+def test_whose_private_parts_are_used_is_pinned_exactly(package: str) -> None:
+    pins = tomllib.loads(Path("pyproject.toml").read_text())["project"]["dependencies"]
+    assert f"{package}=={version(package)}" in pins
 
 
 REQUEST = b"GET / HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
@@ -146,7 +176,7 @@ def test_what_is_no_http_is_refused_without_filling_the_log(caplog: pytest.LogCa
 
 @in_real_time
 async def test_one_address_never_has_all_connections() -> None:
-    async with served(hello, protocol=slow_clients.PatientProtocol, limit_concurrency=20) as port:
+    async with served(hello, protocol=slow_clients.HeadDeadlineProtocol, limit_concurrency=20) as port:
         held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(40)]
         await asyncio.sleep(0)
         ended = await asyncio.gather(*(_ended(reader) for reader, _ in held[15:]))
