@@ -121,7 +121,7 @@ def test_the_overridden_parts_of_uvicorn_are_those_that_were_looked_at(name: str
 
 @pytest.mark.parametrize("package", ["uvicorn", "h11"])
 def test_whose_private_parts_are_used_is_pinned_exactly(package: str) -> None:
-    pins = tomllib.loads(Path("pyproject.toml").read_text())["project"]["dependencies"]
+    pins = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]["dependencies"]
     assert f"{package}=={version(package)}" in pins
 
 
