@@ -1,7 +1,7 @@
-"""All alarms of a gateway: fed with states and conditions, asked by people, never asking anybody. Pure.
+"""All alarms of a gateway: updated with states and conditions, acted on by people. Pure.
 
 Nothing here touches `stop` or `may_move`, or could: it sees states and changes none. What a person does to an alarm
-changes what people are told, and nothing else.
+changes what people see, and nothing else.
 """
 
 from collections import Counter, deque
@@ -85,7 +85,7 @@ class AlarmEngine:
         return [self._number(change) for instance in instances for change in instance.update(inputs, now_ns)]
 
     def act(self, action: OperatorAction, now_ns: int) -> tuple[ActionReply, list[AlarmChange]]:
-        """Do what a person asks for, and give what changed; or say why not, and change nothing."""
+        """Apply a person's action and return what changed; or the reason why not, and change nothing."""
         instance = self._by_id.get(action.id)
         if instance is None:
             return ActionReply(ActionOutcome.UNKNOWN, f"there is no alarm {action.id[:100]!r}"), []
@@ -144,7 +144,7 @@ class _AlarmInstance(Generic[Inputs]):
         changes: list[AlarmChange] = []
         suppressed = bool(inputs.suppressions & self.kind.suppressed_by)
         if suppressed:
-            # After it the on-delay begins anew: what was hidden by design settles before it is judged.
+            # Afterwards the on-delay starts again: what was suppressed settles before it is evaluated.
             self._pending_ns = None
             if self.alarm.active:
                 self.alarm = replace(self.alarm, active=False)

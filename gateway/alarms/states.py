@@ -2,7 +2,7 @@
 
 The letters are those of the standards' state diagram. What it leaves to the designer is decided here: no alarm is
 announced again by a timer; a latched one must be acknowledged before it can be reset; and whatever was hidden on
-purpose is announced as new where its cause still stands.
+purpose is announced as new where its cause is still active.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from enum import StrEnum
 
 
 class AlarmState(StrEnum):
-    """Where an alarm stands. The names are on the wire."""
+    """The state of an alarm. The names are on the wire."""
 
     NORMAL = "normal"
     UNACKNOWLEDGED = "unacknowledged"
@@ -59,7 +59,7 @@ EVENT_MEANING: dict[AlarmEvent, str] = {
     AlarmEvent.RESET: "a person ends a latched alarm whose cause is gone",
     AlarmEvent.SHELVE: "a person puts it aside for a while",
     AlarmEvent.UNSHELVE: "that while is over, or a person takes it back",
-    AlarmEvent.SUPPRESS: "it becomes meaningless, by design",
+    AlarmEvent.SUPPRESS: "it means nothing for the moment, by design",
     AlarmEvent.UNSUPPRESS: "it means something again; a cause that holds is announced after the on-delay",
     AlarmEvent.REMOVE: "a person takes it out of service",
     AlarmEvent.RESTORE: "a person puts it back into service",

@@ -36,7 +36,7 @@ class Suppression(StrEnum):
 
 SUPPRESSION_MEANING: dict[Suppression, str] = {
     Suppression.FUNCTION_CHECK: "a technician works on the bay and may_move is off",
-    Suppression.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors: control_dead says it",
+    Suppression.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors; control_dead reports it",
     Suppression.SHUTDOWN: "the gateway is shutting down",
 }
 
@@ -226,7 +226,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "plc_lost",
         "PLC heartbeat lost",
         Priority.HIGH,
-        "the PLC's heartbeat is required and does not come, or stands still",
+        "the PLC's heartbeat is required and does not arrive, or does not change",
         "stop is on and may_move off: no truck may move; in_place stays, and a release ends",
         ("the PLC is in stop or was restarted", "network or cable", "the heartbeat is missing in the PLC's program"),
         "look at the PLC and at its network; see docs/handshake.md",
@@ -242,7 +242,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "the camera cannot be opened or was lost",
         _STOPS,
         ("cable or power of the camera", "wrong camera.url", "another program has the camera"),
-        "look at the camera's power and cable; the detail says what the gateway was told",
+        "look at the camera's power and cable; the detail holds the error that the gateway got",
         10,
         *_vision(Quality.LINK_DOWN),
     ),
@@ -275,7 +275,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "the ranger's port cannot be opened or was lost",
         _STOPS,
         ("USB or serial cable", "power of the Arduino", "wrong ranger.port", "another program has the port"),
-        "look at the Arduino's light and cable; the detail says what the gateway was told",
+        "look at the Arduino's light and cable; the detail holds the error that the gateway got",
         10,
         *_range(Quality.LINK_DOWN),
     ),
@@ -413,7 +413,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "maintenance",
         "Maintenance required",
         Priority.LOW,
-        "NE 107 M: works, but something had to be restarted within 10 minutes, or 1 line in 100 comes damaged",
+        "NE 107 M: works, but something had to be restarted within 10 minutes, or 1 line in 100 arrives damaged",
         "it may fail soon",
         ("a loose cable", "electric noise on the serial line", "a camera or disk that begins to fail"),
         "look at the counters, and mend what restarts, reopens or is damaged",
@@ -459,7 +459,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "in_place_lost",
         "In place lost, though the truck has not moved",
         Priority.MEDIUM,
-        "a truck that was in place can't be vouched for any more, though both sensors are alive, and it has neither "
+        "a truck that was in place is no longer confirmed, though both sensors are alive, and it has neither "
         "moved nor been released",
         "in_place is off: loading must not go on; stop is on",
         (
@@ -467,7 +467,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
             "dust or the spout before the ranger: no distance, or one that contradicts the camera",
             "a sensor was away for a moment while the marker was covered",
         ),
-        "raise the spout until the camera sees the marker: in_place comes by itself; else look at both sensors",
+        "raise the spout until the camera sees the marker: in_place returns by itself; else look at both sensors",
         5,
         _in_place_lost,
         lambda inputs: inputs.state.visit.ended,
@@ -478,7 +478,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Marker of another size, or camera changed",
         Priority.MEDIUM,
         "R x Z of the newest truck in place differs by more than a tenth from what was learned from those before",
-        "D = 1 comes at another place than it did; what was learned does not fit, so that good pairs of R and Z may be "
+        "D = 1 is reached at another place than before; what was learned does not fit, so good pairs of R and Z may be "
         "taken for a contradiction",
         (
             "a truck whose marker has another size",

@@ -1,4 +1,4 @@
-"""The configuration's file on the disk: read as it is, replaced whole or not at all."""
+"""The configuration file on the disk: read unchanged, replaced completely or not at all."""
 
 import errno
 import hashlib
@@ -28,9 +28,9 @@ _MEANT = {
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A file's text as it stands there, line ends included, and by what it is known again."""
+    """A file's text, line ends included, and the digest that identifies it."""
 
-    path: Path  # as it was named: messages say this one
+    path: Path  # as it was named; messages show this path
     text: str
     digest: str
 
@@ -80,18 +80,18 @@ def why_not_writable(path: Path | None) -> str:
             f"{path}: belongs to another user, and would not any more if the gateway replaced it",
         ),
     )
-    return next((said for holds, said in checks if not holds), "")
+    return next((reason for holds, reason in checks if not holds), "")
 
 
 def save(former: Loaded, text: str) -> Path:
     """Replace the file's text; the former one is kept beside it as `.bak`, whose path is returned.
 
-    Written to a new file in the same folder, synced and renamed over the old one: at any moment the whole old or the
-    whole new file is there. Mode and owner are kept, a symlink is followed. Raises ChangedOnDiskError where the file is
-    not the one that was read, ConfigError where it can't be written.
+    Written to a new file in the same folder, synced and renamed over the old one: at any moment the old or
+    the new file is complete. Mode and owner are kept, a symlink is followed. ChangedOnDiskError: the file is
+    not the one that was read; ConfigError: it cannot be written.
     """
-    if said := why_not_writable(former.path):
-        raise ConfigError(said)
+    if reason := why_not_writable(former.path):
+        raise ConfigError(reason)
     try:
         real = former.path.resolve(strict=True)
         info = real.stat()
@@ -111,7 +111,7 @@ def save(former: Loaded, text: str) -> Path:
 
 @contextmanager
 def _beside(real: Path, text: str, like: os.stat_result) -> Iterator[Path]:
-    """A new file in the folder of `real`, whole on the disk; if it was not renamed in the end, it is removed."""
+    """A new file in the folder of `real`, synced to the disk; removed unless it was renamed."""
     handle, name = tempfile.mkstemp(prefix=f".{real.name}.", dir=real.parent)
     path = Path(name)
     try:

@@ -1,7 +1,7 @@
-"""Orders about the configuration's file, in the main process: the web process can write nothing, and need not even be
-able to read it. What is written is made here, of a bay's settings: nothing but `[vision]` can be changed this way. IO.
+"""Requests about the configuration file, in the main process: the web process cannot write it, and need not be able to
+read it. The text is made here from a bay's settings, so only `[vision]` can be changed this way. IO.
 
-One at a time, on a thread: a disk may take its time, and so may reading a long file.
+One at a time, on a thread: a disk or a long file may be slow.
 """
 
 import asyncio
@@ -49,17 +49,17 @@ class ConfigFileRequests:
         self._running: list[asyncio.Future[CommandReply]] = []
 
     def submit(self, request: FileRequest) -> CommandReply | None:
-        """What is wrong with it; None: it is under work, and `done` will tell."""
+        """The refusal; None: it is being worked on, and `finished` returns the reply."""
         self._bucket, unreported = rate_limit.take(self._bucket, self._clock.now_ns())
         if unreported is None or len(self._running) >= MAX_WAITING:
-            return CommandReply(request.number, "too many ask for the file one after the other: wait a little")
+            return CommandReply(request.number, "too many requests for the file in a short time: wait a moment")
         future = asyncio.get_running_loop().run_in_executor(self._thread, _perform, request, self._path)
         self._running.append(future)
         future.add_done_callback(lambda _: self._wake())
         return None
 
     def finished(self) -> list[CommandReply]:
-        """Raises what nobody expected of the work: that is a bug."""
+        """The replies that are ready. Raises what the work raised unexpectedly: that is a bug."""
         ready = [future for future in self._running if future.done()]
         self._running = [future for future in self._running if future not in ready]
         return [future.result() for future in ready]

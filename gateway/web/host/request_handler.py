@@ -1,7 +1,7 @@
-"""The main process's side of the pages: what an answer holds, and how an order is carried out. Never waits.
+"""The main process's side of the pages: what a reply contains, and how a command is executed. Never waits.
 
 Nothing here can end a stop: a function check withholds `may_move` or leaves it as it is, and settings that go live
-begin with a new vision, whose first word is that it has seen nothing yet.
+start a new vision process, whose first reading is without a value.
 """
 
 import logging
@@ -109,7 +109,7 @@ class RequestHandler:
         return BayStatus(bay.control.state(), tuple(bay.image()), bay.vision.settings)
 
     def execute(self, command: Command) -> CommandReply:
-        """What makes no sense is refused, whatever the web process's own checks say: strangers talk to it."""
+        """Invalid commands are refused whatever the web process has checked: strangers connect to it."""
         if isinstance(command.action, OperatorAction):
             return CommandReply(
                 command.number, self._alarms(replace(command.action, who=command.action.who[:MAX_NAME])).why
@@ -118,8 +118,8 @@ class RequestHandler:
         if bay is None:
             return CommandReply(command.number, f"no bay {command.action.bay[:MAX_NAME]!r}")
         self._command_rate, unreported = rate_limit.take(self._command_rate, self._clock.now_ns())
-        if unreported is None:  # each is told as an event, and may begin processes anew
-            return CommandReply(command.number, "too many orders one after the other: wait a little")
+        if unreported is None:  # each is reported as an event, and may restart processes
+            return CommandReply(command.number, "too many commands in a short time: wait a moment")
         return CommandReply(command.number, _perform(command.action, bay, _clipped(command.who)))
 
 
@@ -133,17 +133,17 @@ def _perform(what: SetFunctionCheck | ApplySettings, bay: BayParts, who: Writer)
                 return "begin a function check first: settings never change in a bay at work"
             try:
                 if over is not None and (others := _changed(over, bay.vision.settings)):
-                    return f"somebody else has let other settings go live meanwhile: {others}"[:MAX_REPORTED]
-                told = _changed(bay.vision.settings, vision)
+                    return f"other settings have been applied meanwhile: {others}"[:MAX_REPORTED]
+                changes = _changed(bay.vision.settings, vision)
                 bay.vision.apply(vision)
             except (GatewayError, ValueError) as error:
                 return str(error)[:MAX_REPORTED]
-            bay.control.settings_changed(told[:MAX_REPORTED] or "the same settings", who)
+            bay.control.settings_changed(changes[:MAX_REPORTED] or "the same settings", who)
     return ""
 
 
 def _clipped(who: Writer) -> Writer:
-    """It stands in events, which are kept and must fit into messages."""
+    """Part of events, which are kept and must fit into messages."""
     return Writer(who.address[:MAX_NAME], who.subject[:MAX_NAME], who.role[:MAX_NAME])
 
 

@@ -23,9 +23,9 @@ from gateway.web.host.request_handler import RequestHandler
 from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
 
 SILENT_S = 15.0  # real time; the web process asks at least once a second
-PAUSE_S = 0.01  # between two turns: however often it asked, it would not be heard more often
-MAX_MESSAGES = 8  # heard in one turn; an honest web process has one question out, and now and then an order
-MAX_FULL_TURNS = 100  # in a row in which it had more to say than that, more than a second: it has gone mad
+PAUSE_S = 0.01  # between two turns: a web process is not served more often
+MAX_MESSAGES = 8  # read in one turn; a web process in order has one request pending, and now and then a command
+MAX_FULL_TURNS = 100  # in a row with more messages than that, more than a second: it is out of control
 MODULE = "gateway.web.server.process"
 CHILD = 1
 
@@ -77,12 +77,12 @@ class WebProcessService:
                     async with asyncio.timeout(SILENT_S):
                         await pool.wait(None)
                 except TimeoutError:
-                    raise LinkError(f"the web process has said nothing for {SILENT_S:g} s") from None
+                    raise LinkError(f"the web process has sent nothing for {SILENT_S:g} s") from None
                 request: StateRequest | None = None
                 messages = list(pool.messages(most=MAX_MESSAGES))
                 full = full + 1 if len(messages) >= MAX_MESSAGES else 0
                 if full > MAX_FULL_TURNS:
-                    raise LinkError("the web process talks without end")
+                    raise LinkError("the web process sends messages without pause")
                 for _, message in messages:
                     match message:
                         case StateRequest():

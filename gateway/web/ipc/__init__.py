@@ -1,1 +1,1 @@
-"""What the main process and the web process say to each other: messages. Pure."""
+"""The messages between the main process and the web process. Pure."""

@@ -1,7 +1,7 @@
-"""What the main process and the web process say to each other. Pure.
+"""The messages between the main process and the web process. Pure.
 
-The web process pulls: it asks for the newest, and gets one answer. So nothing ever piles up, and a page that is slow,
-stalled or hostile costs the main process nothing. Orders are the few things that a signed-in person may ask for.
+The web process pulls: it requests the newest state and gets one reply. So nothing ever queues up; a page that is slow,
+stalled or hostile costs the main process nothing. Commands are the few things that a signed-in person may ask for.
 """
 
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ CAPTURE_TO_RESULT = ""  # the stage of a Histogram from capture to result
 
 
 class WebSetup(Message, frozen=True):
-    """The web process's job: what it is told at its start and what never changes."""
+    """The web process's job: what it receives at its start and what never changes."""
 
     config: GatewayConfig  # without the broker's password
     clock: SystemClock
@@ -59,9 +59,9 @@ class SetFunctionCheck(Message, frozen=True):
 
 
 class ApplySettings(Message, frozen=True):
-    """Let these settings go live; only while a function check is on.
+    """Apply these settings; only while a function check is on.
 
-    `over`: what whoever asks takes to be in force; refused where it is not. None: whatever is.
+    `over`: the settings that the sender assumes to be in force; refused where others are. None: whatever is in force.
     """
 
     bay: str
@@ -70,7 +70,7 @@ class ApplySettings(Message, frozen=True):
 
 
 class Command(Message, frozen=True):
-    """Something that a person wants done. `who` has been checked; the main process tells it as an event."""
+    """Something that a person wants done. `who` has been checked; the main process reports it as an event."""
 
     number: int
     who: Writer
@@ -78,7 +78,7 @@ class Command(Message, frozen=True):
 
 
 class ReadFile(Message, frozen=True):
-    """What does the configuration's file say for this bay?"""
+    """The settings of this bay in the configuration file."""
 
     bay: str
 
@@ -194,7 +194,7 @@ class FilePreview(Message, frozen=True):
 
 
 class FileSaved(Message, frozen=True):
-    """To `SaveFile`. The file as it was stands in `backup`."""
+    """To `SaveFile`. `backup`: path of the former file."""
 
     changes: tuple[str, ...]
     backup: str
@@ -213,7 +213,7 @@ class FileErrorKind(StrEnum):
 
 
 class CommandReply(Message, frozen=True):
-    """To an `Command` or a `FileRequest`. `why` tells what is wrong with it; empty: it was carried out."""
+    """To a `Command` or a `FileRequest`. `why`: the reason for a refusal; empty: it was executed."""
 
     number: int
     why: str = ""
@@ -225,6 +225,6 @@ FromWeb = StateRequest | Command | FileRequest
 ToWeb = WebSetup | StateReply | CommandReply
 
 FROM_WEB = Codec(FromWeb | Failed)
-"""Whoever gets hold of the web process, which talks to strangers' browsers, gets no further than these few records.
-Whether what is in them makes sense is for `feed` to see."""
+"""Whoever takes over the web process, which serves strangers' browsers, can send no more than these few records.
+`RequestHandler` checks their contents."""
 TO_WEB = Codec(ToWeb, compressed=True)

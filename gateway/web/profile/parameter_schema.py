@@ -1,6 +1,6 @@
 """Which keys of `[vision]` a technician tunes, and what the page must know of each: read off the model itself. Pure.
 
-Unit, range and meaning stand once, in gateway/config/sections/vision.py; the page draws its controls from it.
+Unit, range and meaning are defined once, in gateway/config/sections/vision.py; the page draws its controls from it.
 """
 
 import json

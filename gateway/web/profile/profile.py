@@ -34,7 +34,7 @@ class Proposal:
 
 
 def in_file(text: str, bay: str, *, source: str) -> VisionConfig:
-    """What the file says for `bay`. Raises ConfigError."""
+    """The settings of `bay` in the file. Raises ConfigError."""
     found, index = _bay_of(_parsed(text, source), bay, source)
     return found.bays[index].vision
 
@@ -42,7 +42,7 @@ def in_file(text: str, bay: str, *, source: str) -> VisionConfig:
 def propose(text: str, bay: str, wanted: VisionConfig, *, source: str) -> Proposal:
     """The file's text with `wanted` for `bay`, and no other meaning changed. Raises ConfigError.
 
-    `text` as it stands in the file, its line ends and byte order mark included.
+    `text`: that of the file, its line ends and byte order mark included.
     """
     document = _document(text, source)
     before, index = _bay_of(_parsed(text, source), bay, source)
@@ -66,7 +66,7 @@ def export(bay: str, settings: VisionConfig, *, site: str, wall_ns: int) -> str:
 
 
 def imported(text: str, base: VisionConfig, *, source: str) -> VisionConfig:
-    """`base` with what a profile says over it. Raises ConfigError: file, line, key, value and what is allowed."""
+    """`base` with the keys of a profile over it. Raises ConfigError: file, line, key, value and what is allowed."""
     if len(text) > MAX_PROFILE_CHARS:
         raise ConfigError(f"{source}: more than {MAX_PROFILE_CHARS} characters; a profile is a few lines")
     for number, line in enumerate(text.split("\n"), 1):
@@ -110,7 +110,7 @@ def _with(document: Mapping[str, Any], place: tuple[str | int, ...], keys: Mappi
 def _check(
     text: str, expected: Mapping[str, Any], before: GatewayConfig, index: int, changes: Mapping[str, Any], source: str
 ) -> None:
-    """The changed text by the gateway's own reader: it must say the wanted, and nothing else may have changed."""
+    """Reads the changed text with the gateway's own reader: it must have the wanted values and no other change."""
     after = _parsed(text, source)
     bays = list(before.bays)
     bays[index] = bays[index].model_copy(update={"vision": bays[index].vision.model_copy(update=dict(changes))})

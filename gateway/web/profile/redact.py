@@ -1,6 +1,6 @@
 """A configuration's text as people may see it: without passwords, whichever way TOML has of writing them. Pure.
 
-What is a password the sections say, as for `gateway check --full`: a field without `repr` is one, and any address may
+The sections define what is a password, as for `gateway check --full`: a field without `repr` is one, any address may
 hold one. The text is read, not searched: quoted keys, tables in one line and escapes make no difference.
 """
 
@@ -28,7 +28,7 @@ _HASH = re.compile(r"\$argon2[^\s\"']*")
 
 
 def redacted(text: str, *, source: str) -> str:
-    """`text` is one that the gateway reads. Raises ConfigError where nobody can vouch for the result."""
+    """`text` is one that the gateway reads. Raises ConfigError where the result can't be verified."""
     try:
         document = tomlkit.parse(text)
         _hide(document, _FIELDS)
@@ -60,7 +60,7 @@ def _hide(table: MutableMapping[str, Any], fields: Mapping[str, FieldInfo]) -> N
 
 
 def _plainly(value: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> dict[str, Any]:
-    """The same of the values alone: what the shown text must say."""
+    """The same of the values alone: what the shown text must contain."""
 
     def shown(one: Any, info: FieldInfo) -> Any:
         match one:

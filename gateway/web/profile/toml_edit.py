@@ -1,6 +1,6 @@
 """Set keys of one table in a TOML text, and leave every other byte as it is. Pure.
 
-tomlkit says what stands where, and changes values in place, their comments kept. New keys go below the last key of
+tomlkit parses the layout, and changes values in place, their comments kept. New keys go below the last key of
 their table rather than where tomlkit would append them: below the comment that introduces the next table.
 """
 

@@ -1,4 +1,4 @@
-"""What a row of detections says in sum: how many, how still, how far from another setting's, how long. Pure."""
+"""Figures of a sequence of detections: share found, jitter, deviation from other settings' detections, times. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the tuning page is told, as JSON: names with units, null where a number is not known. Pure."""
+"""The answers to the tuning page, as JSON: names with units, null where a number is not known. Pure."""
 
 from dataclasses import asdict
 from typing import Any

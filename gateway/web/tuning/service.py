@@ -1,4 +1,4 @@
-"""What technicians do at the bays, whoever asks over which wire: freeze, record, try, go live, write back. asyncio.
+"""What technicians do at the bays: freeze, record, try settings, apply them, write them back. asyncio.
 
 Pictures are worked on by the bench's one thread; the file is read and written on another; nothing here blocks the loop.
 """
@@ -35,7 +35,7 @@ from gateway.web.tuning.trial_thread import BusyError, TrialThread
 
 KEPT_TRIALS = 24  # whose pictures may still be fetched
 KEPT_UNDO = 20  # of a bay
-FIRST_S = 10.0  # the main process has told of a bay within this
+FIRST_S = 10.0  # the main process reports a bay within this
 NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
 TRIES = 10  # to copy the newest frame
@@ -119,10 +119,10 @@ class TuningService:
         return self.client.about.source
 
     async def in_force(self, bay: str) -> VisionConfig:
-        """Raises LinkError where the main process has not told of it."""
+        """Raises LinkError where the main process has not reported it."""
         report = self.client.report(bay) or await self.client.newer(bay, 0, FIRST_S)
         if report is None:
-            raise LinkError("the gateway has not told of this bay yet")
+            raise LinkError("the gateway has not reported this bay yet")
         return report.now.vision
 
     def function_check(self, bay: str) -> FunctionCheck:
@@ -207,11 +207,11 @@ class TuningService:
             panels = stages.panels(image, settings, found, width_px)
             if whole:
                 panels = (stages.whole(image, width_px), *panels)
-            said = remarks(frames, settings, in_force, result)
+            found_remarks = remarks(frames, settings, in_force, result)
             lights = _lights(frames, result) if timed else ()
             height, width = image.shape[:2]
             tried = CompletedTrial(
-                number, result, in_force, tuple(said), panels, lights, at if timed else shown, width, height
+                number, result, in_force, tuple(found_remarks), panels, lights, at if timed else shown, width, height
             )
             return tried, {panel.name: stages.encoded(panel) for panel in panels}
 
@@ -271,7 +271,7 @@ class TuningService:
         return len(self._undo.get(bay, ()))
 
     async def _order(self, bay: str, what: SetFunctionCheck | ApplySettings, who: Writer) -> None:
-        """Done, and told by the main process, so that whoever asks next is told the new state."""
+        """Executed, and reported by the main process, so that the next request gets the new state."""
         await self.client.order(what, who)
         report = self.client.report(bay)
         await self.client.newer(bay, report.number if report else 0, NEWER_S)

@@ -1,7 +1,7 @@
-"""The one thread on which pictures are worked on for technicians: the newest wish wins, and nothing piles up.
+"""The one thread on which pictures are worked on for technicians: the newest request wins, and nothing queues up.
 
-Every caller has one place in the queue. Whoever asks again while the own wish waits or runs takes it back: the old one
-ends as soon as it notices, and whoever waited for it is told so.
+Every caller has one place in the queue. A new request withdraws an older one of the same caller that waits or runs: the
+older one ends as soon as it notices, and its caller gets EndedError.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ class TrialThread:
     def __init__(self, thread: Executor | None = None) -> None:
         self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="tuning")
         self._turn = asyncio.Lock()
-        self._wishes: dict[str, WorkItem] = {}
+        self._items: dict[str, WorkItem] = {}
         self.done = 0
         self.withdrawn = 0
 
@@ -49,36 +49,36 @@ class TrialThread:
 
         Raises EndedError when `who` asked for something newer meanwhile, BusyError when too many others wait.
         """
-        if who in self._wishes:
-            self._wishes.pop(who).withdraw()
-        elif len(self._wishes) >= MAX_WAITING:
+        if who in self._items:
+            self._items.pop(who).withdraw()
+        elif len(self._items) >= MAX_WAITING:
             raise BusyError("too many people are trying settings just now; try again in a moment")
-        wish = self._wishes[who] = WorkItem()
+        item = self._items[who] = WorkItem()
         try:
             async with self._turn:
-                if not wish.wanted():
+                if not item.wanted():
                     raise EndedError("given up for a newer one")
                 # If the waiting is cancelled, the thread hears below that nobody wants it; the next queues behind it.
-                result = await asyncio.get_running_loop().run_in_executor(self._thread, what, wish.wanted)
-            if not wish.wanted():
+                result = await asyncio.get_running_loop().run_in_executor(self._thread, what, item.wanted)
+            if not item.wanted():
                 raise EndedError("given up for a newer one")
         except EndedError:
             self.withdrawn += 1
             raise
         finally:
-            wish.withdraw()
-            if self._wishes.get(who) is wish:
-                del self._wishes[who]
+            item.withdraw()
+            if self._items.get(who) is item:
+                del self._items[who]
         self.done += 1
         return result
 
     def withdraw(self, who: str) -> None:
         """Take back what `who` has waiting or running, if anything."""
-        if who in self._wishes:
-            self._wishes.pop(who).withdraw()
+        if who in self._items:
+            self._items.pop(who).withdraw()
 
     def close(self) -> None:
         """Takes back what runs or waits, and ends the thread, which may take as long as one look at a picture."""
-        for wish in self._wishes.values():
-            wish.withdraw()
+        for item in self._items.values():
+            item.withdraw()
         self._thread.shutdown(wait=True, cancel_futures=True)
