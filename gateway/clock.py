@@ -1,7 +1,7 @@
 """The only import of `time`. Everything else is handed a clock or a time in nanoseconds.
 
 Monotonic time decides; wall time is only published. CLOCK_MONOTONIC is one clock for all processes of a machine, so a
-frame stamped in the camera process can be aged in the main process.
+frame stamped in the vision process can be aged in the main process.
 """
 
 import asyncio

@@ -15,7 +15,7 @@ from gateway.hub import Hub
 from gateway.sim import trials
 
 LOOK_S = 0.1
-LEAVE_S = 0.1  # from the judgement to the departure: the camera process must have heard of it by then
+LEAVE_S = 0.1  # from the judgement to the departure: the vision process must have heard of it by then
 
 
 class Recorder:

@@ -230,7 +230,7 @@ class VisionStats:
     skipped: int = 0  # frames replaced by a newer one before a worker was free
     lost: int = 0  # frames that died with their worker
     restarts: int = 0  # workers replaced
-    reopens: int = 0  # camera processes replaced or sources opened again
+    reopens: int = 0  # sources opened again
     rate_hz: float = 0.0  # results a second, over about the last second
     latency_ms: float = 0.0  # capture to result, newest frame
 

@@ -63,7 +63,7 @@ def record_of(kind: type, data: bytes) -> Any:
 
 def _plain(value: Any) -> object:
     """Settings as their JSON, a number of numpy's as Python's. Anything else is no data: a bug."""
-    if (dump := getattr(value, "model_dump_json", None)) is not None:  # so that a camera process need not load pydantic
+    if (dump := getattr(value, "model_dump_json", None)) is not None:  # whoever is sent none need not load pydantic
         return dump(exclude_unset=True)
     if getattr(value, "shape", None) == ():
         return value.item()

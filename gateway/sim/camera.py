@@ -1,6 +1,6 @@
-"""The simulated camera, as any other source of frames: opened in the camera process, paced by the clock.
+"""The simulated camera, as any other source of frames: opened in the vision process, paced by the clock.
 
-World time is (now - origin) of the clock. Nothing is kept between two openings: a replaced camera process shows the
+World time is (now - origin) of the clock. Nothing is kept between two openings: a replaced vision process shows the
 same world at the same time.
 """
 
@@ -11,7 +11,7 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
 from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sim.world import TruckHold, World
-from gateway.vision.source.contract import Frame
+from gateway.vision.source.contract import Frame, Source
 
 if TYPE_CHECKING:
     from gateway.sim.render import Painter
@@ -21,7 +21,7 @@ FREEZE_STEP_S = 0.02  # how often a hung read looks whether the hang is over
 
 @dataclass(frozen=True, slots=True)
 class SimCameraSpec:
-    """What is sent to the camera process. World time 0 is `origin_ns` of the clock given to `open`."""
+    """What is sent to the vision process. World time 0 is `origin_ns` of the clock given to `open`."""
 
     scenario: Scenario
     origin_ns: int
@@ -37,11 +37,8 @@ class SimCameraSpec:
         return camera
 
 
-class SimCamera:
+class SimCamera(Source):
     """Renders the world at the moment of each exposure."""
-
-    lossless = False
-    finite = False
 
     def __init__(self, spec: SimCameraSpec, clock: Clock, painter: "Painter") -> None:
         self.may_repeat = not spec.scenario.camera.noise  # drawn without noise, a still scene is always the same

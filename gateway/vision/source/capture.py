@@ -1,4 +1,4 @@
-"""Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the camera process only."""
+"""Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the vision process only."""
 
 import os
 from typing import Any
@@ -9,23 +9,19 @@ from numpy.typing import NDArray
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
 from gateway.vision.pixels import bgr8
-from gateway.vision.source.contract import Frame
+from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.frame_time import FrameTime
 
-# Read by OpenCV when a stream is opened. Setting it replaces OpenCV's own default, so TCP must be said again. Without
+# Read by OpenCV when a stream is opened. Setting it replaces OpenCV's own default, so TCP must be named again. Without
 # `nobuffer` and `low_delay` FFmpeg holds back several frames. An operator's own setting wins (RTSP over UDP, say).
 FFMPEG_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
 
 
-class CaptureSource:
+class CaptureSource(Source):
     """A live source: frames come when they come, and the newest is the one that counts.
 
     `late_s`: one whose frames have been later than that for as long is lost. Opened again, it begins without a backlog.
     """
-
-    lossless = False
-    may_repeat = False
-    finite = False
 
     def __init__(
         self, capture: cv2.VideoCapture, label: str, clock: Clock, frame_time: FrameTime, late_s: float
@@ -106,8 +102,8 @@ def open_stream(
 ) -> CaptureSource:
     """A stream. Raises LinkError when the server cannot be reached, refuses, or sends nothing that FFmpeg understands.
 
-    The dispatcher's deadlines hold whatever FFmpeg does with its own time limits. `url` may hold a password; `label`
-    stands in the messages.
+    The process monitor's deadlines hold whatever FFmpeg does with its own time limits. `url` may hold a password;
+    `label` is for messages.
     """
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
     parameters = [

@@ -1,6 +1,7 @@
-"""The contract that every source of frames keeps. `specs` names the sources there are.
+"""The contract of every source of frames. `specs` finds the one that `camera.url` names.
 
-A source lives in the camera process: it may block, and when it hangs, the process is replaced.
+A source lives in the capture thread of the vision process: it may block, and when it hangs, the process is replaced.
+Its frames are checked there, whatever it is (`checks`): their size, and that the picture is new.
 """
 
 from dataclasses import dataclass
@@ -12,31 +13,32 @@ from gateway.vision.pixels import Image
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture and the moment it was taken, as far as its source knows."""
+    """One picture and the moment it was taken, as far as its source knows. The source never writes it again: it is
+    looked at in place while further ones are read."""
 
     image: Image
     t_capture_ns: int
 
 
 class Source(Protocol):
-    """An opened source of frames."""
+    """An opened source of frames. To be subclassed: the defaults are those of a camera."""
 
-    lossless: bool
-    """True: every frame is wanted, so wait for a free slot (files as fast as possible). False: newest frame wins."""
-    may_repeat: bool
+    lossless: bool = False
+    """True: every frame is wanted, so wait for the detector (files as fast as possible). False: newest frame wins."""
+    may_repeat: bool = False
     """True: equal pictures are new ones all the same (files, drawings). False: a sensor's noise makes them differ."""
-    finite: bool
+    finite: bool = False
     """True: it ends, and opened again it would show the same once more, which nobody may take for now: it is not."""
 
     def read(self) -> Frame:
         """The next frame; blocks until there is one. Raises LinkError when the source ended or was lost."""
 
     def close(self) -> None:
-        """Give the device back; may be called more than once. For a process that lives on: the camera process ends."""
+        """Release the device; may be called more than once. For a process that goes on: the vision process ends."""
 
 
 class SourceSpec(Protocol):
-    """What is sent to the camera process instead of a source: a small dataclass that knows how to open one there. Its
+    """What is sent to the vision process instead of a source: a small dataclass that knows how to open one there. Its
     fields are data: numbers, texts, settings, and records of these."""
 
     @property

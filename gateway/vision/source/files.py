@@ -1,4 +1,4 @@
-"""Videos, pictures and folders of pictures, at their own pace or as fast as vision can. Camera process only."""
+"""Videos, pictures and folders of pictures, at their own pace or as fast as vision can. In the vision process only."""
 
 import logging
 from pathlib import Path
@@ -57,7 +57,7 @@ class Pace:
         self._due_ns = max(due_ns + self._period_ns, now_ns)
 
 
-class FolderSource:
+class FolderSource(Source):
     """Pictures in the order given, of a file that holds several the first.
 
     One that cannot be read is skipped with a warning; none at all is a lost source.
@@ -105,7 +105,7 @@ class FolderSource:
         pass
 
 
-class VideoSource:
+class VideoSource(Source):
     """A video file through FFmpeg, at the rate it says of itself."""
 
     may_repeat = True

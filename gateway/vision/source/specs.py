@@ -1,24 +1,30 @@
-"""Which source `camera.url` names: a camera, a stream, or a path.
+"""Which source `camera.url` names: a camera, a URL of a registered scheme, or a path.
 
-The main process chooses, the camera process opens: OpenCV is loaded there and not here.
+The main process chooses, the vision process opens: OpenCV is loaded there and not here.
 """
 
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 from urllib.parse import urlsplit
 
 from gateway.clock import Clock
 from gateway.errors import ConfigError
+from gateway.registry import Registry
 from gateway.vision.source.contract import Source, SourceSpec
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, PresentationTime
 
-if TYPE_CHECKING:  # the camera process need not load the configuration's checker
+if TYPE_CHECKING:
     from gateway.config import CameraConfig
 
 LATE_S = 1.0  # unless configured
-STREAM_SCHEMES = ("rtsp", "rtsps", "http", "https")
+CAMERA_TYPES = Registry(
+    "camera type",
+    "gateway.cameras",
+    dict.fromkeys(("rtsp", "rtsps", "http", "https"), "gateway.vision.source.specs:stream_spec"),
+)
+"""By the scheme of `camera.url`: a function from `CameraConfig` to a `SourceSpec`. Raises ConfigError."""
 FOLDER_FPS = 10.0  # pace of an image folder unless configured
 
 
@@ -121,17 +127,12 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
         return CameraSpec(
             device, config.width_px, config.height_px, config.fps, by_arrival=by_arrival, late_s=config.deadline_s
         )
-    if "://" in url:
-        _check_stream(url)
-        # FFmpeg gives up opening just before the deadline, because its reason is the better message. It must not give
-        # up reading before the deadline: it then hands out the frame it was holding back, which is old but looks new.
-        return StreamSpec(
-            url,
-            open_timeout_s=0.9 * config.open_deadline_s,
-            read_timeout_s=2 * config.deadline_s,
-            by_arrival=by_arrival or (config.frame_time == "auto" and not url.lower().startswith("rtsp")),
-            late_s=config.deadline_s,
-        )
+    scheme, separator, _ = url.partition("://")
+    if separator:
+        if scheme.lower() not in CAMERA_TYPES:
+            known = ", ".join(CAMERA_TYPES.names())
+            raise ConfigError(f"camera.url: scheme {scheme}:// is unknown; known: {known}, or a path")
+        return cast("SourceSpec", CAMERA_TYPES.load(scheme.lower())(config))
     try:
         path = Path(url).expanduser()
     except RuntimeError as error:
@@ -139,11 +140,10 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
     return FileSpec(str(path), fps=config.fps or FOLDER_FPS, fast=config.pace == "fast", loop=config.loop)
 
 
-def _check_stream(url: str) -> None:
-    """The URL itself stays out of the messages: it may hold a password."""
+def stream_spec(config: "CameraConfig") -> StreamSpec:
+    """Of a stream's URL, which stays out of the messages: it may hold a password."""
+    url = config.url.strip()
     scheme = url.partition("://")[0]
-    if scheme.lower() not in STREAM_SCHEMES:
-        raise ConfigError(f"camera.url: scheme {scheme}:// is unknown; known: {', '.join(STREAM_SCHEMES)}, or a path")
     try:
         parts = urlsplit(url)
         host, _port = parts.hostname, parts.port
@@ -151,3 +151,13 @@ def _check_stream(url: str) -> None:
         raise ConfigError(f"camera.url: not a usable {scheme}:// address") from error
     if not host:
         raise ConfigError(f"camera.url: {scheme}:// needs a host")
+    # FFmpeg gives up opening just before the deadline, because its reason is the better message. It must not give up
+    # reading before the deadline: it then hands out the frame it was holding back, which is old but looks new.
+    has_times = scheme.lower().startswith("rtsp")
+    return StreamSpec(
+        url,
+        open_timeout_s=0.9 * config.open_deadline_s,
+        read_timeout_s=2 * config.deadline_s,
+        by_arrival=config.frame_time == "arrival" or (config.frame_time == "auto" and not has_times),
+        late_s=config.deadline_s,
+    )
