@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+from gateway import event_loop
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -72,19 +74,26 @@ def run(coroutine: Coroutine[Any, Any, T]) -> T:
 
 def in_virtual_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
     """An `async def` test as pytest runs it."""
-    return _synchronous(test, run)
+    return synchronous(test, run)
 
 
 def in_real_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
     """As above, for what has real threads."""
-    return _synchronous(test, asyncio.run)
+    return synchronous(test, asyncio.run)
 
 
-def _synchronous(
+def on_gateway_loop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """As above, on the event loop of `gateway run`."""
+    return synchronous(test, event_loop.run)
+
+
+def synchronous(
     test: Callable[P, Coroutine[Any, Any, None]], runner: Callable[[Coroutine[Any, Any, None]], None]
 ) -> Callable[P, None]:
+    """An `async def` test as pytest runs it, by `runner`."""
+
     @wraps(test)
-    def synchronous(*args: P.args, **kwargs: P.kwargs) -> None:
+    def called(*args: P.args, **kwargs: P.kwargs) -> None:
         runner(test(*args, **kwargs))
 
-    return synchronous
+    return called

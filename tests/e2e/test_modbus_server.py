@@ -9,6 +9,7 @@ import struct
 from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from gateway.modbus.registers.bits import BLOCK_BITS
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import BLOCK_WORDS, decode, encode
 from gateway.modbus.server.server import CLOSE_TIMEOUT_S, ModbusServer
+from tests.virtual_time import synchronous
 
 MS = 1_000_000
 PAGE = Path(__file__).parents[2] / "docs" / "registers.md"
@@ -58,6 +60,9 @@ def run(coroutine: Coroutine[Any, Any, None]) -> None:
         assert not left
 
     event_loop.run(watched())
+
+
+complete = partial(synchronous, runner=run)
 
 
 @contextmanager
@@ -111,7 +116,8 @@ async def with_client(
         client.close()
 
 
-def test_every_address_with_pymodbus() -> None:
+@complete
+async def test_every_address_with_pymodbus() -> None:
     async def use(client: AsyncModbusTcpClient) -> None:
         whole = await client.read_holding_registers(0, count=100)
         assert tuple(whole.registers) == COUNTING
@@ -122,49 +128,41 @@ def test_every_address_with_pymodbus() -> None:
             some = await read(37, count=41)
             assert some.registers == list(range(1037, 1078))
 
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
-            await with_client(server, use)
-            assert server.stats.requests == 203
-            assert server.stats.exceptions == 0
-            assert server.stats.connections == 1
-
-    run(main())
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
+        await with_client(server, use)
+        assert server.stats.requests == 203
+        assert server.stats.exceptions == 0
+        assert server.stats.connections == 1
 
 
-def test_every_address_with_mbpoll() -> None:
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
-            for table in ("3", "4"):
-                code, shown = await mbpoll(
-                    f"mbpoll -m tcp -0 -1 -a 1 -t {table} -r 0 -c 100 -p {server.port} 127.0.0.1"
-                )
-                assert code == 0
-                assert [int(value_of(line)) for line in shown] == list(COUNTING)
-
-    run(main())
+@complete
+async def test_every_address_with_mbpoll() -> None:
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
+        for table in ("3", "4"):
+            code, shown = await mbpoll(f"mbpoll -m tcp -0 -1 -a 1 -t {table} -r 0 -c 100 -p {server.port} 127.0.0.1")
+            assert code == 0
+            assert [int(value_of(line)) for line in shown] == list(COUNTING)
 
 
 @pytest.mark.parametrize(("order", "flag"), [("big", "-B"), ("little", "")])
-def test_float_word_order_with_mbpoll(order: WordOrder, flag: str) -> None:
-    async def main() -> None:
-        image = encode(ON_ITS_MARK, 0, order)
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: image)}) as server:
-            poll = f"mbpoll -m tcp -0 -1 -a 1 -p {server.port} 127.0.0.1"
-            _, right = await mbpoll(f"{poll} {flag} -t 4:float -r 42 -c 6")
-            assert [value_of(line) for line in right] == ["123456", "640.28", "355.21", "181.26", "298.6", "nan"]
-            _, right = await mbpoll(f"{poll} {flag} -t 4:int -r 40 -c 1")
-            assert [value_of(line) for line in right] == ["305419896"]
-            other = "" if flag else "-B"
-            _, wrong = await mbpoll(f"{poll} {other} -t 4:float -r 42 -c 1")
-            assert [value_of(line) for line in wrong] == ["1.08658e-19"]  # what the page says a swap looks like
-            _, wrong = await mbpoll(f"{poll} {other} -t 4:int -r 40 -c 1")
-            assert [value_of(line) for line in wrong] == ["1450709556"]
-
-    run(main())
+@complete
+async def test_float_word_order_with_mbpoll(order: WordOrder, flag: str) -> None:
+    image = encode(ON_ITS_MARK, 0, order)
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: image)}) as server:
+        poll = f"mbpoll -m tcp -0 -1 -a 1 -p {server.port} 127.0.0.1"
+        _, right = await mbpoll(f"{poll} {flag} -t 4:float -r 42 -c 6")
+        assert [value_of(line) for line in right] == ["123456", "640.28", "355.21", "181.26", "298.6", "nan"]
+        _, right = await mbpoll(f"{poll} {flag} -t 4:int -r 40 -c 1")
+        assert [value_of(line) for line in right] == ["305419896"]
+        other = "" if flag else "-B"
+        _, wrong = await mbpoll(f"{poll} {other} -t 4:float -r 42 -c 1")
+        assert [value_of(line) for line in wrong] == ["1.08658e-19"]  # what the page says a swap looks like
+        _, wrong = await mbpoll(f"{poll} {other} -t 4:int -r 40 -c 1")
+        assert [value_of(line) for line in wrong] == ["1450709556"]
 
 
-def test_the_lines_in_the_page_are_real() -> None:
+@complete
+async def test_the_lines_in_the_page_are_real() -> None:
     """Every mbpoll line of docs/registers.md is run; its output must be the page's."""
     shown: list[tuple[str, list[str]]] = []
     for block in re.findall(r"```console\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S):
@@ -175,16 +173,14 @@ def test_the_lines_in_the_page_are_real() -> None:
                 shown[-1][1].append(line.rstrip())
     assert len(shown) == 4
 
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: IMAGE)}) as server:
-            for command, expected in shown:
-                assert " -p 5020 " in command
-                assert await mbpoll(command.replace("5020", str(server.port))) == (0, expected)
-
-    run(main())
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: IMAGE)}) as server:
+        for command, expected in shown:
+            assert " -p 5020 " in command
+            assert await mbpoll(command.replace("5020", str(server.port))) == (0, expected)
 
 
-def test_four_bays_and_one_that_fails() -> None:
+@complete
+async def test_four_bays_and_one_that_fails() -> None:
     def broken() -> Sequence[int]:
         raise KeyError("bay3")
 
@@ -201,28 +197,23 @@ def test_four_bays_and_one_that_fails() -> None:
             failed = await client.read_holding_registers(10, count=2, device_id=3)
             assert (failed.isError(), failed.exception_code) == (True, 4)
 
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, units) as server:
-            await with_client(server, use)
-            assert server.stats.image_faults == 3
-            code, shown = await mbpoll(f"mbpoll -m tcp -0 -1 -a 1,2,4,247 -r 7 -p {server.port} 127.0.0.1")
-            assert code == 0
-            assert [int(value_of(line)) for line in shown] == [107, 207, 407, 24707]
-
-    run(main())
+    async with ModbusServer(ANY_PORT, units) as server:
+        await with_client(server, use)
+        assert server.stats.image_faults == 3
+        code, shown = await mbpoll(f"mbpoll -m tcp -0 -1 -a 1,2,4,247 -r 7 -p {server.port} 127.0.0.1")
+        assert code == 0
+        assert [int(value_of(line)) for line in shown] == [107, 207, 407, 24707]
 
 
 @pytest.mark.parametrize("words", [[0x1_0000], [-1], ["x"], [1.5], None])
-def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pytest.LogCaptureFixture) -> None:
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: words)}) as server:
-            with caplog.at_level(logging.ERROR):
-                for _ in range(3):
-                    assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x83\x04"
-            assert server.stats.image_faults == 3
-            assert [record.message for record in caplog.records] == ["modbus: no image to answer with"]
-
-    run(main())
+@complete
+async def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pytest.LogCaptureFixture) -> None:
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: words)}) as server:
+        with caplog.at_level(logging.ERROR):
+            for _ in range(3):
+                assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x83\x04"
+        assert server.stats.image_faults == 3
+        assert [record.message for record in caplog.records] == ["modbus: no image to answer with"]
 
 
 @pytest.mark.parametrize(
@@ -266,16 +257,15 @@ def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pyt
         (1, "41 00", "C1 01"),  # what it does not know
     ],
 )
-def test_answers_and_refusals_byte_for_byte(unit: int, pdu: str, answer: str) -> None:
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
-            assert await ask(server, unit, bytes.fromhex(pdu)) == bytes.fromhex(answer)
-            assert server.stats.exceptions == (int(answer[:2], 16) >= 0x80)
-
-    run(main())
+@complete
+async def test_answers_and_refusals_byte_for_byte(unit: int, pdu: str, answer: str) -> None:
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
+        assert await ask(server, unit, bytes.fromhex(pdu)) == bytes.fromhex(answer)
+        assert server.stats.exceptions == (int(answer[:2], 16) >= 0x80)
 
 
-def test_identity() -> None:
+@complete
+async def test_identity() -> None:
     async def use(client: AsyncModbusTcpClient) -> None:
         told = await client.execute(False, ReadDeviceInformationRequest(read_code=2, dev_id=1))
         assert told.information == {
@@ -286,12 +276,9 @@ def test_identity() -> None:
             6: b"site1/bay1",
         }
 
-    async def main() -> None:
-        unit = Unit(lambda: COUNTING, identity=identity.objects("site1/bay1"))
-        async with ModbusServer(ANY_PORT, {1: unit}) as server:
-            await with_client(server, use)
-
-    run(main())
+    unit = Unit(lambda: COUNTING, identity=identity.objects("site1/bay1"))
+    async with ModbusServer(ANY_PORT, {1: unit}) as server:
+        await with_client(server, use)
 
 
 def states(count: int) -> list[tuple[int, ...]]:
@@ -309,7 +296,8 @@ def states(count: int) -> list[tuple[int, ...]]:
     return made
 
 
-def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
+@complete
+async def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
     """Another image at every turn of the event loop, which is where a gateway's images change."""
     images = states(2000)
     shown = [images[0]]
@@ -342,21 +330,19 @@ def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
                     refused += 1
         return torn, len(seen), accepted, refused
 
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: shown[0])}) as server, asyncio.TaskGroup() as group:
-            writer = group.create_task(swap())
-            polls = [group.create_task(in_thread(lambda: poll(server.port))) for _ in range(2)]
-            for found in asyncio.as_completed(polls):
-                torn, seen, accepted, refused = await found
-                assert torn == 0
-                assert seen > 300, f"{seen} images seen, {swaps} shown"
-                assert refused > 300, f"{accepted} pairs accepted, {refused} refused"
-            writer.cancel()
-
-    run(main())
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: shown[0])}) as server, asyncio.TaskGroup() as group:
+        writer = group.create_task(swap())
+        polls = [group.create_task(in_thread(lambda: poll(server.port))) for _ in range(2)]
+        for found in asyncio.as_completed(polls):
+            torn, seen, accepted, refused = await found
+            assert torn == 0
+            assert seen > 300, f"{seen} images seen, {swaps} shown"
+            assert refused > 300, f"{accepted} pairs accepted, {refused} refused"
+        writer.cancel()
 
 
-def test_an_image_is_taken_once_per_request() -> None:
+@complete
+async def test_an_image_is_taken_once_per_request() -> None:
     """A callable that gives another image at every call: one answer holds one of them."""
     images = iter(states(1000))
     taken = 0
@@ -371,107 +357,95 @@ def test_an_image_is_taken_once_per_request() -> None:
             read = await client.read_holding_registers(0, count=100)
             assert decode(read.registers)["heartbeat"] == expected
 
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(following)}) as server:
-            await with_client(server, use)
-        assert taken == 200
-
-    run(main())
+    async with ModbusServer(ANY_PORT, {1: Unit(following)}) as server:
+        await with_client(server, use)
+    assert taken == 200
 
 
-def test_ends_fast_whatever_its_clients_do() -> None:
+@complete
+async def test_ends_fast_whatever_its_clients_do() -> None:
     """An idle client, one in the middle of a frame, and one that asks without end and never reads."""
 
-    async def main() -> None:
-        now_s = asyncio.get_running_loop().time
-        server = ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)})
-        async with server:
-            port = server.port
-            idle, half = (socket.create_connection(("127.0.0.1", port)) for _ in range(2))
-            half.sendall(b"\x00\x01\x00\x00\x00")
-            greedy = socket.socket()
-            greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)  # before connecting, or the window is wide
-            greedy.connect(("127.0.0.1", port))
-            request = b"\x00\x01\x00\x00\x00\x06\x01\x03\x00\x00\x00\x64"
-            greedy.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            while server.stats.open < 3:  # noqa: ASYNC110 - a counter, not an event
-                await asyncio.sleep(0.01)
-            assert server._listener is not None
-            ends = server._listener._transports
-            for end in ends:
-                end.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1024)
-            # Until the kernel takes no more and answers pile up in the process.
-            while not any(end.get_write_buffer_size() for end in ends):
-                greedy.sendall(request)
-                await asyncio.sleep(0)
-            assert server.stats.open == 3
-            started = now_s()
-        took = now_s() - started
-        assert took < CLOSE_TIMEOUT_S
-        assert server.stats.open == 0
-        for client in (idle, half):
-            client.settimeout(1)
-            assert client.recv(10) == b""
-        for client in (idle, half, greedy):
-            client.close()
-        with pytest.raises(RuntimeError, match="not running"):
-            _ = server.port
-        # The port is free for the next one at once, and the same object may be entered again.
-        async with ModbusServer(ModbusConfig(port=port), {1: Unit(lambda: COUNTING)}), server:
-            assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x03\xe8"
-
-    run(main())
+    now_s = asyncio.get_running_loop().time
+    server = ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)})
+    async with server:
+        port = server.port
+        idle, half = (socket.create_connection(("127.0.0.1", port)) for _ in range(2))
+        half.sendall(b"\x00\x01\x00\x00\x00")
+        greedy = socket.socket()
+        greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)  # before connecting, or the window is wide
+        greedy.connect(("127.0.0.1", port))
+        request = b"\x00\x01\x00\x00\x00\x06\x01\x03\x00\x00\x00\x64"
+        greedy.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        while server.stats.open < 3:  # noqa: ASYNC110 - a counter, not an event
+            await asyncio.sleep(0.01)
+        assert server._listener is not None
+        ends = server._listener._transports
+        for end in ends:
+            end.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1024)
+        # Until the kernel takes no more and answers pile up in the process.
+        while not any(end.get_write_buffer_size() for end in ends):
+            greedy.sendall(request)
+            await asyncio.sleep(0)
+        assert server.stats.open == 3
+        started = now_s()
+    took = now_s() - started
+    assert took < CLOSE_TIMEOUT_S
+    assert server.stats.open == 0
+    for client in (idle, half):
+        client.settimeout(1)
+        assert client.recv(10) == b""
+    for client in (idle, half, greedy):
+        client.close()
+    with pytest.raises(RuntimeError, match="not running"):
+        _ = server.port
+    # The port is free for the next one at once, and the same object may be entered again.
+    async with ModbusServer(ModbusConfig(port=port), {1: Unit(lambda: COUNTING)}), server:
+        assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x03\xe8"
 
 
 @pytest.mark.parametrize("iterations", range(8))
-def test_a_connection_that_comes_with_the_end_is_cut_too(iterations: int) -> None:
+@complete
+async def test_a_connection_that_comes_with_the_end_is_cut_too(iterations: int) -> None:
     """Accepting takes a few turns of the event loop; the end may come at any of them."""
 
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
-            late = socket.create_connection(("127.0.0.1", server.port), timeout=1)
-            for _ in range(iterations):
-                await asyncio.sleep(0)
-        for _ in range(8):
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
+        late = socket.create_connection(("127.0.0.1", server.port), timeout=1)
+        for _ in range(iterations):
             await asyncio.sleep(0)
-        with closing(late), suppress(ConnectionResetError):
-            assert late.recv(10) == b""
-        assert server.stats.open == 0
+    for _ in range(8):
+        await asyncio.sleep(0)
+    with closing(late), suppress(ConnectionResetError):
+        assert late.recv(10) == b""
+    assert server.stats.open == 0
 
-    run(main())
 
-
-def test_two_servers_in_one_process() -> None:
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {1: Unit(lambda: [111] * 5)}) as first:
-            async with ModbusServer(ANY_PORT, {1: Unit(lambda: [222] * 5)}) as second:
-                assert first.port != second.port
-                assert await ask(first, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\x6f"
-                assert await ask(second, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\xde"
+@complete
+async def test_two_servers_in_one_process() -> None:
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: [111] * 5)}) as first:
+        async with ModbusServer(ANY_PORT, {1: Unit(lambda: [222] * 5)}) as second:
+            assert first.port != second.port
             assert await ask(first, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\x6f"
-            assert (first.stats.requests, second.stats.requests) == (2, 1)
-
-    run(main())
-
-
-def test_a_port_in_use_may_become_free() -> None:
-    async def main() -> None:
-        async with ModbusServer(ANY_PORT, {}) as server:
-            with pytest.raises(LinkError, match=f"127.0.0.1 port {server.port}: another program listens there"):
-                await ModbusServer(ModbusConfig(port=server.port), {}).__aenter__()
-
-    run(main())
+            assert await ask(second, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\xde"
+        assert await ask(first, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x00\x6f"
+        assert (first.stats.requests, second.stats.requests) == (2, 1)
 
 
-def test_a_host_that_is_none_is_for_the_operator() -> None:
-    async def main() -> None:
-        with pytest.raises(ConfigError, match=r"modbus\.host is neither an address nor a known name"):
-            await ModbusServer(ModbusConfig(host="no.such.host.invalid", port=0), {}).__aenter__()
+@complete
+async def test_a_port_in_use_may_become_free() -> None:
+    async with ModbusServer(ANY_PORT, {}) as server:
+        with pytest.raises(LinkError, match=f"127.0.0.1 port {server.port}: another program listens there"):
+            await ModbusServer(ModbusConfig(port=server.port), {}).__aenter__()
 
-    run(main())
+
+@complete
+async def test_a_host_that_is_none_is_for_the_operator() -> None:
+    with pytest.raises(ConfigError, match=r"modbus\.host is neither an address nor a known name"):
+        await ModbusServer(ModbusConfig(host="no.such.host.invalid", port=0), {}).__aenter__()
 
 
-def test_a_name_with_several_addresses_gets_one_port(monkeypatch: pytest.MonkeyPatch) -> None:
+@complete
+async def test_a_name_with_several_addresses_gets_one_port(monkeypatch: pytest.MonkeyPatch) -> None:
     """As `localhost` is where both 127.0.0.1 and ::1 carry that name."""
     resolve = socket.getaddrinfo
 
@@ -482,42 +456,35 @@ def test_a_name_with_several_addresses_gets_one_port(monkeypatch: pytest.MonkeyP
     async def use(client: AsyncModbusTcpClient) -> None:
         assert (await client.read_holding_registers(7, count=1)).registers == [1007]
 
-    async def main() -> None:
-        monkeypatch.setattr(socket, "getaddrinfo", getaddrinfo)
-        async with ModbusServer(ModbusConfig(host="two.example", port=0), {1: Unit(lambda: COUNTING)}) as server:
-            await with_client(server, use, host="127.0.0.1")
-            await with_client(server, use, host="127.0.0.2")
-
-    run(main())
+    monkeypatch.setattr(socket, "getaddrinfo", getaddrinfo)
+    async with ModbusServer(ModbusConfig(host="two.example", port=0), {1: Unit(lambda: COUNTING)}) as server:
+        await with_client(server, use, host="127.0.0.1")
+        await with_client(server, use, host="127.0.0.2")
 
 
-def test_ipv6() -> None:
+@complete
+async def test_ipv6() -> None:
     """On a machine without IPv6 the operator is told that the address is not there."""
 
     async def use(client: AsyncModbusTcpClient) -> None:
         assert (await client.read_holding_registers(7, count=1)).registers == [1007]
 
-    async def main() -> None:
-        try:
-            with socket.socket(socket.AF_INET6) as probe:
-                probe.bind(("::1", 0))
-        except OSError:
-            with pytest.raises((LinkError, ConfigError), match="cannot listen on ::1"):
-                await ModbusServer(ModbusConfig(host="::1", port=0), {}).__aenter__()
-            return
-        async with ModbusServer(ModbusConfig(host="::1", port=0), {1: Unit(lambda: COUNTING)}) as server:
-            await with_client(server, use, host="::1")
-
-    run(main())
+    try:
+        with socket.socket(socket.AF_INET6) as probe:
+            probe.bind(("::1", 0))
+    except OSError:
+        with pytest.raises((LinkError, ConfigError), match="cannot listen on ::1"):
+            await ModbusServer(ModbusConfig(host="::1", port=0), {}).__aenter__()
+        return
+    async with ModbusServer(ModbusConfig(host="::1", port=0), {1: Unit(lambda: COUNTING)}) as server:
+        await with_client(server, use, host="::1")
 
 
-def test_the_callers_error_passes_through() -> None:
-    async def main() -> None:
-        server = ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)})
-        with pytest.raises(ZeroDivisionError):
-            async with server:
-                raise ZeroDivisionError
+@complete
+async def test_the_callers_error_passes_through() -> None:
+    server = ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)})
+    with pytest.raises(ZeroDivisionError):
         async with server:
-            assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x03\xe8"
-
-    run(main())
+            raise ZeroDivisionError
+    async with server:
+        assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x03\x02\x03\xe8"

@@ -8,6 +8,7 @@ import ssl
 import struct
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from gateway.modbus.server.service import Listening, serving
 from gateway.modbus.server.tls_handshake_limiter import PLC_AT_ONCE
 from gateway.net import tls
 from tests.plant_certs import LONG_AGO, NOW, LaterClock, Plant
+from tests.virtual_time import synchronous
 
 COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))
 READ_STOP = bytes((3,)) + struct.pack(">HH", 4, 1)
@@ -72,6 +74,9 @@ def _loop(request: pytest.FixtureRequest) -> None:
 def play(scene: Coroutine[Any, Any, None]) -> None:
     with asyncio.Runner(loop_factory=LOOPS[_chosen[0]]) as runner:
         runner.run(scene)
+
+
+played = partial(synchronous, runner=play)
 
 
 class Bay:
@@ -158,15 +163,13 @@ async def logged(caplog: pytest.LogCaptureFixture, words: str) -> None:
         ("stranger", [b"\x83\x01", b"\x86\x01"]),
     ],
 )
-def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expected: list[bytes]) -> None:
+@played
+async def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expected: list[bytes]) -> None:
     bay = Bay()
 
-    async def scene() -> None:
-        async with gateway(plant, bay) as listening:
-            found = await threaded(ask, listening.tls, context_of(plant, name), READ_STOP, WRITE_HEARTBEAT)
-            assert found == expected
-
-    play(scene())
+    async with gateway(plant, bay) as listening:
+        found = await threaded(ask, listening.tls, context_of(plant, name), READ_STOP, WRITE_HEARTBEAT)
+        assert found == expected
     writers = [(peer.address, peer.subject, peer.role) for _, _, peer in bay.written]
     assert writers == ([("127.0.0.1", "operator", "operator")] if name == "operator" else [])
     assert bay.refused == ([] if name == "operator" else [(name, MAY_NOT_WRITE)])
@@ -182,7 +185,8 @@ def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expected: 
     ],
 )
 @pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
-def test_who_is_refused_and_what_the_log_says(
+@played
+async def test_who_is_refused_and_what_the_log_says(
     plant: Plant,
     elsewhere: Plant,
     caplog: pytest.LogCaptureFixture,
@@ -195,30 +199,25 @@ def test_who_is_refused_and_what_the_log_says(
     context.minimum_version = context.maximum_version = version
     bay = Bay()
 
-    async def scene() -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(plant, bay) as listening:
             with pytest.raises(OSError, match=r"."):  # TLS 1.3 tells a client only when it reads
                 await threaded(ask, listening.tls, context, READ_STOP, WRITE_HEARTBEAT)
             # The next good client is served all the same.
             assert await threaded(ask, listening.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert f"modbus: 127.0.0.1: {said}" in [record.getMessage() for record in caplog.records]
     assert bay.written == []
 
 
-def test_a_client_that_trusts_another_authority_goes_away_and_the_log_says_so(
+@played
+async def test_a_client_that_trusts_another_authority_goes_away_and_the_log_says_so(
     plant: Plant, elsewhere: Plant, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def scene() -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(plant, Bay()) as listening:
             with pytest.raises(ssl.SSLCertVerificationError):
                 await threaded(ask, listening.tls, context_of(plant, "operator", trust=elsewhere), READ_STOP)
             await logged(caplog, "it does not know the authority")
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert "it does not know the authority of the gateway's certificate" in caplog.text
 
 
@@ -251,31 +250,28 @@ async def openssl(port: int, plant: Plant, name: str, request: bytes, *options: 
 
 
 @pytest.mark.parametrize("option", ["-tls1_2", "-tls1_3"])
-def test_openssl_reads_a_register(plant: Plant, option: str) -> None:
-    async def scene() -> None:
-        async with gateway(plant, Bay()) as listening:
-            assert listening.tls is not None
-            answer, said = await openssl(listening.tls, plant, "viewer", FRAME, option)
-            assert answer == struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP, said
-
-    play(scene())
+@played
+async def test_openssl_reads_a_register(plant: Plant, option: str) -> None:
+    async with gateway(plant, Bay()) as listening:
+        assert listening.tls is not None
+        answer, said = await openssl(listening.tls, plant, "viewer", FRAME, option)
+        assert answer == struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP, said
 
 
-def test_tls_1_1_is_refused(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
-    async def scene() -> None:
+@played
+async def test_tls_1_1_is_refused(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(plant, Bay()) as listening:
             assert listening.tls is not None
             options = ("-tls1_1", "-cipher", "ALL:@SECLEVEL=0")
             answer, said = await openssl(listening.tls, plant, "operator", FRAME, *options)
             assert answer == b""
             assert "alert protocol version" in said
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert "it speaks no TLS version from 1.2 up" in caplog.text
 
 
-def test_plain_modbus_on_the_tls_port_is_cut(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
+@played
+async def test_plain_modbus_on_the_tls_port_is_cut(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
     def plainly(port: int) -> bytes:
         with socket.create_connection(("127.0.0.1", port), timeout=10) as tcp:
             tcp.sendall(FRAME)
@@ -284,17 +280,15 @@ def test_plain_modbus_on_the_tls_port_is_cut(plant: Plant, caplog: pytest.LogCap
             except ConnectionResetError:
                 return b""
 
-    async def scene() -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(plant, Bay()) as listening:
             answer = await threaded(plainly, listening.tls)
             assert b"\x03\x02\x03\xec" not in answer  # at most a TLS alert, no register
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert "it does not speak TLS" in caplog.text
 
 
-def test_a_client_that_never_begins_its_handshake_is_cut_in_time(plant: Plant) -> None:
+@played
+async def test_a_client_that_never_begins_its_handshake_is_cut_in_time(plant: Plant) -> None:
     def silent(port: int) -> bytes:
         with socket.create_connection(("127.0.0.1", port), timeout=20) as tcp:
             try:
@@ -302,38 +296,31 @@ def test_a_client_that_never_begins_its_handshake_is_cut_in_time(plant: Plant) -
             except ConnectionResetError:
                 return b""
 
-    async def scene() -> None:
-        async with gateway(plant, Bay(), tls=plant.config(handshake_deadline_s=0.5)) as listening:
-            assert await threaded(silent, listening.tls) == b""
-
-    play(scene())
+    async with gateway(plant, Bay(), tls=plant.config(handshake_deadline_s=0.5)) as listening:
+        assert await threaded(silent, listening.tls) == b""
 
 
-def test_a_port_scanner_is_told_once(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
-    async def scene() -> None:
+@played
+async def test_a_port_scanner_is_told_once(plant: Plant, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(plant, Bay()) as listening:
             for _ in range(3):
                 _, writer = await asyncio.open_connection("127.0.0.1", listening.tls)
                 writer.close()
             await logged(caplog, "it ended the TLS handshake, or did not finish it in time")
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert caplog.text.count("it ended the TLS handshake") == 1
 
 
-def test_leaving_does_not_wait_for_handshakes(plant: Plant) -> None:
-    async def scene() -> None:
-        async with asyncio.timeout(10):
-            async with gateway(plant, Bay(), tls=plant.config(handshake_deadline_s=60)) as listening:
-                _, writer = await asyncio.open_connection("127.0.0.1", listening.tls)
-                await asyncio.sleep(0.1)
-            writer.close()
-        for _ in range(3):
-            await asyncio.sleep(0)
-        assert asyncio.all_tasks() == {asyncio.current_task()}
-
-    play(scene())
+@played
+async def test_leaving_does_not_wait_for_handshakes(plant: Plant) -> None:
+    async with asyncio.timeout(10):
+        async with gateway(plant, Bay(), tls=plant.config(handshake_deadline_s=60)) as listening:
+            _, writer = await asyncio.open_connection("127.0.0.1", listening.tls)
+            await asyncio.sleep(0.1)
+        writer.close()
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert asyncio.all_tasks() == {asyncio.current_task()}
 
 
 BEGUN = TlsConfig.model_fields["handshakes_per_address"].default
@@ -348,10 +335,11 @@ def ask_from(source: str, port: int, context: ssl.SSLContext) -> bytes:
         return _exactly(connection, 11)[7:]
 
 
-def test_one_address_may_begin_only_so_many_handshakes_and_others_are_not_held_up(
+@played
+async def test_one_address_may_begin_only_so_many_handshakes_and_others_are_not_held_up(
     plant: Plant, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def scene() -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"]) as listening:
             assert listening.tls is not None
             idle = [
@@ -364,11 +352,9 @@ def test_one_address_may_begin_only_so_many_handshakes_and_others_are_not_held_u
             for _, writer in idle:
                 writer.close()
 
-    with caplog.at_level(logging.WARNING):
-        play(scene())
 
-
-def test_plain_tcp_beside_tls_only_reads(plant: Plant) -> None:
+@played
+async def test_plain_tcp_beside_tls_only_reads(plant: Plant) -> None:
     bay = Bay()
 
     async def exchange(port: int, pdu: bytes) -> bytes:
@@ -379,31 +365,26 @@ def test_plain_tcp_beside_tls_only_reads(plant: Plant) -> None:
         writer.close()
         return answer
 
-    async def scene() -> None:
-        async with gateway(plant, bay) as listening:
-            assert listening.plain is not None
-            assert await exchange(listening.plain, READ_STOP) == ANSWER_STOP
-            assert await exchange(listening.plain, WRITE_HEARTBEAT) == b"\x86\x01"
-        async with gateway(plant, bay, plain=False) as listening:
-            assert listening.plain is None
-            assert listening.first == listening.tls
-
-    play(scene())
+    async with gateway(plant, bay) as listening:
+        assert listening.plain is not None
+        assert await exchange(listening.plain, READ_STOP) == ANSWER_STOP
+        assert await exchange(listening.plain, WRITE_HEARTBEAT) == b"\x86\x01"
+    async with gateway(plant, bay, plain=False) as listening:
+        assert listening.plain is None
+        assert listening.first == listening.tls
     assert bay.written == []
 
 
-def test_pymodbus_reads_and_writes_over_tls(plant: Plant) -> None:
+@played
+async def test_pymodbus_reads_and_writes_over_tls(plant: Plant) -> None:
     bay = Bay()
 
-    async def scene() -> None:
-        async with gateway(plant, bay) as listening:
-            client = _pymodbus(plant, listening.tls or 0)
-            async with client:
-                answer = await client.read_holding_registers(0, count=BLOCK_WORDS)
-                assert answer.registers == list(COUNTING)
-                assert not (await client.write_registers(80, [5, 6, 0])).isError()
-
-    play(scene())
+    async with gateway(plant, bay) as listening:
+        client = _pymodbus(plant, listening.tls or 0)
+        async with client:
+            answer = await client.read_holding_registers(0, count=BLOCK_WORDS)
+            assert answer.registers == list(COUNTING)
+            assert not (await client.write_registers(80, [5, 6, 0])).isError()
     assert [(address, words) for address, words, _ in bay.written] == [(80, (5, 6, 0))]
 
 
@@ -414,16 +395,15 @@ def _pymodbus(plant: Plant, port: int) -> AsyncModbusTlsClient:
     return client
 
 
-def test_many_requests_over_one_connection_are_all_answered_in_order(plant: Plant) -> None:
-    async def scene() -> None:
-        async with gateway(plant, Bay()) as listening:
-            found = await threaded(ask, listening.tls, context_of(plant, "viewer"), *[READ_STOP] * 300)
-            assert found == [ANSWER_STOP] * 300
-
-    play(scene())
+@played
+async def test_many_requests_over_one_connection_are_all_answered_in_order(plant: Plant) -> None:
+    async with gateway(plant, Bay()) as listening:
+        found = await threaded(ask, listening.tls, context_of(plant, "viewer"), *[READ_STOP] * 300)
+        assert found == [ANSWER_STOP] * 300
 
 
-def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: Plant) -> None:
+@played
+async def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: Plant) -> None:
     """TLS 1.3: the client may speak before the server has looked at its certificate; nothing may get lost."""
 
     def pipelined(port: int) -> bytes:
@@ -431,13 +411,10 @@ def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: 
             tls.sendall(b"".join(FRAME for _ in range(50)))
             return _exactly(tls, 50 * 11)
 
-    async def scene() -> None:
-        async with gateway(plant, Bay()) as listening:
-            expected = struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP
-            for _ in range(5):
-                assert await threaded(pipelined, listening.tls) == expected * 50
-
-    play(scene())
+    async with gateway(plant, Bay()) as listening:
+        expected = struct.pack(">HHHB", 0xBEEF, 0, 5, 1) + ANSWER_STOP
+        for _ in range(5):
+            assert await threaded(pipelined, listening.tls) == expected * 50
 
 
 class Slicer:
@@ -485,7 +462,8 @@ class Slicer:
 
 
 @pytest.mark.parametrize("size", [1, 7, 1400])
-def test_tls_records_and_requests_in_any_slices(plant: Plant, size: int) -> None:
+@played
+async def test_tls_records_and_requests_in_any_slices(plant: Plant, size: int) -> None:
     """The cable cuts where it likes, and a client may put every byte into a record of its own."""
 
     def talk(port: int) -> None:
@@ -498,27 +476,23 @@ def test_tls_records_and_requests_in_any_slices(plant: Plant, size: int) -> None
         assert client.receive(len(expected)) == expected
         client.close()
 
-    async def scene() -> None:
-        async with gateway(plant, Bay()) as listening:
-            await threaded(talk, listening.tls)
-
-    play(scene())
+    async with gateway(plant, Bay()) as listening:
+        await threaded(talk, listening.tls)
 
 
-def test_a_frame_of_an_impossible_length_ends_the_connection_with_a_goodbye(plant: Plant) -> None:
+@played
+async def test_a_frame_of_an_impossible_length_ends_the_connection_with_a_goodbye(plant: Plant) -> None:
     def talk(port: int) -> bytes:
         with dialled(port, context_of(plant, "viewer")) as tls:
             tls.sendall(FRAME + struct.pack(">HHHB", 1, 0, 9999, 1))
             return _exactly(tls, 11) + tls.recv(100)  # an end without close_notify would raise SSLEOFError
 
-    async def scene() -> None:
-        async with gateway(plant, Bay()) as listening:
-            assert (await threaded(talk, listening.tls))[7:] == ANSWER_STOP
-
-    play(scene())
+    async with gateway(plant, Bay()) as listening:
+        assert (await threaded(talk, listening.tls))[7:] == ANSWER_STOP
 
 
-def test_a_client_that_does_not_read_is_cut_and_the_others_do_not_notice(
+@played
+async def test_a_client_that_does_not_read_is_cut_and_the_others_do_not_notice(
     plant: Plant, caplog: pytest.LogCaptureFixture
 ) -> None:
     whole = struct.pack(">HHHB", 1, 0, 6, 1) + bytes((3,)) + struct.pack(">HH", 0, BLOCK_WORDS)
@@ -538,7 +512,7 @@ def test_a_client_that_does_not_read_is_cut_and_the_others_do_not_notice(
                 except OSError:
                     return sent
 
-    async def scene() -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(plant, Bay(), send_timeout_s=0.5) as listening:
             flooding = threaded(flood, listening.tls)
             task = asyncio.get_running_loop().create_task(flooding)
@@ -546,24 +520,20 @@ def test_a_client_that_does_not_read_is_cut_and_the_others_do_not_notice(
                 assert await threaded(ask, listening.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
                 await asyncio.sleep(0.3)  # strangers may begin a few handshakes a second
             assert await task < 20_000
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert "it did not read its answers" in caplog.text
 
 
-def test_nobody_is_left_behind(plant: Plant) -> None:
+@played
+async def test_nobody_is_left_behind(plant: Plant) -> None:
     """Clients that come, ask and go leave neither connections nor waiting places."""
 
-    async def scene() -> None:
-        async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"]) as listening:
-            for _ in range(PLC_AT_ONCE + 2):
-                assert await threaded(ask, listening.tls, context_of(plant, "viewer"), READ_STOP) == [ANSWER_STOP]
-
-    play(scene())
+    async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"]) as listening:
+        for _ in range(PLC_AT_ONCE + 2):
+            assert await threaded(ask, listening.tls, context_of(plant, "viewer"), READ_STOP) == [ANSWER_STOP]
 
 
-def test_what_is_renewed_and_taken_back_holds_without_a_restart(
+@played
+async def test_what_is_renewed_and_taken_back_holds_without_a_restart(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tls, "LOOK_NS", 0)  # look at the files at every connection
@@ -571,7 +541,7 @@ def test_what_is_renewed_and_taken_back_holds_without_a_restart(
     client = own.client("plc1")
     good = context_of(own, "plc1")
 
-    async def scene() -> None:
+    with caplog.at_level(logging.INFO):
         async with gateway(own, Bay()) as listening:
             assert await threaded(ask, listening.tls, good, READ_STOP) == [ANSWER_STOP]
             # A damaged file is told, and what was read before stays in force.
@@ -596,9 +566,6 @@ def test_what_is_renewed_and_taken_back_holds_without_a_restart(
             own.revoke(client)
             with pytest.raises(OSError, match=r"."):
                 await threaded(ask, listening.tls, good, READ_STOP)
-
-    with caplog.at_level(logging.INFO):
-        play(scene())
     assert "its certificate was refused: certificate revoked" in caplog.text
 
 
@@ -626,7 +593,8 @@ class Standing:
         self._tls.close()
 
 
-def test_a_certificate_that_is_taken_back_ends_its_connection(
+@played
+async def test_a_certificate_that_is_taken_back_ends_its_connection(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tls, "LOOK_NS", 0)
@@ -634,7 +602,7 @@ def test_a_certificate_that_is_taken_back_ends_its_connection(
     plc1 = own.client("plc1")
     own.client("plc2")
 
-    async def scene() -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(own, Bay()) as listening:
             assert listening.tls is not None
             first = await threaded(Standing, listening.tls, context_of(own, "plc1"))
@@ -652,19 +620,17 @@ def test_a_certificate_that_is_taken_back_ends_its_connection(
             assert listening.servers[0].stats.refused[Refusal.CERTIFICATE_REVOKED] == 1
             first.close()
             second.close()
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert "127.0.0.1: its certificate was revoked (modbus.tls.crl) while it was connected" in caplog.text
 
 
-def test_a_certificate_that_expires_ends_its_connection(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+@played
+async def test_a_certificate_that_expires_ends_its_connection(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     own, clock = Plant(tmp_path), LaterClock()
     own.client("plc1")  # for 30 days
     key = issue.new_key()
     own.folder.add("plc2", issue.client(own.by, "plc2", "operator", key, NOW, 90), key)
 
-    async def scene() -> None:
+    with caplog.at_level(logging.WARNING):
         async with gateway(own, Bay(), clock) as listening:
             assert listening.tls is not None
             first = await threaded(Standing, listening.tls, context_of(own, "plc1"))
@@ -677,13 +643,11 @@ def test_a_certificate_that_expires_ends_its_connection(tmp_path: Path, caplog: 
             assert listening.servers[0].stats.refused[Refusal.CERTIFICATE_EXPIRED] == 1
             first.close()
             second.close()
-
-    with caplog.at_level(logging.WARNING):
-        play(scene())
     assert "127.0.0.1: its certificate has expired while it was connected" in caplog.text
 
 
-def test_any_bytes_at_any_moment_leave_the_server_well(plant: Plant) -> None:
+@played
+async def test_any_bytes_at_any_moment_leave_the_server_well(plant: Plant) -> None:
     """Seeded noise: before the handshake, in it, and in the middle of an encrypted connection."""
     chance = random.Random(20)
 
@@ -704,12 +668,9 @@ def test_any_bytes_at_any_moment_leave_the_server_well(plant: Plant) -> None:
                 pass
         client.close()
 
-    async def scene() -> None:
-        async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"], tls=plant.config(handshake_deadline_s=0.5)) as it:
-            for _ in range(60):
-                await threaded(noise, it.tls)
-            for _ in range(10):
-                await threaded(spoiled, it.tls)
-            assert await threaded(ask, it.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]
-
-    play(scene())
+    async with gateway(plant, Bay(), plc_addresses=["127.0.0.1"], tls=plant.config(handshake_deadline_s=0.5)) as it:
+        for _ in range(60):
+            await threaded(noise, it.tls)
+        for _ in range(10):
+            await threaded(spoiled, it.tls)
+        assert await threaded(ask, it.tls, context_of(plant, "operator"), READ_STOP) == [ANSWER_STOP]

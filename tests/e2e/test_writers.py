@@ -23,6 +23,7 @@ from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
 from gateway.modbus.server.service import serving
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
+from tests.virtual_time import on_gateway_loop
 
 PLC, SECOND, STRANGER = "127.0.0.1", "127.0.0.2", "127.0.0.99"
 CONTROL = coil_of("plc_control", 0)
@@ -89,51 +90,47 @@ async def until(wanted: Callable[[], Coroutine[Any, Any, bool]]) -> None:
     raise TimeoutError
 
 
-def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> None:
+@on_gateway_loop
+async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> None:
     yard = Yard()
 
-    async def scene() -> None:
-        async with yard.open() as port, client(port, STRANGER) as stranger:
-            assert (await image(stranger))["map_version"] == 3
-            tries = [
-                await stranger.write_register(80, 1),
-                await stranger.write_registers(80, [1, 2, 3]),
-                await stranger.write_coil(CONTROL + Control.RESET, True),
-                await stranger.write_coils(CONTROL, [True] * 3),
-                await stranger.mask_write_register(address=81, and_mask=0, or_mask=4),
-                await stranger.readwrite_registers(read_address=0, read_count=1, write_address=80, values=[1]),
-            ]
-            assert [told.exception_code for told in tries] == [ILLEGAL_FUNCTION] * 6
-            seen = await image(stranger)
-            assert (seen["plc_heartbeat"], seen["plc_control"], seen["plc_writes"]) == (0, 0, 0)
-
-    event_loop.run(scene())
+    async with yard.open() as port, client(port, STRANGER) as stranger:
+        assert (await image(stranger))["map_version"] == 3
+        tries = [
+            await stranger.write_register(80, 1),
+            await stranger.write_registers(80, [1, 2, 3]),
+            await stranger.write_coil(CONTROL + Control.RESET, True),
+            await stranger.write_coils(CONTROL, [True] * 3),
+            await stranger.mask_write_register(address=81, and_mask=0, or_mask=4),
+            await stranger.readwrite_registers(read_address=0, read_count=1, write_address=80, values=[1]),
+        ]
+        assert [told.exception_code for told in tries] == [ILLEGAL_FUNCTION] * 6
+        seen = await image(stranger)
+        assert (seen["plc_heartbeat"], seen["plc_control"], seen["plc_writes"]) == (0, 0, 0)
     why = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles say who may)"
     assert yard.refused() == [f"{STRANGER}: {why}"] * 6
 
 
-def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -> None:
+@on_gateway_loop
+async def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -> None:
     yard = Yard(heartbeat_deadline_s=20.0, enable_required=True)
 
-    async def scene() -> None:
-        async with yard.open() as port, client(port, PLC) as first, client(port, SECOND) as second:
-            assert not (await first.write_registers(80, [1, 1, 0])).isError()
-            await until(lambda: _has(first, "may_move", 1))
-            flips = 0
-            for beat in range(40):
-                tries = [
-                    await second.write_registers(80, [100 + beat, 0, 0]),
-                    await second.write_coil(CONTROL + Control.ENABLE, False),
-                    await second.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0),
-                ]
-                assert [told.exception_code for told in tries] == [BUSY] * 3
-                flips += (await image(second))["may_move"] != 1
-                assert not (await first.write_registers(80, [2 + beat, 1])).isError()
-            assert flips == 0
-            seen = await image(second)
-            assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (120, 1, 41)
-
-    event_loop.run(scene())
+    async with yard.open() as port, client(port, PLC) as first, client(port, SECOND) as second:
+        assert not (await first.write_registers(80, [1, 1, 0])).isError()
+        await until(lambda: _has(first, "may_move", 1))
+        flips = 0
+        for beat in range(40):
+            tries = [
+                await second.write_registers(80, [100 + beat, 0, 0]),
+                await second.write_coil(CONTROL + Control.ENABLE, False),
+                await second.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0),
+            ]
+            assert [told.exception_code for told in tries] == [BUSY] * 3
+            flips += (await image(second))["may_move"] != 1
+            assert not (await first.write_registers(80, [2 + beat, 1])).isError()
+        assert flips == 0
+        seen = await image(second)
+        assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (120, 1, 41)
     assert f"{SECOND}: {PLC} owns the handshake block until its heartbeat is lost" in yard.refused()
 
 
@@ -141,24 +138,22 @@ async def _has(asked: AsyncModbusTcpClient, register: str, value: float) -> bool
     return bool((await image(asked))[register] == value)
 
 
-def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused() -> None:
+@on_gateway_loop
+async def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused() -> None:
     yard = Yard(heartbeat_required=False)
 
-    async def scene() -> None:
-        async with yard.open() as port, client(port, PLC) as plc:
-            assert not (await plc.write_coil(CONTROL + Control.TRUCK_PRESENT, True)).isError()
-            assert not (await plc.write_coils(CONTROL, [True, True, False])).isError()
-            assert (await image(plc))["plc_control"] == 0b11
-            assert (await plc.read_coils(CONTROL, count=3)).bits[:3] == [True, True, False]
-            assert not (await plc.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0)).isError()
-            assert (await image(plc))["plc_control"] == 0b10
-            assert (await plc.write_coil(CONTROL + 15, True)).exception_code == 3
-            assert (await plc.write_register(81, 0x8001)).exception_code == 3
-            assert (await plc.write_coil(0, False)).exception_code == 2
-            assert (await plc.write_register(81, 1, device_id=0)).exception_code == 0x0B
-            assert (await image(plc))["plc_control"] == 0b10
-
-    event_loop.run(scene())
+    async with yard.open() as port, client(port, PLC) as plc:
+        assert not (await plc.write_coil(CONTROL + Control.TRUCK_PRESENT, True)).isError()
+        assert not (await plc.write_coils(CONTROL, [True, True, False])).isError()
+        assert (await image(plc))["plc_control"] == 0b11
+        assert (await plc.read_coils(CONTROL, count=3)).bits[:3] == [True, True, False]
+        assert not (await plc.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0)).isError()
+        assert (await image(plc))["plc_control"] == 0b10
+        assert (await plc.write_coil(CONTROL + 15, True)).exception_code == 3
+        assert (await plc.write_register(81, 0x8001)).exception_code == 3
+        assert (await plc.write_coil(0, False)).exception_code == 2
+        assert (await plc.write_register(81, 1, device_id=0)).exception_code == 0x0B
+        assert (await image(plc))["plc_control"] == 0b10
     assert yard.refused() == [
         f"{PLC}: plc_control has no bit 15",
         f"{PLC}: plc_control has no bit 15",
@@ -167,21 +162,19 @@ def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused() -> 
     ]
 
 
-def test_without_a_heartbeat_another_writes_once_the_owner_has_gone() -> None:
+@on_gateway_loop
+async def test_without_a_heartbeat_another_writes_once_the_owner_has_gone() -> None:
     yard = Yard(heartbeat_required=False, heartbeat_deadline_s=0.2)
 
-    async def scene() -> None:
-        async with yard.open() as port, client(port, SECOND) as second:
-            async with client(port, PLC) as first, client(port, PLC):
-                assert not (await first.write_register(81, 1)).isError()
-                await asyncio.sleep(0.5)  # longer than heartbeat_deadline_s
-                first.close()
-                await asyncio.sleep(0.5)
-                assert (await second.write_register(81, 2)).exception_code == BUSY, "it is still connected"
-            await until(lambda: _taken(second))
-            assert (await image(second))["plc_control"] == 2
-
-    event_loop.run(scene())
+    async with yard.open() as port, client(port, SECOND) as second:
+        async with client(port, PLC) as first, client(port, PLC):
+            assert not (await first.write_register(81, 1)).isError()
+            await asyncio.sleep(0.5)  # longer than heartbeat_deadline_s
+            first.close()
+            await asyncio.sleep(0.5)
+            assert (await second.write_register(81, 2)).exception_code == BUSY, "it is still connected"
+        await until(lambda: _taken(second))
+        assert (await image(second))["plc_control"] == 2
 
 
 async def _taken(asked: AsyncModbusTcpClient) -> bool:

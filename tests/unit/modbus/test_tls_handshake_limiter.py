@@ -15,7 +15,7 @@ from gateway.modbus.server.tls_handshake_limiter import (
     TlsHandshakeLimiter,
 )
 from gateway.modbus.server.tls_stream import TlsStream
-from tests.virtual_time import run
+from tests.virtual_time import in_virtual_time
 
 PLC, SCADA, STRANGER = "10.0.0.7", "10.0.1.5", "192.168.7.7"
 SHARE = 8
@@ -60,79 +60,69 @@ class Listener:
         self.limiter.established(cast(TlsStream, client))
 
 
-def test_one_address_can_not_take_all_handshakes() -> None:
-    async def scene() -> None:
-        listener = Listener()
-        greedy = [listener.connect(STRANGER) for _ in range(100)]
-        assert len([client for client in greedy if client]) == SHARE
-        assert listener.refusals == [(STRANGER, Refusal.TLS_BUSY)] * (100 - SHARE)
-        assert listener.connect(SCADA) is not None
-
-    run(scene())
+@in_virtual_time
+async def test_one_address_can_not_take_all_handshakes() -> None:
+    listener = Listener()
+    greedy = [listener.connect(STRANGER) for _ in range(100)]
+    assert len([client for client in greedy if client]) == SHARE
+    assert listener.refusals == [(STRANGER, Refusal.TLS_BUSY)] * (100 - SHARE)
+    assert listener.connect(SCADA) is not None
 
 
-def test_nor_the_whole_rate() -> None:
+@in_virtual_time
+async def test_nor_the_whole_rate() -> None:
     """A stranger that finishes each handshake at once, and begins a hundred a second, for a minute."""
 
-    async def scene() -> None:
-        listener = Listener()
-        begun = others = 0
-        for n in range(6000):
-            if (client := listener.connect(STRANGER)) is not None:
-                begun += 1
-                listener.done(client)
-            if n % 100 == 50 and (client := listener.connect(SCADA)) is not None:
-                others += 1
-                listener.done(client)
-            await asyncio.sleep(0.01)
-        assert SHARE + 60 * SHARE / REFILL_S - 1 <= begun <= SHARE + 60 * SHARE / REFILL_S
-        assert others == 60
-
-    run(scene())
-
-
-def test_all_strangers_together_have_no_more_than_before() -> None:
-    async def scene() -> None:
-        listener = Listener()
-        crowd = [listener.connect(f"10.1.{n // 250}.{n % 250}") for n in range(500)]
-        there = [client for client in crowd if client]
-        assert len(there) == AT_ONCE
-        for client in there:
+    listener = Listener()
+    begun = others = 0
+    for n in range(6000):
+        if (client := listener.connect(STRANGER)) is not None:
+            begun += 1
             listener.done(client)
-        more = [came for n in range(500) if (came := listener.connect(f"10.2.{n // 250}.{n % 250}"))]
-        assert len(more) == BURST - AT_ONCE
-        await asyncio.sleep(1.0)
-        again = [listener.connect(f"10.3.0.{n}") for n in range(100)]
-        assert len([client for client in again if client]) == PER_S
-
-    run(scene())
-
-
-def test_a_plc_is_held_up_by_nobody() -> None:
-    async def scene() -> None:
-        listener = Listener()
-        strangers = [listener.connect(f"10.1.0.{n}") for n in range(100)]
-        assert len([client for client in strangers if client]) == AT_ONCE
-        plcs = [listener.connect(PLC) for _ in range(100)]
-        assert len([client for client in plcs if client]) == PLC_AT_ONCE - AT_ONCE
-
-    run(scene())
+        if n % 100 == 50 and (client := listener.connect(SCADA)) is not None:
+            others += 1
+            listener.done(client)
+        await asyncio.sleep(0.01)
+    assert SHARE + 60 * SHARE / REFILL_S - 1 <= begun <= SHARE + 60 * SHARE / REFILL_S
+    assert others == 60
 
 
-def test_addresses_are_forgotten_but_not_those_that_wait() -> None:
-    async def scene() -> None:
-        listener = Listener()
-        waiting = [listener.connect(STRANGER) for _ in range(SHARE)]
-        for n in range(3 * MAX_ADDRESSES):
-            if (client := listener.connect(f"10.{n // 65025}.{n // 255 % 255}.{n % 255}")) is not None:
-                listener.done(client)
-        assert len(listener.limiter._by_address) <= MAX_ADDRESSES
-        await asyncio.sleep(REFILL_S)
-        assert listener.connect(STRANGER) is None
-        for stranger in waiting:
-            assert stranger is not None
-            listener.done(stranger)
-        assert not listener.limiter._waiting
-        assert listener.connect(STRANGER) is not None
+@in_virtual_time
+async def test_all_strangers_together_have_no_more_than_before() -> None:
+    listener = Listener()
+    crowd = [listener.connect(f"10.1.{n // 250}.{n % 250}") for n in range(500)]
+    there = [client for client in crowd if client]
+    assert len(there) == AT_ONCE
+    for client in there:
+        listener.done(client)
+    more = [came for n in range(500) if (came := listener.connect(f"10.2.{n // 250}.{n % 250}"))]
+    assert len(more) == BURST - AT_ONCE
+    await asyncio.sleep(1.0)
+    again = [listener.connect(f"10.3.0.{n}") for n in range(100)]
+    assert len([client for client in again if client]) == PER_S
 
-    run(scene())
+
+@in_virtual_time
+async def test_a_plc_is_held_up_by_nobody() -> None:
+    listener = Listener()
+    strangers = [listener.connect(f"10.1.0.{n}") for n in range(100)]
+    assert len([client for client in strangers if client]) == AT_ONCE
+    plcs = [listener.connect(PLC) for _ in range(100)]
+    assert len([client for client in plcs if client]) == PLC_AT_ONCE - AT_ONCE
+
+
+@in_virtual_time
+async def test_addresses_are_forgotten_but_not_those_that_wait() -> None:
+    listener = Listener()
+    waiting = [listener.connect(STRANGER) for _ in range(SHARE)]
+    for n in range(3 * MAX_ADDRESSES):
+        if (client := listener.connect(f"10.{n // 65025}.{n // 255 % 255}.{n % 255}")) is not None:
+            listener.done(client)
+    assert len(listener.limiter._by_address) <= MAX_ADDRESSES
+    await asyncio.sleep(REFILL_S)
+    assert listener.connect(STRANGER) is None
+    for stranger in waiting:
+        assert stranger is not None
+        listener.done(stranger)
+    assert not listener.limiter._waiting
+    assert listener.connect(STRANGER) is not None
