@@ -1,4 +1,4 @@
-"""What the pages' guard tells of people: logins, refusals, changes. The same record for log, events and tests. Pure."""
+"""What people did or tried: logins, refusals, changes. The same record for log, events and tests. Pure."""
 
 from dataclasses import dataclass
 from enum import StrEnum

@@ -4,7 +4,7 @@ from starlette.types import Message, Receive, Scope
 
 from gateway.clock import Clock
 from gateway.web.auth.access import Rule
-from gateway.web.auth.origins import header
+from gateway.web.auth.headers import header
 from gateway.web.auth.refusals import RefusalError
 
 BODY_S = 10.0  # a body must have arrived within this
@@ -34,8 +34,8 @@ async def whole_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock) -
                 if not message.get("more_body", False):
                     return _again(bytes(body), receive)
     except TimeoutError:
-        said = f"the request was not there within {BODY_S:g} s"
-        raise RefusalError(408, "slow", said, headers=CLOSE) from None
+        text = f"the request was not there within {BODY_S:g} s"
+        raise RefusalError(408, "slow", text, headers=CLOSE) from None
     raise RefusalError(400, "gone", "the caller went away")
 
 

@@ -1,6 +1,82 @@
-"""What every answer says to the browser about itself. Pure."""
+"""Headers: Host and Origin of a request, and what every answer tells the browser. Pure.
 
-from gateway.config.sections.hmi import HmiConfig
+Host is checked against DNS rebinding: a foreign site whose name points to the gateway's address would be same-origin.
+Origin is checked against foreign sites that let the browser of a person who is logged in ask for something.
+"""
+
+from collections.abc import Collection, Iterable
+from urllib.parse import urlsplit
+
+from gateway.config.sections.hmi import HmiConfig, host_name
+
+Headers = Iterable[tuple[bytes, bytes]]
+MAX_HEADER = 300  # of a Host or Origin that could be right
+PORTS = {"http": 80, "https": 443}
+
+
+def header(headers: Headers, name: bytes) -> str | None:
+    """The one value of a header; None: there is none. Raises ValueError where it stands twice or is no ASCII."""
+    found = [value for key, value in headers if key == name]
+    if not found:
+        return None
+    if len(found) > 1:
+        raise ValueError(f"{name.decode()} stands there {len(found)} times")
+    try:
+        return found[0].decode("ascii")
+    except UnicodeDecodeError:
+        raise ValueError(f"{name.decode()} is no ASCII") from None
+
+
+def host_and_port(authority: str, scheme: str) -> tuple[str, int]:
+    """Of a Host header, compared as `hmi.hosts` writes them. Raises ValueError for anything else than host[:port]."""
+    if not authority or len(authority) > MAX_HEADER or set(authority) & set("/\\@?# \t,"):
+        raise ValueError("no host")
+    name, bracket, tail = authority.rpartition("]")
+    if bracket:  # [::1]:8080
+        if not name.startswith("[") or (tail and not tail.startswith(":")):
+            raise ValueError("no host")
+        name, port = name[1:], tail[1:]
+        if ":" not in name or set(name) & set("[]") or (tail and not port):
+            raise ValueError("no host")
+    else:
+        name, colon, port = authority.partition(":")
+        if colon and not port:
+            raise ValueError("no port")
+    if port and not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) <= 65535):
+        raise ValueError("no port")
+    return host_name(name), int(port) if port else PORTS[scheme]
+
+
+def called_rightly(authority: str | None, hosts: Collection[str], scheme: str) -> bool:
+    """Is this Host header one of ours? Its port is not looked at: people come through tunnels."""
+    try:
+        return authority is not None and host_and_port(authority, scheme)[0] in hosts
+    except ValueError:
+        return False
+
+
+def same_origin(origin: str | None, authority: str, scheme: str) -> bool:
+    """Is the page that asks one of those that the server at `authority` (a right Host header) has served?"""
+    if origin is None or len(origin) > MAX_HEADER:
+        return False
+    try:
+        parts = urlsplit(origin)
+        if parts.scheme != scheme or f"{parts.scheme}://{parts.netloc}" != origin:
+            return False
+        return host_and_port(parts.netloc, scheme) == host_and_port(authority, scheme)
+    except ValueError:
+        return False
+
+
+def safe_next(wanted: object) -> str:
+    """Where to go after a login: a path of this server, or the start page. Never another site."""
+    if not isinstance(wanted, str) or not wanted.startswith("/") or len(wanted) > MAX_HEADER:
+        return "/"
+    foreign = wanted.startswith(("//", "/\\")) or "\\" in wanted or not wanted.isprintable()
+    return "/" if foreign else wanted
+
+
+# Of the answers.
 
 # Nothing from elsewhere, nothing inline, in nobody's frame. blob: are the pages' own pictures.
 CONTENT_SECURITY_POLICY = "; ".join(
@@ -24,7 +100,7 @@ HTTPS_PORT = 443
 
 def security_headers(config: HmiConfig) -> tuple[tuple[bytes, bytes], ...]:
     """For every answer, whatever it says. Names in lower case."""
-    said = {
+    fields = {
         "content-security-policy": CONTENT_SECURITY_POLICY,
         "x-content-type-options": "nosniff",
         "x-frame-options": "DENY",  # for kiosk browsers too old for frame-ancestors
@@ -33,10 +109,10 @@ def security_headers(config: HmiConfig) -> tuple[tuple[bytes, bytes], ...]:
         "cross-origin-resource-policy": "same-origin",
     }
     if config.tls or config.loopback:  # elsewhere browsers ignore it, and complain
-        said["cross-origin-opener-policy"] = "same-origin"
+        fields["cross-origin-opener-policy"] = "same-origin"
     if config.tls and config.port == HTTPS_PORT:  # it holds for all ports of this host, other programs' pages included
-        said["strict-transport-security"] = f"max-age={HSTS_S}"
-    return tuple((name.encode(), value.encode()) for name, value in said.items())
+        fields["strict-transport-security"] = f"max-age={HSTS_S}"
+    return tuple((name.encode(), value.encode()) for name, value in fields.items())
 
 
 def cache_control(path: str) -> bytes:

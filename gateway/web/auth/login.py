@@ -7,11 +7,11 @@ from starlette.responses import JSONResponse
 
 from gateway.web.auth.access import LOGIN_BYTES, Level
 from gateway.web.auth.addresses import Addresses
-from gateway.web.auth.caller import Caller, caller_of
+from gateway.web.auth.headers import safe_next
 from gateway.web.auth.logins import Logins
-from gateway.web.auth.origins import safe_next
 from gateway.web.auth.passwords import MAX_LENGTH
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.sessions import Caller, caller_of
 
 
 class LoginBody(BaseModel):

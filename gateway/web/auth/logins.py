@@ -13,12 +13,11 @@ from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.net import rate_limit
 from gateway.web.auth.access import Level, Rule
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
-from gateway.web.auth.caller import Caller
+from gateway.web.auth.headers import Headers, header
 from gateway.web.auth.login_throttle import LoginThrottle
-from gateway.web.auth.origins import Headers, header
 from gateway.web.auth.passwords import BusyError, Passwords
 from gateway.web.auth.refusals import RefusalError
-from gateway.web.auth.sessions import Session, Sessions
+from gateway.web.auth.sessions import Caller, Session, Sessions
 
 MAX_COOKIES = 4096  # characters of the header
 MAX_BASIC = 1024
@@ -86,7 +85,7 @@ class Logins:
         return self.sessions.left_ns(session, self._clock.now_ns()) / NS_PER_S
 
     def see(self, session: Session) -> None:
-        """Its page has just said something."""
+        """Its page has just sent something."""
         self.sessions.see(session.key, self._clock.now_ns())
 
     def record(self, record: AuditRecord) -> None:
@@ -117,10 +116,10 @@ class Logins:
 
     async def _by_basic(self, headers: Headers, address: str) -> HmiUser | None:
         try:
-            said = header(headers, b"authorization")
-            if said is None:
+            value = header(headers, b"authorization")
+            if value is None:
                 return None
-            scheme, _, text = said.partition(" ")
+            scheme, _, text = value.partition(" ")
             if scheme.lower() != "basic" or len(text) > MAX_BASIC:
                 raise ValueError("not Basic")
             name, colon, password = base64.b64decode(text.strip(), validate=True).decode().partition(":")
@@ -129,7 +128,7 @@ class Logins:
         except (ValueError, binascii.Error):
             raise RefusalError(401, "basic", "HTTP Basic, with name and password", headers=CHALLENGE) from None
         now_ns = self._clock.now_ns()
-        mark = hmac.digest(self._secret, said.encode(), "sha256")
+        mark = hmac.digest(self._secret, value.encode(), "sha256")
         user, until_ns = self._programs.get(mark, (None, 0))
         if user is None or until_ns <= now_ns:
             first = user is None
@@ -150,8 +149,8 @@ class Logins:
         wait_s = self._throttle.attempt(address, name, self._clock.now_ns())
         if wait_s:
             self.record(AuditRecord(AuditKind.LOGIN_THROTTLED, shown(name), address, f"{wait_s} s to wait"))
-            said = f"too many failed logins; try again in {wait_s} s"
-            raise RefusalError(429, "throttled", said, headers={"Retry-After": str(wait_s)})
+            text = f"too many failed logins; try again in {wait_s} s"
+            raise RefusalError(429, "throttled", text, headers={"Retry-After": str(wait_s)})
         try:
             user = await self.passwords.check(name, password)
         except BusyError as error:

@@ -21,11 +21,10 @@ from gateway.clock import Clock
 from gateway.web.auth.access import Level, Rule, find
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
 from gateway.web.auth.bodies import whole_body
-from gateway.web.auth.caller import Caller, with_caller
-from gateway.web.auth.headers import cache_control, security_headers
+from gateway.web.auth.headers import cache_control, called_rightly, header, same_origin, security_headers
 from gateway.web.auth.logins import Logins
-from gateway.web.auth.origins import called_rightly, header, same_origin
 from gateway.web.auth.refusals import RefusalError, answer_to, to_login
+from gateway.web.auth.sessions import Caller, with_caller
 
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
 ENDED = 4401  # close code of a WebSocket whose session has ended
@@ -84,8 +83,8 @@ class SecurityMiddleware:
         except ValueError:
             authority = None
         if authority is None or not called_rightly(authority, self._hosts, self._scheme):
-            said = f"the pages are not called {shown(authority or '(nothing)')}; hmi.allowed_hosts names what they are"
-            raise RefusalError(400, "host", said, audited=True)
+            text = f"the pages are not called {shown(authority or '(nothing)')}; hmi.allowed_hosts names what they are"
+            raise RefusalError(400, "host", text, audited=True)
         return authority
 
     def _rule(self, scope: Scope) -> Rule:
@@ -108,8 +107,8 @@ class SecurityMiddleware:
             except ValueError:
                 origin = None
             if not same_origin(origin, authority, self._scheme):
-                said = "only the gateway's own pages may ask for this (Origin)"
-                raise RefusalError(403, "origin", said, audited=True)
+                text = "only the gateway's own pages may ask for this (Origin)"
+                raise RefusalError(403, "origin", text, audited=True)
         elif not rule.page:
             fetched = {name: value for name, value in headers if name in (b"sec-fetch-site", b"sec-fetch-dest")}
             followed = fetched.get(b"sec-fetch-dest") == b"document"  # a link, which shows nothing to who set it
@@ -123,8 +122,8 @@ class SecurityMiddleware:
         ):  # without a login one may look; who changes something is somebody
             raise RefusalError(401, "login", f"needs a login as {rule.least.role}", headers=_challenge(rule))
         if caller.level < rule.least:
-            said = f"{caller.name} is {caller.level.role}; this needs {rule.least.role}"
-            raise RefusalError(403, "role", said, audited=not rule.page)
+            text = f"{caller.name} is {caller.level.role}; this needs {rule.least.role}"
+            raise RefusalError(403, "role", text, audited=not rule.page)
 
     def _not_forged(self, scope: Scope, caller: Caller) -> None:
         try:
@@ -132,8 +131,8 @@ class SecurityMiddleware:
         except ValueError:
             token = ""
         if not hmac.compare_digest(token.encode(), caller.csrf.encode()):
-            said = "the X-CSRF-Token is missing or is not that of this login; /api/session tells it"
-            raise RefusalError(403, "csrf", said, audited=bool(token))
+            text = "the X-CSRF-Token is missing or is not that of this login; /api/session tells it"
+            raise RefusalError(403, "csrf", text, audited=bool(token))
 
     async def _refuse(
         self,
@@ -221,8 +220,8 @@ class SecurityMiddleware:
 class _Outgoing:
     """`send` with our headers; remembers whether an answer has begun, and with which status."""
 
-    def __init__(self, guard: SecurityMiddleware, scope: Scope, send: Send) -> None:
-        self._guard = guard
+    def __init__(self, middleware: SecurityMiddleware, scope: Scope, send: Send) -> None:
+        self._middleware = middleware
         self._path: str = scope["path"]
         self._send = send
         self.begun = False
@@ -232,7 +231,7 @@ class _Outgoing:
     async def __call__(self, message: MutableMapping[str, Any]) -> None:
         if message["type"] in ("http.response.start", "websocket.http.response.start"):
             self.begun, self.status = True, message["status"]
-            message = {**message, "headers": self._guard.dress(self._path, message.get("headers", ()))}
+            message = {**message, "headers": self._middleware.dress(self._path, message.get("headers", ()))}
         elif message["type"] in ("websocket.accept", "websocket.close"):
             self.begun = True
             self.closed = message["type"] == "websocket.close"
@@ -240,5 +239,5 @@ class _Outgoing:
 
 
 def _challenge(rule: Rule) -> dict[str, str]:
-    """Programs are told how; a page's script must not make the browser ask for a password in its own window."""
+    """Programs learn how; a page's script must not make the browser ask for a password in its own window."""
     return {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'} if rule.path == "/metrics" else {}

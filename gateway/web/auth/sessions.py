@@ -1,14 +1,16 @@
-"""Who is logged in. Ids are random and made here, never taken from a browser; nothing is kept on disk. Pure.
+"""Sessions and callers. Ids are random and made here, never taken from a browser; nothing is kept on disk. Pure.
 
 A session ends after its lifetime, after its idle time, by logging out, or when the same user opens too many others.
 Kept are hashes of the ids: whoever reads this memory can't use what is in it.
 """
 
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from typing import Any
 
+from gateway.core.plc import Writer
 from gateway.web.auth.access import Level
 
 MAX_SESSIONS = 256
@@ -98,3 +100,37 @@ class Sessions:
 
 def _key(identity: str) -> str:
     return sha256(identity.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+# Who calls: what the security middleware found out, for the routes behind it.
+
+_KEY = "gateway.web.caller"
+NOBODY = "without login"
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """`name` is empty without a login. `csrf` must come back in X-CSRF-Token with all that changes anything."""
+
+    name: str
+    level: Level
+    address: str  # of the peer, without port
+    csrf: str
+    session: Session | None = None
+
+    @property
+    def writer(self) -> Writer:
+        """As orders to the main process and events name it."""
+        return Writer(self.address, self.name or NOBODY, self.level.role)
+
+
+def caller_of(scope: Mapping[str, Any]) -> Caller:
+    """Of a request or WebSocket (its `scope`). Raises KeyError where the security middleware has not seen it."""
+    found: Caller = scope[_KEY]
+    return found
+
+
+def with_caller(scope: MutableMapping[str, Any], caller: Caller) -> dict[str, Any]:
+    """The scope that the application gets. HEAD is a GET whose body the server leaves out."""
+    method = {"method": "GET"} if scope.get("method") == "HEAD" else {}
+    return {**scope, **method, _KEY: caller}

@@ -1,16 +1,99 @@
-"""The web process's application: all addresses behind the security middleware. Served by `process`."""
+"""The web process's application: all addresses behind the security middleware. Served by `process`.
+
+Exceptions become problem details after RFC 9457.
+"""
+
+from typing import Any
 
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
 from starlette.types import ASGIApp
 
 from gateway.clock import Clock
+from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.web.auth import login
 from gateway.web.auth.logins import Logins
+from gateway.web.auth.refusals import RefusalError, problem
 from gateway.web.auth.security import SecurityMiddleware
+from gateway.web.ipc.messages import ChangedOnDiskError
 from gateway.web.server import api, openapi, pages
-from gateway.web.server.problems import HANDLERS
+from gateway.web.server.gateway_client import RefusedError
 from gateway.web.server.services import Services
 from gateway.web.tuning import routes as tuning
+from gateway.web.tuning.trial import EndedError
+from gateway.web.tuning.trial_thread import BusyError
+
+_STATUS: tuple[tuple[type[GatewayError], int, str], ...] = (  # the first that matches: status and code
+    (ChangedOnDiskError, 409, "changed"),
+    (RefusedError, 409, "refused"),
+    (ConfigError, 422, "settings"),
+    (BusyError, 503, "busy"),
+    (LinkError, 503, "link"),
+)
+
+
+async def of_http(_: Request, error: Exception) -> Response:
+    """Starlette's own: no such address, not this method."""
+    assert isinstance(error, HTTPException)
+    return problem(error.status_code, "http", str(error.detail), error.headers)
+
+
+async def of_validation(request: Request, error: Exception) -> Response:
+    """Every fault with its place. What a body contains is not repeated."""
+    assert isinstance(error, RequestValidationError)
+    faults = error.errors()
+    for_programs = request.scope["route"].include_in_schema
+    if faults[0]["loc"][0] != "body":
+        return problem(400, "query" if for_programs else "number", "; ".join(map(_query_fault, faults))[:1000])
+    return problem(400, "body" if for_programs else "json", "; ".join(map(_body_fault, faults))[:1000])
+
+
+def _query_fault(fault: dict[str, Any]) -> str:
+    return f"{_place(fault)} = {str(fault['input'])[:40]!r}: {_message(fault)}"
+
+
+def _body_fault(fault: dict[str, Any]) -> str:
+    return f"{_place(fault)}: {_message(fault)}"
+
+
+def _place(fault: dict[str, Any]) -> str:
+    if fault["type"] == "json_invalid":
+        return "body"
+    where: tuple[str, ...] = fault["loc"]
+    return ".".join(map(str, where[1:])) or "body"
+
+
+def _message(fault: dict[str, Any]) -> str:
+    context = fault.get("ctx")
+    return str(context["error"]) if isinstance(context, dict) and "error" in context else str(fault["msg"])
+
+
+async def of_gateway(_: Request, error: Exception) -> Response:
+    """Raises again what no route should raise: a fault in the software."""
+    if isinstance(error, EndedError):
+        return Response(status_code=204)  # no fault: the page has asked for something newer meanwhile
+    if isinstance(error, RefusalError):
+        return problem(error.status, error.code, str(error), error.headers)
+    for kind, status, code in _STATUS:
+        if isinstance(error, kind):
+            return problem(status, code, str(error), {"Retry-After": "1"} if status == 503 else None)
+    raise error
+
+
+async def of_fault(_: Request, error: Exception) -> Response:
+    """What nobody expected, whose text is not shown."""
+    return problem(500, "fault", "a fault in the software; the gateway's log says more")
+
+
+HANDLERS = {
+    HTTPException: of_http,
+    RequestValidationError: of_validation,
+    GatewayError: of_gateway,
+    Exception: of_fault,
+}
 
 GROUPS = (login.ADDRESSES, pages.ADDRESSES, api.ADDRESSES, openapi.ADDRESSES, tuning.ADDRESSES)
 RULES = tuple(rule for group in GROUPS for rule in group.rules)

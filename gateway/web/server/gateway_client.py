@@ -89,7 +89,7 @@ class GatewayClient:
         self.newest_event = 0
         self.events_missed = 0
         self.links = SystemStatus()
-        self.links_ns: int | None = None  # the gateway's clock when it told them
+        self.links_ns: int | None = None  # the gateway's clock when they were reported
         self.answered_ns = 0  # the gateway's clock at the newest answer
         self.answers = 0
         self._link = link

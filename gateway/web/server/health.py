@@ -17,7 +17,7 @@ from gateway.web.server.gateway_client import BayReport, GatewayClient
 from gateway.web.server.models import HealthReason, HealthStatus, HealthView
 
 SILENT_S = 3.0  # the main process answers once a second at least
-FRESH_S = 3.0  # a bay's state, as told by the main process; of many bays each has its turn
+FRESH_S = 3.0  # a bay's state, as reported by the main process; of many bays each has its turn
 _RANK: dict[HealthStatus, int] = {"ok": 0, "degraded": 1, "failing": 2}
 
 

@@ -49,7 +49,7 @@ class Live:
 
     async def serve(self, page: WebSocket) -> None:
         """Serve one page until it goes. `?bay=` (several; none: all) says what it shows."""
-        with contextlib.suppress(WebSocketDisconnect, OSError):  # at any moment, also while it is told to go
+        with contextlib.suppress(WebSocketDisconnect, OSError):  # at any moment, also while it is being closed
             await self._admit(page)
 
     async def _admit(self, page: WebSocket) -> None:

@@ -1,4 +1,4 @@
-"""What the pages and programs are told as JSON: the models. Pure.
+"""The models of the JSON for pages and programs. Pure.
 
 State and events are those of MQTT (sinks/mqtt/messages), so that a field has one name in the whole product. Units
 in the names; null: not known now. Ages are those at sending: who shows them adds the time since.
@@ -188,7 +188,7 @@ class AlarmView(BaseModel):
     raised_ms: Count | None = Field(description="Unix time, ms, when it was last announced; null: never")
     occurrences: Count = Field(description="times announced since the start; name it when you acknowledge")
     detail: str = Field(description="in words, for people; never to be parsed")
-    who: str = Field(description="who did the newest deed on it")
+    who: str = Field(description="who took the newest action on it")
     note: str = Field(description="and why")
     shelved_until_ms: Count | None = Field(description="Unix time, ms; null: not shelved")
     meaning: str
@@ -360,11 +360,11 @@ class FrameView(BaseModel):
 
 
 class AcknowledgeBody(BaseModel):
-    """Of a deed on an alarm."""
+    """Of an action on an alarm."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     occurrence: Count | None = Field(None, description="`occurrences` as it was seen; refused if it has grown since")
-    note: str = Field("", max_length=MAX_NOTE, description="why; kept with the deed")
+    note: str = Field("", max_length=MAX_NOTE, description="why; kept with the action")
 
 
 class ShelveBody(AcknowledgeBody):

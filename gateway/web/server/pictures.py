@@ -17,7 +17,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.server.gateway_client import GatewayClient
 
-WAIT_S = 5.0  # for a newer frame; then the page is told that there is none, and asks again
+WAIT_S = 5.0  # for a newer frame; then the answer is 204, and the page asks again
 JPEG_QUALITY = 80
 PAUSE_S = 0.01
 MIN_WIDTH_PX = 16

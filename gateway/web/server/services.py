@@ -11,8 +11,8 @@ from starlette.requests import HTTPConnection, Request
 
 from gateway.clock import Clock
 from gateway.config import BayConfig
-from gateway.web.auth.caller import Caller, caller_of
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.sessions import Caller, caller_of
 from gateway.web.server import views
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.live import Live

@@ -12,8 +12,8 @@ from gateway.errors import ConfigError
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.auth.access import BODY_BYTES, PROFILE_BYTES, Level
 from gateway.web.auth.addresses import Addresses, Endpoint, whole_number
-from gateway.web.auth.caller import Caller
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.sessions import Caller
 from gateway.web.profile import parameter_schema, profile
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.tuning import response_models

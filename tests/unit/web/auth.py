@@ -1,4 +1,4 @@
-"""The pages' guard, called as a server would, in virtual time; behind it an application that answers everything."""
+"""The security middleware, called as a server would, in virtual time; behind it an application that echoes."""
 
 import asyncio
 import json
@@ -19,12 +19,11 @@ from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.web.auth import login
 from gateway.web.auth.access import Rule
 from gateway.web.auth.audit_log import AuditKind, AuditRecord
-from gateway.web.auth.caller import caller_of
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.passwords import Passwords
 from gateway.web.auth.security import SecurityMiddleware
-from gateway.web.server.app import RULES
-from gateway.web.server.problems import HANDLERS
+from gateway.web.auth.sessions import caller_of
+from gateway.web.server.app import HANDLERS, RULES
 from tests.virtual_time import LoopClock
 
 # Both are "correct horse battery"; the smallest that the configuration takes.

@@ -10,8 +10,8 @@ from starlette.types import Message
 
 from gateway.config.sections.hmi import HmiConfig
 from gateway.web.auth.access import Level
-from gateway.web.auth.caller import Caller, with_caller
 from gateway.web.auth.logins import Logins
+from gateway.web.auth.sessions import Caller, with_caller
 from gateway.web.server.app import routes_app
 from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.services import services_of

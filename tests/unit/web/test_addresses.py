@@ -11,7 +11,7 @@ from gateway.web.auth.access import Level, find
 from gateway.web.auth.addresses import Addresses, Description, whole_number
 from gateway.web.auth.login import ADDRESSES as LOGIN
 from gateway.web.auth.security import SecurityMiddleware
-from gateway.web.server.problems import HANDLERS
+from gateway.web.server.app import HANDLERS
 from tests.unit.web.auth import Browser, secured_app
 from tests.virtual_time import LoopClock, in_virtual_time
 

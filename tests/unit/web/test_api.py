@@ -1,4 +1,4 @@
-"""What programs are told, and deeds on alarms: over a real link from a real main process's side."""
+"""What programs receive, and actions on alarms: over a real link from a real main process's side."""
 
 import asyncio
 from dataclasses import replace
@@ -14,7 +14,7 @@ from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfi
 from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
 from gateway.core.plc import PlcWrite, Writer, WriteVerdict
 from gateway.web.auth.access import Level
-from gateway.web.auth.caller import Caller
+from gateway.web.auth.sessions import Caller
 from gateway.web.server import openapi
 from gateway.web.server.api import MAX_NUMBER
 from tests.unit.web.gateway_client import Plant, plant
@@ -257,7 +257,7 @@ class TestAlarms:
             assert alarm["who"] == "10.0.0.9 (without login, role technician)"
 
     @in_virtual_time
-    async def test_every_deed_does_what_it_is_called(self) -> None:
+    async def test_every_action_does_what_it_is_called(self) -> None:
         async with plant() as made:
             ask = api_client(made)
             made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
@@ -267,11 +267,11 @@ class TestAlarms:
                 return next((a.state.value for a in made.client.links.alarms.alarms if a.id == "task_crashed"), "")
 
             states = []
-            for deed, body in (
+            for action, body in (
                 ("shelve", {"minutes": 5}), ("unshelve", None), ("remove", None), ("restore", None),
                 ("acknowledge", None),
             ):  # fmt: skip
-                fits(await ask.post(f"/api/alarms/task_crashed/{deed}", body), "AlarmsView")
+                fits(await ask.post(f"/api/alarms/task_crashed/{action}", body), "AlarmsView")
                 states.append(state())
             assert states == ["shelved", "unacknowledged", "out_of_service", "unacknowledged", "acknowledged"]
             await asyncio.sleep(70)

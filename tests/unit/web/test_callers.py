@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gateway.web.auth.origins import called_rightly, header, host_and_port, safe_next, same_origin
+from gateway.web.auth.headers import called_rightly, header, host_and_port, safe_next, same_origin
 
 HOSTS = {"10.0.0.5", "bay-pc", "::1"}
 

@@ -196,7 +196,7 @@ async def _ended(reader: asyncio.StreamReader) -> bool:
         return True
 
 
-# The whole of it: server, guard, login
+# The whole of it: server, security, login
 
 
 @in_real_time

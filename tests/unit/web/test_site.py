@@ -1,4 +1,4 @@
-"""The real pages behind their guard: every address there is, called by those who may not."""
+"""The real pages behind their security: every address there is, called by those who may not."""
 
 import asyncio
 import re
