@@ -28,7 +28,7 @@ from gateway.sim import gallery, robust_gallery, scenario
 from gateway.sinks.mqtt import reference
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
 from gateway.vision.detect import reference as detection
-from gateway.vision.offline.evaluation import gate, labels, scoring
+from gateway.vision.offline.evaluation import labels, requirements, scoring
 from gateway.vision.view import example
 from gateway.web.server import app, openapi
 from gateway.web.server.metrics import text as metrics
@@ -67,7 +67,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     },
     "commissioning-vision.md": {
         "labels": labels.markdown,
-        "requirements": gate.markdown,
+        "requirements": requirements.markdown,
         "verdicts": scoring.markdown,
     },
     "config.md": {"keys": configdoc.markdown},

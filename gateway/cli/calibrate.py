@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for arguments and pictures that must be changed."""
     vision_args.quiet_opencv()
-    from gateway.vision.offline.calibration import boards, picture, report, snippet, solve
+    from gateway.vision.offline.calibration import boards, plots, report, solve
     from gateway.vision.offline.reports.page import write
 
     board = boards.parse(args.board)
@@ -78,11 +78,11 @@ def main(args: argparse.Namespace) -> int:
     except ConfigError as error:
         left = f"\nwithout the board: {_names(without)}" if without else ""
         raise ConfigError(f"gateway calibrate: {error}{left}") from error
-    text = snippet.toml(board, found, radius_mm)
+    text = report.toml(board, found, radius_mm)
     if args.out is not None:
         write(args.out, text)
     if args.picture is not None:
-        write(args.picture, picture.frame_map(found))
+        write(args.picture, plots.frame_map(found))
     if args.report is not None:
         write(args.report, report.html(board, found, text, _facts(args.inputs), without))
     if args.json:
@@ -91,7 +91,7 @@ def main(args: argparse.Namespace) -> int:
         _show(found, without)
         print(f"\n{text}", end="")
         if radius_mm is not None:
-            _explain(snippet.focal_px(found), radius_mm)
+            _explain(report.focal_px(found), radius_mm)
     for said in found.warnings:
         print(f"warning: {said}", file=sys.stderr)
     for path in (args.out, args.picture, args.report):
@@ -174,7 +174,7 @@ def _show(found: "Calibration", without: Sequence[str]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from gateway.vision.offline.calibration.picture import coverage_text
+    from gateway.vision.offline.calibration.plots import coverage_text
 
     console = Console() if sys.stdout.isatty() else Console(width=100)
     views = Table(title="Views", title_justify="left")

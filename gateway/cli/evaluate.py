@@ -89,13 +89,13 @@ def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for labels, pictures and arguments that must be edited."""
     vision_args.quiet_opencv()
     from gateway.clock import SystemClock
-    from gateway.vision.offline.evaluation import gate, labels, result, trial
+    from gateway.vision.offline.evaluation import labels, requirements, result, trial
 
     if not 0.01 <= args.fps <= 1000:
         raise ConfigError(f"--fps {args.fps:g}: must be 0.01 to 1000")
     if not 0 <= args.worst <= 500:
         raise ConfigError(f"--worst {args.worst}: must be 0 to 500")
-    requirements = gate.parse(args.require)
+    required = requirements.parse(args.require)
     series = _series(args.series)
     registry = _methods(vision_args.bay_vision(args.config, args.bay), args.method)
     found = labels.load(args.folder)
@@ -113,10 +113,10 @@ def main(args: argparse.Namespace) -> int:
         for name, rows in outcomes.items()
     ]
     unmet = tuple(
-        f"{found.method}: {said}" for found in results for wanted in requirements if (said := wanted.unmet(found))
+        f"{found.method}: {said}" for found in results for wanted in required if (said := wanted.unmet(found))
     )
     if args.report is not None:
-        _report(args, results, found, series, unmet if requirements else None)
+        _report(args, results, found, series, unmet if required else None)
     if args.json:
         document = {"folder": str(args.folder), "split": args.split, "unmet": unmet}
         print(json.dumps(document | {"methods": [result.as_json(r, series) for r in results]}, allow_nan=False))

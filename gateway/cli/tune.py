@@ -58,7 +58,7 @@ def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for arguments, labels and pictures that must be changed."""
     vision_args.quiet_opencv()
     from gateway.vision.offline.reports.page import write
-    from gateway.vision.offline.tuning import report, snippet
+    from gateway.vision.offline.tuning import proposal, report
     from gateway.vision.offline.tuning.study import study
 
     params = vision_args.bay_vision(args.config, args.bay)
@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
     with vision_args.progress("tune", 3 * len(examples.labels)) as advance:
         found = study(examples.labels, examples.look, params, advance)
     marked = sum(example.marked for example in found.examples)
-    text = snippet.toml(found.proposed, found.margins, found.gates, marked)
+    text = proposal.toml(found.proposed, found.margins, found.gates, marked)
     if args.out is not None:
         write(args.out, text)
     if args.report is not None:

@@ -10,9 +10,9 @@ import pytest
 from gateway import config
 from gateway.errors import ConfigError
 from gateway.vision.detect.lens import normalise
-from gateway.vision.offline.calibration import picture, report
+from gateway.vision.offline.calibration import report
 from gateway.vision.offline.calibration.boards import Board, parse
-from gateway.vision.offline.calibration.snippet import focal_px, toml
+from gateway.vision.offline.calibration.report import focal_px, toml
 from gateway.vision.offline.calibration.solve import Calibration, View, calibrate
 from gateway.vision.offline.reports.page import fetches_nothing
 from tests.unit.vision.board_pictures import FRONTAL, POSES, Camera, Pose, truth
@@ -157,16 +157,16 @@ def test_coverage_counts_every_point_once(solved: Calibration) -> None:
     assert solved.coverage.sum() == len(POSES) * 48
     points = np.concatenate([view.points for view in solved.views])
     assert solved.coverage[2, 3] == ((points >= (179.5, 119.5)) & (points < (239.5, 179.5))).all(axis=1).sum()
-    lines = picture.coverage_text(solved)
+    lines = plots.coverage_text(solved)
     assert [len(line) for line in lines] == [16] * 6
     assert ("·" in lines[0]) is bool((solved.coverage[0] == 0).any())
 
 
 def test_the_picture_shows_every_point_and_its_residual(solved: Calibration) -> None:
-    svg = picture.frame_map(solved)
+    svg = plots.frame_map(solved)
     marks = re.findall(r"M(-?[\d.]+) (-?[\d.]+)l(-?[\d.]+) (-?[\d.]+)", svg)
     assert len(marks) == len(POSES) * 48
-    scale, larger = 940 / 480, picture.magnification(solved)
+    scale, larger = 940 / 480, plots.magnification(solved)
     x, y, dx, dy = (float(value) for value in marks[0])
     assert [x, y] == pytest.approx((solved.views[0].points[0] + 0.5) * scale, abs=0.06)
     assert [dx, dy] == pytest.approx(solved.views[0].residuals[0] * larger * scale, abs=0.06)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gateway.cli import evaluate_table
 from gateway.core.model import Circle, Detection, Ellipse, Rejection
 from gateway.errors import ConfigError
-from gateway.vision.offline.evaluation import casebook, plots
+from gateway.vision.offline.evaluation import case_cards, plots
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.report import About, html, number, share, worst_of
 from gateway.vision.offline.evaluation.result import result, series_by
@@ -127,12 +127,12 @@ def test_truth_and_answer_are_drawn_where_they_are() -> None:
     found = judge(label, Detection(Circle(70, 55, 22), ellipse=rim, confidence=0.75, rejected=(far, near)))
     image = look(label)
     image[50, 60] = 255
-    card = casebook.card(found, image, {"fill": "too little red"})
-    assert casebook.refused_near(found) == (near,)
+    card = case_cards.card(found, image, {"fill": "too little red"})
+    assert case_cards.refused_near(found) == (near,)
     assert "too little red" in card
     assert "confidence 0.75" in card
     assert "off by: centre 11.18 px (55.9 % of R), radius +10.0 %" in card
-    x, y, wide, high = casebook.frame(found, 160, 120)
+    x, y, wide, high = case_cards.frame(found, 160, 120)
     scale = min(660 / (np.ceil(x + wide) - np.floor(x)), 440 / (np.ceil(y + high) - np.floor(y)))
     shapes = re.findall(r'cx="([\d.]+)" cy="([\d.]+)" rx="([\d.]+)" ry="([\d.]+)" fill="none"([^/]*)/>', card)
     assert len(shapes) == 6, "each with a dark one beneath"
@@ -156,7 +156,7 @@ def test_the_frame_never_leaves_the_picture(
     u: float, v: float, r: float, u2: float, v2: float, r2: float, width: int, height: int
 ) -> None:
     found = judge(Label(file="a", found=True, u=u, v=v, r=r), Detection(Circle(u2, v2, r2)))
-    x, y, wide, high = casebook.frame(found, width, height)
+    x, y, wide, high = case_cards.frame(found, width, height)
     assert 0 <= x <= x + wide <= width + 1e-6
     assert 0 <= y <= y + high <= height + 1e-6
     assert wide >= 39
@@ -169,7 +169,7 @@ def test_the_embedded_cut_out_is_the_picture() -> None:
     found = judge(Label(file="a", found=False), Detection(None))
     image = look(found.label)
     image[:, :80] = (0, 0, 200)
-    card = casebook.card(found, image, {})
+    card = case_cards.card(found, image, {})
     match = re.search(r'href="data:image/jpeg;base64,([^"]+)"', card)
     assert match is not None
     back = cv2.imdecode(np.frombuffer(base64.b64decode(match[1]), np.uint8), cv2.IMREAD_COLOR)

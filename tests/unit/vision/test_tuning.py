@@ -17,7 +17,7 @@ from gateway.errors import ConfigError
 from gateway.vision.detect.paper import stages
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.reports.page import fetches_nothing
-from gateway.vision.offline.tuning import exposure, gates, histograms, report, samples, snippet, thresholds
+from gateway.vision.offline.tuning import exposure, histograms, proposal, report, samples, thresholds
 from gateway.vision.offline.tuning.exposure import Light, advice, measure, noise
 from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.study import study
@@ -167,7 +167,7 @@ def test_a_study_says_what_the_method_finds_before_and_after() -> None:
     assert found.effect["thresholds from the other half"].on_target == 8
     assert 0.3 * math.pi * 900 == pytest.approx(found.gates["min_area_px2"], rel=0.06)
     assert found.gates["min_circularity"] == 0.8
-    text = snippet.toml(found.proposed, found.margins, found.gates, 8)
+    text = proposal.toml(found.proposed, found.margins, found.gates, 8)
     loaded = config.parse(tomllib.loads(text), text=text).bays[0].vision
     assert loaded == found.proposed.apply(PAPER).model_copy(update=dict(found.gates))
     page = report.html(found, text, ("fact",), ["a note <of> ours"])
@@ -186,11 +186,11 @@ def test_markers_without_a_pixel_are_no_examples() -> None:
 
 
 def test_gates_leave_room() -> None:
-    assert gates._gate(0.90) == pytest.approx(0.8)
-    assert gates._gate(0.6) == pytest.approx(0.5)
-    assert gates._gate(0.0) == 0
-    assert gates._two_digits(848.2) == 850
-    assert gates.propose([]) == {}
+    assert proposal._gate(0.90) == pytest.approx(0.8)
+    assert proposal._gate(0.6) == pytest.approx(0.5)
+    assert proposal._gate(0.0) == 0
+    assert proposal._two_digits(848.2) == 850
+    assert proposal.gates([]) == {}
 
 
 def test_histograms_and_the_background_table() -> None:

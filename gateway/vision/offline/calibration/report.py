@@ -1,11 +1,42 @@
-"""The HTML report of a calibration. Pure."""
+"""What a calibration gives to people: the text for the configuration, and the HTML report. Pure."""
 
 from collections.abc import Sequence
 
-from gateway.vision.offline.calibration import picture
+from gateway.vision.offline.calibration import plots
 from gateway.vision.offline.calibration.boards import Board
 from gateway.vision.offline.calibration.solve import Calibration
 from gateway.vision.offline.reports.page import Cell, figure, page, plain, table, tile
+
+
+def toml(board: Board, found: Calibration, marker_radius_mm: float | None = None) -> str:
+    """`[vision.intrinsics]`, and with the marker's radius `[fusion.cross_check]`, to paste into a configuration."""
+    width, height = found.size_px
+    lens = found.lens
+    sigma = dict(found.sigma)
+    numbers = ", ".join(f"{value:.8g}" for value in lens.distortion)
+    lines = [
+        f"# {board}: {len(found.views)} views; {width} x {height} px; rms {found.rms_px:.3f} px",
+        "# Holds for this camera, lens, focus, zoom and picture size; another size is refused.",
+        "[vision.intrinsics]",
+        f"width_px = {width}",
+        f"height_px = {height}",
+        *(f"{name} = {getattr(lens, name):<12.7g} # +- {sigma[name]:.2g}" for name in ("fx", "fy", "cx", "cy")),
+        f"distortion = [{numbers}]",
+    ]
+    if marker_radius_mm is not None:
+        lines += [
+            "",
+            "# Z_vision = focal_px * marker_radius_mm / R, compared with the ranger's Z",
+            "[fusion.cross_check]",
+            f"focal_px = {focal_px(found):.7g}",
+            f"marker_radius_mm = {marker_radius_mm:g}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def focal_px(found: Calibration) -> float:
+    """The one focal length that Z_vision = f r / R takes: the mean of fx and fy."""
+    return (found.lens.fx + found.lens.fy) / 2
 
 
 def html(board: Board, found: Calibration, snippet: str, facts: Sequence[str], without_board: Sequence[str]) -> str:
@@ -28,12 +59,10 @@ def html(board: Board, found: Calibration, snippet: str, facts: Sequence[str], w
         body.append(f'<p><strong class="warn">Look at this first:</strong></p><ul class="notes">{items}</ul>')
     body.append(f"<h2>For the configuration</h2><pre>{plain(snippet)}</pre>")
     body.append("<h2>Coverage and residuals</h2>")
-    body.append(figure(picture.frame_map(found), "Every point used, coloured by view; darker cells hold more points."))
+    body.append(figure(plots.frame_map(found), "Every point used, coloured by view; darker cells hold more points."))
     charts = (
-        figure(
-            picture.residual_cloud(found), "All residuals. A round cloud about 0 is noise; a streak is motion blur."
-        ),
-        figure(picture.by_view(found), "Reprojection error of each view; dotted: of all."),
+        figure(plots.residual_cloud(found), "All residuals. A round cloud about 0 is noise; a streak is motion blur."),
+        figure(plots.by_view(found), "Reprojection error of each view; dotted: of all."),
     )
     body.append(f'<div class="charts">{"".join(charts)}</div>')
     body.append("<h2>Parameters</h2>" + _parameters(found) + "<h2>Views</h2>" + _views(found, without_board))

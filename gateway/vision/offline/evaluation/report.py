@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from gateway.core.model import Tracking
-from gateway.vision.offline.evaluation import casebook, plots
+from gateway.vision.offline.evaluation import case_cards, plots
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.result import Result, SeriesOf
 from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Figures, Outcome, Verdict, badness
@@ -240,7 +240,7 @@ def _cases(
         return []
     cards = []
     for outcome in chosen:
-        cards.append(casebook.card(outcome, look(outcome.label), reasons))
+        cards.append(case_cards.card(outcome, look(outcome.label), reasons))
         advance()
     key = (
         '<p class="soft">Truth: <b style="color:#0077b6">blue, solid</b>. Answer: <b style="color:#9a7b00">yellow, '

@@ -12,7 +12,7 @@ from gateway.errors import ConfigError
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import Figures, Outcome, figures, judge
-from gateway.vision.offline.tuning import exposure, gates, samples, thresholds
+from gateway.vision.offline.tuning import exposure, proposal, samples, thresholds
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.thresholds import Admission, Margin, Red
@@ -63,7 +63,7 @@ def study(
         if halves:
             outcomes[_CROSS].append(judge(label, pipeline.detect(image, halves[not label.tuning_half])))
         advance()
-    keys = gates.propose(outcomes["proposed thresholds"])
+    keys = proposal.gates(outcomes["proposed thresholds"])
     gated = proposed.apply(params).model_copy(update=keys)
     found = []
     for label in labels:

@@ -5,7 +5,7 @@ import pytest
 from gateway.cli import evaluate
 from gateway.core.model import Circle, Detection
 from gateway.errors import ConfigError
-from gateway.vision.offline.evaluation import gate
+from gateway.vision.offline.evaluation import requirements
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.result import Result, result, series_by
 from gateway.vision.offline.evaluation.scoring import Outcome, judge
@@ -47,7 +47,7 @@ def measured() -> Result:
     ],
 )
 def test_each_figure(measured: Result, text: str, unmet: str) -> None:
-    (wanted,) = gate.parse([text])
+    (wanted,) = requirements.parse([text])
     assert wanted.unmet(measured) == unmet
 
 
@@ -55,20 +55,20 @@ def test_what_a_set_cannot_tell_is_not_met() -> None:
     empty = result(
         "m", [judge(Label(file="e", found=False), Detection(None))], series_by(None), split=False, followed=False
     )
-    for figure in gate.GATES:
+    for figure in requirements.GATES:
         if figure.name not in ("false", "ms"):
             limit = 0 if figure.at_least else 1e9
-            assert "nothing in this set" in gate.Requirement(figure, limit).unmet(empty), figure.name
+            assert "nothing in this set" in requirements.Requirement(figure, limit).unmet(empty), figure.name
     marked = result("m", [picture(0, Detection(None), frame=0)], series_by(None), split=False, followed=True)
-    assert "nothing in this set" in gate.parse(["false=0"])[0].unmet(marked)
-    assert gate.parse(["acquired=0.5"])[0].unmet(marked) == "acquired >= 0.5 share required, measured 0"
+    assert "nothing in this set" in requirements.parse(["false=0"])[0].unmet(marked)
+    assert requirements.parse(["acquired=0.5"])[0].unmet(marked) == "acquired >= 0.5 share required, measured 0"
 
 
 def test_r_times_z_is_gated_by_the_worst_series() -> None:
     outcomes = [picture(n, Detection(Circle(100, 100, 50 + n)), z_cm=100, series=s) for n, s in enumerate("aabb")]
     found = result("m", outcomes, series_by(None), split=False, followed=False)
-    assert gate.parse(["rz=1"])[0].unmet(found) == ""
-    assert gate.parse(["rz=0.98"])[0].unmet(found) == "rz <= 0.98 % required, measured 0.9901"
+    assert requirements.parse(["rz=1"])[0].unmet(found) == ""
+    assert requirements.parse(["rz=0.98"])[0].unmet(found) == "rz <= 0.98 % required, measured 0.9901"
 
 
 def test_acquisition_is_gated_by_the_worst_sequence() -> None:
@@ -77,13 +77,13 @@ def test_acquisition_is_gated_by_the_worst_sequence() -> None:
         picture(4 + n, Detection(Circle(100, 100, 50) if n % 2 == 0 else None), frame=n, series="bad") for n in range(4)
     ]
     found = result("m", good + half, series_by(None), split=False, followed=True)
-    assert gate.parse(["acquired=0.9"])[0].unmet(found) == "acquired >= 0.9 share required, measured 0.5"
+    assert requirements.parse(["acquired=0.9"])[0].unmet(found) == "acquired >= 0.9 share required, measured 0.5"
 
 
 def test_several_in_one_or_in_many() -> None:
-    found = gate.parse(["detected=0.9, false=0", "centre_p95 = 2.5"])
+    found = requirements.parse(["detected=0.9, false=0", "centre_p95 = 2.5"])
     assert [(one.figure.name, one.limit) for one in found] == [("detected", 0.9), ("false", 0), ("centre_p95", 2.5)]
-    assert gate.parse([]) == ()
+    assert requirements.parse([]) == ()
 
 
 @pytest.mark.parametrize(
@@ -101,11 +101,11 @@ def test_several_in_one_or_in_many() -> None:
 )
 def test_requirements_that_must_be_edited(text: str, says: str) -> None:
     with pytest.raises(ConfigError, match="--require") as error:
-        gate.parse([text])
+        requirements.parse([text])
     assert says in str(error.value)
 
 
 def test_the_help_names_every_figure() -> None:
-    for figure in gate.GATES:
+    for figure in requirements.GATES:
         line = f"  {figure.name:14} {figure.unit:9} {figure.meaning}\n"
         assert line in (evaluate.__doc__ or ""), figure.name
