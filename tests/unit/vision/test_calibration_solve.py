@@ -10,7 +10,7 @@ import pytest
 from gateway import config
 from gateway.errors import ConfigError
 from gateway.vision.detect.lens import normalise
-from gateway.vision.offline.calibration import report
+from gateway.vision.offline.calibration import plots, report
 from gateway.vision.offline.calibration.boards import Board, parse
 from gateway.vision.offline.calibration.report import focal_px, toml
 from gateway.vision.offline.calibration.solve import Calibration, View, calibrate
