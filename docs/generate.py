@@ -44,10 +44,7 @@ def sparkplug_assertions() -> str:
     tally = ", ".join(
         f"{sum(row[1] == status for row in rows)} {status}" for status in dict.fromkeys(r[1] for r in rows)
     )
-    table = [
-        f"| `{name}` | {status} | {why or '`test_' + name.replace('-', '_').lower() + '`'} |"
-        for name, status, why in rows
-    ]
+    table = [f"| `{name}` | {status} | {why or f'`test_assertion[{name}]`'} |" for name, status, why in rows]
     return "\n".join(
         [f"{len(rows)} assertions: {tally}.", "", "| id | status | test, or why not |", "|---|---|---|", *table]
     )
