@@ -243,30 +243,18 @@ def _recovering(
 ) -> tuple[FusionMemory, VisionReading, RangeReading]:
     """Of a sensor that was dead, nothing counts until it has been alive for recovery_s: it must not flicker."""
     memory = state.memory
-    failure = _failure(
-        Failure(memory.vision_failed, memory.vision_alive_since_ns),
-        vision,
-        now_ns,
-        new=vision is not state.vision,
-        deadline_s=config.vision_deadline_s,
-        recovery_s=config.recovery_s,
-    )
-    if failure != (memory.vision_failed, memory.vision_alive_since_ns):
-        memory = replace(memory, vision_failed=failure.quality, vision_alive_since_ns=failure.alive_since_ns)
-    if failure.quality is not None and vision.quality in FRESH_FRAME:
-        vision = replace(_without_circle(vision, failure.quality), detail=RECOVERING)
-    failure = _failure(
-        Failure(memory.range_failed, memory.range_alive_since_ns),
-        rng,
-        now_ns,
-        new=rng is not state.range,
-        deadline_s=config.range_deadline_s,
-        recovery_s=config.recovery_s,
-    )
-    if failure != (memory.range_failed, memory.range_alive_since_ns):
-        memory = replace(memory, range_failed=failure.quality, range_alive_since_ns=failure.alive_since_ns)
-    if failure.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
-        rng = replace(rng, quality=failure.quality, distance_mm=None, detail=RECOVERING)
+    was = Failure(memory.vision_failed, memory.vision_alive_since_ns)
+    now = _failure(was, vision, now_ns, config.vision_deadline_s, config, new=vision is not state.vision)
+    if now != was:
+        memory = replace(memory, vision_failed=now.quality, vision_alive_since_ns=now.alive_since_ns)
+    if now.quality is not None and vision.quality in FRESH_FRAME:
+        vision = replace(_without_circle(vision, now.quality), detail=RECOVERING)
+    was = Failure(memory.range_failed, memory.range_alive_since_ns)
+    now = _failure(was, rng, now_ns, config.range_deadline_s, config, new=rng is not state.range)
+    if now != was:
+        memory = replace(memory, range_failed=now.quality, range_alive_since_ns=now.alive_since_ns)
+    if now.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
+        rng = replace(rng, quality=now.quality, distance_mm=None, detail=RECOVERING)
     return memory, vision, rng
 
 
@@ -278,7 +266,13 @@ class Failure(NamedTuple):
 
 
 def _failure(
-    old: Failure, reading: VisionReading | RangeReading, now_ns: int, *, new: bool, deadline_s: float, recovery_s: float
+    old: Failure,
+    reading: VisionReading | RangeReading,
+    now_ns: int,
+    deadline_s: float,
+    config: FusionConfig,
+    *,
+    new: bool,
 ) -> Failure:
     if new and reading.quality in DEAD:
         return Failure(reading.quality, None)
@@ -289,7 +283,7 @@ def _failure(
     if reading.quality is Quality.WAITING:
         return Failure(old.quality, None)
     since_ns = now_ns if old.alive_since_ns is None else old.alive_since_ns
-    return Failure(None, None) if now_ns - since_ns >= recovery_s * NS_PER_S else Failure(old.quality, since_ns)
+    return Failure(None, None) if now_ns - since_ns >= config.recovery_s * NS_PER_S else Failure(old.quality, since_ns)
 
 
 def _decide(

@@ -24,6 +24,7 @@ from tests.e2e.played import dated_right, too_fresh_ns
 from tests.e2e.processes import Gateway
 from tests.e2e.test_ranger_port import QUICK, Host, together
 from tests.firmware.bench_runs import built
+from tests.virtual_time import in_real_time
 
 EXACT = SensorErrors(0.0, 0.0, 0.0)
 
@@ -41,26 +42,24 @@ def plugged(board: EmulatedRanger) -> bool:
     return os.path.lexists(board.port)
 
 
-def test_a_moving_target_is_seen_where_it_is(tmp_path: Path) -> None:
-    async def main() -> None:
-        clock = SystemClock(speed=2.0)
-        await asyncio.sleep(0.3)  # a clock that has been running: its time is not the machine's any more
-        origin_ns = clock.now_ns()
+@in_real_time
+async def test_a_moving_target_is_seen_where_it_is(tmp_path: Path) -> None:
+    clock = SystemClock(speed=2.0)
+    await asyncio.sleep(0.3)  # a clock that has been running: its time is not the machine's any more
+    origin_ns = clock.now_ns()
 
-        def truth(t_ns: int) -> float:
-            return 900.0 - 100.0 * (t_ns - origin_ns) / 1e9
+    def truth(t_ns: int) -> float:
+        return 900.0 - 100.0 * (t_ns - origin_ns) / 1e9
 
-        log = tmp_path / "played"
-        async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
-            host = Host(board.port, clock)
-            async with together(board.run, host.supervisor.run):
-                await host.until_measured(40)
-            assert host.session.stats.damaged == 0
-            assert host.session.hello == Hello("hcsr04", 1, 60, 1)
-        fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
-        assert dated_right(fresh_ns), fresh_ns
-
-    asyncio.run(main())
+    log = tmp_path / "played"
+    async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
+        host = Host(board.port, clock)
+        async with together(board.run, host.supervisor.run):
+            await host.until_measured(40)
+        assert host.session.stats.damaged == 0
+        assert host.session.hello == Hello("hcsr04", 1, 60, 1)
+    fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
+    assert dated_right(fresh_ns), fresh_ns
 
 
 SEEN_AS = {
@@ -76,95 +75,84 @@ SEEN_AS = {
 }
 
 
-def test_every_fault_is_seen_as_what_it_is_and_passes() -> None:
-    async def main() -> None:
-        clock = SystemClock(speed=2.0)
-        async with ranger(clock) as board:
-            host = Host(board.port, clock)
-            async with together(board.run, host.supervisor.run):
-                await host.until_good()
-                for fault, (amount, quality) in SEEN_AS.items():
-                    board.forced[fault] = amount
-                    await host.until(lambda r, wanted=quality: r.quality is wanted)  # type: ignore[misc]  # bound now
-                    board.forced.clear()
-                    good = await host.until_good()
-                    assert fault is RangerFault.SCATTER or good.distance_mm == pytest.approx(520, abs=0.2)
-
-    asyncio.run(main())
-
-
-def test_noise_on_the_wire_is_counted_and_no_distance_is_wrong() -> None:
-    async def main() -> None:
-        clock = SystemClock(speed=2.0)
-        async with ranger(clock) as board:
-            host = Host(board.port, clock)
-            board.forced[RangerFault.LINE_NOISE] = 0.02
-            async with together(board.run, host.supervisor.run):
-                await host.until(lambda r: r.stats.damaged >= 25)
+@in_real_time
+async def test_every_fault_is_seen_as_what_it_is_and_passes() -> None:
+    clock = SystemClock(speed=2.0)
+    async with ranger(clock) as board:
+        host = Host(board.port, clock)
+        async with together(board.run, host.supervisor.run):
+            await host.until_good()
+            for fault, (amount, quality) in SEEN_AS.items():
+                board.forced[fault] = amount
+                await host.until(lambda r, wanted=quality: r.quality is wanted)  # type: ignore[misc]  # bound now
                 board.forced.clear()
-                # Every second line was damaged: twenty whole ones in a row, and the noise is over.
-                await host.until(lambda _: len({r.stats.damaged for _, r in host.said[-20:]}) == 1, 60)
-            said = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
-            assert said
-            assert all(mm == pytest.approx(520, abs=0.2) for mm in said)
-
-    asyncio.run(main())
+                good = await host.until_good()
+                assert fault is RangerFault.SCATTER or good.distance_mm == pytest.approx(520, abs=0.2)
 
 
-def test_opening_resets_an_uno_and_pulling_the_cable_takes_its_power() -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        async with ranger(clock, resets_on_open=True) as board:
-            host = Host(board.port, clock)
-            async with together(board.run, host.supervisor.run):
-                await host.until_good()
-                assert host.session.hello == Hello("hcsr04", 1, 60, 2)  # the reset line
-                board.forced[RangerFault.UNPLUGGED] = 0.0
-                await host.until(lambda r: r.quality is Quality.LINK_DOWN)
-                assert not plugged(board)
-                board.forced.clear()
-                await host.until_good()
-                assert host.session.stats.reopens >= 1
-
-    asyncio.run(main())
+@in_real_time
+async def test_noise_on_the_wire_is_counted_and_no_distance_is_wrong() -> None:
+    clock = SystemClock(speed=2.0)
+    async with ranger(clock) as board:
+        host = Host(board.port, clock)
+        board.forced[RangerFault.LINE_NOISE] = 0.02
+        async with together(board.run, host.supervisor.run):
+            await host.until(lambda r: r.stats.damaged >= 25)
+            board.forced.clear()
+            # Every second line was damaged: twenty whole ones in a row, and the noise is over.
+            await host.until(lambda _: len({r.stats.damaged for _, r in host.said[-20:]}) == 1, 60)
+        said = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
+        assert said
+        assert all(mm == pytest.approx(520, abs=0.2) for mm in said)
 
 
-def test_a_wrong_baud_rate_is_named_and_never_a_distance() -> None:
+@in_real_time
+async def test_opening_resets_an_uno_and_pulling_the_cable_takes_its_power() -> None:
+    clock = SystemClock()
+    async with ranger(clock, resets_on_open=True) as board:
+        host = Host(board.port, clock)
+        async with together(board.run, host.supervisor.run):
+            await host.until_good()
+            assert host.session.hello == Hello("hcsr04", 1, 60, 2)  # the reset line
+            board.forced[RangerFault.UNPLUGGED] = 0.0
+            await host.until(lambda r: r.quality is Quality.LINK_DOWN)
+            assert not plugged(board)
+            board.forced.clear()
+            await host.until_good()
+            assert host.session.stats.reopens >= 1
+
+
+@in_real_time
+async def test_a_wrong_baud_rate_is_named_and_never_a_distance() -> None:
     """The pty tells the bench the rate that the host has set; the bench samples the line at that rate."""
-
-    async def main() -> None:
-        clock = SystemClock(speed=2.0)
-        async with ranger(clock) as board:
-            wrong = Host(board.port, clock, baud=4800)
-            async with together(board.run):
-                async with together(wrong.supervisor.run):
-                    stale = await wrong.until(lambda r: r.quality is Quality.STALE)
-                    assert "wrong baud rate" in stale.detail
-                    await asyncio.sleep(0.5)
-                assert [r for _, r in wrong.said if r.distance_mm is not None] == []
-                right = Host(board.port, clock)
-                async with together(right.supervisor.run):
-                    await right.until_good()
-
-    asyncio.run(main())
+    clock = SystemClock(speed=2.0)
+    async with ranger(clock) as board:
+        wrong = Host(board.port, clock, baud=4800)
+        async with together(board.run):
+            async with together(wrong.supervisor.run):
+                stale = await wrong.until(lambda r: r.quality is Quality.STALE)
+                assert "wrong baud rate" in stale.detail
+                await asyncio.sleep(0.5)
+            assert [r for _, r in wrong.said if r.distance_mm is not None] == []
+            right = Host(board.port, clock)
+            async with together(right.supervisor.run):
+                await right.until_good()
 
 
-def test_a_killed_emulator_is_a_lost_port_and_comes_back() -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        async with ranger(clock) as board:
-            host = Host(board.port, clock)
-            far_end = Supervisor([Task("board", board.run, QUICK)], clock)
-            async with together(far_end.run, host.supervisor.run):
-                await host.until_good()
-                (bench,) = benches(os.getpid())
-                bench.kill()
-                await host.until(lambda r: r.quality is Quality.LINK_DOWN)
-                await host.until_good()
-        assert benches(os.getpid()) == []
-        assert not plugged(board)
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_killed_emulator_is_a_lost_port_and_comes_back() -> None:
+    clock = SystemClock()
+    async with ranger(clock) as board:
+        host = Host(board.port, clock)
+        far_end = Supervisor([Task("board", board.run, QUICK)], clock)
+        async with together(far_end.run, host.supervisor.run):
+            await host.until_good()
+            (bench,) = benches(os.getpid())
+            bench.kill()
+            await host.until(lambda r: r.quality is Quality.LINK_DOWN)
+            await host.until_good()
+    assert benches(os.getpid()) == []
+    assert not plugged(board)
 
 
 def benches(pid: int) -> list[psutil.Process]:

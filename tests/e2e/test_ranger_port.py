@@ -30,6 +30,7 @@ from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.ranger_board import RangerFault
 from gateway.supervisor import Supervisor, Task
+from tests.virtual_time import in_real_time
 
 HELLO = encode_hello(Hello("test", 1, 60, 1))
 QUICK = Reconnect(min_s=0.05, max_s=0.1)
@@ -86,6 +87,16 @@ class Host:
 
 
 @contextlib.asynccontextmanager
+async def connected(speed: float = 1.0, **ranger: Any) -> AsyncIterator[tuple[SimulatedRanger, Host]]:
+    """A ranger 500 mm before its target, and a host that reads it."""
+    clock = SystemClock(speed=speed)
+    async with SimulatedRanger(lambda t: 500.0, clock, **ranger) as made:
+        host = Host(made.port, clock)
+        async with together(made.run, host.supervisor.run):
+            yield made, host
+
+
+@contextlib.asynccontextmanager
 async def together(*work: Callable[[], Coroutine[Any, Any, None]]) -> AsyncIterator[None]:
     """Run these beside the test, and cancel them at its end."""
     async with asyncio.TaskGroup() as group:
@@ -127,248 +138,210 @@ def line(seq: int, mm: float) -> bytes:
 # -- pty --------------------------------------------------------------------------------------------------------------
 
 
-def test_distances_arrive_dated_and_in_time() -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        origin_ns = clock.now_ns()
+@in_real_time
+async def test_distances_arrive_dated_and_in_time() -> None:
+    clock = SystemClock()
+    origin_ns = clock.now_ns()
 
-        def truth(t_ns: int) -> float:
-            return 520.0 - 60.0 * (t_ns - origin_ns) / 1e9
+    def truth(t_ns: int) -> float:
+        return 520.0 - 60.0 * (t_ns - origin_ns) / 1e9
 
-        exact = SensorErrors(0.0, 0.0, 0.0)
-        async with SimulatedRanger(truth, clock, errors=exact) as ranger:
-            host = Host(ranger.port, clock)
-            async with together(ranger.run, host.supervisor.run):
-                await host.until_measured(40)
-            # Too fresh a date makes the distance look too long. A busy machine does that to some, by 150 ms at most.
-            errors = [(r.distance_mm or 0) - truth(r.t_ns) for _, r in host.measured]
-            assert min(errors) == pytest.approx(0.0, abs=0.5)
-            assert max(errors) < 0.15 * 60.0 + 0.5
-            flight_ns = len(line(1, 500.0)) * 10 * 1e9 / 9600
-            assert min(at - r.t_ns for at, r in host.measured) >= flight_ns
-            assert host.measured[-1][1].stats.damaged == 0
-            assert host.session.hello == Hello("hcsr04-sim", 1, 60, 1)
-
-    asyncio.run(main())
+    exact = SensorErrors(0.0, 0.0, 0.0)
+    async with SimulatedRanger(truth, clock, errors=exact) as ranger:
+        host = Host(ranger.port, clock)
+        async with together(ranger.run, host.supervisor.run):
+            await host.until_measured(40)
+        # Too fresh a date makes the distance look too long. A busy machine does that to some, by 150 ms at most.
+        errors = [(r.distance_mm or 0) - truth(r.t_ns) for _, r in host.measured]
+        assert min(errors) == pytest.approx(0.0, abs=0.5)
+        assert max(errors) < 0.15 * 60.0 + 0.5
+        flight_ns = len(line(1, 500.0)) * 10 * 1e9 / 9600
+        assert min(at - r.t_ns for at, r in host.measured) >= flight_ns
+        assert host.measured[-1][1].stats.damaged == 0
+        assert host.session.hello == Hello("hcsr04-sim", 1, 60, 1)
 
 
-def test_cancelling_ends_the_thread_and_frees_the_port() -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
-            host = Host(ranger.port, clock)
-            async with together(ranger.run):
-                async with together(host.supervisor.run):
-                    await host.until_good()
-                    said = len(host.said)
-                assert [t.name for t in threading.enumerate() if t.name.startswith("ranger")] == []
-                await eventually(lambda: not ranger.opened)  # the far end looks up now and then
-                assert len(host.said) <= said + 2
-
-    asyncio.run(main())
-
-
-def test_unplug_and_replug() -> None:
-    async def main() -> None:
-        clock = SystemClock(speed=2.0)
-        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
-            host = Host(ranger.port, clock)
-            async with together(ranger.run, host.supervisor.run):
-                before = await host.until_good()
-                for n in (1, 2, 3):
-                    ranger.forced[RangerFault.UNPLUGGED] = 0.0
-                    down = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
-                    assert down.detail.startswith(f"ranger port {ranger.port}")
-                    assert not ranger.plugged
-                    missing = await host.until(lambda r: "no such device" in r.detail)
-                    assert missing.quality is Quality.LINK_DOWN
-                    del ranger.forced[RangerFault.UNPLUGGED]
-                    after = await host.until_good()
-                    assert after.distance_mm == pytest.approx(500.0, abs=12.1)
-                    assert after.stats.reopens == n
-                assert after.stats.lines > before.stats.lines
-                assert after.stats.gaps == 0  # another connection is not a gap
-            assert host.supervisor.records["ranger"].crashes == 0
-
-    asyncio.run(main())
-
-
-def test_opening_resets_the_board_and_its_boot_is_waited_for() -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        async with SimulatedRanger(lambda t: 500.0, clock, boot_s=1.6, resets_on_open=True) as ranger:
-            host = Host(ranger.port, clock)
-            async with together(ranger.run, host.supervisor.run):
-                await host.until_good()
-            assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.GOOD}
-            assert host.session.hello == Hello("hcsr04-sim", 1, 60, 2)
-
-    asyncio.run(main())
-
-
-def test_noise_on_the_line_makes_no_distance_and_is_over_when_it_is_over() -> None:
-    async def main() -> None:
-        clock = SystemClock(speed=5.0)
-        async with SimulatedRanger(lambda t: 500.0, clock, seed=5) as ranger:
-            host = Host(ranger.port, clock)
-            async with together(ranger.run, host.supervisor.run):
-                await host.until_good()
-                ranger.forced[RangerFault.LINE_NOISE] = 0.05
-                await host.until(lambda r: r.stats.damaged > 100)
-                del ranger.forced[RangerFault.LINE_NOISE]
-                quiet_ns, lines = clock.now_ns(), host.session.stats.lines
-                first = await host.until(lambda r: r.quality is Quality.GOOD and r.t_ns > quiet_ns)
-                assert first.stats.lines - lines <= 7
-            distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
-            assert all(abs(mm - 500.0) <= 12.1 for mm in distances)
-            assert not [r for _, r in host.said if r.quality is Quality.LINK_DOWN]
-
-    asyncio.run(main())
-
-
-def test_silence_is_reported_and_the_ranger_is_asked() -> None:
-    async def main() -> None:
-        clock = SystemClock(speed=3.0)
-        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
-            host = Host(ranger.port, clock)
-            async with together(ranger.run, host.supervisor.run):
-                await host.until_good()
-                ranger.forced[RangerFault.SILENT] = 0.0
-                stale = await host.until(lambda r: r.quality is Quality.STALE)
-                assert stale.detail == "nothing heard for 1 s"
-                assert host.session.request(clock.now_ns()) == b""  # just asked
-                del ranger.forced[RangerFault.SILENT]
-                await host.until_good()
-
-    asyncio.run(main())
-
-
-def test_a_question_is_answered_over_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The hello at boot went unheard; without the question the next one would come after ten minutes."""
-    monkeypatch.setattr(ranger_board, "HELLO_NS", 600_000_000_000)
-
-    async def main() -> None:
-        clock = SystemClock()
-        async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
-            await eventually(lambda: ranger.dropped_bytes > 100)  # nobody listens, nothing piles up
-            host = Host(ranger.port, clock)
+@in_real_time
+async def test_cancelling_ends_the_thread_and_frees_the_port() -> None:
+    clock = SystemClock()
+    async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
+        host = Host(ranger.port, clock)
+        async with together(ranger.run):
             async with together(host.supervisor.run):
                 await host.until_good()
+                said = len(host.said)
+            assert [t.name for t in threading.enumerate() if t.name.startswith("ranger")] == []
+            await eventually(lambda: not ranger.opened)  # the far end looks up now and then
+            assert len(host.said) <= said + 2
 
-    asyncio.run(main())
+
+@in_real_time
+async def test_unplug_and_replug() -> None:
+    async with connected(speed=2.0) as (ranger, host):
+        before = await host.until_good()
+        for n in (1, 2, 3):
+            ranger.forced[RangerFault.UNPLUGGED] = 0.0
+            down = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
+            assert down.detail.startswith(f"ranger port {ranger.port}")
+            assert not ranger.plugged
+            missing = await host.until(lambda r: "no such device" in r.detail)
+            assert missing.quality is Quality.LINK_DOWN
+            del ranger.forced[RangerFault.UNPLUGGED]
+            after = await host.until_good()
+            assert after.distance_mm == pytest.approx(500.0, abs=12.1)
+            assert after.stats.reopens == n
+        assert after.stats.lines > before.stats.lines
+        assert after.stats.gaps == 0  # another connection is not a gap
+    assert host.supervisor.records["ranger"].crashes == 0
+
+
+@in_real_time
+async def test_opening_resets_the_board_and_its_boot_is_waited_for() -> None:
+    async with connected(boot_s=1.6, resets_on_open=True) as (_, host):
+        await host.until_good()
+    assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.GOOD}
+    assert host.session.hello == Hello("hcsr04-sim", 1, 60, 2)
+
+
+@in_real_time
+async def test_noise_on_the_line_makes_no_distance_and_is_over_when_it_is_over() -> None:
+    async with connected(speed=5.0, seed=5) as (ranger, host):
+        await host.until_good()
+        ranger.forced[RangerFault.LINE_NOISE] = 0.05
+        await host.until(lambda r: r.stats.damaged > 100)
+        del ranger.forced[RangerFault.LINE_NOISE]
+        quiet_ns, lines = host.clock.now_ns(), host.session.stats.lines
+        first = await host.until(lambda r: r.quality is Quality.GOOD and r.t_ns > quiet_ns)
+        assert first.stats.lines - lines <= 7
+    distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
+    assert all(abs(mm - 500.0) <= 12.1 for mm in distances)
+    assert not [r for _, r in host.said if r.quality is Quality.LINK_DOWN]
+
+
+@in_real_time
+async def test_silence_is_reported_and_the_ranger_is_asked() -> None:
+    async with connected(speed=3.0) as (ranger, host):
+        await host.until_good()
+        ranger.forced[RangerFault.SILENT] = 0.0
+        stale = await host.until(lambda r: r.quality is Quality.STALE)
+        assert stale.detail == "nothing heard for 1 s"
+        assert host.session.request(host.clock.now_ns()) == b""  # just asked
+        del ranger.forced[RangerFault.SILENT]
+        await host.until_good()
+
+
+@in_real_time
+async def test_a_question_is_answered_over_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hello at boot went unheard; without the question the next one would come after ten minutes."""
+    monkeypatch.setattr(ranger_board, "HELLO_NS", 600_000_000_000)
+    clock = SystemClock()
+    async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
+        await eventually(lambda: ranger.dropped_bytes > 100)  # nobody listens, nothing piles up
+        host = Host(ranger.port, clock)
+        async with together(host.supervisor.run):
+            await host.until_good()
 
 
 @pytest.mark.parametrize("cut", ["bytes", "ragged", "lines", "pairs"])
-def test_however_the_bytes_are_cut(cut: str) -> None:
-    async def main() -> None:
-        chance = random.Random(1)
-        with bare_pty() as (master, path):
-            host = Host(path, SystemClock())
+@in_real_time
+async def test_however_the_bytes_are_cut(cut: str) -> None:
+    chance = random.Random(1)
+    with bare_pty() as (master, path):
+        host = Host(path, SystemClock())
 
-            async def board() -> int:
-                """The number of lines it took: one begins, one is held back, a busy machine may be late."""
-                await host.until(lambda r: r.quality is Quality.WAITING)
-                os.write(master, HELLO)
-                for n in range(200):
-                    rest = line(n, 500.0) if cut != "pairs" else line(2 * n, 500.0) + line(2 * n + 1, 500.0)
-                    pause = asyncio.create_task(asyncio.sleep(0.06 if cut != "pairs" else 0.12))
-                    while rest:
-                        size = {"bytes": 1, "ragged": chance.randrange(1, 12)}.get(cut, len(rest))
-                        os.write(master, rest[:size])
-                        rest = rest[size:]
-                        await asyncio.sleep(0.0005)
-                    await pause
-                    if n >= 11 and len(host.measured) >= 6:
-                        break
-                return (n + 1) * (2 if cut == "pairs" else 1)
+        async def board() -> int:
+            """The number of lines it took: one begins, one is held back, a busy machine may be late."""
+            await host.until(lambda r: r.quality is Quality.WAITING)
+            os.write(master, HELLO)
+            for n in range(200):
+                rest = line(n, 500.0) if cut != "pairs" else line(2 * n, 500.0) + line(2 * n + 1, 500.0)
+                pause = asyncio.create_task(asyncio.sleep(0.06 if cut != "pairs" else 0.12))
+                while rest:
+                    size = {"bytes": 1, "ragged": chance.randrange(1, 12)}.get(cut, len(rest))
+                    os.write(master, rest[:size])
+                    rest = rest[size:]
+                    await asyncio.sleep(0.0005)
+                await pause
+                if n >= 11 and len(host.measured) >= 6:
+                    break
+            return (n + 1) * (2 if cut == "pairs" else 1)
 
-            async with together(host.supervisor.run):
-                lines = await board()
-                await eventually(lambda: host.session.stats.lines >= lines)
-            good = [r for _, r in host.said if r.quality is Quality.GOOD]
-            assert len(good) >= 6
-            assert host.session.stats.lines == lines
-            assert {round(r.distance_mm or 0) for r in good} == {500}
-            assert good[-1].stats.damaged == 0
-
-    asyncio.run(main())
+        async with together(host.supervisor.run):
+            lines = await board()
+            await eventually(lambda: host.session.stats.lines >= lines)
+        good = [r for _, r in host.said if r.quality is Quality.GOOD]
+        assert len(good) >= 6
+        assert host.session.stats.lines == lines
+        assert {round(r.distance_mm or 0) for r in good} == {500}
+        assert good[-1].stats.damaged == 0
 
 
-def test_garbage_for_ever_is_no_ranger() -> None:
-    async def main() -> None:
-        chance = random.Random(2)
-        with bare_pty() as (master, path):
-            clock = SystemClock(speed=4.0)
-            host = Host(path, clock)
+@in_real_time
+async def test_garbage_for_ever_is_no_ranger() -> None:
+    chance = random.Random(2)
+    with bare_pty() as (master, path):
+        clock = SystemClock(speed=4.0)
+        host = Host(path, clock)
 
-            async def babble() -> None:
-                while True:
-                    with contextlib.suppress(BlockingIOError):
-                        os.write(master, chance.randbytes(64))
-                    await asyncio.sleep(0.01)
+        async def babble() -> None:
+            while True:
+                with contextlib.suppress(BlockingIOError):
+                    os.write(master, chance.randbytes(64))
+                await asyncio.sleep(0.01)
 
-            async with together(host.supervisor.run, babble):
-                stale = await host.until(lambda r: r.quality is Quality.STALE)
-                assert "wrong baud rate, or not a ranger" in stale.detail
-            assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.STALE}
-
-    asyncio.run(main())
+        async with together(host.supervisor.run, babble):
+            stale = await host.until(lambda r: r.quality is Quality.STALE)
+            assert "wrong baud rate, or not a ranger" in stale.detail
+        assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.STALE}
 
 
-def test_a_second_program_cannot_steal_the_port() -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
-            first, second = Host(ranger.port, clock), Host(ranger.port, clock)
-            async with together(ranger.run, first.supervisor.run):
-                await first.until_good()
-                with pytest.raises(LinkError, match="another program uses it"):
-                    await second.service.run()
-                await first.until_good()
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_second_program_cannot_steal_the_port() -> None:
+    clock = SystemClock()
+    async with SimulatedRanger(lambda t: 500.0, clock) as ranger:
+        first, second = Host(ranger.port, clock), Host(ranger.port, clock)
+        async with together(ranger.run, first.supervisor.run):
+            await first.until_good()
+            with pytest.raises(LinkError, match="another program uses it"):
+                await second.service.run()
+            await first.until_good()
 
 
-def test_a_host_that_never_reads_costs_bytes_and_nothing_else() -> None:
-    async def main() -> None:
-        clock = SystemClock(speed=50.0)
-        async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
-            lazy = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY)
-            try:
-                await eventually(lambda: ranger.dropped_bytes > 1000)
-                assert ranger.opened
-            finally:
-                os.close(lazy)
-            host = Host(ranger.port, SystemClock())
-            async with together(host.supervisor.run):
-                await host.until(lambda r: r.quality is Quality.WAITING)  # still opens, still alive
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_host_that_never_reads_costs_bytes_and_nothing_else() -> None:
+    clock = SystemClock(speed=50.0)
+    async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
+        lazy = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            await eventually(lambda: ranger.dropped_bytes > 1000)
+            assert ranger.opened
+        finally:
+            os.close(lazy)
+        host = Host(ranger.port, SystemClock())
+        async with together(host.supervisor.run):
+            await host.until(lambda r: r.quality is Quality.WAITING)  # still opens, still alive
 
 
-def test_a_terminal_program_sees_the_bytes_as_they_are_sent() -> None:
+@in_real_time
+async def test_a_terminal_program_sees_the_bytes_as_they_are_sent() -> None:
     """Opened without any setting of the line: no echo, CR LF untouched."""
     wanted = encode_hello(Hello("hcsr04-sim", 1, 60, 1)) + line(0, 250.0) + line(1, 250.0)
+    clock = SystemClock()
+    async with SimulatedRanger(lambda t: 250.0, clock, errors=SensorErrors(0.0, 0.0, 0.0)) as ranger:
+        terminal = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            async with together(ranger.run):
+                seen = bytearray()
 
-    async def main() -> None:
-        clock = SystemClock()
-        async with SimulatedRanger(lambda t: 250.0, clock, errors=SensorErrors(0.0, 0.0, 0.0)) as ranger:
-            terminal = os.open(ranger.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            try:
-                async with together(ranger.run):
-                    seen = bytearray()
+                def complete() -> bool:
+                    with contextlib.suppress(BlockingIOError):
+                        seen.extend(os.read(terminal, 4096))
+                    return len(seen) >= len(wanted)
 
-                    def complete() -> bool:
-                        with contextlib.suppress(BlockingIOError):
-                            seen.extend(os.read(terminal, 4096))
-                        return len(seen) >= len(wanted)
-
-                    await eventually(complete)
-            finally:
-                os.close(terminal)
-        assert seen.startswith(wanted)
-
-    asyncio.run(main())
+                await eventually(complete)
+        finally:
+            os.close(terminal)
+    assert seen.startswith(wanted)
 
 
 # -- network ----------------------------------------------------------------------------------------------------------
@@ -417,62 +390,53 @@ class Server:
             writer.close()
 
 
-def test_a_stale_backlog_from_a_serial_server_is_not_taken_for_now() -> None:
-    async def main() -> None:
-        stored = HELLO + b"".join(line(n, 200.0) for n in range(2000))  # two minutes ago the truck was near
-        async with Server(stored[11:]) as server:
-            host = Host(server.url, SystemClock())
-            async with together(host.supervisor.run):
-                await host.until_measured(7)
-            assert {round(r.distance_mm or 0) for _, r in host.measured} == {500}
-            assert host.session.unused[Arrival.DUPLICATE] == 0
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_stale_backlog_from_a_serial_server_is_not_taken_for_now() -> None:
+    stored = HELLO + b"".join(line(n, 200.0) for n in range(2000))  # two minutes ago the truck was near
+    async with Server(stored[11:]) as server:
+        host = Host(server.url, SystemClock())
+        async with together(host.supervisor.run):
+            await host.until_measured(7)
+        assert {round(r.distance_mm or 0) for _, r in host.measured} == {500}
+        assert host.session.unused[Arrival.DUPLICATE] == 0
 
 
-def test_a_serial_server_that_hangs_up_is_called_again() -> None:
-    async def main() -> None:
-        async with Server() as server:
-            host = Host(server.url, SystemClock())
-            async with together(host.supervisor.run):
-                await host.until_good()
-                await server.hang_up()
-                down = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
-                assert "was lost" in down.detail
-                await host.until_good()
-                assert server.connections == 2
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_serial_server_that_hangs_up_is_called_again() -> None:
+    async with Server() as server:
+        host = Host(server.url, SystemClock())
+        async with together(host.supervisor.run):
+            await host.until_good()
+            await server.hang_up()
+            down = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
+            assert "was lost" in down.detail
+            await host.until_good()
+            assert server.connections == 2
 
 
-def test_a_flooding_serial_server_does_not_hold_up_the_gateway() -> None:
-    async def main() -> None:
-        async with Server(flood=True) as server:
-            host = Host(server.url, SystemClock())
-            async with together(host.supervisor.run):
-                await host.until(lambda r: r.quality is Quality.WAITING)
-                async with asyncio.timeout(20):  # it takes 1; a flood that holds up each would hold them up for ever
-                    for _ in range(100):
-                        await asyncio.sleep(0.01)
-            assert host.session.stats.lines == 0
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_flooding_serial_server_does_not_hold_up_the_gateway() -> None:
+    async with Server(flood=True) as server:
+        host = Host(server.url, SystemClock())
+        async with together(host.supervisor.run):
+            await host.until(lambda r: r.quality is Quality.WAITING)
+            async with asyncio.timeout(20):  # it takes 1; a flood that holds up each would hold them up for ever
+                for _ in range(100):
+                    await asyncio.sleep(0.01)
+        assert host.session.stats.lines == 0
 
 
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # pyserial 3.5
-def test_rfc2217_onto_a_pty() -> None:
+@in_real_time
+async def test_rfc2217_onto_a_pty() -> None:
     """A remote port whose server never answers SET_CONTROL."""
-
-    async def main() -> None:
-        clock = SystemClock()
-        async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
-            with rfc2217_server(ranger.port) as url:
-                host = Host(url, clock)
-                async with together(host.supervisor.run):
-                    reading = await host.until_good()
-                    assert reading.distance_mm == pytest.approx(500.0, abs=12.1)
-
-    asyncio.run(main())
+    clock = SystemClock()
+    async with SimulatedRanger(lambda t: 500.0, clock) as ranger, together(ranger.run):
+        with rfc2217_server(ranger.port) as url:
+            host = Host(url, clock)
+            async with together(host.supervisor.run):
+                reading = await host.until_good()
+                assert reading.distance_mm == pytest.approx(500.0, abs=12.1)
 
 
 @contextlib.contextmanager

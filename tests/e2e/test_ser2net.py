@@ -24,6 +24,7 @@ from tests.e2e.brokers import SEARCH, free_port
 from tests.e2e.played import dated_right, lines, too_fresh_ns
 from tests.e2e.test_ranger_port import Host, eventually, together
 from tests.firmware.bench_runs import built
+from tests.virtual_time import in_real_time
 
 EXACT = SensorErrors(0.0, 0.0, 0.0)
 SPEED_MM_S = 200.0
@@ -111,50 +112,45 @@ class Approach:
 
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # pyserial 3.5
 @pytest.mark.parametrize("kind", ACCEPTER)
-def test_distances_come_through_and_a_stall_never_makes_an_old_one_look_fresh(kind: str, tmp_path: Path) -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        truth = Approach(clock)
-        log = tmp_path / "played"
-        async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
-            with Ser2net(tmp_path, board.port, kind) as server:
-                host = Host(server.url, clock)
-                async with together(board.run, host.supervisor.run):
-                    await host.until_good()
-                    assert host.session.hello == Hello("hcsr04", 1, 60, 1)  # it asked, through the server
-                    await host.until_measured(10)
-                    before = host.session.stats
-                    assert before.damaged <= 1  # opening an RFC 2217 port empties buffers, perhaps amid a line
-                    await stall(server, log)
-                    await host.until_measured(len(host.measured) + 15)
-                    after = host.session.stats
-                    assert after.rejected - before.rejected >= 10  # the held-up lines
-                    assert after.damaged == before.damaged
-        fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
-        assert dated_right(fresh_ns), fresh_ns
-
-    asyncio.run(main())
+@in_real_time
+async def test_distances_come_through_and_a_stall_never_makes_an_old_one_look_fresh(kind: str, tmp_path: Path) -> None:
+    clock = SystemClock()
+    truth = Approach(clock)
+    log = tmp_path / "played"
+    async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
+        with Ser2net(tmp_path, board.port, kind) as server:
+            host = Host(server.url, clock)
+            async with together(board.run, host.supervisor.run):
+                await host.until_good()
+                assert host.session.hello == Hello("hcsr04", 1, 60, 1)  # it asked, through the server
+                await host.until_measured(10)
+                before = host.session.stats
+                assert before.damaged <= 1  # opening an RFC 2217 port empties buffers, perhaps amid a line
+                await stall(server, log)
+                await host.until_measured(len(host.measured) + 15)
+                after = host.session.stats
+                assert after.rejected - before.rejected >= 10  # the held-up lines
+                assert after.damaged == before.damaged
+    fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
+    assert dated_right(fresh_ns), fresh_ns
 
 
-def test_a_stale_backlog_at_the_start_is_not_used(tmp_path: Path) -> None:
+@in_real_time
+async def test_a_stale_backlog_at_the_start_is_not_used(tmp_path: Path) -> None:
     """The server stalls as soon as it has passed the gateway's question on: what it then hands out at once is old."""
-
-    async def main() -> None:
-        clock = SystemClock()
-        truth = Approach(clock)
-        log = tmp_path / "played"
-        async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
-            with Ser2net(tmp_path, board.port, "socket") as server:
-                host = Host(server.url, clock)
-                async with together(board.run, host.supervisor.run):
-                    await asyncio.to_thread(wait_for_a_question, log)
-                    await stall(server, log)
-                    await host.until_measured(15)
-                assert host.session.unused[Arrival.BACKLOG] >= 10
-        fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
-        assert dated_right(fresh_ns), fresh_ns
-
-    asyncio.run(main())
+    clock = SystemClock()
+    truth = Approach(clock)
+    log = tmp_path / "played"
+    async with EmulatedRanger(truth, clock, errors=EXACT, log=log) as board:
+        with Ser2net(tmp_path, board.port, "socket") as server:
+            host = Host(server.url, clock)
+            async with together(board.run, host.supervisor.run):
+                await asyncio.to_thread(wait_for_a_question, log)
+                await stall(server, log)
+                await host.until_measured(15)
+            assert host.session.unused[Arrival.BACKLOG] >= 10
+    fresh_ns = too_fresh_ns(log, [r for _, r in host.measured], clock)
+    assert dated_right(fresh_ns), fresh_ns
 
 
 def wait_for_a_question(log: Path) -> None:
@@ -165,18 +161,16 @@ def wait_for_a_question(log: Path) -> None:
         time.sleep(0.002)
 
 
-def test_a_board_that_is_unplugged_behind_the_server_is_noticed_and_found_again(tmp_path: Path) -> None:
-    async def main() -> None:
-        clock = SystemClock()
-        async with EmulatedRanger(lambda t_ns: 520.0, clock, errors=EXACT) as board:
-            with Ser2net(tmp_path, board.port, "socket") as server:
-                host = Host(server.url, clock)
-                async with together(board.run, host.supervisor.run):
-                    await host.until_good()
-                    board.forced[RangerFault.UNPLUGGED] = 0.0
-                    await host.until(lambda r: r.quality in (Quality.LINK_DOWN, Quality.STALE))
-                    board.forced.clear()
-                    good = await host.until_good()
-                    assert good.distance_mm == pytest.approx(520, abs=0.2)
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_board_that_is_unplugged_behind_the_server_is_noticed_and_found_again(tmp_path: Path) -> None:
+    clock = SystemClock()
+    async with EmulatedRanger(lambda t_ns: 520.0, clock, errors=EXACT) as board:
+        with Ser2net(tmp_path, board.port, "socket") as server:
+            host = Host(server.url, clock)
+            async with together(board.run, host.supervisor.run):
+                await host.until_good()
+                board.forced[RangerFault.UNPLUGGED] = 0.0
+                await host.until(lambda r: r.quality in (Quality.LINK_DOWN, Quality.STALE))
+                board.forced.clear()
+                good = await host.until_good()
+                assert good.distance_mm == pytest.approx(520, abs=0.2)

@@ -12,7 +12,7 @@ from gateway.core.model import Circle, EventKind, Quality, RangeReading, Reason,
 from gateway.hub import EventQueue, Hub
 from gateway.modbus.registers.register_map import decode, encode
 from tests import virtual_time
-from tests.virtual_time import LoopClock
+from tests.virtual_time import LoopClock, in_virtual_time
 
 MS = 1_000_000
 T0 = 10_000 * MS
@@ -175,22 +175,20 @@ def test_no_value_is_shown_longer_than_its_deadline_and_the_time_to_notice_a_dea
     assert bench.bay.state().range.distance_mm is None
 
 
-def test_it_recovers_from_a_pause_by_itself() -> None:
-    async def main() -> None:
-        bench = Bench(LoopClock())
-        await asyncio.sleep(1.0)
-        assert bench.bay.state().reason is Reason.GATEWAY_FAULT
+@in_virtual_time
+async def test_it_recovers_from_a_pause_by_itself() -> None:
+    bench = Bench(LoopClock())
+    await asyncio.sleep(1.0)
+    assert bench.bay.state().reason is Reason.GATEWAY_FAULT
 
-        task = asyncio.create_task(bench.bay.run())
-        await asyncio.sleep(0.01)
-        bench.bay.on_vision(seen(bench.clock.now_ns()))
-        bench.bay.on_range(heard(bench.clock.now_ns()))
-        task.cancel()
-        await asyncio.wait([task])
-        assert bench.bay.state() is bench.state
-        assert (bench.state.may_move, bench.state.reason) == (True, Reason.NONE)
-
-    virtual_time.run(main())
+    task = asyncio.create_task(bench.bay.run())
+    await asyncio.sleep(0.01)
+    bench.bay.on_vision(seen(bench.clock.now_ns()))
+    bench.bay.on_range(heard(bench.clock.now_ns()))
+    task.cancel()
+    await asyncio.wait([task])
+    assert bench.bay.state() is bench.state
+    assert (bench.state.may_move, bench.state.reason) == (True, Reason.NONE)
 
 
 def test_sensors_that_still_speak_do_not_make_a_dead_control_task_look_alive() -> None:
@@ -252,25 +250,23 @@ def test_where_stop_is_on_already_it_is_not_raised_again() -> None:
     assert bench.told() == [EventKind.SHUTDOWN]
 
 
-def test_nothing_changes_the_last_word() -> None:
-    async def main() -> None:
-        bench = Bench(LoopClock())
-        bench.bay.shut_down()
-        last = bench.state
-        bench.told()
-        task = asyncio.create_task(bench.bay.run())
-        await asyncio.sleep(5.0)
-        bench.bay.on_vision(seen(bench.clock.now_ns()))
-        bench.bay.on_range(heard(bench.clock.now_ns()))
-        bench.bay.shut_down()
-        task.cancel()
-        await asyncio.wait([task])
+@in_virtual_time
+async def test_nothing_changes_the_last_word() -> None:
+    bench = Bench(LoopClock())
+    bench.bay.shut_down()
+    last = bench.state
+    bench.told()
+    task = asyncio.create_task(bench.bay.run())
+    await asyncio.sleep(5.0)
+    bench.bay.on_vision(seen(bench.clock.now_ns()))
+    bench.bay.on_range(heard(bench.clock.now_ns()))
+    bench.bay.shut_down()
+    task.cancel()
+    await asyncio.wait([task])
 
-        assert bench.state is last
-        assert bench.bay.state() is last  # not GATEWAY_FAULT: a PLC may still ask why
-        assert bench.told() == []
-
-    virtual_time.run(main())
+    assert bench.state is last
+    assert bench.bay.state() is last  # not GATEWAY_FAULT: a PLC may still ask why
+    assert bench.told() == []
 
 
 def test_events_are_logged_in_words(caplog: pytest.LogCaptureFixture) -> None:

@@ -71,6 +71,14 @@ def held(scenario: Scenario | None = None, config: GatewayConfig | None = None) 
     return bench
 
 
+def release_at(bench: Bench, t_s: float) -> Levels:
+    """A living PLC that sets its release bit then."""
+    plc = Levels(bench)
+    bench.run(t_s)
+    plc.release()
+    return plc
+
+
 def phases(bench: Bench) -> list[VisitPhase]:
     """In the order in which they came."""
     seen = [moment.state.visit.phase for moment in bench.moments]
@@ -91,9 +99,7 @@ def told(bench: Bench, *kinds: EventKind) -> list[tuple[EventKind, str]]:
 def test_a_whole_visit_goes_through_its_phases_in_order() -> None:
     legs = ({"distance_cm": 28, "speed_cm_s": 20, "hold_s": 12}, LEAVE)
     bench = Bench(truck(*legs, faults=(spout(9, 6),)))
-    plc = Levels(bench)
-    bench.run(16)
-    plc.release()
+    release_at(bench, 16)
     bench.run(30)
 
     assert phases(bench) == [
@@ -381,9 +387,7 @@ def released() -> Bench:
 
 def leaving() -> Bench:
     bench = in_place(stands({"distance_cm": 60, "speed_cm_s": 30, "hold_s": 30}, for_s=2.0))
-    plc = Levels(bench)
-    bench.run(1)
-    plc.release()
+    release_at(bench, 1)
     bench.run_until(lambda state: state.visit.off_mark, 5)
     assert bench.state.visit.phase is VisitPhase.LEAVING
     assert bench.state.may_move
@@ -700,9 +704,7 @@ def test_a_released_truck_may_leave_although_d_is_1_and_although_it_is_unknown()
 
 def test_a_released_truck_leaves_without_a_move_and_without_a_stop_on_its_way() -> None:
     bench = in_place(stands(LEAVE, for_s=4.0))
-    plc = Levels(bench)
-    bench.run(3)
-    plc.release()
+    release_at(bench, 3)
     bench.run(3.2)
     begun = len(bench.moments)
     bench.run(15)
@@ -725,9 +727,7 @@ def test_without_writes_each_departure_is_a_move() -> None:
 
 def test_only_a_truck_that_was_in_place_is_let_go() -> None:
     bench = at_mark()
-    plc = Levels(bench)
-    bench.run(0.5)
-    plc.release()
+    release_at(bench, 0.5)
     bench.run(3)
     assert (bench.state.stop, bench.state.visit.released) == (True, False)
 
@@ -850,9 +850,7 @@ def test_the_driver_of_the_second_truck_is_not_told_to_leave() -> None:
         {"distance_cm": 40, "speed_cm_s": 20, "hold_s": 20},
     )
     bench = in_place(stands(*legs, for_s=2.0))
-    plc = Levels(bench)
-    bench.run(1)
-    plc.release()
+    release_at(bench, 1)
     bench.run(8)
     assert bench.moments[-1].truth.truck == 1
     assert (bench.state.visit.released, bench.state.visit.phase) == (False, VisitPhase.APPROACHING)
@@ -874,9 +872,7 @@ def test_d_ends_a_release_wherever_the_new_recipe_puts_the_mark() -> None:
 def test_a_released_truck_that_comes_nearer_is_stopped(covered: bool) -> None:
     faults = (spout(1, 60),) if covered else ()
     bench = in_place(stands({"distance_cm": 20, "speed_cm_s": 5, "hold_s": 60}, for_s=6.0, faults=faults))
-    plc = Levels(bench)
-    bench.run(5)
-    plc.release()
+    release_at(bench, 5)
     bench.run_until(lambda state: not state.stop, 1)
     stopped = bench.run_until(lambda state: state.stop, 6)
     assert bench.moments[-1].truth.distance_mm == pytest.approx(280 - 40, abs=25)
@@ -888,9 +884,7 @@ def test_a_released_truck_that_comes_nearer_is_stopped(covered: bool) -> None:
 def test_a_released_truck_that_turns_round_on_its_way_is_stopped_at_the_mark() -> None:
     legs = ({"distance_cm": 60, "speed_cm_s": 30}, {"distance_cm": 26, "speed_cm_s": 20, "hold_s": 9})
     bench = in_place(stands(*legs, for_s=2.0))
-    plc = Levels(bench)
-    bench.run(1)
-    plc.release()
+    release_at(bench, 1)
     bench.run(9)
     assert complained(bench) == []
     assert bench.state.in_place
@@ -904,9 +898,7 @@ def test_the_second_truck_inherits_no_release() -> None:
         {"distance_cm": 26, "speed_cm_s": 20, "hold_s": 20},
     )
     bench = in_place(stands(*legs, for_s=2.0))
-    plc = Levels(bench)
-    bench.run(1)
-    plc.release()
+    release_at(bench, 1)
     bench.run(9)
     assert complained(bench) == []
     assert bench.state.in_place
@@ -915,9 +907,7 @@ def test_the_second_truck_inherits_no_release() -> None:
 def test_trucks_that_change_while_a_sensor_is_dead_inherit_no_release() -> None:
     legs = ({"distance_cm": 29, "another_truck": True, "hold_s": 60},)
     bench = in_place(stands(*legs, for_s=4.0))
-    plc = Levels(bench)
-    bench.run(1)
-    plc.release()
+    release_at(bench, 1)
     bench.run(3)
     assert not bench.state.stop
     bench.vision_fault = Quality.LINK_DOWN
@@ -940,18 +930,14 @@ def test_the_bit_may_go_back_once_the_truck_has_left_the_mark() -> None:
 
 def test_an_echo_while_it_is_released_ends_the_release() -> None:
     bench = in_place(stands(faults=({"kind": "ranger_echo", "at_s": 3, "for_s": 2},)))
-    plc = Levels(bench)
-    bench.run(1)
-    plc.release()
+    release_at(bench, 1)
     bench.run(4.5)
     assert (bench.state.stop, bench.state.visit.released) == (True, False)
 
 
 def test_a_latched_stop_does_not_hold_a_released_truck() -> None:
     bench = in_place(stands(LEAVE, for_s=4.0), gateway(fusion={"latch_stop": True}))
-    plc = Levels(bench)
-    bench.run(3)
-    plc.release()
+    release_at(bench, 3)
     bench.run(3.3)
     assert (bench.state.stop, bench.state.memory.latched) == (False, False)
     bench.run(12)
@@ -963,9 +949,7 @@ def test_enable_is_asked_of_a_released_truck_as_of_any() -> None:
     handshake = config.modbus.handshake.model_copy(update={"enable_required": True})
     config = config.model_copy(update={"modbus": config.modbus.model_copy(update={"handshake": handshake})})
     bench = in_place(config=config)
-    plc = Levels(bench)
-    bench.run(1)
-    plc.release()
+    plc = release_at(bench, 1)
     bench.run(2)
     assert (bench.state.stop, bench.state.may_move) == (False, False)
     assert bench.state.guidance.code is GuidanceCode.WAIT
