@@ -44,7 +44,7 @@ REJECTIONS: dict[str, str] = {
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not whole",
     "size": "a red disc, but at the ranger's distance the marker is larger or smaller",
     "weaker": "a red disc, but another one in this picture has more evidence",
-    "jump": "with tracking: a red disc where the marker that is followed can't be, or of another size; on trial",
+    "jump": "with tracking: a red disc where the tracked marker cannot be, or of another size; not confirmed yet",
 }
 """`Rejection.why` -> meaning."""
 
