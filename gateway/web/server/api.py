@@ -5,7 +5,7 @@ Every answer is made from what the gateway client knows; only actions on alarms 
 
 import asyncio
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
 import cv2
@@ -19,7 +19,7 @@ from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS, alarm_id
 from gateway.clock import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description, whole_number
+from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.server import health, lists, views
 from gateway.web.server.gateway_client import KEPT_EVENTS
@@ -39,9 +39,10 @@ from gateway.web.server.services import Bay, RequestCaller, Services, WebService
 
 MAX_NUMBER = 2**53  # as JSON's readers count
 ADDRESSES = Addresses()
+BAY = "/api/bays/{bay}"
 
 _NO_BAY = {404: "no such bay"}
-_NOT_KNOWN = {503: "nothing is known of it yet"}
+_NO_STATE = _NO_BAY | {503: "nothing is known of it yet"}
 _WRONG_QUERY = {400: "a number out of its range"}
 _ACTION_ERRORS = {
     400: "the body is not what is described here",
@@ -54,36 +55,32 @@ After = Annotated[int, whole_number(0, MAX_NUMBER), Query(description="only even
 Limit = Annotated[int, whole_number(1, KEPT_EVENTS), Query(description="at most so many, the oldest of them")]
 
 
-@ADDRESSES.get("/api/state", Level.VIEWER, "every bay as it is now", Description("state", list[BayView]))
+def _get(
+    path: str, operation_id: str, summary: str, model: object = None, errors: Mapping[int, str] | None = None
+) -> Callable[[Endpoint], Endpoint]:
+    return ADDRESSES.get(path, Level.VIEWER, summary, Description(operation_id, model, errors=errors or {}))
+
+
+@_get("/api/state", "state", "every bay as it is now", list[BayView])
 async def _state(services: WebServices) -> list[BayView]:
     client = services.client
     await client.fresh(*client.bays)
     return [views.bay_view(client, bay) for bay in client.about.config.bays]
 
 
-@ADDRESSES.get(
-    "/api/bays/{bay}/state", Level.VIEWER, "one bay as it is now", Description("bay_state", BayView, errors=_NO_BAY)
-)
+@_get(f"{BAY}/state", "bay_state", "one bay as it is now", BayView, _NO_BAY)
 async def _bay_state(services: WebServices, bay: Bay) -> BayView:
     await services.client.fresh(bay.name)
     return views.bay_view(services.client, bay)
 
 
-@ADDRESSES.get(
-    "/api/bays/{bay}/events",
-    Level.VIEWER,
-    "what happened in one bay, the oldest first",
-    Description("bay_events", EventsView, errors=_WRONG_QUERY | _NO_BAY),
-)
+@_get(f"{BAY}/events", "bay_events", "what happened in one bay, the oldest first", EventsView, _WRONG_QUERY | _NO_BAY)
 async def _bay_events(services: WebServices, bay: Bay, after: After = 0, limit: Limit = KEPT_EVENTS) -> EventsView:
     return lists.events_view(services.client, views.gateway_of(services.client), bay.name, after, limit)
 
 
-@ADDRESSES.get(
-    "/api/bays/{bay}/registers",
-    Level.VIEWER,
-    "the registers as the PLC would read them now, decoded",
-    Description("registers", RegistersView, errors=_NO_BAY | _NOT_KNOWN),
+@_get(
+    f"{BAY}/registers", "registers", "the registers as the PLC would read them now, decoded", RegistersView, _NO_STATE
 )
 async def _registers(services: WebServices, bay: Bay) -> RegistersView:
     await services.client.fresh(bay.name)
@@ -94,9 +91,9 @@ async def _registers(services: WebServices, bay: Bay) -> RegistersView:
 
 
 def _snapshot(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
-    described = Description(f"snapshot_{ending}", media=media, errors=_NO_BAY | _NOT_KNOWN)
+    described = Description(f"snapshot_{ending}", media=media, errors=_NO_STATE)
 
-    @ADDRESSES.get(f"/api/bays/{{bay}}/snapshot.{ending}", Level.VIEWER, summary, described)
+    @ADDRESSES.get(f"{BAY}/snapshot.{ending}", Level.VIEWER, summary, described)
     async def snapshot(services: WebServices, bay: Bay) -> Response:
         """The newest frame, unscaled, without anything painted on it."""
         async with services.encoding:  # one at a time: whoever asks for many waits for their own
@@ -116,22 +113,12 @@ _snapshot("jpg", "image/jpeg", "the newest frame")
 _snapshot("png", "image/png", "the newest frame, without loss")
 
 
-@ADDRESSES.get(
-    "/api/events",
-    Level.VIEWER,
-    "what happened in all bays, the oldest first",
-    Description("events", EventsView, errors=_WRONG_QUERY),
-)
+@_get("/api/events", "events", "what happened in all bays, the oldest first", EventsView, _WRONG_QUERY)
 async def _events(services: WebServices, after: After = 0, limit: Limit = KEPT_EVENTS) -> EventsView:
     return lists.events_view(services.client, views.gateway_of(services.client), None, after, limit)
 
 
-@ADDRESSES.get(
-    "/api/alarms",
-    Level.VIEWER,
-    "every alarm that is not normal, the most important first",
-    Description("alarms", AlarmsView),
-)
+@_get("/api/alarms", "alarms", "every alarm that is not normal, the most important first", AlarmsView)
 async def _alarms(services: WebServices) -> AlarmsView:
     return lists.alarms_view(services.client)
 
@@ -149,7 +136,7 @@ async def _alarm(
 AlarmId = Annotated[str, Depends(_alarm)]
 
 
-def _action(event: AlarmEvent, least: Level, summary: str) -> Callable[..., Callable[..., object]]:
+def _action(event: AlarmEvent, least: Level, summary: str) -> Callable[[Endpoint], Endpoint]:
     described = Description(f"{event.value}_alarm", AlarmsView, errors=_ACTION_ERRORS)
     return ADDRESSES.post(f"/api/alarms/{{alarm}}/{event.value}", least, summary, described)
 

@@ -137,14 +137,7 @@ def links_view(client: GatewayClient) -> LinksView:
             for link in links.sinks
         ),
         tasks=tuple(
-            TaskView(
-                name=task.name,
-                running=task.running,
-                starts=task.starts,
-                link_errors=task.link_errors,
-                crashes=task.crashes,
-                last_error=task.last_error,
-            )
+            TaskView.model_validate(task, from_attributes=True)
             for task in links.tasks
             if not task.running or task.starts > 1
         ),
