@@ -13,7 +13,7 @@ class AuditKind(StrEnum):
     CHANGED = "changed"  # something was asked for that is more than looking, and was answered
 
 
-CAUTION = (AuditKind.LOGIN_FAILED, AuditKind.LOGIN_THROTTLED, AuditKind.REFUSED)
+WARNINGS = (AuditKind.LOGIN_FAILED, AuditKind.LOGIN_THROTTLED, AuditKind.REFUSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class AuditRecord:
         return f"{self.kind.value.replace('_', ' ')}: {self.who or 'nobody'} at {self.address}: {self.detail}{more}"
 
 
-def shown(text: str, most: int = 80) -> str:
+def printable(text: str, most: int = 80) -> str:
     """Text of a stranger's, made fit for one line of a log."""
     kept = "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text[:most])
     return kept + "…" if len(text) > most else kept

@@ -11,7 +11,7 @@ BODY_S = 10.0  # a body must have arrived within this
 CLOSE = {"Connection": "close"}  # or what still comes would be taken for the next request
 
 
-async def whole_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock) -> Receive:
+async def complete_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock) -> Receive:
     """A `receive` that has it all. Raises RefusalError (413, 408, 400)."""
     if scope["type"] != "http":
         return receive
@@ -32,14 +32,14 @@ async def whole_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock) -
                 if len(body) > rule.body_bytes:
                     raise too_long
                 if not message.get("more_body", False):
-                    return _again(bytes(body), receive)
+                    return _replayed(bytes(body), receive)
     except TimeoutError:
         text = f"the request was not there within {BODY_S:g} s"
         raise RefusalError(408, "slow", text, headers=CLOSE) from None
     raise RefusalError(400, "gone", "the caller went away")
 
 
-def _again(body: bytes, receive: Receive) -> Receive:
+def _replayed(body: bytes, receive: Receive) -> Receive:
     """`receive` that gives the whole body at once, and then goes on as before."""
     first = True
 

@@ -47,7 +47,7 @@ def host_and_port(authority: str, scheme: str) -> tuple[str, int]:
     return host_name(name), int(port) if port else PORTS[scheme]
 
 
-def called_rightly(authority: str | None, hosts: Collection[str], scheme: str) -> bool:
+def host_allowed(authority: str | None, hosts: Collection[str], scheme: str) -> bool:
     """Is this Host header one of ours? Its port is not looked at: people come through tunnels."""
     try:
         return authority is not None and host_and_port(authority, scheme)[0] in hosts

@@ -46,7 +46,7 @@ def _view(request: Request, caller: Caller, next_page: str | None = None) -> dic
         role=caller.level.role,
         can_login=bool(logins.config.users),
         csrf=caller.csrf,
-        expires_in_s=None if caller.session is None else int(logins.left_s(caller.session)),
+        expires_in_s=None if caller.session is None else int(logins.remaining_s(caller.session)),
         bays=list(request.app.state.bays) if caller.level > Level.OPEN else [],
         next=next_page,
     ).model_dump()
@@ -75,7 +75,7 @@ async def _login(request: Request) -> JSONResponse:
     response.set_cookie(
         logins.cookie,
         identity,
-        max_age=int(logins.left_s(session)),
+        max_age=int(logins.remaining_s(session)),
         path="/",
         secure=logins.config.tls,
         httponly=True,

@@ -12,7 +12,7 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.net import rate_limit
 from gateway.web.auth.access import Level, Rule
-from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
+from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.headers import Headers, header
 from gateway.web.auth.login_throttle import LoginThrottle
 from gateway.web.auth.passwords import BusyError, Passwords
@@ -21,8 +21,8 @@ from gateway.web.auth.sessions import Caller, Session, Sessions
 
 MAX_COOKIES = 4096  # characters of the header
 MAX_BASIC = 1024
-PROGRAM_S = 300  # so long a program that logged in by HTTP Basic is known without checking its password again
-MAX_PROGRAMS = 64
+BASIC_CACHE_S = 300  # so long a program that logged in by HTTP Basic is known without checking its password again
+MAX_BASIC_CACHE = 64
 CHALLENGE = {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'}
 
 AuditSink = Callable[[AuditRecord], None]
@@ -47,16 +47,16 @@ class Logins:
         self._clock = clock
         self._audit = audit
         self._buckets: dict[AuditKind, rate_limit.Bucket] = {}
-        self._strangers_csrf = secrets.token_urlsafe(32)  # no secret between strangers; foreign pages can't read it
+        self._anonymous_csrf = secrets.token_urlsafe(32)  # no secret between strangers; foreign pages can't read it
         self._secret = secrets.token_bytes(32)
-        self._programs: OrderedDict[bytes, tuple[HmiUser, int]] = OrderedDict()
+        self._basic_cache: OrderedDict[bytes, tuple[HmiUser, int]] = OrderedDict()
 
     def close(self) -> None:
         self.passwords.close()
 
     async def login(self, address: str, name: str, password: str, old: Session | None = None) -> tuple[str, Session]:
         """A new session and its id; `old` ends. Raises RefusalError (401, 429, 503)."""
-        user = await self._checked(address, name, password)
+        user = await self._authenticated(address, name, password)
         if old is not None:
             self.sessions.close(old.key)
         opened = self.sessions.open(user.name, self._level(user), self._clock.now_ns())
@@ -74,19 +74,19 @@ class Logins:
         session = self._by_cookie(headers)
         if session is not None:
             return Caller(session.user, session.level, address, session.csrf, session)
-        stranger = Caller("", self._anonymous, address, self._strangers_csrf)
+        anonymous = Caller("", self._anonymous, address, self._anonymous_csrf)
         if not rule.for_programs:
-            return stranger
+            return anonymous
         user = await self._by_basic(headers, address)
-        return stranger if user is None else replace(stranger, name=user.name, level=self._level(user))
+        return anonymous if user is None else replace(anonymous, name=user.name, level=self._level(user))
 
-    def left_s(self, session: Session) -> float:
+    def remaining_s(self, session: Session) -> float:
         """Until the session is over, whatever happens."""
-        return self.sessions.left_ns(session, self._clock.now_ns()) / NS_PER_S
+        return self.sessions.remaining_ns(session, self._clock.now_ns()) / NS_PER_S
 
-    def see(self, session: Session) -> None:
+    def keep_alive(self, session: Session) -> None:
         """Its page has just sent something."""
-        self.sessions.see(session.key, self._clock.now_ns())
+        self.sessions.keep_alive(session.key, self._clock.now_ns())
 
     def record(self, record: AuditRecord) -> None:
         """Counts it, and writes it to the audit log unless that is full of its kind already."""
@@ -128,27 +128,27 @@ class Logins:
         except (ValueError, binascii.Error):
             raise RefusalError(401, "basic", "HTTP Basic, with name and password", headers=CHALLENGE) from None
         now_ns = self._clock.now_ns()
-        mark = hmac.digest(self._secret, value.encode(), "sha256")
-        user, until_ns = self._programs.get(mark, (None, 0))
+        digest = hmac.digest(self._secret, value.encode(), "sha256")
+        user, until_ns = self._basic_cache.get(digest, (None, 0))
         if user is None or until_ns <= now_ns:
             first = user is None
             try:
-                user = await self._checked(address, name, password)
+                user = await self._authenticated(address, name, password)
             except RefusalError as refusal:
-                self._programs.pop(mark, None)
+                self._basic_cache.pop(digest, None)
                 refusal.headers |= CHALLENGE if refusal.status == 401 else {}
                 raise
             if first:
                 self.record(AuditRecord(AuditKind.LOGIN, user.name, address, f"a program, as {user.role}"))
-            self._programs[mark] = (user, self._clock.now_ns() + PROGRAM_S * NS_PER_S)
-            while len(self._programs) > MAX_PROGRAMS:
-                self._programs.popitem(last=False)
+            self._basic_cache[digest] = (user, self._clock.now_ns() + BASIC_CACHE_S * NS_PER_S)
+            while len(self._basic_cache) > MAX_BASIC_CACHE:
+                self._basic_cache.popitem(last=False)
         return user
 
-    async def _checked(self, address: str, name: str, password: str) -> HmiUser:
+    async def _authenticated(self, address: str, name: str, password: str) -> HmiUser:
         wait_s = self._throttle.attempt(address, name, self._clock.now_ns())
         if wait_s:
-            self.record(AuditRecord(AuditKind.LOGIN_THROTTLED, shown(name), address, f"{wait_s} s to wait"))
+            self.record(AuditRecord(AuditKind.LOGIN_THROTTLED, printable(name), address, f"{wait_s} s to wait"))
             text = f"too many failed logins; try again in {wait_s} s"
             raise RefusalError(429, "throttled", text, headers={"Retry-After": str(wait_s)})
         try:
@@ -156,7 +156,7 @@ class Logins:
         except BusyError as error:
             raise RefusalError(503, "busy", str(error), headers={"Retry-After": "1"}) from None
         if user is None:
-            self.record(AuditRecord(AuditKind.LOGIN_FAILED, shown(name), address, "wrong name or password"))
+            self.record(AuditRecord(AuditKind.LOGIN_FAILED, printable(name), address, "wrong name or password"))
             raise RefusalError(401, "login", "wrong name or password")
         self._throttle.succeeded(address, name, self._clock.now_ns())
         return user

@@ -60,7 +60,7 @@ class Passwords:
 
     def __init__(self, users: Iterable[HmiUser]) -> None:
         self._users: Mapping[str, HmiUser] = {user.name: user for user in users}
-        self._nobody = _decoy([user.password_hash for user in self._users.values()])
+        self._dummy = _dummy_hash([user.password_hash for user in self._users.values()])
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="passwords")
         self._waiting = 0
         self.checks = 0  # since the start
@@ -70,10 +70,10 @@ class Passwords:
         if self._waiting >= MAX_WAITING:
             raise BusyError("too many logins at the same time; try again")
         user = self._users.get(name)
-        known = self._nobody if user is None else user.password_hash
+        known = self._dummy if user is None else user.password_hash
         self._waiting += 1
         self.checks += 1
-        job = self._thread.submit(_fits, known, password)
+        job = self._thread.submit(_matches, known, password)
         loop = asyncio.get_running_loop()
         job.add_done_callback(lambda done: self._done(done, loop))
         return user if await asyncio.wrap_future(job) and user is not None else None
@@ -91,7 +91,7 @@ class Passwords:
         self._waiting -= 1
 
 
-def _fits(known: str, password: str) -> bool:
+def _matches(known: str, password: str) -> bool:
     if len(password) > MAX_LENGTH:
         return False
     try:
@@ -100,13 +100,13 @@ def _fits(known: str, password: str) -> bool:
         return False
 
 
-def _decoy(hashes: list[str]) -> str:
+def _dummy_hash(hashes: list[str]) -> str:
     """A hash that no password fits, as dear to check as the dearest of `hashes`."""
     made = [extract_parameters(known) for known in hashes]
-    dearest = max(made, key=lambda found: found.memory_cost * found.time_cost, default=None)
+    costliest = max(made, key=lambda found: found.memory_cost * found.time_cost, default=None)
     memory, passes, lanes = (
         (MEMORY_KIB, PASSES, LANES)
-        if dearest is None
-        else (dearest.memory_cost, dearest.time_cost, dearest.parallelism)
+        if costliest is None
+        else (costliest.memory_cost, costliest.time_cost, costliest.parallelism)
     )
     return f"$argon2id$v=19$m={memory},t={passes},p={lanes}${'A' * 22}${'A' * 43}"

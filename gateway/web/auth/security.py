@@ -19,17 +19,17 @@ from starlette.websockets import WebSocketClose
 
 from gateway.clock import Clock
 from gateway.web.auth.access import Level, Rule, find
-from gateway.web.auth.audit_log import AuditKind, AuditRecord, shown
-from gateway.web.auth.bodies import whole_body
-from gateway.web.auth.headers import cache_control, called_rightly, header, same_origin, security_headers
+from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
+from gateway.web.auth.bodies import complete_body
+from gateway.web.auth.headers import cache_control, header, host_allowed, same_origin, security_headers
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.refusals import RefusalError, answer_to, to_login
 from gateway.web.auth.sessions import Caller, with_caller
 
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
 ENDED = 4401  # close code of a WebSocket whose session has ended
-FOREIGN = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or another origin of this one
-SECRET_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
+OTHER_SITES = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or another origin of this one
+UNSAFE_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
 
 
 class SecurityMiddleware:
@@ -59,47 +59,49 @@ class SecurityMiddleware:
         address = scope["client"][0] if scope.get("client") else "?"
         caller: Caller | None = None
         try:
-            authority = self._authority(scope)
-            rule = self._rule(scope)
-            self._from_our_page(scope, rule, authority)
+            authority = self._check_host(scope)
+            rule = self._find_rule(scope)
+            self._check_origin(scope, rule, authority)
             caller = await self._logins.caller(scope["headers"], rule, address)
-            self._may(rule, caller)
+            self._check_role(rule, caller)
             if rule.method == "POST":
-                self._not_forged(scope, caller)
-            receive = await whole_body(scope, receive, rule, self._clock)
+                self._check_csrf(scope, caller)
+            receive = await complete_body(scope, receive, rule, self._clock)
         except RefusalError as refusal:
             await self._refuse(scope, receive, outgoing, refusal, caller, address)
             return
         await self._serve(scope, receive, outgoing, rule, caller)
 
-    def dress(self, path: str, headers: Iterable[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
+    def with_headers(self, path: str, headers: Iterable[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
         """An answer's headers with ours, which hold against the application's own."""
         kept = [(name, value) for name, value in headers if name.lower() not in self._names]
         return [*kept, *self._headers, (b"cache-control", cache_control(path))]
 
-    def _authority(self, scope: Scope) -> str:
+    def _check_host(self, scope: Scope) -> str:
         try:
             authority = header(scope["headers"], b"host")
         except ValueError:
             authority = None
-        if authority is None or not called_rightly(authority, self._hosts, self._scheme):
-            text = f"the pages are not called {shown(authority or '(nothing)')}; hmi.allowed_hosts names what they are"
+        if authority is None or not host_allowed(authority, self._hosts, self._scheme):
+            text = (
+                f"the pages are not called {printable(authority or '(nothing)')}; hmi.allowed_hosts names what they are"
+            )
             raise RefusalError(400, "host", text, audited=True)
         return authority
 
-    def _rule(self, scope: Scope) -> Rule:
+    def _find_rule(self, scope: Scope) -> Rule:
         path: str = scope["path"]
         web_socket = scope["type"] == "websocket"
         method = "WS" if web_socket else scope["method"]
         found = find(method, path, self._rules)
-        if found.rule is not None and (found.rule.method == "WS") == web_socket and not SECRET_PATH.search(path):
+        if found.rule is not None and (found.rule.method == "WS") == web_socket and not UNSAFE_PATH.search(path):
             return found.rule
         allow = ", ".join(sorted({method for method in found.methods if method != "WS"}))
         if allow and not web_socket:
             raise RefusalError(405, "method", "not this way", headers={"Allow": allow})
         raise RefusalError(404, "unknown", "there is no such page")
 
-    def _from_our_page(self, scope: Scope, rule: Rule, authority: str) -> None:
+    def _check_origin(self, scope: Scope, rule: Rule, authority: str) -> None:
         headers = scope["headers"]
         if rule.method != "GET":
             try:
@@ -112,10 +114,10 @@ class SecurityMiddleware:
         elif not rule.page:
             fetched = {name: value for name, value in headers if name in (b"sec-fetch-site", b"sec-fetch-dest")}
             followed = fetched.get(b"sec-fetch-dest") == b"document"  # a link, which shows nothing to who set it
-            if fetched.get(b"sec-fetch-site") in FOREIGN and not followed:
+            if fetched.get(b"sec-fetch-site") in OTHER_SITES and not followed:
                 raise RefusalError(403, "origin", "not for the pages of others", audited=True)
 
-    def _may(self, rule: Rule, caller: Caller) -> None:
+    def _check_role(self, rule: Rule, caller: Caller) -> None:
         changes = rule.method == "POST" and rule.least > Level.OPEN
         if not caller.name and (
             caller.level < rule.least or (changes and caller.level < Level.TECHNICIAN)
@@ -125,7 +127,7 @@ class SecurityMiddleware:
             text = f"{caller.name} is {caller.level.role}; this needs {rule.least.role}"
             raise RefusalError(403, "role", text, audited=not rule.page)
 
-    def _not_forged(self, scope: Scope, caller: Caller) -> None:
+    def _check_csrf(self, scope: Scope, caller: Caller) -> None:
         try:
             token = header(scope["headers"], b"x-csrf-token") or ""
         except ValueError:
@@ -146,7 +148,7 @@ class SecurityMiddleware:
         self.counts[refusal.code] += 1
         if refusal.audited:
             who = caller.name if caller is not None else ""
-            what = f"{scope.get('method', 'WS')} {shown(scope['path'])}: {refusal}"
+            what = f"{scope.get('method', 'WS')} {printable(scope['path'])}: {refusal}"
             self._logins.record(AuditRecord(AuditKind.REFUSED, who, address, what))
         response: Response | WebSocketClose = answer_to(scope, refusal)
         if refusal.code in ("login", "role") and scope["type"] == "http":
@@ -159,29 +161,29 @@ class SecurityMiddleware:
         session = caller.session
         limits = [REQUEST_S] if scope["type"] == "http" else []
         if session is not None:
-            limits.append(self._logins.left_s(session))
+            limits.append(self._logins.remaining_s(session))
 
-        async def heard() -> Message:
+        async def received() -> Message:
             message = await receive()
             if session is not None and message["type"] == "websocket.receive":
-                self._logins.see(session)
+                self._logins.keep_alive(session)
             return message
 
         try:
             async with self._clock.timeout(min(limits)) if limits else asyncio.timeout(None) as until:
-                with self._ending_with(caller, until, rule):
-                    await self._app(with_caller(scope, caller), heard, outgoing)
+                with self._until_session_ends(caller, until, rule):
+                    await self._app(with_caller(scope, caller), received, outgoing)
         except TimeoutError:
             if not until.expired():
                 raise
-            await self._cut(scope, receive, outgoing, over=session is not None)
+            await self._abort(scope, receive, outgoing, over=session is not None)
         finally:  # whatever went wrong: it may have been done before that
             changes = rule.method == "POST" and rule.least > Level.OPEN and rule.audited
             if changes and not 400 <= outgoing.status < 500:
                 what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
-                self._logins.record(AuditRecord(AuditKind.CHANGED, caller.name, caller.address, shown(what)))
+                self._logins.record(AuditRecord(AuditKind.CHANGED, caller.name, caller.address, printable(what)))
 
-    async def _cut(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", *, over: bool) -> None:
+    async def _abort(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", *, over: bool) -> None:
         self.counts["ended" if over else "slow"] += 1
         if outgoing.begun:
             if scope["type"] == "websocket" and not outgoing.closed:
@@ -195,7 +197,7 @@ class SecurityMiddleware:
         await answer_to(scope, refusal)(scope, receive, outgoing)
 
     @contextmanager
-    def _ending_with(self, caller: Caller, until: asyncio.Timeout, rule: Rule) -> Iterator[None]:
+    def _until_session_ends(self, caller: Caller, until: asyncio.Timeout, rule: Rule) -> Iterator[None]:
         if caller.session is None or rule.method == "POST":  # what was allowed and has begun is not left half done
             yield
             return
@@ -231,7 +233,7 @@ class _Outgoing:
     async def __call__(self, message: MutableMapping[str, Any]) -> None:
         if message["type"] in ("http.response.start", "websocket.http.response.start"):
             self.begun, self.status = True, message["status"]
-            message = {**message, "headers": self._middleware.dress(self._path, message.get("headers", ()))}
+            message = {**message, "headers": self._middleware.with_headers(self._path, message.get("headers", ()))}
         elif message["type"] in ("websocket.accept", "websocket.close"):
             self.begun = True
             self.closed = message["type"] == "websocket.close"

@@ -53,7 +53,7 @@ class Sessions:
 
     def open(self, user: str, level: Level, now_ns: int) -> tuple[str, Session]:
         """A new session and its id, which only the browser keeps."""
-        self.sweep(now_ns)
+        self.remove_expired(now_ns)
         own = [session for session in self._open.values() if session.user == user]
         if len(own) >= MAX_PER_USER:
             self.close(min(own, key=lambda session: session.seen_ns).key)
@@ -66,21 +66,21 @@ class Sessions:
 
     def find(self, identity: str, now_ns: int) -> Session | None:
         """The session of this id, if it goes on; it counts as seen."""
-        return self.see(_key(identity), now_ns) if 0 < len(identity) <= MAX_ID_LENGTH else None
+        return self.keep_alive(_key(identity), now_ns) if 0 < len(identity) <= MAX_ID_LENGTH else None
 
-    def see(self, key: str, now_ns: int) -> Session | None:
+    def keep_alive(self, key: str, now_ns: int) -> Session | None:
         """The same by its key: an open page is no idle one."""
         session = self._open.get(key)
         if session is None:
             return None
-        if self._over(session, now_ns):
+        if self._expired(session, now_ns):
             self.close(key)
             return None
         session = replace(session, seen_ns=max(now_ns, session.seen_ns))
         self._open[key] = session
         return session
 
-    def left_ns(self, session: Session, now_ns: int) -> int:
+    def remaining_ns(self, session: Session, now_ns: int) -> int:
         """Until its lifetime is over, whatever happens."""
         return max(0, session.opened_ns + self._lifetime_ns - now_ns)
 
@@ -89,12 +89,12 @@ class Sessions:
         if self._open.pop(key, None) is not None:
             self._ended(key)
 
-    def sweep(self, now_ns: int) -> None:
+    def remove_expired(self, now_ns: int) -> None:
         """Ends all that are over, seen again or not."""
-        for key in [key for key, session in self._open.items() if self._over(session, now_ns)]:
+        for key in [key for key, session in self._open.items() if self._expired(session, now_ns)]:
             self.close(key)
 
-    def _over(self, session: Session, now_ns: int) -> bool:
+    def _expired(self, session: Session, now_ns: int) -> bool:
         return now_ns - session.opened_ns >= self._lifetime_ns or now_ns - session.seen_ns >= self._idle_ns
 
 

@@ -14,7 +14,7 @@ from gateway.clock import Clock
 from gateway.core.plc import Writer
 from gateway.errors import ConfigError
 from gateway.net import rate_limit
-from gateway.web.auth.audit_log import shown
+from gateway.web.auth.audit_log import printable
 from gateway.web.host import config_file
 from gateway.web.ipc.messages import (
     ChangedOnDiskError,
@@ -98,5 +98,5 @@ def _save(path: Path, wanted: SaveFile, who: Writer) -> FileSaved:
     proposal = profile.propose(loaded.text, wanted.bay, wanted.vision, source=str(path))
     backup = config_file.save(loaded, proposal.text)
     keys = ", ".join(proposal.changes) or "nothing new"
-    log.info("%s: %s of %s saved by %s", path, keys, wanted.bay, shown(str(who)))
+    log.info("%s: %s of %s saved by %s", path, keys, wanted.bay, printable(str(who)))
     return FileSaved(tuple(proposal.changes), str(backup))

@@ -16,7 +16,7 @@ from gateway.web.server.gateway_client import GatewayClient
 
 WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages of now
 SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
-TAKEN_S = 30.0  # a page that has not answered for so long is let go
+ANSWER_S = 30.0  # a page that has not answered for so long is let go
 TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
 MAX_ANSWER = 64  # characters: "next", or whatever else is as short
 
@@ -31,7 +31,7 @@ class ViewerCounts:
     opened: int = 0
     sent: int = 0
     refused: int = 0
-    let_go: int = 0
+    dropped: int = 0
 
 
 @dataclass(slots=True)
@@ -40,8 +40,8 @@ class Live:
 
     client: GatewayClient
     render: Render
-    most: int
-    most_of_one: int  # for one address
+    limit: int
+    limit_per_address: int  # for one address
     urgent: bool = True
     counts: ViewerCounts = field(default_factory=ViewerCounts)
     _open: Counter[str] = field(default_factory=Counter)  # by address
@@ -50,9 +50,9 @@ class Live:
     async def serve(self, page: WebSocket) -> None:
         """Serve one page until it goes. `?bay=` (several; none: all) says what it shows."""
         with contextlib.suppress(WebSocketDisconnect, OSError):  # at any moment, also while it is being closed
-            await self._admit(page)
+            await self._accept(page)
 
-    async def _admit(self, page: WebSocket) -> None:
+    async def _accept(self, page: WebSocket) -> None:
         asked = tuple(dict.fromkeys(page.query_params.getlist("bay")))
         await page.accept()
         if any(bay not in self.client.bays for bay in asked):
@@ -71,7 +71,7 @@ class Live:
             with self.client.watching(*bays, urgent=self.urgent and len(bays) == 1):
                 await self._serve(page, bays)
         except TimeoutError:
-            self.counts.let_go += 1
+            self.counts.dropped += 1
             await page.close(BAD_ANSWER, "no answer")
         finally:
             self.counts.open -= 1
@@ -81,9 +81,9 @@ class Live:
 
     def _full(self, address: str) -> str | None:
         """The key of the limit that is reached; None: one more may come from there."""
-        if self.counts.open >= self.most:
+        if self.counts.open >= self.limit:
             return "hmi.max_viewers"
-        return "hmi.viewers_per_address" if self._open[address] >= self.most_of_one else None
+        return "hmi.viewers_per_address" if self._open[address] >= self.limit_per_address else None
 
     async def _serve(self, page: WebSocket, bays: tuple[str, ...]) -> None:
         number = 0
@@ -91,7 +91,7 @@ class Live:
             number = await self.client.next(number, WAIT_S)
             await page.send_text(self._rendered(bays))
             self.counts.sent += 1
-            async with asyncio.timeout(TAKEN_S):
+            async with asyncio.timeout(ANSWER_S):
                 message = await page.receive()
             if message["type"] == "websocket.disconnect":
                 raise WebSocketDisconnect(message.get("code", 1005))

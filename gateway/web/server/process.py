@@ -17,7 +17,7 @@ from gateway.net.tls import ReloadingContext, TlsFiles
 from gateway.processes import sandbox
 from gateway.processes.channel import Link
 from gateway.web.auth import slow_clients
-from gateway.web.auth.audit_log import CAUTION, AuditRecord
+from gateway.web.auth.audit_log import WARNINGS, AuditRecord
 from gateway.web.auth.logins import Logins
 from gateway.web.ipc.messages import TO_WEB, FromWeb, ToWeb, WebSetup
 from gateway.web.server.app import app
@@ -76,4 +76,4 @@ async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
 
 
 def _log(record: AuditRecord) -> None:
-    log.log(logging.WARNING if record.kind in CAUTION else logging.INFO, "hmi: %s", record)
+    log.log(logging.WARNING if record.kind in WARNINGS else logging.INFO, "hmi: %s", record)

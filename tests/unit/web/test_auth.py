@@ -331,8 +331,8 @@ async def test_a_stranger_who_guesses_does_not_lock_the_technician_out() -> None
     technician = Browser(built)
     await technician.login("tom")
     for n in range(100):
-        stranger = Browser(built, address=f"10.1.0.{n}")
-        await stranger.login("tom", f"guess {n:04}")
+        anonymous = Browser(built, address=f"10.1.0.{n}")
+        await anonymous.login("tom", f"guess {n:04}")
     assert (await Browser(built, address="10.1.0.200").login("tom")).status == 429
     assert (await technician.login("tom")).status == 200
 

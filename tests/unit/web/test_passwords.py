@@ -78,7 +78,7 @@ def test_one_letter_typed_in_two_ways_is_the_same_password() -> None:
 def test_a_stranger_costs_the_same_work(users: tuple[HmiUser, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """Counted, not timed: the hash that is checked for a stranger asks for the same memory and passes."""
     seen: list[str] = []
-    real = passwords._fits
+    real = passwords._matches
 
     def fits(known: str, password: str) -> bool:
         seen.append(known)
@@ -93,7 +93,7 @@ def test_a_stranger_costs_the_same_work(users: tuple[HmiUser, ...], monkeypatch:
 
 def test_the_dearest_hash_sets_what_a_stranger_costs() -> None:
     dear = HmiUser(name="dear", password_hash=HASH.replace("m=19456,t=1", "m=20000,t=3"))
-    assert passwords._decoy([HASH, dear.password_hash]).split("$")[3] == "m=20000,t=3,p=1"
+    assert passwords._dummy_hash([HASH, dear.password_hash]).split("$")[3] == "m=20000,t=3,p=1"
 
 
 def test_the_event_loop_goes_on_and_a_crowd_is_turned_away() -> None:

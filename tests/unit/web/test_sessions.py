@@ -75,11 +75,11 @@ def test_idle_and_absolute_time(seen_h: list[float], asked_h: float, goes_on: bo
 def test_how_long_is_left() -> None:
     book = sessions()
     identity, session = book.open("anna", Level.VIEWER, HOUR)
-    assert book.left_ns(session, HOUR) == 12 * HOUR
-    assert book.left_ns(session, 14 * HOUR) == 0
+    assert book.remaining_ns(session, HOUR) == 12 * HOUR
+    assert book.remaining_ns(session, 14 * HOUR) == 0
     again = book.find(identity, HOUR + 1)
     assert again is not None
-    assert book.left_ns(again, HOUR + 1) == 12 * HOUR - 1  # being seen does not make it longer
+    assert book.remaining_ns(again, HOUR + 1) == 12 * HOUR - 1  # being seen does not make it longer
 
 
 def test_one_user_has_so_many_and_the_one_seen_longest_ago_goes() -> None:
@@ -127,7 +127,7 @@ def test_never_more_than_allowed_and_each_end_is_told_once(steps: list[tuple[str
             book.find(made[which % len(made)][0], now_ns)
         else:
             book.close(made[which % len(made)][1])
-    book.sweep(now_ns)
+    book.remove_expired(now_ns)
     alive = [key for identity, key in made if book.find(identity, now_ns) is not None]
     assert len(alive) == len(book)
     assert len(ended) == len(set(ended))

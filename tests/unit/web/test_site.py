@@ -80,8 +80,8 @@ async def test_every_address_is_closed_to_those_it_is_not_for() -> None:
     async with site() as real:
         addresses = real.addresses()
         assert sorted(real.routes()) == sorted((rule.method, rule.path) for rule in app.RULES)
-        stranger, viewer = Browser(real), Browser(real, address="10.0.0.8")
-        stranger.csrf = (await stranger.get("/api/session")).json["csrf"]
+        anonymous, viewer = Browser(real), Browser(real, address="10.0.0.8")
+        anonymous.csrf = (await anonymous.get("/api/session")).json["csrf"]
         await viewer.login("vera")
         tried = 0
         for method, path in addresses:
@@ -89,7 +89,7 @@ async def test_every_address_is_closed_to_those_it_is_not_for() -> None:
             assert rule is not None, f"{method} {path} has no row"
             if rule.least > Level.OPEN:
                 expected = 303 if rule.page else 401
-                assert (method, path, await status(stranger, method, path)) == (method, path, expected)
+                assert (method, path, await status(anonymous, method, path)) == (method, path, expected)
             if rule.least is Level.TECHNICIAN:
                 tried += 1
                 expected = 303 if rule.page else 403

@@ -155,7 +155,7 @@ PARTS: tuple[Family, ...] = (
     _viewers("views_opened", "counter", "live pages opened", lambda c: c.opened),
     _viewers("views_sent", "counter", "texts sent to live pages", lambda c: c.sent),
     _viewers("views_refused", "counter", "live pages refused: too many", lambda c: c.refused),
-    _viewers("views_let_go", "counter", "live pages that did not answer", lambda c: c.let_go),
+    _viewers("views_let_go", "counter", "live pages that did not answer", lambda c: c.dropped),
     _whole("pictures_encoded", "counter", "JPEGs made for the pages", lambda k: k.pages.pictures_encoded),
     _whole("page_events_missed", "counter", "events that did not reach the web process",
            lambda k: k.client.events_missed),
