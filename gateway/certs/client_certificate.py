@@ -1,4 +1,4 @@
-"""What a client's certificate says: its role, its subject and how long it is valid; and which ones are revoked. Pure.
+"""The contents of a client's certificate: role, subject and validity; and which certificates are revoked. Pure.
 
 The role is the one of Modbus/TCP Security (MB-TCP-Security v36, 8.4): one UTF8String in an extension.
 """
@@ -34,7 +34,7 @@ def validity_of(certificate: x509.Certificate) -> Validity:
 
 
 def subject_of(certificate: x509.Certificate) -> str:
-    """The common name, for people; the whole subject where there is none."""
+    """The common name, for people; the full subject where there is none."""
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return printable(str(names[0].value) if names else certificate.subject.rfc4514_string())
 

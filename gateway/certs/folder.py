@@ -1,7 +1,7 @@
 """The authority's folder: `ca.pem`, `ca.key`, `crl.pem`, and NAME.pem with NAME.key for each it has signed.
 
 Keys are written with permissions 0600 before anything is in them. Nothing is overwritten but by `renew` and `revoke`,
-which replace a file whole or not at all.
+which replace a file completely or not at all.
 """
 
 import os

@@ -77,7 +77,7 @@ def renewed(by: Authority, old: x509.Certificate, key: Key, now: datetime, days:
 def revocations(
     by: Authority, old: x509.CertificateRevocationList | None, serial: int | None, now: datetime, days: int
 ) -> x509.CertificateRevocationList:
-    """The list of certificates taken back: what `old` has, and `serial`."""
+    """The revocation list: what `old` has, and `serial`."""
     builder = (
         x509.CertificateRevocationListBuilder()
         .issuer_name(by.certificate.subject)

@@ -9,7 +9,7 @@ must hold.
   gateway certs client hmi1 --dir certs --role viewer   a client that may only read
   gateway certs list --dir certs                    what there is, its role, and how long it is good
   gateway certs renew plc1 --dir certs              the same again, good for longer, with the same key
-  gateway certs revoke hmi1 --dir certs             take one back: certs/crl.pem, for modbus.tls.crl
+  gateway certs revoke hmi1 --dir certs             revoke one: certs/crl.pem, for modbus.tls.crl
 
 Nothing is overwritten but by renew and revoke. ca.key signs for everybody: keep it off the gateway, in a safe place.
 """
@@ -35,8 +35,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds this verb's arguments."""
     acts = parser.add_subparsers(dest="act", metavar="ACT", required=True)
 
-    def act(name: str, said: str, *, days: int | None = None, folder: bool = True) -> argparse.ArgumentParser:
-        made = acts.add_parser(name, help=said, description=said)
+    def act(name: str, summary: str, *, days: int | None = None, folder: bool = True) -> argparse.ArgumentParser:
+        made = acts.add_parser(name, help=summary, description=summary)
         if folder:
             made.add_argument("--dir", type=Path, default=Path("certs"), metavar="DIR", help="the authority's folder")
         if days is not None:
@@ -57,13 +57,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for made in (init, server, client):
         made.add_argument("--rsa", action="store_true", help="an RSA key instead of ECDSA P-256, for old equipment")
     act("list", "show every certificate with its role and its end")
-    for name, said in (("renew", "make the same certificate again, good for longer"), ("revoke", "take one back")):
-        made = act(name, said, days=DAYS if name == "renew" else CA_DAYS)
+    for name, summary in (("renew", "make the same certificate again, valid for longer"), ("revoke", "revoke one")):
+        made = act(name, summary, days=DAYS if name == "renew" else CA_DAYS)
         made.add_argument("name", metavar="NAME", help="as the file is called, without .pem")
 
 
 def main(args: argparse.Namespace) -> int:
-    """Writes files, and says on stdout what to copy where."""
+    """Writes files, and prints what to copy where."""
     from datetime import UTC, datetime
 
     from gateway.certs.folder import Folder
@@ -170,7 +170,7 @@ def _revoke(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
 
     by, found = folder.authority(), folder.certificate(args.name)
     folder.replace_crl(issue.revocations(by, folder.crl(), found.serial_number, now, args.days))
-    print(f"{args.name}: taken back. Copy {folder.crl_path} to the gateway (modbus.tls.crl)")
+    print(f"{args.name}: revoked. Copy {folder.crl_path} to the gateway (modbus.tls.crl)")
     return 0
 
 

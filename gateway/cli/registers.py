@@ -76,7 +76,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Prints to stdout, or writes files and says which."""
+    """Prints to stdout, or writes files and names them."""
     from gateway.modbus.exports import tables
     from gateway.modbus.exports.registry import export
 
@@ -91,7 +91,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _targets(args: argparse.Namespace) -> "tuple[Target, ...]":
-    """One target a --bay. ConfigError for what no PLC could be given, or could not tell apart."""
+    """One target a --bay. ConfigError for what no PLC could use, and for two that are alike."""
     from gateway.modbus.exports.target import Target, distinct
 
     targets = []

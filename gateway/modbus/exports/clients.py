@@ -1,8 +1,8 @@
 """Finished programs that poll and write by themselves: TwinCAT's Modbus TCP blocks, CODESYS' library ModbusFB. Pure.
 
 Both work a bay through the same stages: read, take the words over if that went well, write if the gateway takes writes,
-pause. What was received is copied whole, so that the function block never sees half of it, and a failed write does not
-take the outputs away: the gateway says by itself that it misses the PLC.
+pause. What was received is copied in one statement, so that the function block never sees half of it. A failed write
+does not take the outputs away: the gateway itself reports that the PLC is lost.
 """
 
 import re
@@ -77,7 +77,7 @@ _CODESYS += _AFTER_THE_READ.replace("GOOD", "{name}_Read.xDone").replace(
 
 
 def twincat(targets: tuple[Target, ...]) -> Pou:
-    """On the library Tc2_ModbusSrv, which comes with TF6250."""
+    """On the library Tc2_ModbusSrv, part of TF6250."""
     return _program(
         targets,
         _TWINCAT,

@@ -1,6 +1,6 @@
 """The checks that every generated PLC program makes before it believes an image. Pure; one table for both outputs.
 
-An image says at most one of two things: the truck may move (`may_move`), or it stands in place (`in_place`). A check
+An image names at most one of two outputs: the truck may move (`may_move`), or it stands in place (`in_place`). A check
 names the outputs that it can take away (`needs`); the first that fails is the diagnosis. The checks of SOUND are made
 first: only an image that passes them is looked at, and only there does a heartbeat count.
 
@@ -174,7 +174,7 @@ VALUES: tuple[Check, ...] = (
 )
 
 CHECKS: tuple[Check, ...] = (*SOUND, *ALIVE, *VALUES)
-"""In the order in which they are made. From FIRST_ALIVE on the gateway lives, and what its image says is handed on."""
+"""In the order in which they are made. From FIRST_ALIVE on the gateway is alive, and its image is handed on."""
 FIRST_ALIVE = min(int(check.diagnosis) for check in VALUES)
 
 MEANING: dict[int, tuple[str, str]] = {

@@ -15,7 +15,7 @@ FieldKind = Literal["UINT", "INT", "UDINT", "REAL", "BOOL"]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One member of the PLC's structure. `part` says what of its register it shows."""
+    """One member of the PLC's structure. `part`: which part of its register it shows."""
 
     name: str
     kind: FieldKind

@@ -1,7 +1,7 @@
 """Ignition 8.1 tag import (Tag Browser, Import Tags): a folder for the bay with a tag for every register and bit.
 
 Addresses are of Ignition's own Modbus driver, one-based as it is set by default: HRUS4 is register 3. A register that
-may hold no value is read into the folder `raw` as it stands; the tag of its name is an expression that then has bad
+may hold no value is read into the folder `raw` unchanged; the tag of its name is an expression that then has bad
 quality and no value. Pure.
 """
 

@@ -2,9 +2,9 @@
 
 Six-digit addresses of holding registers: 400001 is register 0, as in the driver's own setting of zero-based addressing.
 
-The driver can scale a number but not tell one that means "no value" from the others. So an integer that may hold none
-is not scaled: it comes as `NAME_raw`, in counts and without a unit, and nobody takes 65535 for a distance. What people
-look at are the float mirrors, whose NaN is no number for any client, given that the channel's "Non-Normalized Float
+The driver can scale a number but not recognise the one that means "no value". So an integer that may hold none
+is not scaled: it is exported as `NAME_raw`, in counts and without a unit, and nobody takes 65535 for a distance. For
+people there are the float mirrors, whose NaN is no number for any client, if the channel's "Non-Normalized Float
 Handling" is set to "Unmodified": by default the driver makes 0.0 of it.
 """
 
@@ -75,7 +75,7 @@ def _rows(register: Register, target: Target) -> list[Row]:
 
 
 def _said(register: Register, *, counted: bool) -> str:
-    """The meaning, what an unscaled register counts, and what says that it holds no value."""
+    """The meaning, what an unscaled register counts, and the number that means no value."""
     word = register.kind.no_value
     if word is None:
         return describe(register)

@@ -127,12 +127,12 @@ END_IF;
 
 
 def body(target: Target) -> str:
-    """The whole function block: decode, checks, heartbeat, outputs, triggered measurement, what is written."""
+    """The body of the function block: decode, checks, heartbeat, outputs, triggered measurement, what is written."""
     return f"{decode(target)}\n{logic()}"
 
 
 def logic() -> str:
-    """All that comes after the decoding: the same in every language of IEC 61131-3 and at Rockwell."""
+    """All after the decoding: the same in every language of IEC 61131-3 and at Rockwell."""
     outputs = _OUTPUTS.format(first_alive=FIRST_ALIVE, nothing=indented(nothing()))
     trigger = _TRIGGER.format(limit=f"T#{STEP_TIMEOUT_MS}ms")
     return "\n".join((judgement(), outputs, trigger, _requests()))

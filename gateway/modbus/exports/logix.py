@@ -1,7 +1,7 @@
 """The function block's body in Rockwell's structured text, for an Add-On Instruction. Pure.
 
 Logix has signed numbers only, no functions and no TRUE: words are masked into DINT, floats are copied bit by bit (COP,
-low word first, as Logix keeps them), a BOOL is set to 1 or 0. All that comes after the decoding is the common logic,
+low word first, as Logix keeps them), a BOOL is set to 1 or 0. All after the decoding is the common logic,
 translated statement by statement.
 """
 
@@ -28,8 +28,8 @@ def body(target: Target) -> str:
 def off() -> str:
     """What runs while the instruction's rung is false, and when the controller starts: everything reads as dead.
 
-    Else outputs, Data and memory would stand as they were. Of what is written only "truck present" stays: taken back,
-    it would say that the truck has left.
+    Otherwise outputs, Data and memory would keep their values. Of what is written only "truck present" stays:
+    cleared, it would mean that the truck has left.
     """
     reason = dict(dead_fields())["reason"]
     started = {"MustStop": "1", "Alive": "0", "Diagnostic": f"{int(Diagnosis.POLL_FAILED)}", "Reason": reason}

@@ -1,7 +1,7 @@
 """A Node-RED flow: modbus-read polls the block, a function node judges and decodes it, debug nodes show it. Pure.
 
-Needs the palette node-red-contrib-modbus. A ticking inject node lets the function notice that answers stay away. What
-is to be asked of the gateway comes as a message of topic "command"; it is written while the gateway takes writes.
+Needs the palette node-red-contrib-modbus. A ticking inject node lets the function notice that answers stay away.
+Requests to the gateway are messages of topic "command"; they are written while the gateway accepts writes.
 """
 
 import json

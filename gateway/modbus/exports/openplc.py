@@ -1,8 +1,8 @@
 """OpenPLC Runtime 3: a program and the list of slave devices, both to upload. Pure.
 
 OpenPLC copies what it reads from slave devices into the input image, one device after the other from %IW100 on, and
-what it writes to them from %QW100 on. It tells a program nothing about failed polls, so the heartbeat alone says
-whether the link lives.
+what it writes to them from %QW100 on. It does not report failed polls to a program, so the heartbeat alone shows
+whether the link works.
 
 %QX0.0 stays unused: it was the output of an earlier export that was on while the truck may move, and whatever is still
 wired to it must not find another meaning there.

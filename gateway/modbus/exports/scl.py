@@ -180,7 +180,7 @@ END_DATA_BLOCK
 
 
 def _bay(target: Target) -> str:
-    """Read; then write, if the gateway takes writes; then pause. REQ stands until the job has ended."""
+    """Read; then write, if the gateway takes writes; then pause. REQ stays TRUE until the job has ended."""
     bay, buffers = target.instance, f'"{BUFFERS}".{target.instance}'
     read = _request(bay, "REQ := #{bay}_Stage = 1", 103, 0, BLOCK_WORDS, f"{buffers}_Words", buffers)
     write = _request(bay, "REQ := TRUE", 116, FIRST_WRITTEN, len(WRITTEN), f"{buffers}_Write", buffers)

@@ -132,7 +132,7 @@ def declaration(unit: Pou) -> str:
 
 
 def text(unit: Pou) -> str:
-    """The whole unit."""
+    """The complete unit."""
     return f"{declaration(unit)}{unit.body}END_{unit.kind}\n"
 
 
@@ -166,7 +166,7 @@ def declarations(targets: tuple[Target, ...]) -> str:
 
 
 def about(targets: tuple[Target, ...]) -> str:
-    """What every program of this kind says of itself: which gateway, what to poll, what the outputs are for."""
+    """The head of every program of this kind: which gateway, what to poll, what the outputs are for."""
     first = targets[0]
     bays = "\n".join(
         f"     {target.bay}: {target.host}, port {target.port}, unit id {target.unit_id}" for target in targets

@@ -53,7 +53,7 @@ class Target:
 
 
 def distinct(targets: tuple[Target, ...]) -> tuple[Target, ...]:
-    """The same targets. Raises ConfigError where two of them can't be told apart by name or by unit id."""
+    """The same targets. Raises ConfigError where two of them have the same name or unit id."""
     for what, of in (("name", [t.instance.lower() for t in targets]), ("unit id", [str(t.unit_id) for t in targets])):
         if len(set(of)) != len(of):
             raise ConfigError(f"--bay: two bays have the same {what}: {', '.join(of)}")

@@ -1,1 +1,1 @@
-"""The Modbus application protocol, sans-IO: bytes in, whole frames and answers out. Pure."""
+"""The Modbus application protocol, sans-IO: bytes in, complete frames and answers out. Pure."""

@@ -53,7 +53,7 @@ EXCEPTION_MEANING: dict[ModbusException, str] = {
 
 
 class Framer:
-    """The byte stream of one connection: `feed` what comes, take `next` until it gives None."""
+    """The byte stream of one connection: `feed` the bytes received, take `next` until it returns None."""
 
     def __init__(self) -> None:
         self._bytes = b""

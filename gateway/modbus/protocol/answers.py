@@ -1,8 +1,8 @@
-"""One Modbus request in, one answer out: the whole behaviour of a unit as a pure function of bytes.
+"""One Modbus request in, one answer out: the complete behaviour of a unit as a pure function of bytes.
 
 A PDU is the function code and what belongs to it, without the header of the transport. The order of the checks is the
 one of the state diagrams in the Modbus Application Protocol V1.1b3, chapter 6: function code (01), structure and
-quantity (03), address range (02), then the work itself (04, or what `Unit.write` says).
+quantity (03), address range (02), then the work itself (04, or the result of `Unit.write`).
 
 Nothing here waits, and the image is taken once per request: an answer can't be torn. FC 23 writes first and takes the
 image afterwards, so that it reads what it wrote.
@@ -51,7 +51,7 @@ class Peer:
 
 
 ReadImage = Callable[[], Sequence[int]]
-"""The whole current image of a unit, words 0..65535. Called for every request, on the event loop; returns at once."""
+"""The current image of a unit, words 0..65535. Called for every request, on the event loop; returns at once."""
 
 
 class Write(Protocol):
@@ -70,8 +70,8 @@ class Unit:
     read: ReadImage
     write: Write | None = None
     identity: Mapping[int, bytes] = field(default_factory=identity.objects)  # FC 43/14, by object id
-    refused: Callable[[Peer, str], None] | None = None  # told of writes that the peer may not make, for the audit
-    connection: Callable[[Peer, bool], None] | None = None  # told of the first (True) and last of one who may write
+    refused: Callable[[Peer, str], None] | None = None  # called for writes that the peer may not make, for the audit
+    connection: Callable[[Peer, bool], None] | None = None  # called for a writer's first (True) and last
 
 
 class RefusedError(Exception):
@@ -140,8 +140,8 @@ def _write_coil(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
 def _write_coils(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     _check(len(pdu) >= 6, ModbusException.ILLEGAL_VALUE)
     address, count, size = struct.unpack_from(">HHB", pdu, 1)
-    told = 1 <= count <= MAX_WRITE_BITS and size == (count + 7) // 8 and len(pdu) == 6 + size
-    _check(told, ModbusException.ILLEGAL_VALUE)
+    valid = 1 <= count <= MAX_WRITE_BITS and size == (count + 7) // 8 and len(pdu) == 6 + size
+    _check(valid, ModbusException.ILLEGAL_VALUE)
     _write_bits(unit, address, count, int.from_bytes(pdu[6:], "little"), peer)
     return pdu[:5]
 
@@ -174,10 +174,10 @@ def _encapsulated(unit: Unit, pdu: bytes, _: Peer) -> bytes:
     _check(len(pdu) >= 2, ModbusException.ILLEGAL_VALUE)
     _check(pdu[1] == READ_DEVICE_IDENTIFICATION, ModbusException.ILLEGAL_FUNCTION)
     _check(len(pdu) == 4, ModbusException.ILLEGAL_VALUE)
-    told = identity.answer(unit.identity, pdu[2], pdu[3])
-    if isinstance(told, ModbusException):
-        raise RefusedError(told)
-    return pdu[:2] + told
+    found = identity.answer(unit.identity, pdu[2], pdu[3])
+    if isinstance(found, ModbusException):
+        raise RefusedError(found)
+    return pdu[:2] + found
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +213,8 @@ FUNCTIONS: dict[int, Function] = {
 }
 
 
-def _check(fine: bool, otherwise: ModbusException) -> None:
-    if not fine:
+def _check(valid: bool, otherwise: ModbusException) -> None:
+    if not valid:
         raise RefusedError(otherwise)
 
 
@@ -228,8 +228,8 @@ def _words_in(pdu: bytes, start: int, most: int) -> tuple[int, int, tuple[int, .
     """Address, count and the words of `address, count, byte count, words` from `start` to the end of the PDU."""
     _check(len(pdu) >= start + 5, ModbusException.ILLEGAL_VALUE)
     address, count, size = struct.unpack_from(">HHB", pdu, start)
-    told = 1 <= count <= most and size == 2 * count and len(pdu) == start + 5 + size
-    _check(told, ModbusException.ILLEGAL_VALUE)
+    valid = 1 <= count <= most and size == 2 * count and len(pdu) == start + 5 + size
+    _check(valid, ModbusException.ILLEGAL_VALUE)
     return address, count, struct.unpack_from(f">{count}H", pdu, start + 5)
 
 
@@ -251,7 +251,7 @@ def _write_bits(unit: Unit, address: int, count: int, bits: int, peer: Peer) -> 
 
 
 def _write(unit: Unit, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> None:
-    assert unit.write is not None  # `answer` looked
+    assert unit.write is not None  # `answer` has checked it
     _check(address + len(words) <= len(unit.read()), ModbusException.ILLEGAL_ADDRESS)
     if (refusal := unit.write(address, words, peer, mask)) is not None:
         raise RefusedError(refusal)

@@ -1,7 +1,7 @@
-"""Who this is: FC 43/14, read device identification, and FC 17, report server ID. Pure.
+"""Identification: FC 43/14, read device identification, and FC 17, report server ID. Pure.
 
 Modbus Application Protocol V1.1b3, 6.21 and 6.13. Objects 0 to 2 are basic, 3 to 0x7F regular, 0x80 to 0xFF the
-product's own. A list that is too long for one answer says so (more follows) and names the object to ask for next.
+product's own. An answer that is too short for the list says so (more follows) and names the next object.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ MAX_OBJECT_BYTES = ROOM - 2
 MORE_FOLLOWS = 0xFF
 LAST_OF_LEVEL = {1: 0x02, 2: 0x7F, 3: 0xFF}  # read device id code -> its highest object id
 INDIVIDUAL = 4
-INDIVIDUAL_TOO = 0x80  # flag in the conformity level: single objects can be asked for, too
+INDIVIDUAL_TOO = 0x80  # flag in the conformity level: single objects can be read, too
 
 
 SERVER_ID = 1
@@ -34,31 +34,31 @@ class ObjectId(IntEnum):
 
 
 def objects(bay: str = "") -> dict[int, bytes]:
-    """What this product says of itself; `bay` tells its units apart (object 6), "" leaves that out."""
-    said = {
+    """The identification of this product; `bay` distinguishes its units (object 6), "" leaves that out."""
+    texts = {
         ObjectId.VENDOR_NAME: "plc-loading-gateway",
         ObjectId.PRODUCT_CODE: "plc-loading-gateway",
         ObjectId.MAJOR_MINOR_REVISION: __version__,
         ObjectId.PRODUCT_NAME: "PLC integration gateway for bulk loading",
         ObjectId.USER_APPLICATION_NAME: bay,
     }
-    return {int(key): text.encode("ascii") for key, text in said.items() if text}
+    return {int(key): text.encode("ascii") for key, text in texts.items() if text}
 
 
-def answer(told: Mapping[int, bytes], code: int, first: int) -> bytes | ModbusException:
+def answer(known: Mapping[int, bytes], code: int, first: int) -> bytes | ModbusException:
     """What follows `2B 0E` in the answer to read device id code `code` from object `first` on, or why there is none.
 
-    `told`: object id (0..255) -> at most MAX_OBJECT_BYTES bytes; must hold the three basic objects.
+    `known`: object id (0..255) -> at most MAX_OBJECT_BYTES bytes; must hold the three basic objects.
     """
-    level = 3 if max(told) > 0x7F else 2 if max(told) > 0x02 else 1
+    level = 3 if max(known) > 0x7F else 2 if max(known) > 0x02 else 1
     if code == INDIVIDUAL:
-        if first not in told:
+        if first not in known:
             return ModbusException.ILLEGAL_ADDRESS
-        return _part(code, level, {first: told[first]}, 0)
+        return _part(code, level, {first: known[first]}, 0)
     if code not in LAST_OF_LEVEL:
         return ModbusException.ILLEGAL_VALUE
-    wanted = {key: told[key] for key in sorted(told) if key <= LAST_OF_LEVEL[code]}
-    start = first if first in wanted else 0  # an unknown object: from the beginning, says the specification
+    wanted = {key: known[key] for key in sorted(known) if key <= LAST_OF_LEVEL[code]}
+    start = first if first in wanted else 0  # an unknown object: from the beginning, by the specification
     part: dict[int, bytes] = {}
     used = 0
     for key, text in wanted.items():
@@ -71,11 +71,11 @@ def answer(told: Mapping[int, bytes], code: int, first: int) -> bytes | ModbusEx
     return _part(code, level, part, 0)
 
 
-def report(told: Mapping[int, bytes], *, running: bool) -> bytes:
+def report(known: Mapping[int, bytes], *, running: bool) -> bytes:
     """What follows the function code in the answer to FC 17: byte count, server id, run indicator, then in words the
     product, its version and its bay."""
     names = (ObjectId.PRODUCT_CODE, ObjectId.MAJOR_MINOR_REVISION, ObjectId.USER_APPLICATION_NAME)
-    text = b" ".join(told[name] for name in names if name in told)[:MAX_REPORT_BYTES]
+    text = b" ".join(known[name] for name in names if name in known)[:MAX_REPORT_BYTES]
     return bytes((2 + len(text), SERVER_ID, RUNNING if running else NOT_RUNNING)) + text
 
 

@@ -1,7 +1,7 @@
 """Complete frames in, complete frames out: finds the unit, answers, keeps answers as long as their image. Pure.
 
-A PLC asks the same question again and again, far more often than the image changes. So the answer to a read is kept,
-bytes and all, until the unit shows another image. Whether it does is asked at every request: nothing old is ever shown.
+A PLC repeats the same request far more often than the image changes. So the answer to a read is kept,
+bytes and all, until the unit shows another image. That is checked at every request: nothing old is ever shown.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ READ_FRAME_BYTES = 12
 READ_FRAME_HEAD = b"\x00\x00\x00\x06"  # protocol id and length of every FC 1 to 4 request that is well formed
 LAST_READ = 4
 FAILED = 0x80  # in the function code of an answer
-DEVICE_IDS = (0, 255)  # "the device itself", says the guide (4.4.2.1): the only bay, where there is but one
+DEVICE_IDS = (0, 255)  # "the device itself" in the guide (4.4.2.1): the only bay, where there is but one
 BROADCAST = 0  # on a serial line; nothing is written under it
 
 
@@ -23,13 +23,13 @@ BROADCAST = 0  # on a serial line; nothing is written under it
 class RequestStats:
     """Counters since the handler was made."""
 
-    requests: int = 0  # whole frames with protocol id 0
+    requests: int = 0  # complete frames with protocol id 0
     exceptions: int = 0  # of them, answered with a Modbus exception, whatever the reason
     image_faults: int = 0  # of these, because an image could not be had or was no image (exception 04)
 
 
 class RequestHandler:
-    """`units`: unit id (1..247) -> Unit. `on_fault` is told what went wrong where a unit fails at a request."""
+    """`units`: unit id (1..247) -> Unit. `on_fault` is called with the error of a unit that fails at a request."""
 
     def __init__(self, units: Mapping[int, Unit], stats: RequestStats, on_fault: Callable[[Exception], None]) -> None:
         self._units = {unit_id: _UnitAnswers(unit) for unit_id, unit in units.items()}
@@ -40,7 +40,7 @@ class RequestHandler:
         self._on_fault = on_fault
 
     def answer(self, frame: bytes, peer: Peer) -> bytes:
-        """The frame that answers `frame`, which is whole and has protocol id 0. Never raises."""
+        """The frame that answers `frame`, which is complete and has protocol id 0. Never raises."""
         self._stats.requests += 1
         kept = self._units.get(frame[6])
         if frame[6] == BROADCAST and self._broadcast(frame[7], peer):
@@ -60,7 +60,7 @@ class RequestHandler:
                 kept.keep(rest, pdu)
             else:
                 pdu = answer(kept.unit, frame[7:], peer)
-        except Exception as error:  # noqa: BLE001 - whatever a unit's own code raises: the PLC must be told, by a 04
+        except Exception as error:  # noqa: BLE001 - whatever a unit's own code raises: the PLC must get an 04
             self._stats.image_faults += 1
             self._on_fault(error)
             return self._refused(frame, ModbusException.DEVICE_FAILURE)
@@ -69,7 +69,7 @@ class RequestHandler:
         return _framed(frame, pdu)
 
     def _broadcast(self, function_code: int, peer: Peer) -> bool:
-        """Is it a write to everybody? Then every bay tells of it."""
+        """Is it a broadcast write? Then every bay reports it."""
         function = FUNCTIONS.get(function_code)
         if function is None or not function.writes:
             return False

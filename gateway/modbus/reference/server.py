@@ -44,10 +44,10 @@ def bit_table() -> str:
 
 
 def identity() -> str:
-    told = objects("SITE/BAY")
+    known = objects("SITE/BAY")
     return _table(
         ("object", "name", "value"),
-        ((str(key.value), key.name.lower().replace("_", " "), told[key].decode()) for key in ObjectId if key in told),
+        ((str(key.value), key.name.lower().replace("_", " "), known[key].decode()) for key in ObjectId if key in known),
     )
 
 

@@ -21,7 +21,7 @@ from gateway.modbus.reference.timing_diagrams import (
     PLC_SIDE,
     T0,
     Image,
-    Story,
+    SignalSequence,
     control,
     played,
     svg,
@@ -37,7 +37,7 @@ FAR_MM, MARK_MM, CREPT_MM = 900.0, 280.0, 350.0
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What both sensors see for `for_ms`. None: no reading comes. `z_mm` and `to_mm`: where the truck is and goes."""
+    """What both sensors see for `for_ms`. None: no reading. `z_mm` and `to_mm`: where the truck is and goes."""
 
     for_ms: int
     z_mm: float = MARK_MM
@@ -49,7 +49,7 @@ class Scene:
     plc: bool = True
 
     def readings(self, at_ms: int, now_ns: int) -> tuple[VisionReading | RangeReading, ...]:
-        """What comes from the sensors `at_ms` after the scene's begin; the camera's first."""
+        """The readings `at_ms` after the scene's begin; the camera's first."""
         goal = self.z_mm if self.to_mm is None else self.to_mm
         z_mm = self.z_mm + (goal - self.z_mm) * min(1.0, at_ms / self.for_ms)
         circle = Circle(320.0, 240.0, R_TIMES_Z / (self.r_mm or z_mm)) if self.vision is Quality.GOOD else None
@@ -166,7 +166,7 @@ def figures() -> dict[str, str]:
         return VISIT[n].readings(max(0, now_ms) - starts[n], now_ns)
 
     writes = {start: scene.control for start, scene in zip(starts, VISIT, strict=True)}
-    story = Story(
+    story = SignalSequence(
         "One visit: the truck comes, stands in place, is loaded while the spout covers the marker, is released, leaves",
         starts[-1] + VISIT[-1].for_ms,
         {},

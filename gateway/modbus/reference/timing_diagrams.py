@@ -1,6 +1,6 @@
-"""Timing diagrams for the PLC's pages, played by the gateway's own state machine: nobody draws them by hand.
+"""Timing diagrams for the PLC's pages, played by the gateway's own state machine: none is drawn by hand.
 
-Each is a little story (what the sensors see and what the PLC writes, at which millisecond) run through
+Each is a short sequence (what the sensors see and what the PLC writes, at which millisecond) run through
 gateway/core/interlock.py; the signals that come out are drawn as SVG. Pure.
 """
 
@@ -33,7 +33,7 @@ Seen = Callable[[int, int], tuple[Observation, ...]]
 
 
 @dataclass(frozen=True)
-class Story:
+class SignalSequence:
     """`writes`: from that millisecond on. `seen`: what both sensors say at a time, ms and ns; before 0 as at 0.
 
     Signals: name -> (whose, value). `grid_ms`: between two lines; every second one has its number, in `unit_ms`.
@@ -77,7 +77,7 @@ def word(name: str) -> Signal:
 
 
 BIT, PLC_SIDE, NUMBER = "gateway", "plc", "number"
-MEASUREMENT = Story(
+MEASUREMENT = SignalSequence(
     "One triggered measurement, and a trigger that came too early",
     900,
     {},
@@ -96,7 +96,7 @@ MEASUREMENT = Story(
     },
     approach({0: 900.0}),
 )  # fmt: skip
-LATCH = Story(
+LATCH = SignalSequence(
     "A latched stop: a reset while its cause stands is refused, a later one ends it",
     1500,
     {"fusion": {"latch_stop": True}},
@@ -112,7 +112,7 @@ LATCH = Story(
     },
     approach({0: 900.0, 400: 250.0, 1000: 900.0}),
 )
-HEARTBEAT = Story(
+HEARTBEAT = SignalSequence(
     "The PLC's heartbeat stops and comes back (heartbeat_deadline_s = 0.5)",
     1800,
     {"modbus": {"handshake": {"heartbeat_deadline_s": 0.5}}},
@@ -133,28 +133,28 @@ STORIES = {"handshake-measurement": MEASUREMENT, "handshake-latch": LATCH, "hand
 
 def figures() -> dict[str, str]:
     """File name without its ending -> SVG."""
-    return {name: svg(story, played(story)) for name, story in STORIES.items()}
+    return {name: svg(sequence, played(sequence)) for name, sequence in STORIES.items()}
 
 
-def played(story: Story) -> list[Image]:
+def played(sequence: SignalSequence) -> list[Image]:
     """The image after every step."""
-    modbus = {"writes": True, "plc_addresses": [PLC.address]} | story.config.get("modbus", {})
-    config = parse(story.config | {"modbus": modbus})
+    modbus = {"writes": True, "plc_addresses": [PLC.address]} | sequence.config.get("modbus", {})
+    config = parse(sequence.config | {"modbus": modbus})
     rules = Rules.of(config.bays[0], config)
     state = interlock.initial("bay1", T0 - MS, rules)
     images: list[Image] = []
     state = interlock.step(state, PlcWrite(PLC, control=0), T0 - MS, rules)
     beat = 0
-    for now_ms in range(-200, story.until_ms, story.step_ms):
+    for now_ms in range(-200, sequence.until_ms, sequence.step_ms):
         now_ns = T0 + now_ms * MS
         seen: list[Observation] = [Tick()]
-        if now_ms % story.frame_ms == 0:
-            seen.extend(story.seen(now_ms, now_ns))
-        if now_ms % 100 == 0 and not story.silent_ms <= now_ms < story.again_ms:
+        if now_ms % sequence.frame_ms == 0:
+            seen.extend(sequence.seen(now_ms, now_ns))
+        if now_ms % 100 == 0 and not sequence.silent_ms <= now_ms < sequence.again_ms:
             beat += 1
             seen.append(PlcWrite(PLC, heartbeat=beat))
-        if now_ms in story.writes:
-            seen.append(PlcWrite(PLC, control=sum(1 << bit for bit in story.writes[now_ms])))
+        if now_ms in sequence.writes:
+            seen.append(PlcWrite(PLC, control=sum(1 << bit for bit in sequence.writes[now_ms])))
         for observation in seen:
             state = interlock.step(state, observation, now_ns, rules)
         if now_ms >= 0:
@@ -162,27 +162,27 @@ def played(story: Story) -> list[Image]:
     return images
 
 
-def svg(story: Story, images: list[Image]) -> str:
-    height = TOP + ROW * len(story.signals) + 34
-    scale = (WIDTH - LEFT - 20) / story.until_ms
+def svg(sequence: SignalSequence, images: list[Image]) -> str:
+    height = TOP + ROW * len(sequence.signals) + 34
+    scale = (WIDTH - LEFT - 20) / sequence.until_ms
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img">',
-        f"<title>{escape(story.title)}</title><style>{STYLE}</style>",
+        f"<title>{escape(sequence.title)}</title><style>{STYLE}</style>",
         f'<rect width="{WIDTH}" height="{height}" fill="#fff"/>',
     ]
-    foot = TOP + ROW * len(story.signals)
-    for at_ms in range(0, story.until_ms + 1, story.grid_ms):
+    foot = TOP + ROW * len(sequence.signals)
+    for at_ms in range(0, sequence.until_ms + 1, sequence.grid_ms):
         x = LEFT + at_ms * scale
         out.append(f'<path class="g" d="M{x:.1f} {TOP}V{foot}"/>')
-        if at_ms % (2 * story.grid_ms) == 0:
-            said = at_ms // story.unit_ms
-            out.append(f'<text class="t" x="{x:.1f}" y="{foot + 16}" text-anchor="middle">{said}</text>')
-    unit = "ms" if story.unit_ms == 1 else "s"
+        if at_ms % (2 * sequence.grid_ms) == 0:
+            number = at_ms // sequence.unit_ms
+            out.append(f'<text class="t" x="{x:.1f}" y="{foot + 16}" text-anchor="middle">{number}</text>')
+    unit = "ms" if sequence.unit_ms == 1 else "s"
     out.append(f'<text class="t" x="{LEFT - 12}" y="{foot + 16}" text-anchor="end">{unit}</text>')
-    for n, (name, (whose, value)) in enumerate(story.signals.items()):
+    for n, (name, (whose, value)) in enumerate(sequence.signals.items()):
         low, high = TOP + ROW * (n + 1) - 8, TOP + ROW * n + 8
         out.append(f'<text x="{LEFT - 12}" y="{low - 3}" text-anchor="end">{escape(name)}</text>')
-        out.append(_row([value(image) for image in images], scale, low, high, whose, story.step_ms))
+        out.append(_row([value(image) for image in images], scale, low, high, whose, sequence.step_ms))
     return "\n".join([*out, "</svg>"]) + "\n"
 
 

@@ -1,7 +1,7 @@
 """What a register is: its row of the map, its type on the wire, and how its value becomes 16-bit words and back. Pure.
 
 Bytes inside a word are always big-endian (Modbus Application Protocol V1.1b3, 4.2); the order of the words of a longer
-value is not standardised, hence the choice. Nothing wraps by accident: a value too large for its register stands at
+value is not standardised, hence the choice. Nothing wraps by accident: a value too large for its register is
 the register's limit, a value that does not exist is the type's sentinel, and neither can be mistaken for the other.
 """
 
@@ -138,11 +138,11 @@ def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | 
                 return (raw & 0xFFFF,), False
         return pack(kind, value, scale, order)
 
-    whole, parts = _INTEGERS.get(kind.words, (_ONE_FLOAT, _TWO_WORDS))
+    long, parts = _INTEGERS.get(kind.words, (_ONE_FLOAT, _TWO_WORDS))
 
     def whole_words(value: int | float | None) -> Packed:
         if isinstance(value, int) and scale == 1 and 0 <= low <= value <= high:
-            words = parts.unpack(whole.pack(value))
+            words = parts.unpack(long.pack(value))
             return (words if high_first else words[::-1]), False
         return pack(kind, value, scale, order)
 

@@ -1,6 +1,6 @@
 """The register map is data: one table, from which the image, its decoding, docs/registers.md and the exports come.
 
-One block of 100 registers from address 0, the same on function codes 3 and 4, encoded whole from one state. Addresses
+One block of 100 registers from address 0, the same on function codes 3 and 4, encoded from one state. Addresses
 are never renumbered: a new register takes a reserved place and raises MAP_VERSION.
 
 Sequence number: `seq_begin` and `seq_end` carry 2 * StateVector.seq modulo 65536. The odd number in between belongs to
@@ -115,7 +115,7 @@ def _z_vision(state: StateVector, _: int) -> Value:
 
 
 def _tracking(state: StateVector, _: int) -> Value:
-    """No value where no fresh frame stands behind it: what was true of an old one is not told."""
+    """No value without a fresh frame: what was true of an old one is not reported."""
     fresh = state.vision.quality in FRESH_FRAME
     return int(state.vision.tracking) if fresh else None
 
@@ -137,7 +137,7 @@ def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
 
 
 def _status(state: StateVector, _: int) -> Value:
-    """All bits but CLAMPED, which depends on how the other registers came out."""
+    """All bits but CLAMPED, which depends on the other registers."""
     vision, rng = state.vision.quality, state.range.quality
     faults = {
         StatusBit.VISION_FAULT: vision not in VISION_FINE,
@@ -269,7 +269,7 @@ STATUS_ADDRESS = _ADDRESS["status"]
 
 
 def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
-    """The whole image of one state: BLOCK_WORDS words, each 0..65535. Never raises on any numbers.
+    """The image of one state: BLOCK_WORDS words, each 0..65535. Never raises on any numbers.
 
     `unix_ns`: wall time of `state.t_ns`. Equal arguments give equal images.
     """
@@ -309,7 +309,7 @@ def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOr
 
 
 def word_order_of(image: Sequence[int]) -> WordOrder:
-    """Read off `known_u32`. Raises ProtocolError if it stands in neither order: this is no image of ours."""
+    """Read off `known_u32`. Raises ProtocolError if it has neither order: then it is no image of this map."""
     if len(image) != BLOCK_WORDS:
         raise ProtocolError(f"an image has {BLOCK_WORDS} words, not {len(image)}")
     address = _ADDRESS["known_u32"]

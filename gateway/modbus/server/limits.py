@@ -15,11 +15,11 @@ from typing import Protocol
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Access, Peer, Unit
 
-QUIET_S = 5.0  # a connection outside of plc_addresses that was asked nothing for so long makes room for a new one
+QUIET_S = 5.0  # a connection outside of plc_addresses without a request for so long makes room for a new one
 
 
 class Refusal(Enum):
-    """Why a connection was not let in or was ended, or a frame not answered. The value is what the log says."""
+    """Why a connection was refused or closed, or a frame not answered. The value is the text in the log."""
 
     NOT_ALLOWED = "its address is neither in modbus.allow nor in modbus.plc_addresses"
     SHARE = "its address has modbus.connections_per_address open already, and all of them are busy"
