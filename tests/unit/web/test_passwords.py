@@ -84,7 +84,7 @@ def test_a_stranger_costs_the_same_work(users: tuple[HmiUser, ...], monkeypatch:
         seen.append(known)
         return real(known, password)
 
-    monkeypatch.setattr(passwords, "_fits", fits)
+    monkeypatch.setattr(passwords, "_matches", fits)
     assert checked(users, ("tom", "wrong password"), ("nobody", "wrong password"))[1] is None
     assert len(seen) == 2
     assert seen[0].split("$")[:4] == seen[1].split("$")[:4]
