@@ -87,8 +87,18 @@ def board() -> AlarmEngine:
     return AlarmEngine({"bay1": FUSION, "bay2": FUSION})
 
 
+def camera_down() -> AlarmEngine:
+    """With bay1's camera lost at 0 s, and the alarm announced at 2 s."""
+    alarms = board()
+    look(alarms, DOWN, 0, 2)
+    return alarms
+
+
 def camera(quality: Quality, detail: str = "", bay: str = "bay1") -> StateVector:
     return permitted(bay=bay, vision=VisionReading(4_960_000_000, quality, detail=detail))
+
+
+DOWN = camera(Quality.LINK_DOWN)
 
 
 def look(alarms: AlarmEngine, state: StateVector, *seconds: float) -> list[AlarmChange]:
@@ -103,35 +113,32 @@ def told(changes: list[AlarmChange]) -> list[tuple[str, str]]:
 class TestDelays:
     def test_a_cause_is_announced_after_its_on_delay_and_not_before(self) -> None:
         alarms = board()
-        assert look(alarms, camera(Quality.LINK_DOWN), 0, 1, 1.999) == []
+        assert look(alarms, DOWN, 0, 1, 1.999) == []
         (change,) = look(alarms, camera(Quality.LINK_DOWN, "no such device"), 2)
         assert (change.id, change.before, change.after, change.event) == ("bay1.camera_down", N, U, AlarmEvent.OCCURS)
         assert (change.detail, change.number, change.t_ns) == ("no such device", 1, T0 + 2 * S)
-        assert look(alarms, camera(Quality.LINK_DOWN), 3, 60) == []
+        assert look(alarms, DOWN, 3, 60) == []
 
     def test_a_cause_that_flickers_is_never_announced(self) -> None:
         alarms = board()
         for second in range(0, 100, 2):
-            assert look(alarms, camera(Quality.LINK_DOWN), second, second + 1) == []
+            assert look(alarms, DOWN, second, second + 1) == []
             assert look(alarms, permitted(), second + 1.5) == []
 
     def test_a_cause_that_flickers_away_does_not_return(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         for second in range(10, 100, 6):
             assert look(alarms, permitted(), second, second + 4.9) == []
-            assert look(alarms, camera(Quality.LINK_DOWN), second + 5) == []
+            assert look(alarms, DOWN, second + 5) == []
         assert told(look(alarms, permitted(), 200, 205)) == [("bay1.camera_down", "returned")]
 
     def test_another_fault_of_the_same_sensor_is_another_alarm(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         changes = look(alarms, camera(Quality.PROCESS_FAULT), 10, 12, 15)
         assert told(changes) == [("bay1.vision_fault", "unacknowledged"), ("bay1.camera_down", "returned")]
 
     def test_bays_do_not_share_anything(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         look(alarms, permitted(bay="bay2"), 0, 2)
         assert [alarm.id for alarm in alarms.summary().alarms] == ["bay1.camera_down"]
 
@@ -160,7 +167,7 @@ LONG = (0, 40 * 60)
 CAUSES = {
     "control_dead": permitted(reason=Reason.GATEWAY_FAULT),
     "plc_lost": permitted(plc=replace(permitted().plc, missed=True)),
-    "camera_down": camera(Quality.LINK_DOWN),
+    "camera_down": DOWN,
     "camera_stale": camera(Quality.STALE),
     "vision_fault": camera(Quality.PROCESS_FAULT),
     "ranger_down": ranger(Quality.LINK_DOWN),
@@ -234,11 +241,7 @@ class TestTheTable:
 
     def test_a_gateway_without_broker_and_known_plcs_has_no_alarm(self) -> None:
         alarms = board()
-        assert (
-            alarms.update_gateway(GatewayConditions(), T0)
-            == alarms.update_gateway(GatewayConditions(), T0 + 3600 * S)
-            == []
-        )
+        assert [alarms.update_gateway(GatewayConditions(), T0 + second * S) for second in (0, 3600)] == [[], []]
 
     def test_every_picture_fault_has_one_alarm_that_says_how_bad_it_is(self) -> None:
         details = {
@@ -263,7 +266,7 @@ class TestTheTable:
     def test_a_dead_camera_is_its_own_alarm_until_it_is_back(self) -> None:
         lost = Visit(place=PLACE, ended="camera dead")
         alarms = board()
-        dead = replace(camera(Quality.LINK_DOWN), d=None, visit=lost)
+        dead = replace(DOWN, d=None, visit=lost)
         assert told(look(alarms, dead, 0, 10)) == [("bay1.camera_down", "unacknowledged")]
         covered = replace(camera(Quality.NO_TARGET), d=None, visit=lost)
         changes = [change for change in look(alarms, covered, 20, 25, 30) if change.after is U]
@@ -286,19 +289,17 @@ class TestTheTable:
 
 class TestSuppressedByDesign:
     def test_a_function_check_hides_the_sensors_alarms_and_shows_them_again(self) -> None:
-        alarms = board()
-        down = camera(Quality.LINK_DOWN)
-        look(alarms, down, 0, 2)
-        checked = look(alarms, replace(down, function_check=FunctionCheck.MAY_MOVE_OFF), 10)
+        alarms = camera_down()
+        checked = look(alarms, replace(DOWN, function_check=FunctionCheck.MAY_MOVE_OFF), 10)
         assert ("bay1.camera_down", "suppressed") in told(checked)
         assert "bay1.plc_lost" not in dict(told(checked))
-        back = look(alarms, down, 20)
+        back = look(alarms, DOWN, 20)
         assert ("bay1.camera_down", "normal") in told(back)
-        assert look(alarms, down, 21.9) == []
-        assert told(look(alarms, down, 22)) == [("bay1.camera_down", "unacknowledged")]
+        assert look(alarms, DOWN, 21.9) == []
+        assert told(look(alarms, DOWN, 22)) == [("bay1.camera_down", "unacknowledged")]
 
     def test_while_permit_is_kept_nothing_is_hidden(self) -> None:
-        state = replace(camera(Quality.LINK_DOWN), function_check=FunctionCheck.MAY_MOVE_KEPT)
+        state = replace(DOWN, function_check=FunctionCheck.MAY_MOVE_KEPT)
         assert told(look(board(), state, 0, 2)) == [("bay1.camera_down", "unacknowledged")]
 
     def test_a_dead_control_task_is_one_alarm_not_four(self) -> None:
@@ -315,11 +316,9 @@ class TestSuppressedByDesign:
         assert U not in [change.after for change in look(board(), gone, *LONG)]
 
     def test_shelving_that_ends_under_suppression_announces_nothing(self) -> None:
-        alarms = board()
-        down = camera(Quality.LINK_DOWN)
-        look(alarms, down, 0, 2)
+        alarms = camera_down()
         assert action(alarms, AlarmEvent.SHELVE, 3, minutes=1).outcome is ActionOutcome.DONE
-        checked = replace(down, function_check=FunctionCheck.MAY_MOVE_OFF)
+        checked = replace(DOWN, function_check=FunctionCheck.MAY_MOVE_OFF)
         changes = look(alarms, checked, 62, 63)
         assert [state for name, state in told(changes) if name == "bay1.camera_down"] == ["normal", "suppressed"]
 
@@ -342,30 +341,23 @@ def of(alarms: AlarmEngine, name: str = "bay1.camera_down") -> Alarm:
 
 class TestPeople:
     def test_an_acknowledged_alarm_ends_by_itself(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 3, note="gone to look").outcome is ActionOutcome.DONE
-        assert (of(alarms).state, of(alarms).who, of(alarms).note, of(alarms).active) == (
-            A,
-            "anna",
-            "gone to look",
-            True,
-        )
+        alarm = of(alarms)
+        assert (alarm.state, alarm.who, alarm.note, alarm.active) == (A, "anna", "gone to look", True)
         assert told(look(alarms, permitted(), 10, 15)) == [("bay1.camera_down", "normal")]
 
     def test_an_alarm_that_nobody_saw_stays_until_somebody_does(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         look(alarms, permitted(), 10, 15, 24 * 3600)
         assert of(alarms).state is R
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 24 * 3600 + 1).outcome is ActionOutcome.DONE
         assert of(alarms).state is N
 
     def test_a_new_occurrence_must_be_seen_anew(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         look(alarms, permitted(), 10, 15)
-        look(alarms, camera(Quality.LINK_DOWN), 20, 22)
+        look(alarms, DOWN, 20, 22)
         assert of(alarms).occurrences == 2
         late = action(alarms, AlarmEvent.ACKNOWLEDGE, 23, occurrence=1)
         assert (late.outcome, of(alarms).state) == (ActionOutcome.REFUSED, U)
@@ -373,15 +365,15 @@ class TestPeople:
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 24, occurrence=2).outcome is ActionOutcome.DONE
 
     def test_a_latched_alarm_wants_acknowledgement_and_reset(self) -> None:
-        alarms = board()
-        alarms.update_gateway(GatewayConditions(events_lost=3), T0)
+        alarms, lost = board(), GatewayConditions(events_lost=3)
+        alarms.update_gateway(lost, T0)
         assert of(alarms, "events_lost").detail == "3 since the start of the gateway"
-        alarms.update_gateway(GatewayConditions(events_lost=3), T0 + S)
-        alarms.update_gateway(GatewayConditions(events_lost=3), T0 + 61 * S)
+        alarms.update_gateway(lost, T0 + S)
+        alarms.update_gateway(lost, T0 + 61 * S)
         assert of(alarms, "events_lost").state is LU
         assert action(alarms, AlarmEvent.RESET, 62, "events_lost").outcome is ActionOutcome.REFUSED
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 63, "events_lost").outcome is ActionOutcome.DONE
-        alarms.update_gateway(GatewayConditions(events_lost=3), T0 + 3600 * S)
+        alarms.update_gateway(lost, T0 + 3600 * S)
         assert of(alarms, "events_lost").state is LA
         assert action(alarms, AlarmEvent.RESET, 3601, "events_lost").outcome is ActionOutcome.DONE
         assert alarms.summary().alarms == ()
@@ -389,17 +381,15 @@ class TestPeople:
         assert of(alarms, "events_lost").state is U
 
     def test_shelving_ends_by_itself_and_announces_what_still_stands(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         assert action(alarms, AlarmEvent.SHELVE, 3, minutes=10).outcome is ActionOutcome.DONE
         assert of(alarms).shelved_until_ns == T0 + 603 * S
-        assert look(alarms, camera(Quality.LINK_DOWN), 4, 602.9) == []
-        assert told(look(alarms, camera(Quality.LINK_DOWN), 603)) == [("bay1.camera_down", "unacknowledged")]
+        assert look(alarms, DOWN, 4, 602.9) == []
+        assert told(look(alarms, DOWN, 603)) == [("bay1.camera_down", "unacknowledged")]
         assert of(alarms).shelved_until_ns is None
 
     def test_a_shelved_alarm_whose_cause_has_gone_is_normal_afterwards(self) -> None:
-        alarms = board()
-        look(alarms, camera(Quality.LINK_DOWN), 0, 2)
+        alarms = camera_down()
         action(alarms, AlarmEvent.SHELVE, 3, minutes=10)
         assert look(alarms, permitted(), 10, 15) == []
         assert told(look(alarms, permitted(), 603)) == [("bay1.camera_down", "normal")]
@@ -407,7 +397,7 @@ class TestPeople:
     def test_out_of_service_lasts_until_somebody_ends_it(self) -> None:
         alarms = board()
         assert action(alarms, AlarmEvent.REMOVE, 0, note="camera is away for repair").outcome is ActionOutcome.DONE
-        assert look(alarms, camera(Quality.LINK_DOWN), 1, 3, 365 * 86400) == []
+        assert look(alarms, DOWN, 1, 3, 365 * 86400) == []
         assert of(alarms).state is OUT
         assert action(alarms, AlarmEvent.RESTORE, 365 * 86400 + 1).outcome is ActionOutcome.DONE
         assert of(alarms).state is U
@@ -447,7 +437,7 @@ class TestWhatIsTold:
     def test_the_history_is_bounded_and_shows_what_it_has_lost(self) -> None:
         alarms = board()
         for second in range(0, 20 * HISTORY, 20):
-            look(alarms, camera(Quality.LINK_DOWN), second, second + 2)
+            look(alarms, DOWN, second, second + 2)
             look(alarms, permitted(), second + 3, second + 8)
         history = alarms.history()
         assert len(history) == HISTORY
@@ -494,7 +484,7 @@ class Life(RuleBasedStateMachine):
 
     def look(self) -> None:
         function = FunctionCheck.MAY_MOVE_OFF if self.checked else FunctionCheck.OFF
-        base = camera(Quality.LINK_DOWN) if self.cause else permitted()
+        base = DOWN if self.cause else permitted()
         self.take(self.alarms.update_bay(replace(base, function_check=function), self.now_ns))
 
     @rule()
@@ -516,13 +506,10 @@ class Life(RuleBasedStateMachine):
     def person(self, event: AlarmEvent, minutes: float | None) -> None:
         before = of(self.alarms)
         wanted = next_state(before.state, event, latching=False, active=before.active)
-        possible = (
-            wanted is not None and event in OPERATOR_EVENTS and (event is not AlarmEvent.SHELVE or minutes is not None)
-        )
-        reply, changes = self.alarms.act(
-            OperatorAction("bay1.camera_down", event, "anna", minutes=minutes), self.now_ns
-        )
-        assert (reply.outcome is ActionOutcome.DONE) == possible
+        possible = wanted is not None and event in OPERATOR_EVENTS and (minutes or event is not AlarmEvent.SHELVE)
+        asked = OperatorAction("bay1.camera_down", event, "anna", minutes=minutes)
+        reply, changes = self.alarms.act(asked, self.now_ns)
+        assert (reply.outcome is ActionOutcome.DONE) == bool(possible)
         assert self.state() is (wanted if possible else before.state)
         if event is AlarmEvent.ACKNOWLEDGE and possible:
             self.unseen = False

@@ -1,6 +1,7 @@
 """Which alarms a visit raises, played as the interlock sees it: a truck comes, is loaded, and leaves or moves."""
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import pytest
 
@@ -75,6 +76,17 @@ class Bay:
         self.see(5, None)
         assert self.state.visit.place is None
 
+    def loaded(self) -> Self:
+        """A truck has come, stands in place, and is being loaded under the spout."""
+        self.comes_to_stand()
+        self.loads()
+        return self
+
+    @property
+    def newest(self) -> AlarmChange:
+        (change,) = [change for change in self.changes if change.after is AlarmState.UNACKNOWLEDGED]
+        return change
+
     @property
     def announced(self) -> list[str]:
         return [change.id for change in self.changes if change.after is AlarmState.UNACKNOWLEDGED]
@@ -94,9 +106,7 @@ def test_a_visit_without_writes_raises_no_alarm() -> None:
 
 
 def test_a_visit_that_the_plc_releases_raises_no_alarm() -> None:
-    bay = Bay(writes=True)
-    bay.comes_to_stand()
-    bay.loads()
+    bay = Bay(writes=True).loaded()
     bay.see(2, 280)
     bay.step(PlcWrite(PLC, control=1 << Control.RELEASE))
     assert bay.state.visit.released
@@ -105,35 +115,27 @@ def test_a_visit_that_the_plc_releases_raises_no_alarm() -> None:
 
 
 def test_with_writes_a_truck_that_leaves_unreleased_has_moved() -> None:
-    bay = Bay(writes=True)
-    bay.comes_to_stand()
-    bay.loads()
+    bay = Bay(writes=True).loaded()
     bay.see(2, 280)
     bay.leaves()
     assert bay.announced == ["bay1.truck_moved"]
-    (change,) = [change for change in bay.changes if change.after is AlarmState.UNACKNOWLEDGED]
-    assert change.detail.startswith("the distance left its band; in place at 280 mm, now 3")
+    assert bay.newest.detail.startswith("the distance left its band; in place at 280 mm, now 3")
     bay.see(5, None)
     assert bay.board.summary().alarms[0].state is AlarmState.RETURNED  # gone, but somebody must have a look
 
 
 @pytest.mark.parametrize("way_mm", [-60.0, 60.0])
 def test_a_truck_that_rolls_under_the_spout_is_told_at_once(way_mm: float) -> None:
-    bay = Bay()
-    bay.comes_to_stand()
-    bay.loads()
+    bay = Bay().loaded()
     begun_ns = bay.now_ns
     bay.see(3, 280, 280 + way_mm, marker=False)
     assert bay.announced == ["bay1.truck_moved"]
-    (change,) = [change for change in bay.changes if change.after is AlarmState.UNACKNOWLEDGED]
-    assert (change.t_ns - begun_ns) / 1e9 == pytest.approx(2.05, abs=0.06)  # 40 mm at 20 mm/s
+    assert (bay.newest.t_ns - begun_ns) / 1e9 == pytest.approx(2.05, abs=0.06)  # 40 mm at 20 mm/s
     assert bay.state.stop
 
 
 def test_a_truck_seen_elsewhere_when_the_spout_goes_up_has_moved_under_it() -> None:
-    bay = Bay()
-    bay.comes_to_stand()
-    bay.loads()
+    bay = Bay().loaded()
     bay.now_ns += STEP_MS * MS
     bay.step(VisionReading(bay.now_ns, Quality.GOOD, Circle(420, 240, 200)))
     bay.step(RangeReading(bay.now_ns, Quality.GOOD, 280.0))
@@ -164,17 +166,14 @@ def test_a_truck_that_moves_after_the_hold_has_ended_is_told_all_the_same() -> N
 
 
 def test_in_place_that_was_lost_is_told_until_it_is_there_again() -> None:
-    bay = Bay()
-    bay.comes_to_stand()
-    bay.loads()
+    bay = Bay().loaded()
     bay.see(8, None, marker=False)  # the spout is in the ranger's way; an alive ranger that hears nothing
     assert bay.announced == []  # both say that no truck is there: the visit is over
     bay = Bay(visit=VisitConfig(hold_limit_s=10))
     bay.comes_to_stand()
     bay.loads(5)
     bay.see(20, 280, marker=False)
-    (change,) = [change for change in bay.changes if change.after is AlarmState.UNACKNOWLEDGED]
-    assert (change.id, change.detail) == ("bay1.in_place_lost", "held for too long")
+    assert (bay.newest.id, bay.newest.detail) == ("bay1.in_place_lost", "held for too long")
     bay.see(8, 280)
     assert bay.state.in_place
     assert bay.board.summary().alarms[0].state is AlarmState.RETURNED
@@ -186,8 +185,7 @@ def test_another_marker_is_told_and_over_when_the_next_one_fits() -> None:
     bay.comes_to_stand()
     bay.see(1, 280)
     assert bay.announced == ["bay1.scale_changed"]
-    (change,) = [change for change in bay.changes if change.after is AlarmState.UNACKNOWLEDGED]
-    assert change.detail == "R x Z 63000 px mm, +12 %; learned from 6 visits"
+    assert bay.newest.detail == "R x Z 63000 px mm, +12 %; learned from 6 visits"
     bay.leaves()
     bay.px_mm = 56_000.0
     bay.comes_to_stand()
@@ -197,9 +195,7 @@ def test_another_marker_is_told_and_over_when_the_next_one_fits() -> None:
 
 
 def test_a_technician_who_moves_the_truck_raises_no_alarm() -> None:
-    bay = Bay()
-    bay.comes_to_stand()
-    bay.loads()
+    bay = Bay().loaded()
     bay.step(FunctionCheck.MAY_MOVE_OFF)
     bay.see(5, 280, 400, marker=False)
     assert bay.announced == []
