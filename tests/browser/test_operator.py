@@ -62,17 +62,24 @@ def number(text: str, pattern: str) -> float:
     return float(found.group(1).replace("−", "-").replace("\u202f", "").replace(" ", ""))
 
 
-def test_the_picture_is_live_and_the_circle_is_that_of_its_frame(page: Page) -> None:
+def later(page: Page, frames: int) -> None:
+    """Waits until the page shows a picture at least so many frames newer than now."""
     caption = page.locator(".picture figcaption")
     first = number(caption.inner_text(), r"frame (\d+)")
-    told: list[str] = []
+    until(page, lambda: number(caption.inner_text(), r"frame (\d+)") >= first + frames)
 
-    def evaluated_and_later() -> bool:
-        told.append(caption.inner_text())
-        return "circle" in told[-1] and number(told[-1], r"frame (\d+)") > first + 5
 
-    until(page, evaluated_and_later)
-    radius_px = number(told[-1], r"R ([\d.,]+)")
+def test_the_picture_is_live_and_the_circle_is_that_of_its_frame(page: Page) -> None:
+    later(page, 6)
+    caption = page.locator(".picture figcaption")
+    captions: list[str] = []
+
+    def evaluated() -> bool:
+        captions.append(caption.inner_text())
+        return "circle" in captions[-1]
+
+    until(page, evaluated)
+    radius_px = number(captions[-1], r"R ([\d.,]+)")
     assert FOCAL_X_RADIUS / FAR_MM - 5 < radius_px < FOCAL_X_RADIUS / NEAR_MM + 5
     photo, lines = page.locator(".picture canvas").all()
     # Of the photo every pixel is painted; of what was seen, only lines; and they go when nobody wants them.
@@ -96,9 +103,9 @@ def test_the_trend_moves(page: Page) -> None:
     until(page, lambda: radius.evaluate(LINE)[0] <= begun - 10)
     until(page, lambda: radius.evaluate(LINE)[1] >= newest - 3)
     page.get_by_role("button", name="Pause").click()
-    page.wait_for_timeout(300)
+    later(page, 2)  # what was under way is drawn
     still = radius.evaluate(LINE)
-    page.wait_for_timeout(700)
+    later(page, 7)
     assert radius.evaluate(LINE) == still
 
 
