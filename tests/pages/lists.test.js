@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { matches, told } from '../static/operator/eventwords.js';
+import { eventText, matches } from '../static/operator/eventwords.js';
 
 const EVENT = {
   kind: 'plc_write', bay: 'bay1', sensor: null, quality: null, detail: '', reason: { name: 'NONE', text: 'stop is off' },
@@ -18,7 +18,7 @@ test('the filter: by group, and by all the words', () => {
 });
 
 test('what an event adds to its kind', () => {
-  assert.equal(told(EVENT), 'recipe_select: 0 → 2 · by 10.0.0.5');
-  assert.equal(told({ ...EVENT, kind: 'stop_raised', write: null, reason: { name: 'NO_TARGET', text: 'no marker' } }), 'no marker');
-  assert.equal(told({ ...EVENT, kind: 'sensor_fault', write: null, sensor: 'vision', quality: { name: 'STALE' }, detail: 'no result' }), 'vision · stale · no result');
+  assert.equal(eventText(EVENT), 'recipe_select: 0 → 2 · by 10.0.0.5');
+  assert.equal(eventText({ ...EVENT, kind: 'stop_raised', write: null, reason: { name: 'NO_TARGET', text: 'no marker' } }), 'no marker');
+  assert.equal(eventText({ ...EVENT, kind: 'sensor_fault', write: null, sensor: 'vision', quality: { name: 'STALE' }, detail: 'no result' }), 'vision · stale · no result');
 });

@@ -17,9 +17,9 @@ function trouble(text) {
 }
 
 async function session() {
-  const said = await get('/api/session');
-  element('none').hidden = said.can_login;
-  return said;
+  const answer = await get('/api/session');
+  element('none').hidden = answer.can_login;
+  return answer;
 }
 
 form.addEventListener('submit', async (event) => {
@@ -33,8 +33,8 @@ form.addEventListener('submit', async (event) => {
   trouble('');
   try {
     const { csrf } = await session();
-    const said = await post('/api/login', { name: name.value, password: password.value, next }, csrf);
-    location.replace(safePath(said.next ?? next, location.origin));
+    const answer = await post('/api/login', { name: name.value, password: password.value, next }, csrf);
+    location.replace(safePath(answer.next ?? next, location.origin));
   } catch (error) {
     password.value = '';
     trouble(error.name === 'TypeError' ? 'The gateway does not answer.' : error.message);

@@ -27,15 +27,15 @@ export function toLogin() {
 }
 
 async function refusal(answer) {
-  let said = '';
+  let message = '';
   try {
     const body = await answer.json();
-    said = body.detail ?? body.error ?? body.message ?? '';
-    if (typeof said !== 'string') said = JSON.stringify(said);
+    message = body.detail ?? body.error ?? body.message ?? '';
+    if (typeof message !== 'string') message = JSON.stringify(message);
   } catch {
-    said = '';
+    message = '';
   }
-  return new Refused(answer.status, said || `${answer.status} ${answer.statusText}`.trim());
+  return new Refused(answer.status, message || `${answer.status} ${answer.statusText}`.trim());
 }
 
 /**

@@ -37,25 +37,25 @@ export const CODES = {
  * @returns {DriverView|null}
  */
 export function driverView(text, bay) {
-  let said;
+  let message;
   try {
-    said = JSON.parse(text);
+    message = JSON.parse(text);
   } catch {
     return null;
   }
   const number = (value) => value === null || known(value);
   const whole =
-    said !== null &&
-    typeof said === 'object' &&
-    typeof said.bay === 'string' &&
-    (bay === null || said.bay === bay) &&
-    Object.hasOwn(CODES, said.code) &&
-    typeof said.stop === 'boolean' &&
-    known(said.age_ms) &&
-    said.age_ms >= 0 &&
-    [said.amount_mm, said.closing_mm_s, said.to_go_mm].every(number);
-  if (!whole || (said.stop && CODES[said.code].drives)) return null;
-  return said;
+    message !== null &&
+    typeof message === 'object' &&
+    typeof message.bay === 'string' &&
+    (bay === null || message.bay === bay) &&
+    Object.hasOwn(CODES, message.code) &&
+    typeof message.stop === 'boolean' &&
+    known(message.age_ms) &&
+    message.age_ms >= 0 &&
+    [message.amount_mm, message.closing_mm_s, message.to_go_mm].every(number);
+  if (!whole || (message.stop && CODES[message.code].drives)) return null;
+  return message;
 }
 
 /** Codes whose amount the driver needs to see; beside the others it would only be noise. */

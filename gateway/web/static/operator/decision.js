@@ -18,25 +18,25 @@ function why(state) {
 
 /** Tells a screen reader what changed, at most every 2 s. */
 function Spoken({ text }) {
-  const [said, setSaid] = useState(text);
+  const [announced, setAnnounced] = useState(text);
   const last = useRef(0);
   useEffect(() => {
-    if (text === said) return undefined;
+    if (text === announced) return undefined;
     const timer = setTimeout(() => {
       last.current = performance.now();
-      setSaid(text);
+      setAnnounced(text);
     }, Math.max(0, 2000 - (performance.now() - last.current)));
     return () => clearTimeout(timer);
-  }, [text, said]);
-  return html`<p class="sr" role="status" aria-live="polite">${said}</p>`;
+  }, [text, announced]);
+  return html`<p class="sr" role="status" aria-live="polite">${announced}</p>`;
 }
 
 /** Of what was learned from one visit to the next. */
 function Scale({ scale }) {
-  const said = scaleWords(scale);
-  if (said === null) return html`<span>${scale === undefined ? NONE : 'not learned yet'}</span>`;
-  return html`<span>${said.value}</span><span class="small names"> ${said.rest} </span>
-    ${said.jump && html`<span class="tag bad">${said.jump}</span>`}`;
+  const learned = scaleWords(scale);
+  if (learned === null) return html`<span>${scale === undefined ? NONE : 'not learned yet'}</span>`;
+  return html`<span>${learned.value}</span><span class="small names"> ${learned.rest} </span>
+    ${learned.jump && html`<span class="tag bad">${learned.jump}</span>`}`;
 }
 
 const Fact = ({ name, wide, children }) => html`<div class=${wide ? 'wide-fact' : ''}><dt>${name}</dt><dd class="value">${children}</dd></div>`;

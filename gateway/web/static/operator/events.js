@@ -3,7 +3,7 @@
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import { get, toLogin } from '../lib/api.js';
 import { clock, words } from '../lib/format.js';
-import { GROUP_WORDS, matches, told } from './eventwords.js';
+import { GROUP_WORDS, matches, eventText } from './eventwords.js';
 import { useKept } from './hooks.js';
 import { Notice } from './notice.js';
 
@@ -63,7 +63,7 @@ export function Events({ bay, newest }) {
         ${shown.slice(0, 300).map((event) => html`<tr key=${event.id}>
           <td class="nowrap mono">${clock(event.timestamp_ms, { ms: true })}</td>
           ${bay === null && html`<td class="name">${event.bay}</td>`}
-          <td class="nowrap">${words(event.kind)}</td><td>${told(event)}</td></tr>`)}
+          <td class="nowrap">${words(event.kind)}</td><td>${eventText(event)}</td></tr>`)}
       </tbody></table>
       ${shown.length === 0 && html`<p class="muted">${rows.length ? 'No event fits the filter.' : 'No event yet.'}</p>`}
       ${shown.length > 300 && html`<p class="muted small">${shown.length - 300} older ones: filter to see them.</p>`}

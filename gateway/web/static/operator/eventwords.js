@@ -15,12 +15,12 @@ export const GROUP_WORDS = { all: 'all', stop: 'stop and position', sensors: 'se
 /** Is it of the group, and does it hold all the words? Addresses of writers count, too. */
 export function matches(event, group, text) {
   if (!(GROUPS[group] ?? GROUPS.all)(event.kind)) return false;
-  const said = [event.kind, words(event.kind), event.bay, event.sensor, event.detail, event.reason?.text, event.reason?.name, told(event)].join(' ').toLowerCase();
-  return text.toLowerCase().split(/\s+/).every((word) => said.includes(word));
+  const searched = [event.kind, words(event.kind), event.bay, event.sensor, event.detail, event.reason?.text, event.reason?.name, eventText(event)].join(' ').toLowerCase();
+  return text.toLowerCase().split(/\s+/).every((word) => searched.includes(word));
 }
 
 /** In words: what the event adds to its kind. */
-export function told(event) {
+export function eventText(event) {
   const parts = [];
   if (event.sensor) parts.push(words(event.sensor));
   if (event.quality && event.quality.name !== 'GOOD') parts.push(words(event.quality.name));

@@ -98,14 +98,14 @@ function App({ session }) {
   const { view, connected, refusal, freshness } = useLive(bay === null ? [] : [bay], bay === null ? 1000 : 100, bay === null ? 2 * STALE_MS : STALE_MS);
   useNow(250);
   const ageMs = freshness.ageMs(performance.now(), Date.now());
-  const told = new Map((view?.bays ?? []).map((one) => [one.bay, one]));
+  const byName = new Map((view?.bays ?? []).map((one) => [one.bay, one]));
   const stateOf = (one) => (one && one.state && Number.isFinite(one.age_ms) && one.age_ms + ageMs <= freshness.limitMs ? one.state : null);
   const [asked, setAsked] = useState(0);
   const [alarms, wrong] = useFetched('/api/alarms', `${view?.alarms.newest_change ?? ''} ${asked}`, 5000);
   const list = { answer: alarms, wrong, again: () => setAsked((n) => n + 1), session };
   const byBay = view?.alarms.by_bay ?? {};
   const alarmsOf = (name) => (Object.hasOwn(byBay, name) ? byBay[name] : 0);
-  const one = bay === null ? null : told.get(bay) ?? null;
+  const one = bay === null ? null : byName.get(bay) ?? null;
   const state = stateOf(one);
   const known = connected && ageMs <= freshness.limitMs;
   const newest = view?.events_newest ?? null;
@@ -118,7 +118,7 @@ function App({ session }) {
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
       <${Notice} kind="bad" loud wide say=${refusal} />
       ${bay === null
-        ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(told.get(name))]))} alarmsOf=${alarmsOf} />
+        ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(byName.get(name))]))} alarmsOf=${alarmsOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
             ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} />`}

@@ -23,8 +23,8 @@ function valueOf(row) {
 export function found(rows, text) {
   const wanted = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
-    const said = `${row.address} ${row.name} ${row.unit} ${row.meaning} ${row.text ?? ''}`.toLowerCase();
-    return wanted.every((word) => said.includes(word));
+    const searched = `${row.address} ${row.name} ${row.unit} ${row.meaning} ${row.text ?? ''}`.toLowerCase();
+    return wanted.every((word) => searched.includes(word));
   });
 }
 

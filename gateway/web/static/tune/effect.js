@@ -135,12 +135,12 @@ function jump(event, key) {
 }
 
 function figures({ figures: f, marker_seen: seen }) {
-  const told = [
+  const facts = [
     ['noise', number(f.noise, 1, 'grey levels')],
     ['white to the stop', percent(f.clipped)],
     ...(known(f.marker_v) ? [['marker V', number(f.marker_v)], ['marker S', number(f.marker_s)], ['marker at the stop', percent(f.marker_clipped)]] : []),
     ...(known(f.edge_px) ? [['rim width', number(f.edge_px, 1, 'px')]] : []),
     ...(known(f.warmth) ? [['red over blue of grey', number(f.warmth, 2)]] : []),
   ];
-  return `${told.map(([name, value]) => `${name} ${value}`).join('; ')}${seen ? '' : '; no marker is sure, so nothing is said of it'}`;
+  return `${facts.map(([name, value]) => `${name} ${value}`).join('; ')}${seen ? '' : '; no marker is sure, so nothing is said of it'}`;
 }

@@ -103,17 +103,17 @@ function Page({ session, profile: first, taken: kept, renew }) {
   useEffect(() => { if (mine) setMode(mine.function_check); }, [mine?.function_check]);
 
   // Trials.
-  const bench = useMemo(() => trials(
+  const trialQueue = useMemo(() => trials(
     ({ source: on, settings: vision, timed }) => {
       const tile = tiles.current?.querySelector('.stage')?.clientWidth || 420;
       const which = on.kind === 'live' ? { live: true } : { [on.kind]: on.name, frame: on.frame ?? 0 };
       return send('trial', { ...which, vision, timed, tab: TAB, width_px: widthFor(tile, devicePixelRatio || 1) }, TRIAL_MS);
     },
     {
-      done(next, wish) {
+      done(next, request) {
         setTrouble('');
         if (next === null) return; // given up for something newer, or there is no picture yet
-        setResult((was) => ({ ...carried(was, next, wish), wish }));
+        setResult((was) => ({ ...carried(was, next, request), request }));
         if (differing(schema, next.settings_in_force, known.current).length) refresh().catch((error) => setTrouble(error.message));
       },
       failed(error) {
@@ -122,13 +122,13 @@ function Page({ session, profile: first, taken: kept, renew }) {
       busy: setWaiting,
     },
   ), []);
-  useEffect(() => () => bench.close(), [bench]);
-  useEffect(() => bench.want({ source, settings, inForce }), [bench, source, settings, inForce]);
+  useEffect(() => () => trialQueue.close(), [trialQueue]);
+  useEffect(() => trialQueue.want({ source, settings, inForce }), [trialQueue, source, settings, inForce]);
   useEffect(() => {
     if (source.kind !== 'live') return undefined;
-    const timer = setTimeout(() => !document.hidden && bench.want({ source, settings, inForce }, { timed: false }), LIVE_PAUSE_MS);
+    const timer = setTimeout(() => !document.hidden && trialQueue.want({ source, settings, inForce }, { timed: false }), LIVE_PAUSE_MS);
     return () => clearTimeout(timer);
-  }, [bench, source, settings, inForce, result, waiting, trouble, view]);
+  }, [trialQueue, source, settings, inForce, result, waiting, trouble, view]);
 
   const change = (name, value) => setSettings((was) => (typeof name === 'string' ? { ...was, [name]: value } : { ...was, ...name }));
   const tell = (text, bad = false) => setSaid({ text, bad });
@@ -158,7 +158,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     tell(`${one.frames} frames recorded`);
   });
   const pick = async (place, size, way) => {
-    const seen = result?.wish.source ?? source;
+    const seen = result?.request.source ?? source;
     const on = seen.kind === 'live' ? await freeze() : seen;
     if (!on) return;
     try {
@@ -168,7 +168,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
       change(answer.keys);
     } catch (error) {
       setPicked({ answer: null, failed: error.message });
-      bench.want({ source, settings, inForce });
+      trialQueue.want({ source, settings, inForce });
     }
   };
 
@@ -233,11 +233,11 @@ function Page({ session, profile: first, taken: kept, renew }) {
 
   const panels = result?.panels.filter((panel) => panel.name !== 'picture') ?? [];
   const wide = widthFor(tiles.current?.querySelector('.picture')?.clientWidth || 640, devicePixelRatio || 1);
-  const shown = result?.wish.source ?? null; // what is on the page, all of it of one frame
+  const shown = result?.request.source ?? null; // what is on the page, all of it of one frame
   const frozen = shown && shown.kind !== 'live' ? `${at(`taken/${shown.name}/${shown.frame ?? 0}`)}?width=${Math.max(960, wide)}` : null;
   const picture = useBitmap(frozen ?? result?.panels.find((panel) => panel.name === 'picture')?.url);
   const remarks = result?.remarks ?? [];
-  const behind = result !== null && (result.wish.settings !== settings || !sameSource(result.wish.source, source));
+  const behind = result !== null && (result.request.settings !== settings || !sameSource(result.request.source, source));
   return html`<${Top} session=${session} connected=${connected} fresh=${fresh} />
     <main class="page tuning">
       <h1 class="sr">Tuning of ${bay}</h1>
@@ -255,7 +255,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
           <${Eyedropper} bitmap=${picture} frame=${result?.picture ?? null} pick=${pick} picked=${picked.answer} failed=${picked.failed} live=${source.kind === 'live'} />
           <${Stages} panels=${panels} />
         </div>
-        <p class="sr" role="status" aria-live="polite">${result?.wish.timed ? summary(result) : ''}</p>
+        <p class="sr" role="status" aria-live="polite">${result?.request.timed ? summary(result) : ''}</p>
         </div>
       <div class="results"><${Effect} result=${result} waiting=${waiting} /><${Remarks} remarks=${remarks} light=${result?.exposure ?? null} /></div>
     </main>
@@ -280,9 +280,9 @@ function Page({ session, profile: first, taken: kept, renew }) {
 const sameSource = (a, b) => a.kind === b.kind && a.name === b.name && a.frame === b.frame;
 
 /** A look without times keeps the times that were measured for these very settings. */
-function carried(was, next, wish) {
-  const alike = was && was.wish.settings === wish.settings && was.wish.inForce === wish.inForce && was.wish.source.kind === wish.source.kind;
-  if (!alike || wish.timed || !was.timed) return next;
+function carried(was, next, request) {
+  const alike = was && was.request.settings === request.settings && was.request.inForce === request.inForce && was.request.source.kind === request.source.kind;
+  if (!alike || request.timed || !was.timed) return next;
   const times = (side, old) => ({ ...side, total_ms: old.total_ms, stages: old.stages });
   return { ...next, timed: true, time_ratio: was.time_ratio, exposure: was.exposure, tried: times(next.tried, was.tried), in_force: times(next.in_force, was.in_force) };
 }
