@@ -21,7 +21,7 @@ from gateway.vision.detect import registry
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.robust import roi_search
 from gateway.vision.detect.robust.detect import detect
-from gateway.vision.detect.robust.roi_search import FAINT, LOOK, WHOLE, RoiSearch, window_round
+from gateway.vision.detect.robust.roi_search import CHECK, FAINT, FULL, RoiSearch, window_round
 from gateway.vision.pixels import Image
 from gateway.vision.track.kalman_filter import Prediction, Track
 
@@ -77,7 +77,7 @@ def steadily(scene: Callable[[int], Image], count: int) -> Iterator[tuple[int, I
 
 
 def test_every_answer_is_the_full_searchs_and_most_come_from_a_window(searched: list[str]) -> None:
-    images = [picture(approach(n), seed=n) for n in range(LOOK * 3)]
+    images = [picture(approach(n), seed=n) for n in range(CHECK * 3)]
     found = told((n * PERIOD_NS, image) for n, image in enumerate(images))
     assert searched.count("whole") == 1
     assert searched.count("window") == len(images) - 1
@@ -104,10 +104,10 @@ def test_the_whole_frame_comes_in_its_turn_where_it_holds_anything_red(
     monkeypatch.setattr(roi_search, "detect", stand_in)
     find = registry.detector(FOLLOWED)
     image = picture(Circle(100.0, 100.0, 30.0), *[Circle(250.0, 150.0, 15.0)] * clutter)
-    for n in range(2 * WHOLE + 2):
+    for n in range(2 * FULL + 2):
         find(image, n * PERIOD_NS)
     whole = [n for n, kind in enumerate(kinds) if kind == "whole"]
-    assert whole == ([0, WHOLE + 1, 2 * WHOLE + 2] if clutter else [0])
+    assert whole == ([0, FULL + 1, 2 * FULL + 2] if clutter else [0])
 
 
 @pytest.mark.parametrize(
@@ -142,9 +142,9 @@ def test_where_window_and_whole_frame_disagree_the_one_with_more_evidence_stands
     search = RoiSearch(FOLLOWED, lambda: 0)
     track = Track.started(Circle(100.0, 100.0, 30.0), 0)
     assert track is not None
-    found = [search(np.zeros((480, 640, 3), np.uint8), 1, track.at(1)) for _ in range(LOOK)]  # nothing was heard yet
+    found = [search(np.zeros((480, 640, 3), np.uint8), 1, track.at(1)) for _ in range(CHECK)]  # nothing was heard yet
     assert found[0].circle == held.circle
-    assert found[LOOK - 1].circle == (rival.circle if wins else held.circle)
+    assert found[CHECK - 1].circle == (rival.circle if wins else held.circle)
 
 
 @pytest.mark.parametrize("hidden", [1, 4, 9, 25])
@@ -234,7 +234,7 @@ def test_a_track_does_not_hold_on_to_a_lamp_when_the_marker_comes(searched: list
     preferred = detect(picture(lamp, marker), FOLLOWED).circle
     assert preferred is not None
     assert same_place(preferred, marker)
-    found = told(steadily(lambda n: picture(lamp, seed=n) if n < 6 else picture(lamp, marker, seed=n), 6 + LOOK))
+    found = told(steadily(lambda n: picture(lamp, seed=n) if n < 6 else picture(lamp, marker, seed=n), 6 + CHECK))
     assert [one.tracking for one in found].count(Tracking.MEASURED) == len(found) - 2  # while the jump is on trial
     assert same_place(found[5].circle or marker, lamp)
     assert same_place(found[-1].circle or lamp, marker)
@@ -259,9 +259,9 @@ def test_what_the_full_search_prefers_is_followed_soon_after_it_has_come(
     def scene(n: int) -> Image:
         return picture(*([lamp] if n < 6 else [lamp, marker]), paints=paints, seed=n)
 
-    found = told(steadily(scene, 8 + 2 * LOOK))
+    found = told(steadily(scene, 8 + 2 * CHECK))
     assert same_place(found[5].circle or marker, lamp)
-    assert [same_place(one.circle or lamp, marker) for one in found[-LOOK:]] == [True] * LOOK
+    assert [same_place(one.circle or lamp, marker) for one in found[-CHECK:]] == [True] * CHECK
 
 
 def test_a_faint_marker_beside_a_very_red_lamp_is_heard_in_the_end(searched: list[str]) -> None:
@@ -294,7 +294,7 @@ def test_red_things_that_were_heard_once_cost_nothing_more(searched: list[str]) 
         clutter = Circle(40.0 + 3 * math.sin(n / 3), 200.0, 14.0 + 0.2 * n), Circle(290.0 - 0.4 * n, 40.0, 9.0)
         return picture(Circle(160.0 + n, 120.0, 40.0 + 0.5 * n), *clutter, seed=n)
 
-    for one in told(steadily(scene, 3 * LOOK)):
+    for one in told(steadily(scene, 3 * CHECK)):
         assert one.circle is not None
         assert one.circle.radius_px > 35
     assert searched.count("whole") == 1

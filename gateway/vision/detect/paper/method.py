@@ -36,7 +36,7 @@ TRACKED_STAGES = (
     Stage("window", "the plain stages, in a window round the marker's expected place", "1-8"),
     Stage("rescan", "an eighth of the grid: has anything red come elsewhere?", "1-7"),
 )
-"""The exact tracker's; a frame searched whole has the stages of the search after `window`, or after both."""
+"""The exact tracker's; a frame searched in full has the stages of the search after `window`, or after both."""
 
 
 def _detector(params: VisionConfig, now_ns: NowNs) -> Detector:

@@ -15,7 +15,7 @@ from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image, check_bgr8
 from gateway.vision.track.distractors import SIZE
 
-Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the whole picture, the last two beyond it
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the full frame, the last two beyond it
 
 SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is no rim
 
@@ -33,7 +33,7 @@ def detect(
 
     `window` restricts the search to a part of the picture. With a window and an `expected` circle, that place is looked
     at first, and if the marker is there nothing else is; without a window a prediction changes nothing. Coordinates are
-    always the whole picture's. A disc whose radius lies outside `radii_px` is not the marker; where there is none, the
+    always the full frame's. A disc whose radius lies outside `radii_px` is not the marker; where there is none, the
     best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one pixel.
     """
     check_bgr8(image)
@@ -42,17 +42,17 @@ def detect(
     x0, y0, part = _part(image, window)
     taken: Candidate | None = None
     seeds = 1
-    told: list[Rejected] = []
+    rejected: list[Rejected] = []
     if window is not None and expected is not None:
         near = replace(expected, u_px=expected.u_px - x0, v_px=expected.v_px - y0)
         taken = search_expected(part, near, limits)
         timer.ended("expected")
     if taken is None:
-        taken, seeds, told = search_frame(part, limits, timer)
+        taken, seeds, rejected = search_frame(part, limits, timer)
     found = Detection(
         circle=None,
         candidates=seeds,
-        rejected=tuple(Rejection(Circle(c.u_px + x0, c.v_px + y0, c.radius_px), why) for _, c, why in told),
+        rejected=tuple(Rejection(Circle(c.u_px + x0, c.v_px + y0, c.radius_px), why) for _, c, why in rejected),
     )
     if taken is not None:
         found = _filled(found, taken, x0, y0)

@@ -38,12 +38,12 @@ VEIL, MOST_HAZE = 220.0, 0.75  # grey level of a full veil
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Of one ellipse, in px of the whole picture."""
+    """Of one ellipse, in px of the full frame."""
 
     ellipse: Ellipse
     coverage: float  # share of the rim in the picture that shows: red inside and not outside, or another red
     leak: float  # share of it where the red goes on outside as if there were no rim; the rest is hidden: not red
-    visible: float  # share of the whole rim that is red inside and not outside
+    visible: float  # share of the entire rim that is red inside and not outside
     contrast: float  # median fall of redness across the rim, log units
     rise: float  # redness of the core less that outside: much more than the contrast where there is no rim but a glow
     noise: float  # scatter of that fall from ray to ray where the rim shows, log units

@@ -32,7 +32,7 @@ class Level:
     factor: int
 
     def to_full(self, px: float) -> float:
-        """A coordinate of this level as one of the whole picture; pixel centres lie at integers in both."""
+        """A coordinate of this level as one of the full frame; pixel centres lie at integers in both."""
         return px * self.factor + (self.factor - 1) / 2
 
     def to_level(self, px: float) -> float:

@@ -48,7 +48,7 @@ class Rim:
     ellipse: Ellipse
     rms_px: float  # of the inlying edges about the ellipse
     support: float  # share of the rays inside the frame that have an inlying edge
-    visible: float  # share of the whole rim that is inside the frame and has an inlying edge
+    visible: float  # share of the entire rim that is inside the frame and has an inlying edge
     contrast: float  # median colour difference across the rim, grey levels (Euclidean over the channels)
     inliers: int  # rays with an inlying edge
     blur_px: float  # sigma of the edge, sampling included
@@ -91,7 +91,7 @@ def refine(
 
     `search_px`: how far off the seed's rim may be, along its normals; default: a sixth of its radius, at least 4 px;
     0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `rays`: at most so many
-    in the fine stage. `doubt`: see `support.fit`. `least_visible`: fewer of the whole rim's rays are no rim.
+    in the fine stage. `doubt`: see `support.fit`. `least_visible`: fewer of the entire rim's rays are no rim.
     `opponent`: the rim of red against green alone, see `rays.sample`.
     """
     outline = from_ellipse(seed)

@@ -1,17 +1,17 @@
-"""The robust search that knows where to look first, and searches the whole frame when that is not enough.
+"""The robust search that starts at the prediction, and searches the full frame when that is not enough.
 
-Every measurement comes out of the same evidence, the same gates and the same refinement at full resolution, whether
-the search was in a window or in the whole frame; the window only leaves out candidates that lie elsewhere. So that a
-track can't hold on to a wrong thing, the whole frame is searched, too
+Every measurement comes from the same evidence, the same gates and the same refinement at full resolution, whether
+the search was in a window or in the full frame; the window only leaves out candidates elsewhere. To prevent a track
+from staying on a wrong object, the full frame is searched, too
 
-- at once, in the same frame, when the window holds nothing, or nothing that the track's gate admits;
-- when something red has come into the picture elsewhere: a cheap look tells, every LOOK frames, LOOK_NS after the last
-  one at the latest, and after a long gap;
-- every WHOLE frames, if anything else in it is nearly as red as the marker; every FAINT frames, if anything is red at
+- at once, in the same frame, when the window has no marker, or none that the track's gate admits;
+- when a new red region appears elsewhere: a subsampled frame is checked every CHECK frames, CHECK_NS after the last
+  check at the latest, and after a long gap;
+- every FULL frames, if anything else in it is nearly as red as the marker; every FAINT frames, if anything is red at
   all.
 
-Where window and whole frame then disagree, the whole frame's answer stands, as it would without tracking. Only what
-that search did not even hear of may stand against it, with more evidence.
+Where window and full frame disagree, the result of the full frame is used, as it would be without tracking. Only a
+circle that this search did not report at all may replace it, with more evidence.
 """
 
 import math
@@ -28,20 +28,20 @@ from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import RED_DISC
 from gateway.vision.track.kalman_filter import Prediction
 
-LOOK, WHOLE, FAINT = 8, 64, 128  # frames; each a multiple of the one before
-LOOK_NS = 300_000_000  # a slow camera's truck is no slower
+CHECK, FULL, FAINT = 8, 64, 128  # frames; each a multiple of the one before
+CHECK_NS = 300_000_000  # a slow camera's truck is no slower
 ROUND_RIM = 1.35  # the evidence looks at the surroundings, too: so many radii
 
 
 class RoiSearch:
-    """A `follow.Search` that counts its frames."""
+    """A `Search` that counts its frames."""
 
     def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
         self._params = params
         self._now_ns = now_ns
-        self._near = 0  # frames in a row that were searched in a window only
-        self._regions: RedRegions | None = None  # other red things, when they were last looked at
-        self._looked_ns = self._t_ns = 0  # when that was, and the frame at hand
+        self._near = 0  # consecutive frames that were searched in a window only
+        self._regions: RedRegions | None = None  # other red regions, when last checked
+        self._checked_ns = self._t_ns = 0  # when that was, and the frame at hand
         self._radii_px: tuple[float, float] | None = None  # possible in the frame at hand
 
     def __call__(
@@ -53,42 +53,42 @@ class RoiSearch:
     ) -> Detection:
         self._t_ns, self._radii_px = t_ns, radii_px
         if expected is None or not _possible(expected.circle, radii_px):
-            return self._remembered(image, self._whole(image))
+            return self._recorded(image, self._full_search(image))
         window = window_round(expected, image.shape[1], image.shape[0])
         found = detect(image, self._params, self._now_ns, window=window, expected=expected.circle, radii_px=radii_px)
         if found.circle is None or not expected.admits(found.circle):
-            return self._also_whole(image, found)
+            return self._with_full_search(image, found)
         self._near += 1
-        if self._near % LOOK == 0 or abs(t_ns - self._looked_ns) >= LOOK_NS or not expected.useful:
+        if self._near % CHECK == 0 or abs(t_ns - self._checked_ns) >= CHECK_NS or not expected.useful:
             timer = StageTimer(self._now_ns)
-            contested = self._contested(image, found.circle)
+            due = self._full_search_due(image, found.circle)
             timer.ended("rivals")
             found = replace(found, stage_ns=found.stage_ns + timer.stage_ns)
-            if contested:
-                return self._also_whole(image, found)
+            if due:
+                return self._with_full_search(image, found)
         return found
 
-    def _whole(self, image: Image) -> Detection:
+    def _full_search(self, image: Image) -> Detection:
         self._near = 0
         return detect(image, self._params, self._now_ns, radii_px=self._radii_px)
 
-    def _also_whole(self, image: Image, before: Detection) -> Detection:
-        """`before`: what the window gave; its time is told, too."""
-        whole = self._whole(image)
-        better = self._remembered(image, _better(whole, before))
-        return replace(better, stage_ns=(("window", total_ns(before.stage_ns)), *whole.stage_ns))
+    def _with_full_search(self, image: Image, before: Detection) -> Detection:
+        """`before`: the window's result; its time is reported, too."""
+        full = self._full_search(image)
+        better = self._recorded(image, _better(full, before))
+        return replace(better, stage_ns=(("window", total_ns(before.stage_ns)), *full.stage_ns))
 
-    def _remembered(self, image: Image, found: Detection) -> Detection:
-        """The whole frame has been searched: the red things that are in it now have been heard."""
+    def _recorded(self, image: Image, found: Detection) -> Detection:
+        """The full frame has been searched: its red regions are known."""
         self._regions = None if found.circle is None else red_regions(image, found.circle)
-        self._looked_ns = self._t_ns
+        self._checked_ns = self._t_ns
         return found
 
-    def _contested(self, image: Image, followed: Circle) -> bool:
-        """Has something red come, or has what is there not been heard for long?"""
+    def _full_search_due(self, image: Image, followed: Circle) -> bool:
+        """Whether a red region is new, or the known ones were not searched for too long."""
         before, self._regions = self._regions, red_regions(image, followed)
-        self._looked_ns = self._t_ns
-        due = (self._near % WHOLE == 0 and len(self._regions.boxes) > 0) or (
+        self._checked_ns = self._t_ns
+        due = (self._near % FULL == 0 and len(self._regions.boxes) > 0) or (
             self._near % FAINT == 0 and self._regions.faint
         )
         return before is None or due or self._regions.new_since(before)
@@ -98,22 +98,22 @@ def _possible(circle: Circle, radii_px: tuple[float, float] | None) -> bool:
     return radii_px is None or radii_px[0] <= circle.radius_px <= radii_px[1]
 
 
-def _better(whole: Detection, held: Detection) -> Detection:
-    """The search of the whole frame may have overlooked what was found in the window; it passed the same gates."""
-    if held.circle is None or _heard(whole, held.circle):
-        return whole
-    return whole if _rank(whole) >= _rank(held) else held
+def _better(full: Detection, held: Detection) -> Detection:
+    """The full search may have missed the circle that was found in the window; that one passed the same gates."""
+    if held.circle is None or _reported(full, held.circle):
+        return full
+    return full if _rank(full) >= _rank(held) else held
 
 
-def _heard(whole: Detection, held: Circle) -> bool:
-    """Has the search of the whole frame chosen it, or refused a good red disc there?"""
-    others = (rejected.circle for rejected in whole.rejected if rejected.why in RED_DISC)
-    chosen = () if whole.circle is None else (whole.circle,)
+def _reported(full: Detection, held: Circle) -> bool:
+    """Whether the full search selected it, or rejected a good red disc there."""
+    others = (rejected.circle for rejected in full.rejected if rejected.why in RED_DISC)
+    chosen = () if full.circle is None else (full.circle,)
     return any(same_place(circle, held) for circle in (*chosen, *others))
 
 
 def _rank(found: Detection) -> float:
-    """Nearly what the search chooses by among the candidates of one frame; redness is not told of a detection."""
+    """About the rank among the candidates of one frame; a detection does not contain the redness."""
     return 0.0 if found.circle is None else (found.confidence or 0.0) * math.sqrt(found.circle.radius_px)
 
 

@@ -28,7 +28,7 @@ Rejected = tuple[float, Circle, str]  # how near a rejected candidate came, wher
 
 SEEDS = 24  # looked at
 RIMS = 5  # whose rim is refined
-REJECTED = 5  # told
+REJECTED = 5  # reported
 FINEST_PX = 10.0  # radius of the smallest disc on the finest level, px of it, at least
 COARSEST_PX = 8  # side of the coarsest level
 FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
@@ -47,8 +47,8 @@ def search_frame(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candi
     timer.ended("rim")
     taken, others = _decided(refined, limits)
     timer.ended("decision")
-    told = sorted([*nothing, *no_rims, *others], key=lambda entry: -entry[0])[:REJECTED]
-    return taken, len(seeds), told
+    rejected = sorted([*nothing, *no_rims, *others], key=lambda entry: -entry[0])[:REJECTED]
+    return taken, len(seeds), rejected
 
 
 def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate | None:
@@ -86,18 +86,18 @@ def _seeds(levels: Sequence[Level], limits: Limits) -> list[Seed]:
 
 def _worth_a_rim(seeds: Sequence[Seed], looked: Sequence[Evidence | None]) -> tuple[list[Evidence], list[Rejected]]:
     """The most promising, each rim once; and those that are nothing for sure."""
-    told: list[Rejected] = []
+    rejected: list[Rejected] = []
     hopeful: list[Evidence] = []
     for seed, found in zip(seeds, looked, strict=True):
         if found is None:
-            told.append((0.0, Circle(seed.u_px, seed.v_px, seed.radius_px), "rim"))
+            rejected.append((0.0, Circle(seed.u_px, seed.v_px, seed.radius_px), "rim"))
         else:
             hopeful.append(found)
     kept: list[Evidence] = []
     for found in sorted(hopeful, key=lambda found: -priority(found)):
         if len(kept) < RIMS and not any(same_ellipse(found.ellipse, other.ellipse) for other in kept):
             kept.append(found)
-    return kept, told
+    return kept, rejected
 
 
 def _refined(
@@ -105,15 +105,15 @@ def _refined(
 ) -> tuple[list[Candidate], list[Rejected]]:
     """Their rims at full resolution, and the evidence on these."""
     rims: list[Rim] = []
-    told: list[Rejected] = []
+    rejected: list[Rejected] = []
     for found in worth:
         rim = _rim_near(image, found.ellipse)
         if rim is None:
-            told.append((priority(found), circle_of(found.ellipse), "rim"))
+            rejected.append((priority(found), circle_of(found.ellipse), "rim"))
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = evidence.of_ellipses(levels, [rim.ellipse for rim in rims])
-    return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], told
+    return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], rejected
 
 
 def _rim_near(image: Image, seen: Ellipse) -> Rim | None:
@@ -134,13 +134,13 @@ def _rim_near(image: Image, seen: Ellipse) -> Rim | None:
 
 def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | None, list[Rejected]]:
     """The marker, and the others with the reason."""
-    told: list[Rejected] = []
+    rejected: list[Rejected] = []
     passed: list[Candidate] = []
     for candidate in refined:
         if why := failed_gate(candidate, limits):
-            told.append((1 + confidence(candidate), circle_of(candidate.rim.ellipse), why))
+            rejected.append((1 + confidence(candidate), circle_of(candidate.rim.ellipse), why))
         else:
             passed.append(candidate)
     best = max(passed, key=weight, default=None)
-    told += [(2 + confidence(c), circle_of(c.rim.ellipse), "weaker") for c in passed if c is not best]
-    return best, told
+    rejected += [(2 + confidence(c), circle_of(c.rim.ellipse), "weaker") for c in passed if c is not best]
+    return best, rejected

@@ -21,7 +21,7 @@ _REACH = (0.6, 1.4)  # of R: where a ray begins and ends
 class Light:
     """Figures of one picture; None: cannot be told from it."""
 
-    clipped: float  # share of the whole picture that is white to the stop in all channels
+    clipped: float  # share of the full frame that is white to the stop in all channels
     marker_clipped: float | None  # share of the marker whose red channel is at the stop
     marker_v: float | None  # median of the marker's largest channel, 0 to 255
     marker_s: float | None  # median of its saturation

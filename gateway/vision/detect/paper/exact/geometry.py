@@ -81,7 +81,7 @@ class Opening:
 
     @property
     def uncut_px(self) -> int:
-        """What lies at least so far inside a window's own edges is exactly what the whole picture has there.
+        """What lies at least so far inside a window's own edges is exactly what the full frame has there.
 
         The window's edge spoils the erosion to r, and each of the three steps after it r farther; one more, so that
         the ring of 0 round a component is known, too.

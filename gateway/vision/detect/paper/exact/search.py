@@ -1,4 +1,4 @@
-"""The paper's method on whole pictures, as `pipeline.detect` has it, looking closely only where red can survive.
+"""The paper's method on full frames, as `pipeline.detect` has it, looking closely only where red can survive.
 
 Every field of the Detection is the plain pipeline's, `candidates` too: all clusters that can hold a candidate are
 looked at, not the largest alone, which costs little and leaves nothing to be explained. `stage_ns` has other names.
@@ -28,7 +28,7 @@ WINDOW_COST_PX = 20_000  # what a further window costs, in pixels looked at: the
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Of one search of a whole picture."""
+    """Of one search of a full frame."""
 
     detection: Detection
     cells: Mask  # the grid
@@ -105,7 +105,7 @@ def packed(image: Image) -> Image:
 
 
 def in_plain_order(found: list[Contour]) -> list[Contour]:
-    """As OpenCV lists those of a whole picture: a contour begins with its first pixel, and the last one comes first."""
+    """As OpenCV lists those of a full frame: a contour begins with its first pixel, and the last one comes first."""
     return sorted(found, key=lambda contour: (int(contour[0, 0, 1]), int(contour[0, 0, 0])), reverse=True)
 
 

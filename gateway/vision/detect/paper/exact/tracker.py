@@ -2,19 +2,19 @@
 
 What is promised, for every frame:
 
-- The circle is always that of a whole component of the plain pipeline's mask of *this* frame that passes all gates:
+- The circle is always that of a complete component of the plain pipeline's mask of *this* frame that passes all gates:
   a component is taken from the window only if it lies so far inside that the window's edges can't have changed it.
-  Else, and where the window has none, the whole frame is searched in the same frame. No target is only ever told
-  after a search of the whole frame.
+  Else, and where the window has none, the full frame is searched in the same frame. No target is only ever told
+  after a search of the full frame.
 - Every field but `candidates` (those of the window) and `stage_ns` is the plain pipeline's, unless a component that is
   as large or larger and passes the gates lies elsewhere. Such a one is noticed in the ROUND-th frame after it came, at
-  the latest, if it stands that long; then the whole frame is searched.
+  the latest, if it stands that long; then the full frame is searched.
 
 How the second is kept: each frame a share of 1/ROUND of the grid is scanned, so that all of it has had its turn
-after ROUND frames. A red point that the last search of the whole frame did not have thereabouts calls for another
+after ROUND frames. A red point that the last search of the full frame did not have thereabouts calls for another
 one. Points that it had, the clutter, lie in *zones*, a step of the grid wider than they were. What stays inside a
 zone is not larger than its box. While that is less than the marker, no zone can hide a rival; else, and where something
-that the window cuts comes close to the marker, the whole frame is searched every ROUND frames.
+that the window cuts comes close to the marker, the full frame is searched every ROUND frames.
 """
 
 from dataclasses import dataclass, replace
@@ -53,9 +53,9 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class Clutter:
-    """What the last search of a whole frame saw besides the marker."""
+    """What the last search of a full frame saw besides the marker."""
 
-    unknown: Mask  # (rows, columns) uint8, 255 where a red grid point would be news
+    unknown: Mask  # (rows, columns) uint8, 255 where a red grid point would be new
     largest_px2: int  # no zone can hold a larger contour
 
 
@@ -72,7 +72,7 @@ class ExactTracker:
         self._clutter: Clutter | None = None
         self._shape: tuple[int, ...] = ()
         self._turn = 0  # which share of the grid is next
-        self._since_whole = 0  # frames
+        self._since_full = 0  # frames
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         check_bgr8(image)
@@ -82,12 +82,12 @@ class ExactTracker:
         spent = timer.stage_ns
         if found is not None:
             return replace(found, stage_ns=spent)
-        whole = self._whole(image, t_ns)
-        return replace(whole, stage_ns=(("window", total_ns(spent)), *whole.stage_ns)) if spent else whole
+        full = self._full_search(image, t_ns)
+        return replace(full, stage_ns=(("window", total_ns(spent)), *full.stage_ns)) if spent else full
 
-    def _whole(self, image: Image, t_ns: int) -> Detection:
+    def _full_search(self, image: Image, t_ns: int) -> Detection:
         found = self.search.find(image)
-        self._shape, self._since_whole = image.shape, 0
+        self._shape, self._since_full = image.shape, 0
         if found.chosen is None:
             self._marker = self._before = None
         else:
@@ -97,7 +97,7 @@ class ExactTracker:
         return found.detection
 
     def _near(self, image: Image, t_ns: int, seen: pipeline.Seen) -> Detection | None:
-        """What the window tells; None where the whole frame must be searched."""
+        """What the window tells; None where the full frame must be searched."""
         marker, clutter = self._marker, self._clutter
         if marker is None or clutter is None or image.shape != self._shape:
             return None
@@ -115,17 +115,17 @@ class ExactTracker:
             return None
         own = extent(chosen)
         near = own.grown(opening.side_px - 1, width, height)
-        self._since_whole += 1
+        self._since_full += 1
         hidden = clutter.largest_px2 >= found.area_px2 or any(box.meets(near) for _, box in cut)
-        due = hidden and self._since_whole >= ROUND
-        news = due or self._news(image, near, clutter)
+        due = hidden and self._since_full >= ROUND
+        changed = due or self._new_red(image, near, clutter)
         seen("rescan", None)
-        if news:
+        if changed:
             return None
         self._moved(own, t_ns, expected)
         return found
 
-    def _news(self, image: Image, near: Box, clutter: Clutter) -> bool:
+    def _new_red(self, image: Image, near: Box, clutter: Clutter) -> bool:
         """Scan the next share of the grid: is there red that was not known, and is not the marker?"""
         grid = self.search.grid(image)
         count = len(grid.ys)
