@@ -83,66 +83,52 @@ def added(found: profile.Proposal) -> list[str]:
     ]
 
 
-def test_a_value_is_changed_in_its_line_and_its_comment_stays() -> None:
-    found = proposed(SHARED, method="paper")
+ALONE = '[vision]\nmethod = "robust"  # both\n\n[[bays]]\nname = "bay1"\nvision.coast_s = 0.2\n'
+BELOW = (
+    '[[bays]]\nname = "a"\n[bays.vision.intrinsics]\nfx = 600.0\nfy = 600.0\ncx = 320.0\ncy = 240.0\n'
+    '\n[[bays]]\nname = "b"\nunit_id = 2\n'
+)
 
-    assert found.text == SHARED.replace('"robust"          #', '"paper"          #')
-    assert found.changes == {"method": "paper"}
+
+@pytest.mark.parametrize(
+    ("text", "bay", "changes", "lines"),
+    [
+        pytest.param(SHARED, "bay1", {"method": "paper"}, [
+            'method = "robust"          # or "paper"', 'method = "paper"          # or "paper"'], id="value"),
+        pytest.param(SHARED, "bay1", {}, [], id="nothing"),
+        pytest.param(FOUR, "bay1", {"min_confidence": 0.55}, ["vision.min_confidence = 0.55"], id="one of several"),
+        pytest.param(FOUR, "bay2", {"coast_s": 0.1}, ["vision.coast_s = 0.1"], id="dotted"),
+        pytest.param(FOUR, "bay3", {"coast_s": 0.1}, ["coast_s = 0.1"], id="table of its own"),
+        pytest.param(FOUR, "bay2", {"min_confidence": 0.75}, [
+            "vision.min_confidence = 0.7   # more still", "vision.min_confidence = 0.75   # more still"], id="own key"),
+        pytest.param(FOUR, "bay4", {"coast_s": 0.1}, [
+            'vision = { method = "paper" }  # short',
+            'vision = { method = "paper", coast_s = 0.1}  # short'], id="inline"),
+        pytest.param(ALONE, "bay1", {"method": "paper", "coast_s": 0.25, "min_fill": 0.5}, [
+            'method = "robust"  # both', 'method = "paper"  # both', "min_fill = 0.5",
+            "vision.coast_s = 0.2", "vision.coast_s = 0.25"], id="shared and own"),
+        pytest.param(BELOW, "a", {"method": "paper"}, ['vision.method = "paper"'], id="only a table below"),
+    ],
+)  # fmt: skip
+def test_only_the_lines_of_the_change_differ(text: str, bay: str, changes: dict[str, Any], lines: list[str]) -> None:
+    found = proposed(text, bay, **changes)
+    assert added(found) == lines
+    assert dict(found.changes) == changes
+    if not lines:
+        assert (found.text, found.diff) == (text, "")
 
 
 def test_a_new_key_goes_below_the_last_one_of_its_table_and_above_the_next_table_s_comment() -> None:
-    found = proposed(SHARED, min_confidence=0.625)
-
-    assert found.text == SHARED.replace("  46,\n]\n", "  46,\n]\nmin_confidence = 0.625\n")
-
-
-def test_the_same_settings_change_nothing() -> None:
-    found = proposed(SHARED)
-
-    assert (found.text, found.diff, dict(found.changes)) == (SHARED, "", {})
+    assert proposed(SHARED, min_confidence=0.625).text == SHARED.replace(
+        "  46,\n]\n", "  46,\n]\nmin_confidence = 0.625\n"
+    )
+    below = ALONE.replace("# both\n", "# both\nmin_fill = 0.5\n")
+    assert proposed(ALONE, min_fill=0.5).text == below
 
 
 def test_without_a_table_one_is_made_at_the_end() -> None:
     assert proposed('site = "a"', method="paper").text == 'site = "a"\n\n[vision]\nmethod = "paper"\n'
     assert proposed("", method="paper").text == '[vision]\nmethod = "paper"\n'
-
-
-def test_one_of_several_bays_gets_a_key_of_its_own() -> None:
-    assert added(proposed(FOUR, "bay1", min_confidence=0.55)) == ["vision.min_confidence = 0.55"]
-    assert added(proposed(FOUR, "bay2", coast_s=0.1)) == ["vision.coast_s = 0.1"]
-    assert added(proposed(FOUR, "bay3", coast_s=0.1)) == ["coast_s = 0.1"]
-
-
-def test_a_key_of_the_bay_s_own_is_changed_there() -> None:
-    assert added(proposed(FOUR, "bay2", min_confidence=0.75)) == [
-        "vision.min_confidence = 0.7   # more still",
-        "vision.min_confidence = 0.75   # more still",
-    ]
-    assert added(proposed(FOUR, "bay4", coast_s=0.1)) == [
-        'vision = { method = "paper" }  # short',
-        'vision = { method = "paper", coast_s = 0.1}  # short',
-    ]
-
-
-def test_a_single_bay_s_shared_table_is_changed_in_place() -> None:
-    text = '[vision]\nmethod = "robust"  # both\n\n[[bays]]\nname = "bay1"\nvision.coast_s = 0.2\n'
-
-    found = proposed(text, method="paper", coast_s=0.25, min_fill=0.5)
-
-    assert found.text == (
-        '[vision]\nmethod = "paper"  # both\nmin_fill = 0.5\n\n[[bays]]\nname = "bay1"\nvision.coast_s = 0.25\n'
-    )
-
-
-def test_a_bay_with_only_a_table_below_its_vision_gets_its_key() -> None:
-    text = (
-        '[[bays]]\nname = "a"\n[bays.vision.intrinsics]\nfx = 600.0\nfy = 600.0\ncx = 320.0\ncy = 240.0\n'
-        '\n[[bays]]\nname = "b"\nunit_id = 2\n'
-    )
-
-    found = proposed(text, "a", method="paper")
-
-    assert added(found) == ['vision.method = "paper"']
 
 
 def test_bays_in_one_line_are_changed_too() -> None:
