@@ -55,13 +55,18 @@ def until_shown(page: Page, wanted: str) -> None:
     until(page, lambda: shows(page) == wanted)
 
 
+def says(page: Page, what: object, shown: str) -> None:
+    """The socket answers so, and the display shows it."""
+    say(page, what)
+    until_shown(page, shown)
+
+
 def test_it_begins_with_stop_and_asks_for_its_bay(display: Display) -> None:
     page = display()
     assert shows(page) == "STOP over all"
     expect(page).to_have_title("STOP")
     until(page, lambda: page.evaluate("() => window.__asked").endswith("/api/driver?bay=bay1"))
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
     expect(page).to_have_title("FORWARD")
     expect(page.locator("#amount")).to_have_text("to go1.25m")
     expect(page.locator("#speed")).to_have_text("speed12cm/s")
@@ -71,16 +76,13 @@ def test_it_begins_with_stop_and_asks_for_its_bay(display: Display) -> None:
 
 def test_a_truck_in_place_may_read_so_under_stop_and_leaves_when_it_is_released(display: Display) -> None:
     page = display()
-    say(page, {**GOOD, "code": "OK", "stop": True, "closing_mm_s": 0.0, "to_go_mm": None})
-    until_shown(page, "OK")
+    says(page, {**GOOD, "code": "OK", "stop": True, "closing_mm_s": 0.0, "to_go_mm": None}, "OK")
     expect(page.locator("#word")).to_have_text("OK")
     expect(page.locator("#column")).to_be_hidden()
-    say(page, {**GOOD, "code": "LEAVE", "closing_mm_s": -200.0, "amount_mm": None})
-    until_shown(page, "LEAVE")
+    says(page, {**GOOD, "code": "LEAVE", "closing_mm_s": -200.0, "amount_mm": None}, "LEAVE")
     expect(page.locator("#word")).to_have_text("LEAVE")
     expect(page.locator("#amount")).to_be_hidden()
-    say(page, {**GOOD, "code": "DRIVE_UP", "amount_mm": None, "closing_mm_s": None, "to_go_mm": None})
-    until_shown(page, "DRIVE_UP")
+    says(page, {**GOOD, "code": "DRIVE_UP", "amount_mm": None, "closing_mm_s": None, "to_go_mm": None}, "DRIVE_UP")
     expect(page.locator("#word")).to_have_text("DRIVE UP")
 
 
@@ -118,32 +120,25 @@ def test_without_scripts_it_is_stop(browser: Browser) -> None:
 )
 def test_what_makes_no_sense_is_stop(display: Display, bad: object) -> None:
     page = display()
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
-    say(page, bad)
-    until_shown(page, "STOP over all")
+    says(page, GOOD, "FORWARD")
+    says(page, bad, "STOP over all")
     page.evaluate("() => { window.__shown = []; }")
     page.wait_for_timeout(400)
     assert page.evaluate("() => window.__shown.filter((shown) => shown.endsWith('true'))") == []
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
 
 
 def test_silence_is_stop(display: Display) -> None:
     page = display()
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
-    say(page, None)
-    until_shown(page, "STOP over all")
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
+    says(page, None, "STOP over all")
+    says(page, GOOD, "FORWARD")
 
 
 @pytest.mark.parametrize("broken", ["requestAnimationFrame", "setInterval"])
 def test_each_watch_is_enough_alone(display: Display, broken: str) -> None:
     page = display(before=f"window.{broken} = () => 0;")
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
     say(page, None)
     until(page, lambda: page.evaluate("() => document.body.dataset.fresh") == "false")
     # Not only when the silent link is given up, seconds later.
@@ -165,8 +160,7 @@ def test_a_message_that_was_long_on_its_way_is_not_taken_for_a_new_one(display: 
 @pytest.mark.parametrize("hours", [-1, 1])
 def test_a_clock_that_is_set_is_stop_until_the_next_message(display: Display, hours: int) -> None:
     page = display()
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
     say(page, None)
     # The other clock stands still, so that no time passes that would make the data old.
     page.evaluate(
@@ -181,14 +175,12 @@ def test_a_clock_that_is_set_is_stop_until_the_next_message(display: Display, ho
     )
     until(page, lambda: page.evaluate("() => document.body.dataset.fresh") == "false")
     page.evaluate("() => window.__go_on()")
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
 
 
 def test_a_tab_that_comes_back_is_stop_until_the_next_message(display: Display) -> None:
     page = display()
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
     page.evaluate("""() => {
       window.__says = null;
       window.__shown = [];
@@ -196,15 +188,13 @@ def test_a_tab_that_comes_back_is_stop_until_the_next_message(display: Display) 
       window.__after = document.body.dataset.code;
     }""")
     assert page.evaluate("() => window.__after") == "STOP"
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
 
 
 def test_a_script_that_hangs_is_stop(display: Display) -> None:
     """Nothing of the page runs; the browser's compositor alone brings the STOP. Seen in pictures taken meanwhile."""
     page = display(width_px=400, height_px=300)
-    say(page, GOOD)
-    until_shown(page, "FORWARD")
+    says(page, GOOD, "FORWARD")
     tool = page.context.new_cdp_session(page)
     seen: list[tuple[float, tuple[int, int, int]]] = []
 
