@@ -11,7 +11,6 @@ from gateway.core.model import (
     Circle,
     Ellipse,
     EventKind,
-    FunctionCheck,
     FusionMemory,
     PictureHealth,
     Quality,
@@ -23,7 +22,6 @@ from gateway.core.model import (
     VisionReading,
     VisionStats,
 )
-from gateway.core.plc import Handshake, Phase, PlcLink
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_unit import CurrentImage
 from gateway.modbus.registers.register import WordOrder
@@ -388,52 +386,6 @@ def test_the_current_image_is_encoded_once_per_state() -> None:
     revived = current.of(replace(STATE, seq=STATE.seq + 1), now_ns, UNIX_NS)
     assert revived[0] == dead[0] + 1
     assert revived[6] == 1
-
-
-SHAKES = st.builds(
-    Handshake,
-    link=st.sampled_from(PlcLink),
-    heartbeat=st.integers(0, 9),
-    control=st.integers(0, 9),
-    recipe=st.integers(0, 9),
-    phase=st.sampled_from(Phase),
-    overrun=st.booleans(),
-    trigger_ack=st.booleans(),
-    writes=st.integers(0, 70_000),
-)
-STATES = st.builds(
-    StateVector,
-    bay=st.just("north"),
-    t_ns=st.integers(0, 10**12),
-    seq=st.integers(0, 70_000),
-    heartbeat=st.integers(0, 70_000),
-    vision=st.builds(
-        VisionReading, st.integers(0, 10**12), st.sampled_from(Quality), st.sampled_from((None, Circle(1.0, 2.0, 3.0)))
-    ),
-    range=st.builds(
-        RangeReading,
-        st.integers(0, 10**12),
-        st.sampled_from(Quality),
-        st.none() | st.floats(0, 1e6),
-        st.integers(0, 9),
-        stats=st.builds(RangeStats, *[st.integers(0, 9)] * 5, st.floats(0, 9)),
-    ),
-    d=st.none() | st.booleans(),
-    stop=st.booleans(),
-    may_move=st.booleans(),
-    reason=st.sampled_from(Reason),
-    memory=st.builds(FusionMemory, d=st.booleans(), disagree=st.booleans(), latched=st.booleans()),
-    plc=SHAKES,
-    function_check=st.sampled_from(FunctionCheck),
-)
-
-
-@given(states=st.lists(STATES, min_size=2, max_size=6))
-def test_the_current_image_of_any_state_is_that_of_the_state_alone(states: list[StateVector]) -> None:
-    current = CurrentImage("little")
-    for n, fresh in enumerate(states):
-        state = replace(fresh, seq=n)
-        assert current.of(state, state.t_ns, n * S) == encode(state, n * S, "little")
 
 
 @pytest.mark.parametrize("order", ["big", "little"])
