@@ -3,26 +3,19 @@
 import asyncio
 import os
 import struct
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from gateway.bay import BayControl
-from gateway.clock import SystemClock
-from gateway.config import parse
-from gateway.core.model import Circle, EventKind, GuidanceCode, Quality, RangeReading, Reason, VisionReading
+from gateway.core.model import EventKind, GuidanceCode, Reason
 from gateway.core.plc import Control, Outcome, RecipeVerdict, ResetVerdict
-from gateway.hub import Hub
-from gateway.modbus.protocol.answers import Unit
-from gateway.modbus.registers.bay_unit import CurrentImage, writer, writer_of
 from gateway.modbus.registers.handshake import HandshakeBit
-from gateway.modbus.server.service import serving
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
+from tests.e2e.served_bay import ServedBay
 from tests.e2e.test_modbus_tls import context_of
 from tests.e2e.tls_plc import Image, RefusedError, TlsPlc
 from tests.plant_certs import Plant
@@ -117,60 +110,29 @@ def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
         assert len(kinds) < 40, "a heartbeat of 20 a second is no flood"
 
 
-class Yard:
-    """A bay whose sensors the test holds in its hands."""
-
-    def __init__(self, plant: Plant) -> None:
-        self.config = parse(
-            {
-                "modbus": {
-                    "writes": True,
-                    "port": 0,
-                    "tls": plant.config().model_dump(),
-                    "handshake": {"heartbeat_deadline_s": 20.0, "trigger_timeout_s": 20.0},
-                },
-                "fusion": {
-                    "decision": "plain",
-                    "latch_stop": True,
-                    "latch_leave_s": 0.0,
-                    "vision_deadline_s": 5.0,
-                    "range_deadline_s": 5.0,
-                },
-                "recipes": [{"id": 7, "name": "half way", "fusion": {"distance_threshold_mm": 150.0}}],
-            }
-        )
-        self.distance_mm = 900.0
-        self.clock = SystemClock()
-        self.hub = Hub(["bay1"])
-        self.events = self.hub.subscribe()
-        self.bay = BayControl(self.config.bays[0], self.hub, self.clock, (), self.config)
-
-    async def look(self) -> None:
-        while True:
-            now_ns = self.clock.now_ns()
-            self.bay.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200.0)))
-            self.bay.on_range(RangeReading(now_ns, Quality.GOOD, self.distance_mm))
-            await asyncio.sleep(0.03)
-
-    @asynccontextmanager
-    async def open(self) -> AsyncIterator[int]:
-        """The TLS port."""
-        image = CurrentImage("big")
-        unit = Unit(
-            lambda: image.of(self.bay.state(), self.clock.now_ns(), self.clock.wall_ns()),
-            writer(self.bay.on_write, self.bay.on_refused),
-            refused=lambda peer, why: self.bay.on_refused(writer_of(peer), why),
-        )
-        async with serving(self.config.modbus, {1: unit}, self.clock) as bound, asyncio.TaskGroup() as group:
-            tasks = [group.create_task(self.bay.run()), group.create_task(self.look())]
-            assert bound.tls is not None
-            yield bound.tls
-            for task in tasks:
-                task.cancel()
+def bay_of(plant: Plant) -> ServedBay:
+    return ServedBay(
+        {
+            "modbus": {
+                "writes": True,
+                "port": 0,
+                "tls": plant.config().model_dump(),
+                "handshake": {"heartbeat_deadline_s": 20.0, "trigger_timeout_s": 20.0},
+            },
+            "fusion": {
+                "decision": "plain",
+                "latch_stop": True,
+                "latch_leave_s": 0.0,
+                "vision_deadline_s": 5.0,
+                "range_deadline_s": 5.0,
+            },
+            "recipes": [{"id": 7, "name": "half way", "fusion": {"distance_threshold_mm": 150.0}}],
+        }
+    )
 
 
 def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
-    yard = Yard(plant)
+    bay = bay_of(plant)
 
     def shift(port: int) -> None:
         with TlsPlc(port, context_of(plant, "plc1")) as plc:
@@ -184,7 +146,7 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
             pulse(Control.RESET, lambda image: image["may_move"] == 1)
             assert plc.wait_for(lambda image: image["closing_speed"] == 0)["guidance"] == GuidanceCode.FORWARD
 
-            yard.distance_mm = 250.0
+            bay.distance_mm = 250.0
             plc.wait_for(lambda image: image["reason"] == Reason.TARGET_REACHED)
             plc.recipe = 7
             still = plc.wait_for(lambda image: image["recipe_verdict"] == RecipeVerdict.STOP_STANDS)
@@ -207,22 +169,22 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
                     plc.ask(pdu)
                 assert refused.value.args == (2,)
 
-            yard.distance_mm = 900.0
+            bay.distance_mm = 900.0
             plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED)
             plc.wait_for(lambda image: image["d"] == 0)
             pulse(Control.RESET, lambda image: image["may_move"] == 1)
             plc.wait_for(lambda image: image["recipe_active"] == 7)
-            yard.distance_mm = 250.0
+            bay.distance_mm = 250.0
             plc.wait_for(lambda image: image["distance"] == 250)
             assert plc.wait_for(lambda image: image["d"] == 0)["stop"] == 0, "this recipe stops at 150 mm"
             plc.control = 0
 
     async def scene() -> None:
-        async with yard.open() as port:
-            await asyncio.get_running_loop().run_in_executor(None, shift, port)
+        async with bay.open() as listening:
+            await asyncio.get_running_loop().run_in_executor(None, shift, listening.first)
 
     asyncio.run(scene())
-    told: list[Any] = [(event.kind, event.detail) for event in yard.events.drain()]
+    told: list[Any] = [(event.kind, event.detail) for event in bay.events.drain()]
     who = "127.0.0.1 (plc1, role operator)"
     assert (EventKind.WRITE_REFUSED, f"{who}: register 4 is read only") in told
     assert (EventKind.WRITE_REFUSED, f"{who}: register 83 is read only") in told

@@ -25,21 +25,33 @@ TOLD = bytes([3, 200]) + b"".join(word.to_bytes(2, "big") for word in IMAGE)
 PATIENCE_S = 30.0
 
 
-@pytest.fixture(params=["uvloop", "asyncio"])
-def serve(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """Runs `use(server)` against a server with these keys of [modbus], on either event loop."""
-    factory = event_loop.factory() if request.param == "uvloop" else asyncio.new_event_loop
+def serve(loop: str, test: Callable[[ModbusServer], Coroutine[Any, Any, None]], **keys: Any) -> None:
+    """Runs `test(server)` against a server with these keys of [modbus]."""
 
-    def run(use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **keys: Any) -> None:
-        async def main() -> None:
-            async with ModbusServer(ModbusConfig(port=0, **keys), {1: Unit(lambda: IMAGE)}) as server:
-                await use(server)
-            assert server.stats.open == 0
+    async def main() -> None:
+        async with ModbusServer(ModbusConfig(port=0, **keys), {1: Unit(lambda: IMAGE)}) as server:
+            await test(server)
+        assert server.stats.open == 0
 
-        with asyncio.Runner(loop_factory=factory) as runner:
-            runner.run(main())
+    with asyncio.Runner(loop_factory=event_loop.factory() if loop == "uvloop" else asyncio.new_event_loop) as runner:
+        runner.run(main())
 
-    return run
+
+on_both_loops = pytest.mark.parametrize("loop", ["uvloop", "asyncio"])
+
+
+def served(**keys: Any) -> Callable[[Callable[[ModbusServer], Coroutine[Any, Any, None]]], Callable[[str], None]]:
+    """A test that is called with a server with these keys, on either event loop."""
+
+    def decorated(test: Callable[[ModbusServer], Coroutine[Any, Any, None]]) -> Callable[[str], None]:
+        @on_both_loops
+        def called(loop: str) -> None:
+            serve(loop, test, **keys)
+
+        called.__name__, called.__doc__ = test.__name__, test.__doc__
+        return called
+
+    return decorated
 
 
 @contextmanager
@@ -74,20 +86,19 @@ def poll(raw: socket.socket, transaction: int = 1) -> bool:
     return True
 
 
-def test_who_is_not_on_the_list_is_not_answered(serve: Callable[..., None]) -> None:
-    async def use(server: ModbusServer) -> None:
-        with connected(server) as stranger, connected(server, PLC) as plc, connected(server, "127.0.0.3") as known:
-            assert not await in_thread(poll, stranger)
-            assert await in_thread(poll, plc)
-            assert await in_thread(poll, known)
-        assert server.stats.refused == {Refusal.NOT_ALLOWED: 1}
-        assert server.stats.connections == 2
-
-    serve(use, allow=["127.0.0.3"], plc_addresses=[PLC])
+@served(allow=["127.0.0.3"], plc_addresses=[PLC])
+async def test_who_is_not_on_the_list_is_not_answered(server: ModbusServer) -> None:
+    with connected(server) as stranger, connected(server, PLC) as plc, connected(server, "127.0.0.3") as known:
+        assert not await in_thread(poll, stranger)
+        assert await in_thread(poll, plc)
+        assert await in_thread(poll, known)
+    assert server.stats.refused == {Refusal.NOT_ALLOWED: 1}
+    assert server.stats.connections == 2
 
 
+@on_both_loops
 def test_the_log_has_one_line_of_a_kind_and_now_and_then_all_the_counters(
-    serve: Callable[..., None], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    loop: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("gateway.modbus.server.server.SUMMARY_S", 0.3)
 
@@ -101,133 +112,118 @@ def test_the_log_has_one_line_of_a_kind_and_now_and_then_all_the_counters(
         ]
 
     with caplog.at_level(logging.INFO, "gateway.modbus.server.server"):
-        serve(use, allow=["127.0.0.3"])
+        serve(loop, use, allow=["127.0.0.3"])
 
 
-def test_one_address_can_not_take_all_connections(serve: Callable[..., None]) -> None:
+@served()
+async def test_one_address_can_not_take_all_connections(server: ModbusServer) -> None:
     """With the defaults: a stranger opens as many as there are, and others still come in."""
-
-    async def use(server: ModbusServer) -> None:
-        with ExitStack() as crowd:
-            for _ in range(64):
-                crowd.enter_context(connected(server, "127.0.0.66"))
-            await until(lambda: server.stats.refused[Refusal.SHARE] == 48)
-            assert server.stats.open == 16
-            others = [crowd.enter_context(connected(server, f"127.0.0.{n}")) for n in range(70, 80)]
-            assert all([await in_thread(poll, raw) for raw in others])
-        assert server.stats.refused == {Refusal.SHARE: 48}
-
-    serve(use)
+    with ExitStack() as crowd:
+        for _ in range(64):
+            crowd.enter_context(connected(server, "127.0.0.66"))
+        await until(lambda: server.stats.refused[Refusal.SHARE] == 48)
+        assert server.stats.open == 16
+        others = [crowd.enter_context(connected(server, f"127.0.0.{n}")) for n in range(70, 80)]
+        assert all([await in_thread(poll, raw) for raw in others])
+    assert server.stats.refused == {Refusal.SHARE: 48}
 
 
-def test_the_cap_keeps_room_for_the_plc(serve: Callable[..., None]) -> None:
-    async def use(server: ModbusServer) -> None:
-        with ExitStack() as crowd:
-            there = [crowd.enter_context(connected(server)) for _ in range(20)]
-            await until(lambda: server.stats.refused[Refusal.FULL] == 14)
-            assert server.stats.open == 6
-            plcs = [crowd.enter_context(connected(server, PLC)) for _ in range(4)]
-            assert all([await in_thread(poll, plc) for plc in plcs])
-            assert server.stats.open == 10
-            # A fifth of the PLC's takes a place from the others, a sixth too.
-            more = [crowd.enter_context(connected(server, PLC)) for _ in range(2)]
-            assert all([await in_thread(poll, plc) for plc in [*plcs, *more]])
-            assert server.stats.refused == {Refusal.FULL: 14, Refusal.MADE_ROOM: 2}
-            assert [await in_thread(poll, raw) for raw in there].count(True) == 4
-
-    serve(use, max_connections=10, plc_connections=4, plc_addresses=[PLC])
+@served(max_connections=10, plc_connections=4, plc_addresses=[PLC])
+async def test_the_cap_keeps_room_for_the_plc(server: ModbusServer) -> None:
+    with ExitStack() as crowd:
+        there = [crowd.enter_context(connected(server)) for _ in range(20)]
+        await until(lambda: server.stats.refused[Refusal.FULL] == 14)
+        assert server.stats.open == 6
+        plcs = [crowd.enter_context(connected(server, PLC)) for _ in range(4)]
+        assert all([await in_thread(poll, plc) for plc in plcs])
+        assert server.stats.open == 10
+        # A fifth of the PLC's takes a place from the others, a sixth too.
+        more = [crowd.enter_context(connected(server, PLC)) for _ in range(2)]
+        assert all([await in_thread(poll, plc) for plc in [*plcs, *more]])
+        assert server.stats.refused == {Refusal.FULL: 14, Refusal.MADE_ROOM: 2}
+        assert [await in_thread(poll, raw) for raw in there].count(True) == 4
 
 
-def test_idle_and_half_frames_end_and_a_quiet_plc_does_not(serve: Callable[..., None]) -> None:
-    async def use(server: ModbusServer) -> None:
-        with connected(server) as idle, connected(server) as half, connected(server, PLC) as plc:
-            half.sendall(frame_bytes(1, 1, ASK)[:5])
-            assert await in_thread(half.recv, 10) == b""
-            assert await in_thread(idle.recv, 10) == b""
-            assert server.stats.refused == {Refusal.HALF_FRAME: 1, Refusal.IDLE: 1}
-            assert await in_thread(poll, plc)
-            assert server.stats.open == 1
-
-    serve(use, idle_timeout_s=1.5, frame_timeout_s=0.3, plc_addresses=[PLC])
+@served(idle_timeout_s=1.5, frame_timeout_s=0.3, plc_addresses=[PLC])
+async def test_idle_and_half_frames_end_and_a_quiet_plc_does_not(server: ModbusServer) -> None:
+    with connected(server) as idle, connected(server) as half, connected(server, PLC) as plc:
+        half.sendall(frame_bytes(1, 1, ASK)[:5])
+        assert await in_thread(half.recv, 10) == b""
+        assert await in_thread(idle.recv, 10) == b""
+        assert server.stats.refused == {Refusal.HALF_FRAME: 1, Refusal.IDLE: 1}
+        assert await in_thread(poll, plc)
+        assert server.stats.open == 1
 
 
-def test_a_connection_has_small_buffers_and_notices_a_peer_that_vanished(serve: Callable[..., None]) -> None:
-    async def use(server: ModbusServer) -> None:
-        with connected(server) as client:
-            assert await in_thread(poll, client)
-            assert server._listener is not None
-            (end,) = server._listener._transports
-            option = end.get_extra_info("socket").getsockopt
-            assert option(socket.SOL_SOCKET, socket.SO_RCVBUF) == 2 * RECEIVE_BYTES  # Linux doubles both
-            assert option(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * SEND_BYTES
-            assert option(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
-            quiet_s, every_s, probes = (
-                option(socket.IPPROTO_TCP, which)
-                for which in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
-            )
-            assert (quiet_s, every_s * probes) == (8, 8)
-            assert option(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 16_000
-
-    serve(use, keepalive_s=8)
-
-
-def test_who_asks_is_not_idle_however_long_it_has_been_connected(serve: Callable[..., None]) -> None:
-    async def use(server: ModbusServer) -> None:
-        with connected(server) as busy:
-            assert await in_thread(poll, busy)
-            assert server._listener is not None
-            (client,) = server._listener._connections
-            while server._listener._connections[client] == client.answered:  # the sweep has seen it already
-                assert await in_thread(poll, busy)
-            client.active_s -= 1000
-            long_ago_s = client.active_s
-            await until(lambda: client.active_s > long_ago_s)
-            assert await in_thread(poll, busy)
-        assert not server.stats.refused
-
-    serve(use)
-
-
-def test_a_client_that_does_not_read_costs_little_and_is_cut(serve: Callable[..., None]) -> None:
-    async def use(server: ModbusServer) -> None:
+@served(keepalive_s=8)
+async def test_a_connection_has_small_buffers_and_notices_a_peer_that_vanished(server: ModbusServer) -> None:
+    with connected(server) as client:
+        assert await in_thread(poll, client)
         assert server._listener is not None
-        with connected(server) as greedy, connected(server) as fair:
-            greedy.setblocking(False)
-            most = 0
-            asked = frame_bytes(1, 1, ASK) * 50
-            async with asyncio.timeout(PATIENCE_S):
-                while not server.stats.refused[Refusal.NOT_READING]:
-                    try:
-                        greedy.send(asked)
-                    except BlockingIOError:
-                        await asyncio.sleep(0.01)
-                    except ConnectionError:
-                        break
-                    assert await in_thread(poll, fair)
-                    waiting = [end.get_write_buffer_size() for end in server._listener._transports]
-                    held = [client._framer.held for client in server._listener._connections]
-                    most = max(most, *waiting)
-                    assert max(waiting) <= WRITE_HIGH_BYTES + TURN_FRAMES * MAX_FRAME_BYTES
-                    assert max(held) <= 4 * RECEIVE_BYTES
-            await until(lambda: server.stats.refused[Refusal.NOT_READING] == 1)
-            assert most > WRITE_HIGH_BYTES  # it did come to back-pressure
-            assert await in_thread(poll, fair)
-
-    serve(use, send_timeout_s=0.5)
+        (end,) = server._listener._transports
+        option = end.get_extra_info("socket").getsockopt
+        assert option(socket.SOL_SOCKET, socket.SO_RCVBUF) == 2 * RECEIVE_BYTES  # Linux doubles both
+        assert option(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * SEND_BYTES
+        assert option(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+        quiet_s, every_s, probes = (
+            option(socket.IPPROTO_TCP, which)
+            for which in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
+        )
+        assert (quiet_s, every_s * probes) == (8, 8)
+        assert option(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 16_000
 
 
-def test_an_impossible_length_ends_that_connection_and_no_other(serve: Callable[..., None]) -> None:
-    async def use(server: ModbusServer) -> None:
-        with connected(server) as bad, connected(server) as good:
-            bad.sendall(frame_bytes(1, 1, ASK) + b"\0\2\0\0\xff\xff\1\3\0\0\0\1")
-            came = b""
-            while chunk := await in_thread(bad.recv, 1000):
-                came += chunk
-            assert came == frame_bytes(1, 1, TOLD)
-            assert await in_thread(poll, good)
-        assert server.stats.refused == {Refusal.BAD_LENGTH: 1}
+@served()
+async def test_who_asks_is_not_idle_however_long_it_has_been_connected(server: ModbusServer) -> None:
+    with connected(server) as busy:
+        assert await in_thread(poll, busy)
+        assert server._listener is not None
+        (client,) = server._listener._connections
+        while server._listener._connections[client] == client.answered:  # the sweep has seen it already
+            assert await in_thread(poll, busy)
+        client.active_s -= 1000
+        long_ago_s = client.active_s
+        await until(lambda: client.active_s > long_ago_s)
+        assert await in_thread(poll, busy)
+    assert not server.stats.refused
 
-    serve(use)
+
+@served(send_timeout_s=0.5)
+async def test_a_client_that_does_not_read_costs_little_and_is_cut(server: ModbusServer) -> None:
+    assert server._listener is not None
+    with connected(server) as greedy, connected(server) as fair:
+        greedy.setblocking(False)
+        most = 0
+        asked = frame_bytes(1, 1, ASK) * 50
+        async with asyncio.timeout(PATIENCE_S):
+            while not server.stats.refused[Refusal.NOT_READING]:
+                try:
+                    greedy.send(asked)
+                except BlockingIOError:
+                    await asyncio.sleep(0.01)
+                except ConnectionError:
+                    break
+                assert await in_thread(poll, fair)
+                waiting = [end.get_write_buffer_size() for end in server._listener._transports]
+                held = [client._framer.held for client in server._listener._connections]
+                most = max(most, *waiting)
+                assert max(waiting) <= WRITE_HIGH_BYTES + TURN_FRAMES * MAX_FRAME_BYTES
+                assert max(held) <= 4 * RECEIVE_BYTES
+        await until(lambda: server.stats.refused[Refusal.NOT_READING] == 1)
+        assert most > WRITE_HIGH_BYTES  # it did come to back-pressure
+        assert await in_thread(poll, fair)
+
+
+@served()
+async def test_an_impossible_length_ends_that_connection_and_no_other(server: ModbusServer) -> None:
+    with connected(server) as bad, connected(server) as good:
+        bad.sendall(frame_bytes(1, 1, ASK) + b"\0\2\0\0\xff\xff\1\3\0\0\0\1")
+        came = b""
+        while chunk := await in_thread(bad.recv, 1000):
+            came += chunk
+        assert came == frame_bytes(1, 1, TOLD)
+        assert await in_thread(poll, good)
+    assert server.stats.refused == {Refusal.BAD_LENGTH: 1}
 
 
 def misbehave(port: int, kind: str, seed: int, over: Callable[[], bool]) -> None:
@@ -253,32 +249,31 @@ def misbehave(port: int, kind: str, seed: int, over: Callable[[], bool]) -> None
             continue
 
 
-def test_a_plc_polls_on_among_all_of_them(serve: Callable[..., None]) -> None:
+KEYS = {"max_connections": 24, "connections_per_address": 24, "plc_connections": 2, "plc_addresses": [PLC]}
+
+
+@served(frame_timeout_s=0.2, send_timeout_s=0.2, **KEYS)
+async def test_a_plc_polls_on_among_all_of_them(server: ModbusServer) -> None:
     """Idle ones up to the cap and beyond, random bytes, half frames, floods and clients that never read."""
+    ended = False
+    kinds = ["random", "half", "flood", "deaf"]
 
-    async def use(server: ModbusServer) -> None:
-        ended = False
-        kinds = ["random", "half", "flood", "deaf"]
+    def plc_polls() -> int:
+        with connected(server, PLC) as plc:
+            return sum(poll(plc, n) for n in range(300))
 
-        def plc_polls() -> int:
-            with connected(server, PLC) as plc:
-                return sum(poll(plc, n) for n in range(300))
-
-        with ExitStack() as crowd:
-            for _ in range(60):
-                crowd.enter_context(connected(server))
-            async with asyncio.TaskGroup() as group:
-                for seed, kind in enumerate(kinds):
-                    group.create_task(in_thread(misbehave, server.port, kind, seed, lambda: ended))
-                try:
-                    assert await in_thread(plc_polls) == 300
-                    wanted = {Refusal.FULL, Refusal.BAD_PROTOCOL, Refusal.HALF_FRAME, Refusal.NOT_READING}
-                    # Those that had no place while the idle ones were there get theirs when these have gone.
-                    crowd.close()
-                    await until(lambda: wanted <= set(server.stats.refused))
-                    assert await in_thread(plc_polls) == 300
-                finally:
-                    ended = True
-
-    keys = {"max_connections": 24, "connections_per_address": 24, "plc_connections": 2, "plc_addresses": [PLC]}
-    serve(use, frame_timeout_s=0.2, send_timeout_s=0.2, **keys)
+    with ExitStack() as crowd:
+        for _ in range(60):
+            crowd.enter_context(connected(server))
+        async with asyncio.TaskGroup() as group:
+            for seed, kind in enumerate(kinds):
+                group.create_task(in_thread(misbehave, server.port, kind, seed, lambda: ended))
+            try:
+                assert await in_thread(plc_polls) == 300
+                wanted = {Refusal.FULL, Refusal.BAD_PROTOCOL, Refusal.HALF_FRAME, Refusal.NOT_READING}
+                # Those that had no place while the idle ones were there get theirs when these have gone.
+                crowd.close()
+                await until(lambda: wanted <= set(server.stats.refused))
+                assert await in_thread(plc_polls) == 300
+            finally:
+                ended = True

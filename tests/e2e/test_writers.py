@@ -10,19 +10,12 @@ from typing import Any
 from pymodbus.client import AsyncModbusTcpClient
 
 from gateway import event_loop
-from gateway.bay import BayControl
-from gateway.clock import SystemClock
-from gateway.config import parse
-from gateway.core.model import Circle, EventKind, Quality, RangeReading, VisionReading
-from gateway.core.plc import Control, PlcConnection
-from gateway.hub import Hub
-from gateway.modbus.protocol.answers import Unit
-from gateway.modbus.registers.bay_unit import image_of, writer, writer_of
+from gateway.core.plc import Control
 from gateway.modbus.registers.bits import coil_of
 from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
-from gateway.modbus.server.service import serving
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
+from tests.e2e.served_bay import ServedBay
 from tests.virtual_time import on_gateway_loop
 
 PLC, SECOND, STRANGER = "127.0.0.1", "127.0.0.2", "127.0.0.99"
@@ -30,44 +23,11 @@ CONTROL = coil_of("plc_control", 0)
 BUSY, ILLEGAL_FUNCTION = 6, 1
 
 
-class Yard:
-    """A bay that ticks and sees a truck 900 mm away, served on plain TCP."""
-
-    def __init__(self, **handshake: Any) -> None:
-        modbus = {"port": 0, "writes": True, "plc_addresses": [PLC, SECOND], "handshake": handshake}
-        # Long periods: on a machine that stands still for a moment the bay is not dead, and answers 06 rather than 04.
-        fusion = {"vision_deadline_s": 10.0, "range_deadline_s": 10.0, "period_s": 1.0}
-        self.config = parse({"modbus": modbus, "fusion": fusion})
-        self.clock = SystemClock()
-        self.hub = Hub(["bay1"])
-        self.events = self.hub.subscribe()
-        self.bay = BayControl(self.config.bays[0], self.hub, self.clock, (), self.config)
-
-    async def _look(self) -> None:
-        while True:
-            now_ns = self.clock.now_ns()
-            self.bay.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200.0)))
-            self.bay.on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
-            await asyncio.sleep(0.05)
-
-    @asynccontextmanager
-    async def open(self) -> AsyncIterator[int]:
-        """The port."""
-        unit = Unit(
-            image_of(self.bay, "big", self.clock),
-            writer(self.bay.on_write, self.bay.on_refused),
-            refused=lambda peer, why: self.bay.on_refused(writer_of(peer), why),
-            connection=lambda peer, here: self.bay.on_connection(PlcConnection(writer_of(peer), here)),
-        )
-        async with serving(self.config.modbus, {1: unit}, self.clock) as bound, asyncio.TaskGroup() as group:
-            tasks = [group.create_task(self.bay.run()), group.create_task(self._look())]
-            assert bound.plain is not None
-            yield bound.plain
-            for task in tasks:
-                task.cancel()
-
-    def refused(self) -> list[str]:
-        return [event.detail for event in self.events.drain() if event.kind is EventKind.WRITE_REFUSED]
+def bay_with(**handshake: Any) -> ServedBay:
+    modbus = {"port": 0, "writes": True, "plc_addresses": [PLC, SECOND], "handshake": handshake}
+    # Long periods: on a machine that stands still for a moment the bay is not dead, and answers 06 rather than 04.
+    fusion = {"vision_deadline_s": 10.0, "range_deadline_s": 10.0, "period_s": 1.0}
+    return ServedBay({"modbus": modbus, "fusion": fusion})
 
 
 @asynccontextmanager
@@ -92,9 +52,9 @@ async def until(wanted: Callable[[], Coroutine[Any, Any, bool]]) -> None:
 
 @on_gateway_loop
 async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> None:
-    yard = Yard()
+    bay = bay_with()
 
-    async with yard.open() as port, client(port, STRANGER) as stranger:
+    async with bay.open() as listening, client(listening.first, STRANGER) as stranger:
         assert (await image(stranger))["map_version"] == 3
         tries = [
             await stranger.write_register(80, 1),
@@ -108,14 +68,18 @@ async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> No
         seen = await image(stranger)
         assert (seen["plc_heartbeat"], seen["plc_control"], seen["plc_writes"]) == (0, 0, 0)
     why = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles say who may)"
-    assert yard.refused() == [f"{STRANGER}: {why}"] * 6
+    assert bay.refused() == [f"{STRANGER}: {why}"] * 6
 
 
 @on_gateway_loop
 async def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -> None:
-    yard = Yard(heartbeat_deadline_s=20.0, enable_required=True)
+    bay = bay_with(heartbeat_deadline_s=20.0, enable_required=True)
 
-    async with yard.open() as port, client(port, PLC) as first, client(port, SECOND) as second:
+    async with (
+        bay.open() as listening,
+        client(listening.first, PLC) as first,
+        client(listening.first, SECOND) as second,
+    ):
         assert not (await first.write_registers(80, [1, 1, 0])).isError()
         await until(lambda: _has(first, "may_move", 1))
         flips = 0
@@ -131,7 +95,7 @@ async def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -
         assert flips == 0
         seen = await image(second)
         assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (120, 1, 41)
-    assert f"{SECOND}: {PLC} owns the handshake block until its heartbeat is lost" in yard.refused()
+    assert f"{SECOND}: {PLC} owns the handshake block until its heartbeat is lost" in bay.refused()
 
 
 async def _has(asked: AsyncModbusTcpClient, register: str, value: float) -> bool:
@@ -140,9 +104,9 @@ async def _has(asked: AsyncModbusTcpClient, register: str, value: float) -> bool
 
 @on_gateway_loop
 async def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused() -> None:
-    yard = Yard(heartbeat_required=False)
+    bay = bay_with(heartbeat_required=False)
 
-    async with yard.open() as port, client(port, PLC) as plc:
+    async with bay.open() as listening, client(listening.first, PLC) as plc:
         assert not (await plc.write_coil(CONTROL + Control.TRUCK_PRESENT, True)).isError()
         assert not (await plc.write_coils(CONTROL, [True, True, False])).isError()
         assert (await image(plc))["plc_control"] == 0b11
@@ -154,7 +118,7 @@ async def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused
         assert (await plc.write_coil(0, False)).exception_code == 2
         assert (await plc.write_register(81, 1, device_id=0)).exception_code == 0x0B
         assert (await image(plc))["plc_control"] == 0b10
-    assert yard.refused() == [
+    assert bay.refused() == [
         f"{PLC}: plc_control has no bit 15",
         f"{PLC}: plc_control has no bit 15",
         f"{PLC}: register 3 is read only",
@@ -164,10 +128,10 @@ async def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused
 
 @on_gateway_loop
 async def test_without_a_heartbeat_another_writes_once_the_owner_has_gone() -> None:
-    yard = Yard(heartbeat_required=False, heartbeat_deadline_s=0.2)
+    bay = bay_with(heartbeat_required=False, heartbeat_deadline_s=0.2)
 
-    async with yard.open() as port, client(port, SECOND) as second:
-        async with client(port, PLC) as first, client(port, PLC):
+    async with bay.open() as listening, client(listening.first, SECOND) as second:
+        async with client(listening.first, PLC) as first, client(listening.first, PLC):
             assert not (await first.write_register(81, 1)).isError()
             await asyncio.sleep(0.5)  # longer than heartbeat_deadline_s
             first.close()
