@@ -181,7 +181,8 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
 
     async def scene() -> None:
         async with bay.open() as listening:
-            await asyncio.get_running_loop().run_in_executor(None, shift, listening.first)
+            assert listening.tls is not None
+            await asyncio.get_running_loop().run_in_executor(None, shift, listening.tls)
 
     asyncio.run(scene())
     told: list[Any] = [(event.kind, event.detail) for event in bay.events.drain()]
