@@ -17,7 +17,7 @@ from tests.unit.web.gateway_client import plant
 @pytest.mark.parametrize(
     ("instance", "why"),
     [
-        ("hears", "without end"),
+        ("hears", "without pause"),
         ("deaf", "killed by SIGKILL"),
         ("nonsense", "not a message that is taken here"),
     ],
