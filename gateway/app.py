@@ -20,7 +20,7 @@ from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
 from gateway.clock import SystemClock
 from gateway.config import SHARED_SECTIONS, GatewayConfig
-from gateway.config.strict.errors import at
+from gateway.config.strict.errors import located
 from gateway.core.model import RangeReading
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hub import Hub
@@ -66,7 +66,7 @@ class Ports:
 
 
 def check(config: GatewayConfig, *, source: str, text: str) -> None:
-    """What can be said of ports and addresses without opening them. Raises ConfigError, one line per fault.
+    """What can be message of ports and addresses without opening them. Raises ConfigError, one line per fault.
 
     `text` is the TOML that `config` was read from, and `source` its name, so that each fault is told with its line.
     """
@@ -76,8 +76,8 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         try:
             part()
         except ConfigError as error:
-            said = re.sub(r"^(modbus\.tls\.|camera\.url|ranger port)\b[:= ]*", "", str(error))
-            line = at(place, said, source=source, text=text, shared=SHARED_SECTIONS)
+            message = re.sub(r"^(modbus\.tls\.|camera\.url|ranger port)\b[:= ]*", "", str(error))
+            line = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
             if line not in faults:  # a shared section is looked at once per bay
                 faults.append(line)
 
@@ -90,13 +90,13 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         try:
             part()
         except SettingError as error:
-            faults.append(at(error.place, error.fault, source=source, text=text, shared=SHARED_SECTIONS))
+            faults.append(located(error.place, error.fault, source=source, text=text, shared=SHARED_SECTIONS))
     if config.hmi.enabled:
         try:
             tls.check(TlsFiles.of_pages(config.hmi))
         except ConfigError as error:
-            key, _, said = str(error).partition(": ")
-            faults.append(at(tuple(key.split(".")), said, source=source, text=text))
+            key, _, message = str(error).partition(": ")
+            faults.append(located(tuple(key.split(".")), message, source=source, text=text))
     if faults:
         raise ConfigError("\n".join(faults))
 
@@ -213,7 +213,7 @@ async def run(
                     await asyncio.gather(*last_words)
                 supervised.cancel()
         except BaseExceptionGroup as group_error:
-            raise _deliberate(group_error) from group_error
+            raise _own_error(group_error) from group_error
 
 
 def _on_range(control: BayControl, vision: VisionService, reading: RangeReading) -> None:
@@ -242,7 +242,7 @@ def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple
     return task, url("https" if config.tls_cert else "http", config.host, sockets[0].getsockname()[1])
 
 
-def _deliberate(group: BaseExceptionGroup[BaseException]) -> BaseException:
+def _own_error(group: BaseExceptionGroup[BaseException]) -> BaseException:
     """The gateway's own error inside, which has a text for people; else the group itself."""
     found = group.subgroup(GatewayError)
     while isinstance(found, BaseExceptionGroup):

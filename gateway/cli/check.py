@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--keys", action="store_true", help="print the table of all keys instead")
 
 
-def _let_in(hmi: "HmiConfig") -> str:
+def _access(hmi: "HmiConfig") -> str:
     """Who may do what on the pages, in words."""
     everybody = {
         "none": "nothing without a login",
@@ -75,7 +75,7 @@ def main(args: argparse.Namespace) -> int:
     print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}")
     if settings.hmi.enabled:
         hmi = settings.hmi
-        print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_let_in(hmi)}")
+        print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_access(hmi)}")
         for line in (*hmi.warnings(), *tls.warnings(tls.TlsFiles.of_pages(hmi), SystemClock().wall_ns())):
             print(f"  warning: {line}")
     for bay in settings.bays:

@@ -46,7 +46,7 @@ def _write(stream: TextIO, text: str) -> None:
         rest = rest[os.write(stream.fileno(), rest) :]
 
 
-class Outlet:
+class LossyOutput:
     """A writable text stream for `print`, `logging` and rich, in front of a stream with a file descriptor.
 
     `on_lost` is called once, from the thread, when the stream is gone (reader ended, disk full); everything after that

@@ -39,7 +39,7 @@ def overrides(args: argparse.Namespace) -> dict[str, Any]:
 def main(args: argparse.Namespace) -> int:
     from gateway import app, config, event_loop
     from gateway.cli import run_loop, view
-    from gateway.cli.output import Outlet
+    from gateway.cli.output import LossyOutput
     from gateway.clock import SystemClock
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
@@ -53,7 +53,7 @@ def main(args: argparse.Namespace) -> int:
     run_loop.setup_logging("warning" if args.view else settings.log_level)
     clock = SystemClock()
     where = ""
-    out = Outlet(sys.stdout)  # a reader that goes away, or does not read, is no reason to stop the bays
+    out = LossyOutput(sys.stdout)  # a reader that goes away, or does not read, is no reason to stop the bays
 
     def started(now: app.Running) -> None:
         nonlocal where

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gateway import app
-from gateway.cli.output import Outlet
+from gateway.cli.output import LossyOutput
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.hub import Hub
@@ -21,7 +21,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def setup_logging(level: str) -> None:
     """One line a record on stderr; stdout belongs to the verb's own output. A log that nobody reads blocks nobody."""
-    outlet = Outlet(sys.stderr)
+    outlet = LossyOutput(sys.stderr)
     atexit.register(outlet.close)
     handler: logging.Handler = logging.StreamHandler(outlet)
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))

@@ -11,7 +11,7 @@ from collections import Counter
 from functools import partial
 from typing import Any, TextIO
 
-from gateway.cli.output import Outlet
+from gateway.cli.output import LossyOutput
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import FusionConfig
 from gateway.core.model import FRESH_FRAME, EventKind, Quality, StateVector
@@ -58,7 +58,7 @@ class Bay:
 
 
 PERIOD_S = 0.05
-Writable = TextIO | Outlet
+Writable = TextIO | LossyOutput
 
 
 def emit(out: Writable, **row: Any) -> None:
@@ -67,7 +67,7 @@ def emit(out: Writable, **row: Any) -> None:
     out.flush()
 
 
-class Printer:
+class JsonLines:
     """Prints the lines of one run."""
 
     def __init__(self, bays: list[Bay], clock: Clock, out: Writable) -> None:

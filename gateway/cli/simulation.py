@@ -14,13 +14,13 @@ from typing import Any
 
 from gateway import app, config, event_loop
 from gateway.cli import run_loop, sim_json, sim_trials, view
-from gateway.cli.output import Outlet
+from gateway.cli.output import LossyOutput
 from gateway.cli.sim_json import Bay
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import GatewayConfig
 from gateway.config.sections.hmi import HmiConfig
 from gateway.config.strict.errors import without_password
-from gateway.config.strict.section import Section, most_of
+from gateway.config.strict.section import Section, upper_bound_of
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
 from gateway.net.listener import listening
@@ -59,7 +59,7 @@ def scenario_file(name: str) -> Path:
 def simulate(args: argparse.Namespace) -> int:
     """The verb. Exit code 1 when trials were asked for and one of them went wrong."""
     _check(args)
-    with _first_of_its_kind() as first:
+    with _only_simulation() as first:
         return _simulate(args, first=first)
 
 
@@ -108,7 +108,7 @@ def _scenario(args: argparse.Namespace) -> Scenario:
 
 
 @contextlib.contextmanager
-def _first_of_its_kind() -> Iterator[bool]:
+def _only_simulation() -> Iterator[bool]:
     """Is no other simulation running? Of two that start at the same moment, only one hears yes.
 
     A name in the kernel that one process has as long as it lives, and that leaves nothing behind.
@@ -172,7 +172,7 @@ def _at_speed(settings: GatewayConfig, speed: float) -> GatewayConfig:
 
     def longer(section: Section, *keys: str) -> dict[str, float]:
         fields = type(section).model_fields
-        return {key: min(getattr(section, key) * speed, most_of(fields[key])) for key in keys}
+        return {key: min(getattr(section, key) * speed, upper_bound_of(fields[key])) for key in keys}
 
     def stretched(bay: config.BayConfig) -> config.BayConfig:
         camera, vision, fusion = bay.camera, bay.vision, bay.fusion
@@ -218,8 +218,8 @@ class _Simulation:
         self._trials = [sim_trials.Recorder(bay) for bay in bays] if args.trials else []
         self._lead_s = (bays[0].origin_ns - clock.now_ns()) / NS_PER_S  # the show is what `--duration` counts
         self._stop = asyncio.Event()
-        self._out = Outlet(sys.stdout, on_lost=self._reader_lost)
-        self._json = sim_json.Printer(bays, clock, self._out) if args.json else None
+        self._out = LossyOutput(sys.stdout, on_lost=self._reader_lost)
+        self._json = sim_json.JsonLines(bays, clock, self._out) if args.json else None
 
     async def run(self) -> int:
         self._loop = asyncio.get_running_loop()

@@ -11,7 +11,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from gateway.cli.output import Outlet
+from gateway.cli.output import LossyOutput
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.model import (
@@ -182,7 +182,7 @@ def event_line(when: datetime, event: Event) -> str:
     return f"{when:%H:%M:%S.%f}"[:-3] + f"  {event.bay}  {kind}{about}" + (f"  {why}" if why else "")
 
 
-def console(out: Outlet, *, live: bool) -> Console:
+def console(out: LossyOutput, *, live: bool) -> Console:
     """A console whose writing never blocks; `live`: it may be drawn upon."""
     return Console(file=cast(IO[str], out), force_terminal=None if live else False)
 

@@ -144,13 +144,13 @@ def load(path: Path, overrides: Mapping[str, Any] | None = None) -> GatewayConfi
 def parse(data: Mapping[str, Any], *, source: str = "config", text: str = "") -> GatewayConfig:
     """Check a parsed document. `text` is the TOML it came from, for line numbers. Raises ConfigError."""
     try:
-        return GatewayConfig.model_validate(_spread(data))
+        return GatewayConfig.model_validate(_with_shared_sections(data))
     except ValidationError as error:
         lines = explain(error, source=source, text=text, model=GatewayConfig, shared=SHARED_SECTIONS)
     raise ConfigError("\n".join(lines))  # outside `except`: the checker's error quotes passwords, so it is not chained
 
 
-def _spread(data: Mapping[str, Any]) -> dict[str, Any]:
+def _with_shared_sections(data: Mapping[str, Any]) -> dict[str, Any]:
     """Push the shared sections down into every bay."""
     rest = {key: value for key, value in data.items() if key not in SHARED_SECTIONS}
     shared = {key: data[key] for key in SHARED_SECTIONS if key in data}

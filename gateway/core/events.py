@@ -89,20 +89,20 @@ def _cross_check(old: StateVector, new: StateVector) -> list[Event]:
 def _visit(old: StateVector, new: StateVector) -> list[Event]:
     """In place, moved, released, gone; `detail` of a move has the values before and after."""
     was, now = old.visit, new.visit
-    told: list[tuple[EventKind, str]] = []
+    found: list[tuple[EventKind, str]] = []
     if now.in_place and not was.in_place and now.place is not None:
-        told.append((EventKind.IN_PLACE, _where(now.place.distance_mm, now.place.circle)))
+        found.append((EventKind.IN_PLACE, _where(now.place.distance_mm, now.place.circle)))
     if now.moved is not was.moved and now.moved is not Moved.NO and now.place is not None:
         before = _where(now.place.distance_mm, now.place.circle)
         after = _where(new.range.distance_mm, new.vision.circle)
-        told.append((EventKind.MOVED, f"{MOVED_MEANING[now.moved]}: {before} -> {after}"))
+        found.append((EventKind.MOVED, f"{MOVED_MEANING[now.moved]}: {before} -> {after}"))
     if was.in_place and not now.in_place:
-        told.append((EventKind.IN_PLACE_ENDED, now.ended or "the gateway can't vouch for it"))
+        found.append((EventKind.IN_PLACE_ENDED, now.ended or "the gateway can't vouch for it"))
     if now.released and not was.released:
-        told.append((EventKind.RELEASED, "by the PLC"))
+        found.append((EventKind.RELEASED, "by the PLC"))
     if was.place is not None and now.place is None and now.clear_since_ns is not None:
-        told.append((EventKind.VISIT_ENDED, "the bay is clear"))
-    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in told]
+        found.append((EventKind.VISIT_ENDED, "the bay is clear"))
+    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in found]
 
 
 def _where(distance_mm: float | None, circle: Circle | None) -> str:
@@ -115,19 +115,19 @@ def _where(distance_mm: float | None, circle: Circle | None) -> str:
 def _plc(old: StateVector, new: StateVector) -> list[Event]:
     """What became of the PLC's heartbeat and of its wishes; its writes themselves are told by who takes them."""
     was, now = old.plc, new.plc
-    told: list[tuple[EventKind, str]] = []
+    found: list[tuple[EventKind, str]] = []
     if was.owner is not None and now.owner is not None and now.owner.identity != was.owner.identity:
-        told.append((EventKind.OWNER_CHANGED, f"{was.owner} -> {now.owner}"))
+        found.append((EventKind.OWNER_CHANGED, f"{was.owner} -> {now.owner}"))
     if now.link is not was.link:
         if now.link is PlcLink.LOST:
-            told.append((EventKind.PLC_LOST, f"plc_heartbeat stands at {now.heartbeat}"))
+            found.append((EventKind.PLC_LOST, f"plc_heartbeat stands at {now.heartbeat}"))
         elif now.link is PlcLink.ALIVE:
-            told.append((EventKind.PLC_RETURNED, f"plc_heartbeat is {now.heartbeat}"))
+            found.append((EventKind.PLC_RETURNED, f"plc_heartbeat is {now.heartbeat}"))
     if now.recipe != was.recipe:
-        told.append((EventKind.RECIPE_CHANGED, f"recipe {was.recipe} -> {now.recipe}"))
+        found.append((EventKind.RECIPE_CHANGED, f"recipe {was.recipe} -> {now.recipe}"))
     elif now.recipe_verdict is not was.recipe_verdict and now.recipe_verdict is not RecipeVerdict.ACTIVE:
-        told.append((EventKind.WRITE_REFUSED, f"recipe {now.recipe_asked}: {now.recipe_verdict.name.lower()}"))
+        found.append((EventKind.WRITE_REFUSED, f"recipe {now.recipe_asked}: {now.recipe_verdict.name.lower()}"))
     if old.memory.latched and not new.memory.latched:
         asked = now.reset_verdict is ResetVerdict.DONE and now.writes != was.writes
-        told.append((EventKind.LATCH_RELEASED, "reset by the PLC" if asked else "the truck has left"))
-    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in told]
+        found.append((EventKind.LATCH_RELEASED, "reset by the PLC" if asked else "the truck has left"))
+    return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in found]

@@ -126,7 +126,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
     track = _track(fused, observation)
     speed = state.guidance.closing_mm_s if track is fused.memory.track else guidance.closing_mm_s(track)
     limits = visit.Limits(rules.visit, recipe.fusion, recipe.guidance)
-    stay = visit.step(
+    current = visit.step(
         state.visit,
         fused,
         speed,
@@ -134,27 +134,27 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         released=plc.on(Control.RELEASE) and plc.link is PlcLink.ALIVE,
         release=handshake.rose(before, plc, Control.RELEASE),
     )
-    memory, plc = _latch(state.memory, before, plc, fused, stay, limits)
-    stay, plc = _reset_after_move(stay, before, plc, fused)
-    memory = _learned(_count_restarts(memory, fused), state, stay, plc.recipe, limits, fused)
+    memory, plc = _latch(state.memory, before, plc, fused, current, limits)
+    current, plc = _reset_after_move(current, before, plc, fused)
+    memory = _learned(_count_restarts(memory, fused), state, current, plc.recipe, limits, fused)
     if track is not memory.track:
         memory = replace(memory, track=track)
 
     fail_safe = recipe.fusion.fail_safe
-    released = visit.may_leave(stay, fused, limits)
-    rolled = stay.moved is not Moved.NO and rules.handshake is not None  # without writes nobody could release it
-    stop = (fused.stop and not released) or memory.latched or stay.in_place or rolled or (plc.missed and fail_safe)
+    released = visit.may_leave(current, fused, limits)
+    rolled = current.moved is not Moved.NO and rules.handshake is not None  # without writes nobody could release it
+    stop = (fused.stop and not released) or memory.latched or current.in_place or rolled or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
     may_move = (fused.may_move or released) and not stop and allowed and not working
-    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe, visit=stay)
+    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe, visit=current)
     # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
     same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
-    if same and memory is fused.memory and plc is fused.plc and stay is fused.visit:
+    if same and memory is fused.memory and plc is fused.plc and current is fused.visit:
         decided = fused
     else:
-        decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc, visit=stay)
-    told = guidance.advise(
+        decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc, visit=current)
+    advice = guidance.advise(
         decided,
         recipe.fusion,
         recipe.guidance,
@@ -162,7 +162,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         broken=plc.missed,
         speed=speed,
     )
-    return decided if told == decided.guidance else replace(decided, guidance=told)
+    return decided if advice == decided.guidance else replace(decided, guidance=advice)
 
 
 def _accepted_write(
@@ -180,7 +180,7 @@ def _accepted_write(
 
 
 def _latch(
-    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, stay: Visit, limits: visit.Limits
+    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, current: Visit, limits: visit.Limits
 ) -> tuple[FusionMemory, Handshake]:
     """Set by D; ended by a reset, a release or the truck leaving, never while its cause stands or can't be judged."""
     config = limits.fusion
@@ -190,7 +190,7 @@ def _latch(
             plc = replace(plc, reset_verdict=ResetVerdict.NOTHING_LATCHED)
         return fused.memory, plc
     memory = replace(fused.memory, absent_since_ns=_absent_since(old, fused, limits))
-    if stay.released:
+    if current.released:
         return replace(memory, latched=False), plc
     if fused.d is True:
         if not old.latched:
@@ -214,13 +214,15 @@ def _latch(
     return memory, plc
 
 
-def _reset_after_move(stay: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
+def _reset_after_move(current: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
     """A reset ends the stop after a move, too, once both sensors say D = 0: the truck may be brought back."""
-    if stay.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
-        return stay, plc
+    if current.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
+        return current, plc
     if fused.d is not False or fused.memory.disagree:
-        return stay, replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
-    return replace(stay, moved=Moved.NO, moved_covered=False, place=None), replace(plc, reset_verdict=ResetVerdict.DONE)
+        return current, replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
+    return replace(current, moved=Moved.NO, moved_covered=False, place=None), replace(
+        plc, reset_verdict=ResetVerdict.DONE
+    )
 
 
 def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -> int | None:
@@ -231,15 +233,15 @@ def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -
 
 
 def _learned(
-    memory: FusionMemory, old: StateVector, stay: Visit, recipe: int, limits: visit.Limits, fused: StateVector
+    memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: visit.Limits, fused: StateVector
 ) -> FusionMemory:
     """R times Z: one sample when a truck comes to be in place; a bay that is clear forgets that of its last truck."""
-    if stay.in_place and not old.visit.in_place and stay.place is not None:
-        sample = ScaleSample(recipe, stay.place.circle.radius_px, stay.place.distance_mm, fused.t_ns)
+    if current.in_place and not old.visit.in_place and current.place is not None:
+        sample = ScaleSample(recipe, current.place.circle.radius_px, current.place.distance_mm, fused.t_ns)
         memory = replace(memory, scale_samples=scale.with_visit(memory.scale_samples, sample))
     if memory.scale_samples is not old.memory.scale_samples or recipe != old.plc.recipe:
         memory = replace(memory, scale=scale.learned(memory.scale_samples, recipe))
-    return agreement.without_marker(memory, limits.fusion) if visit.has_ended(stay, fused, limits) else memory
+    return agreement.without_marker(memory, limits.fusion) if visit.has_ended(current, fused, limits) else memory
 
 
 def _track(fused: StateVector, observation: fusion.Observation) -> guidance.Track:

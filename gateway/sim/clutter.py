@@ -9,7 +9,7 @@ from gateway.sim.scenario import Scenario
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
+class ClutterItem:
     """A red thing: a chain of discs (x, y, radius, mm) that it lies within, and what it is."""
 
     kind: str
@@ -42,14 +42,14 @@ class Thing:
             canvas.run(self.spine, (44, 58, 132))
 
 
-def things(scenario: Scenario) -> list[Thing]:
+def things(scenario: Scenario) -> list[ClutterItem]:
     """Place the clutter: clear of the port, of each other and of the frame's far edge. The same every time."""
     chance = random.Random(f"clutter {scenario.seed} {scenario.clutter.seed}")
     r = scenario.marker.radius_mm
     s = r / 90.0
-    placed: list[Thing] = []
+    placed: list[ClutterItem] = []
     if scenario.clutter.things > 0:  # tail lamps, two dome lamps on the bumper
-        placed += [Thing("lamp", ((x, 668.0, 34 * s),)) for x in (-730.0, 730.0)]
+        placed += [ClutterItem("lamp", ((x, 668.0, 34 * s),)) for x in (-730.0, 730.0)]
     kinds = ["hose", "lamp", "run", "wheel", "run"]
     wanted = len(placed) + scenario.clutter.things
     for attempt in range(400):
@@ -71,21 +71,21 @@ def things(scenario: Scenario) -> list[Thing]:
     return placed
 
 
-def _shape(kind: str, at: Point, s: float, chance: random.Random) -> Thing:
+def _shape(kind: str, at: Point, s: float, chance: random.Random) -> ClutterItem:
     x, y = at
     if kind == "lamp":
-        return Thing(kind, ((x, y, chance.uniform(22, 30) * s),))
+        return ClutterItem(kind, ((x, y, chance.uniform(22, 30) * s),))
     if kind == "wheel":
-        return Thing(kind, ((x, y, chance.uniform(26, 32) * s),))
+        return ClutterItem(kind, ((x, y, chance.uniform(26, 32) * s),))
     if kind == "hose":
         length, bend, lean = chance.uniform(120, 170) * s, chance.uniform(-40, 40) * s, chance.uniform(-0.5, 0.5)
         steps = [k / 12 - 0.5 for k in range(13)]
-        return Thing(
+        return ClutterItem(
             kind,
             tuple((x + bend * (4 * k * k - 0.5) + lean * length * k, y + length * k, 7.5 * s) for k in steps),
         )
     length, sway = chance.uniform(90, 160) * s, chance.uniform(0, 6)
-    return Thing(
+    return ClutterItem(
         "run",
         tuple((x + 3 * s * math.sin(sway + k / 5), y + length * k / 30, (6.5 - 4.5 * k / 30) * s) for k in range(31)),
     )

@@ -24,7 +24,7 @@ Plane = NDArray[np.float32]
 
 
 @dataclass(slots=True)
-class Sheet:
+class Drawing:
     """A picture being painted, `SUPER` times as large as it will be."""
 
     width: int
@@ -127,9 +127,9 @@ GROUNDS: Mapping[str, Callable[[np.random.Generator, tuple[int, int]], NDArray[n
 }
 
 
-def sheet(width: int, height: int, ground: str, seed: int) -> Sheet:
+def sheet(width: int, height: int, ground: str, seed: int) -> Drawing:
     """An empty ground to paint on."""
-    return Sheet(width, height, np.random.default_rng([seed, 78]), _ground(width, height, ground, seed).copy())
+    return Drawing(width, height, np.random.default_rng([seed, 78]), _ground(width, height, ground, seed).copy())
 
 
 @lru_cache(maxsize=4)
@@ -138,27 +138,27 @@ def _ground(width: int, height: int, ground: str, seed: int) -> NDArray[np.float
     return np.asarray(np.clip(paint, 0, 255), np.float32)
 
 
-Painter = Callable[[Sheet, float, float, float], None]  # sheet, centre u and v, size (px)
+Painter = Callable[[Drawing, float, float, float], None]  # sheet, centre u and v, size (px)
 
 
-def _lorry(s: Sheet, u: float, v: float, r: float) -> None:
+def _lorry(s: Drawing, u: float, v: float, r: float) -> None:
     """The back of a red lorry: a body with rounded corners, and two round tail lamps too small to be the marker."""
     s.box(u, v, 1.7 * r, 0.9 * r)
     s.box(u, v - 1.1 * r, 1.4 * r, 0.3 * r, (60, 55, 50))
     s.box(u, v + 0.6 * r, 0.5 * r, 0.2 * r, (230, 230, 230))
 
 
-def _half(s: Sheet, u: float, v: float, r: float) -> None:
+def _half(s: Drawing, u: float, v: float, r: float) -> None:
     du, dv = s.far(u, v)
     s.fill((du * du + dv * dv <= r * r) & (du + 0.3 * dv > 0), RED)
 
 
-def _crescent(s: Sheet, u: float, v: float, r: float) -> None:
+def _crescent(s: Drawing, u: float, v: float, r: float) -> None:
     du, dv = s.far(u, v)
     s.fill((du * du + dv * dv <= r * r) & ((du - 0.5 * r) ** 2 + dv * dv > (0.85 * r) ** 2), RED)
 
 
-def _tube(s: Sheet, u: float, v: float, r: float) -> None:
+def _tube(s: Drawing, u: float, v: float, r: float) -> None:
     """A red pipe or gas bottle, shaded round."""
     du, dv = s.far(u, v)
     light = np.sqrt(np.clip(1 - (du / (0.7 * r)) ** 2, 0, 1)) * 0.8 + 0.3
@@ -167,18 +167,18 @@ def _tube(s: Sheet, u: float, v: float, r: float) -> None:
     )
 
 
-def _star(s: Sheet, u: float, v: float, r: float) -> None:
+def _star(s: Drawing, u: float, v: float, r: float) -> None:
     turns = np.arange(10) * np.pi / 5
     reach = np.where(np.arange(10) % 2, 0.45, 1.1) * r
     s.polygon([(u + d * np.sin(t), v - d * np.cos(t)) for t, d in zip(turns, reach, strict=True)])
 
 
-def _cross(s: Sheet, u: float, v: float, r: float) -> None:
+def _cross(s: Drawing, u: float, v: float, r: float) -> None:
     s.box(u, v, r, 0.35 * r)
     s.box(u, v, 0.35 * r, r)
 
 
-def _triangle(s: Sheet, u: float, v: float, r: float) -> None:
+def _triangle(s: Drawing, u: float, v: float, r: float) -> None:
     s.polygon([(u, v - 1.2 * r), (u + 1.1 * r, v + 0.8 * r), (u - 1.1 * r, v + 0.8 * r)])
 
 
@@ -202,7 +202,7 @@ DECOYS: Mapping[str, Painter] = {
 """Things that are not the marker, by name."""
 
 
-def beside(s: Sheet, paint: Painter, marker: Circle) -> None:
+def beside(s: Drawing, paint: Painter, marker: Circle) -> None:
     """A decoy of a drawn size near the marker, partly behind it perhaps: paint the marker afterwards."""
     turn = s.chance.uniform(0, 2 * np.pi)
     apart = s.chance.uniform(1.2, 2.2) * marker.radius_px + 0.22 * s.height
@@ -210,7 +210,7 @@ def beside(s: Sheet, paint: Painter, marker: Circle) -> None:
     paint(s, marker.u_px + apart * float(np.cos(turn)), marker.v_px + apart * float(np.sin(turn)), float(size))
 
 
-def marker_at(s: Sheet, radius_share: float) -> Circle:
+def marker_at(s: Drawing, radius_share: float) -> Circle:
     """A place for a disc of `radius_share` of the shorter side, off the middle by a quarter of the room at most."""
     radius = radius_share * min(s.width, s.height)
     u = s.width / 2 + s.chance.uniform(-0.25, 0.25) * (s.width - 2.6 * radius)

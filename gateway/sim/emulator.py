@@ -199,10 +199,10 @@ class EmulatedRanger:
             mm = self._distance_mm(self._fed_ns)
             yield f"track {at_ms + 0.001:.3f} {'none' if mm is None else format(max(0.0, mm), '.3f')}"
             wanted = commands_of({**self._faults(self._fed_ns), **self.forced}, self._errors)
-            yield from (f"at {at_ms:.3f} {text}" for text in self._news(wanted))
+            yield from (f"at {at_ms:.3f} {text}" for text in self._changes(wanted))
             self._fed_ns += POINT_NS
 
-    def _news(self, wanted: Mapping[str, str]) -> Iterator[str]:
+    def _changes(self, wanted: Mapping[str, str]) -> Iterator[str]:
         for key, text in wanted.items():
             if self._told[key] != text:
                 self._told[key] = text

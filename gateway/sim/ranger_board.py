@@ -132,7 +132,7 @@ class Board:
         echo = self._echo(trigger_ns)
         temperature_dc = round(self._air_c * 10) if self._thermometer else None
         line = encode_measurement(Measurement(self._seq, echo.ticks, echo.flags, temperature_dc))
-        self._say(line, trigger_ns + min(echo.fell_ns, PERIOD_NS))
+        self._send(line, trigger_ns + min(echo.fell_ns, PERIOD_NS))
         self._seq = (self._seq + 1) & MAX_SEQ
         if trigger_ns - self._hello_ns >= HELLO_NS:
             self._hello(trigger_ns)
@@ -164,9 +164,9 @@ class Board:
         self._hello_ns = now_ns
         same = self._version == PROTOCOL_VERSION
         hello = Hello(self._name, self._version, PERIOD_MS, self._mcusr) if same else Hello(self._name, self._version)
-        self._say(encode_hello(hello), now_ns)
+        self._send(encode_hello(hello), now_ns)
 
-    def _say(self, line: bytes, ready_ns: int) -> None:
+    def _send(self, line: bytes, ready_ns: int) -> None:
         if len(self._wire) >= WIRE_LINES:
             self.lost_lines += 1
             return

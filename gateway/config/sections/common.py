@@ -27,8 +27,8 @@ def network(text: str) -> str:
     try:
         ip_network(text)
     except ValueError as error:
-        said = "has bits set beyond its network part" if "host bits" in str(error) else "is neither"
-        raise ValueError(f"should be an address or a network, such as 10.0.0.7 or 10.0.0.0/24; this {said}") from None
+        why = "has bits set beyond its network part" if "host bits" in str(error) else "is neither"
+        raise ValueError(f"should be an address or a network, such as 10.0.0.7 or 10.0.0.0/24; this {why}") from None
     return text
 
 

@@ -155,10 +155,10 @@ class HmiConfig(Section):
 
     def warnings(self) -> list[str]:
         """What works, and is still no good idea; one line each, with the key to edit."""
-        said: list[str] = []
+        warnings: list[str] = []
         if self.enabled and self.users and not self.loopback and not self.tls:
-            said.append(
+            warnings.append(
                 f"hmi.tls_cert: is missing, and host = {self.host} is no loopback address: passwords and sessions "
                 "travel unencrypted, and whoever listens on the network can take them (docs/hmi-security.md)"
             )
-        return said
+        return warnings

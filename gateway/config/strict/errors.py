@@ -1,4 +1,4 @@
-"""A checker's findings in the words of the file: `file:line: key = value: what is wrong (allowed: ...)`."""
+"""A checker's findings as errors of the file: `file:line: key = value: what is wrong (allowed: ...)`."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from gateway.config.strict.section import bounds_of, inner_model
 from gateway.config.strict.toml_file import line_of
 
-_SAID = {
+_MESSAGES = {
     "extra_forbidden": "unknown key (misspelt?)",
     "missing": "is missing",
     "model_type": "should be a table",
@@ -23,8 +23,8 @@ _SECRET = re.compile(r"(?i)(pass(word|wd|phrase)?|pwd|secret|token)[^.]*$")
 class FieldError(ValueError):
     """A fault found by comparing keys; `place` leads from the section to the one to edit."""
 
-    def __init__(self, said: str, *place: str | int) -> None:
-        super().__init__(said)
+    def __init__(self, message: str, *place: str | int) -> None:
+        super().__init__(message)
         self.place = place
 
 
@@ -40,7 +40,7 @@ def explain(
     lines: list[str] = []
     for fault in faults:
         place, value = fault["loc"], fault["input"]
-        said = _SAID.get(fault["type"], fault["msg"].removeprefix("Value error, "))
+        message = _MESSAGES.get(fault["type"], fault["msg"].removeprefix("Value error, "))
         cause = fault.get("ctx", {}).get("error")
         if isinstance(cause, FieldError):
             depth, found = _follow(value, cause.place)
@@ -56,20 +56,20 @@ def explain(
             where = where if same else "command line"  # merged over the file
         key = ".".join(str(part) for part in path) or "(whole file)"
         shown = "" if _is_table(value) else f" = {'***' if _SECRET.search(key) else _shown(value)}"
-        line = f"{where}: {key}{shown}: {said}{_allowed(place, model, shared)}"
+        line = f"{where}: {key}{shown}: {message}{_allowed(place, model, shared)}"
         if line not in lines:  # a fault in a shared section shows up once per bay
             lines.append(line)
     return lines
 
 
-def at(place: tuple[str | int, ...], said: str, *, source: str, text: str, shared: tuple[str, ...] = ()) -> str:
+def located(place: tuple[str | int, ...], message: str, *, source: str, text: str, shared: tuple[str, ...] = ()) -> str:
     """The same line for a fault that a part of the gateway, and not the checker, found in the value at `place`."""
     document = tomllib.loads(text)
     path = _written_at(document, place, shared)
     if _follow(document, path)[0] < len(path):
-        return f"command line: {'.'.join(str(part) for part in place if part != 'bays')}: {said}"
+        return f"command line: {'.'.join(str(part) for part in place if part != 'bays')}: {message}"
     number = line_of(text, path)
-    return f"{source}:{number}: {'.'.join(map(str, path))}: {said}"
+    return f"{source}:{number}: {'.'.join(map(str, path))}: {message}"
 
 
 def _follow(tree: Any, place: Sequence[str | int]) -> tuple[int, object]:

@@ -59,7 +59,7 @@ def bounds_of(info: FieldInfo) -> str:
     return ", ".join(f"{sign} {value:g}" for sign, value in found)
 
 
-def most_of(info: FieldInfo) -> float:
+def upper_bound_of(info: FieldInfo) -> float:
     """The largest value of a numeric field; infinity: there is none."""
     return min((limit for m in info.metadata if (limit := getattr(m, "le", None)) is not None), default=math.inf)
 

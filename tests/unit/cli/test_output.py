@@ -11,7 +11,7 @@ from typing import TextIO
 
 import pytest
 
-from gateway.cli.output import Outlet
+from gateway.cli.output import LossyOutput
 
 PIPE_BYTES = 4096  # the smallest there is
 
@@ -53,7 +53,7 @@ def pipe() -> Iterator[Pipe]:
 
 def test_everything_arrives_in_order() -> None:
     with pipe() as out:
-        outlet = Outlet(out.stream)
+        outlet = LossyOutput(out.stream)
         for n in range(1000):
             print(f"{n} px²", file=outlet)
         assert [out.line() for _ in range(1000)] == [f"{n} px²\n" for n in range(1000)]
@@ -63,7 +63,7 @@ def test_everything_arrives_in_order() -> None:
 def test_closing_without_a_limit_waits_for_a_slow_reader() -> None:
     with pipe() as out:
         out.shut()
-        outlet = Outlet(out.stream)
+        outlet = LossyOutput(out.stream)
         outlet.write("last\n")
         closing = threading.Thread(target=outlet.close, args=(None,))
         closing.start()
@@ -77,7 +77,7 @@ def test_closing_without_a_limit_waits_for_a_slow_reader() -> None:
 def test_a_blocked_stream_blocks_nobody_and_what_was_dropped_is_told() -> None:
     with pipe() as out:
         out.shut()
-        outlet = Outlet(out.stream, limit=3)
+        outlet = LossyOutput(out.stream, limit=3)
         outlet.write("first\n")
         while outlet._queue.qsize():  # the thread has it, and hangs
             threading.Event().wait(0.001)
@@ -94,7 +94,7 @@ def test_a_blocked_stream_blocks_nobody_and_what_was_dropped_is_told() -> None:
 def test_a_stream_that_never_moves_again_does_not_hold_up_the_end() -> None:
     with pipe() as out:
         out.shut()
-        outlet = Outlet(out.stream, limit=1)
+        outlet = LossyOutput(out.stream, limit=1)
         for _ in range(5):
             outlet.write("x")
         outlet.close(0.05)  # returns
@@ -104,9 +104,9 @@ def test_a_stream_that_never_moves_again_does_not_hold_up_the_end() -> None:
 
 AT_THE_END = """
 import sys
-from gateway.cli.output import Outlet
+from gateway.cli.output import LossyOutput
 
-outlet = Outlet(sys.stdout)
+outlet = LossyOutput(sys.stdout)
 outlet.write("x" * 100_000)
 while outlet._queue.qsize():
     pass
@@ -129,7 +129,7 @@ def test_a_lost_reader_is_told_once_and_nothing_raises() -> None:
     read, write = os.pipe()
     os.close(read)
     with open(write, "w") as stream:
-        outlet = Outlet(stream, on_lost=lost.release)
+        outlet = LossyOutput(stream, on_lost=lost.release)
         outlet.write("x")
         assert lost.acquire(timeout=10)
         outlet.write("y")
@@ -141,7 +141,7 @@ def test_a_lost_reader_is_told_once_and_nothing_raises() -> None:
 
 
 def test_a_closed_stdout_is_no_terminal() -> None:
-    outlet = Outlet(None)
+    outlet = LossyOutput(None)
     outlet.write("x")
     assert outlet.lost
     assert not outlet.isatty()
@@ -151,4 +151,4 @@ def test_a_closed_stdout_is_no_terminal() -> None:
 
 
 def test_it_looks_like_the_stream_behind_it() -> None:
-    assert Outlet(sys.__stderr__).encoding == (sys.__stderr__ and sys.__stderr__.encoding)
+    assert LossyOutput(sys.__stderr__).encoding == (sys.__stderr__ and sys.__stderr__.encoding)

@@ -23,7 +23,7 @@ WIDTH, HEIGHT = 320, 240
 PARAMS = VisionConfig()
 PLACE = Circle(163.3, 118.8, 41.7)
 RED, GREY = decoys.RED, (120, 122, 121)
-Painting = Callable[[decoys.Sheet], None]
+Painting = Callable[[decoys.Drawing], None]
 
 
 def scene(*paintings: Painting, ground: str = "concrete", seed: int = 1) -> Image:
@@ -111,7 +111,7 @@ def test_the_frame_may_cut_a_part_off(place: Circle) -> None:
 
 @pytest.mark.parametrize("name", decoys.DECOYS)
 def test_no_decoy_beside_it_wins(name: str) -> None:
-    def beside(sheet: decoys.Sheet) -> None:
+    def beside(sheet: decoys.Drawing) -> None:
         decoys.DECOYS[name](sheet, 245.0, 130.0, 38.0)
 
     place = Circle(90.3, 110.6, 30.4)
@@ -120,7 +120,7 @@ def test_no_decoy_beside_it_wins(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["square", "oblong", "lorry"])
 def test_a_red_thing_behind_it_does_not_carry_the_rim_away(name: str) -> None:
-    def behind(sheet: decoys.Sheet) -> None:
+    def behind(sheet: decoys.Drawing) -> None:
         decoys.DECOYS[name](sheet, PLACE.u_px + 75.0, PLACE.v_px, 40.0)
 
     assert_found(scene(behind, disc()), PLACE, 0.5)
@@ -138,7 +138,7 @@ def test_of_two_discs_the_larger_one_is_taken_and_the_other_one_told(other_px: f
 
 
 def test_a_thin_white_line_round_the_disc_is_not_its_rim() -> None:
-    def framed(sheet: decoys.Sheet) -> None:
+    def framed(sheet: decoys.Drawing) -> None:
         sheet.disc(PLACE.u_px, PLACE.v_px, PLACE.radius_px + 4, (220, 222, 221))
         sheet.disc(PLACE.u_px, PLACE.v_px, PLACE.radius_px, (20, 18, 90))
 
