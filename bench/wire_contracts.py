@@ -26,7 +26,7 @@ TABLES = {  # page: columns that are words
     "registers.md": {"meaning"},
     "simulator.md": {"meaning", "does"},
     "sparkplug.md": {"meaning", "test, or why not"},
-    "alarms.md": {"meaning", "cause", "consequence", "response", "what it means", "what to do"},
+    "alarms.md": {"meaning", "when", "", "cause", "consequence", "response", "what it means", "what to do"},
 }
 WORDS = {"description", "summary", "title", "info", "tags", "example", "examples"}
 BLOCK = re.compile(r"<!-- generated: ([a-z][a-z ]*) -->\n(.*?)<!-- end -->", re.DOTALL)

@@ -138,19 +138,21 @@ def _hanging(mask: Mask, near: tuple[slice, slice]) -> int:
 
 
 def _warnings(patch: Patch, admitted: int, picture: int, hanging: int) -> tuple[str, ...]:
-    said = []
+    warnings = []
     if patch.s < PALE or patch.v < DARK:
         what = f"S {patch.s}" if patch.s < PALE else f"V {patch.v}"
-        said.append(f"nearly {'grey' if patch.s < PALE else 'black'} ({what}): its hue is noise; choose a clearer spot")
+        warnings.append(
+            f"nearly {'grey' if patch.s < PALE else 'black'} ({what}): its hue is noise; choose a clearer spot"
+        )
     elif abs(patch.h) > MOST_HUE:
-        said.append(f"not red: H {patch.hue} lies {abs(patch.h)} from red")
+        warnings.append(f"not red: H {patch.hue} lies {abs(patch.h)} from red")
     spread = patch.high[0] - patch.low[0]
     if spread > 2 * MOST_HUE:
-        said.append(f"many colours: hues over {spread} of 180; choose a smaller patch, or one within the marker")
+        warnings.append(f"many colours: hues over {spread} of 180; choose a smaller patch, or one within the marker")
     if admitted > MANY * picture:
-        said.append(f"too broad: would admit {100 * admitted / picture:.0f} % of the picture")
+        warnings.append(f"too broad: would admit {100 * admitted / picture:.0f} % of the picture")
     elif hanging and admitted - hanging > ELSEWHERE * hanging:
-        said.append(
+        warnings.append(
             f"would admit as much elsewhere: {admitted - hanging} px, against {hanging} px that hang together here"
         )
-    return tuple(said)
+    return tuple(warnings)

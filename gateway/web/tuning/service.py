@@ -1,6 +1,6 @@
 """What technicians do at the bays: freeze, record, try settings, apply them, write them back. asyncio.
 
-Pictures are worked on by the bench's one thread; the file is read and written on another; nothing here blocks the loop.
+Pictures are worked on by one thread; the file is read and written on another; nothing here blocks the loop.
 """
 
 import asyncio
@@ -89,13 +89,13 @@ class CompletedTrial:
 class TuningService:
     """One for the web process. `pace` is real time. To be closed: `with`.
 
-    `thread`: for pictures and for texts; by default the bench has one of its own, and texts take the loop's.
+    `thread`: for pictures and for texts; by default pictures have one of their own, and texts take the loop's.
     """
 
     def __init__(self, client: GatewayClient, pace: Clock, thread: Executor | None = None) -> None:
         self.client = client
         self.store = CaptureStore()
-        self.bench = TrialThread(thread)
+        self.trial_thread = TrialThread(thread)
         self._texts = thread
         self._pace = pace
         self._known = DetectionCache()
@@ -111,7 +111,7 @@ class TuningService:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.bench.close()
+        self.trial_thread.close()
 
     @property
     def file(self) -> str:
@@ -171,7 +171,7 @@ class TuningService:
         return recorder
 
     async def picture(self, who: str, frame: Snapshot, width_px: int) -> bytes:
-        return await self.bench.work(f"picture {who}", lambda _: jpeg(frame.image, width_px))
+        return await self.trial_thread.work(f"picture {who}", lambda _: jpeg(frame.image, width_px))
 
     # Trials.
 
@@ -215,7 +215,7 @@ class TuningService:
             )
             return tried, {panel.name: stages.encoded(panel) for panel in panels}
 
-        tried, pictures = await self.bench.work(who, work)
+        tried, pictures = await self.trial_thread.work(who, work)
         self._pictures[number] = bay, pictures
         while len(self._pictures) > KEPT_TRIALS:
             self._pictures.popitem(last=False)
@@ -230,8 +230,8 @@ class TuningService:
         self, who: str, frame: Snapshot, at: tuple[float, float], size_px: int, settings: VisionConfig, mode: Mode
     ) -> ColourPick:
         """Takes back a trial that `who` has under way: settings change now. Raises ValueError beside the picture."""
-        self.bench.withdraw(who)
-        return await self.bench.work(
+        self.trial_thread.withdraw(who)
+        return await self.trial_thread.work(
             f"pick {who}", lambda _: eyedropper.pick(frame.image, *at, size_px, settings, mode)
         )
 

@@ -172,5 +172,5 @@ def _detector(settings: VisionConfig, now_ns: NowNs, *, alone: bool) -> Callable
 
 def _side(found: Sequence[Detection], frames: int, times_ns: Sequence[int]) -> SideResult:
     """`found` has more entries than there are frames where a single one was looked at several times."""
-    told = tuple(found[:frames])
-    return SideResult(told, measures.found_share(told), measures.jitter(times_ns, told), measures.times(found))
+    first = tuple(found[:frames])
+    return SideResult(first, measures.found_share(first), measures.jitter(times_ns, first), measures.times(found))
