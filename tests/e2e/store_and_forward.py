@@ -12,6 +12,7 @@ message on before it acknowledges it, but a killed one forgets what it held for 
 import asyncio
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -220,7 +221,9 @@ def run(
             _deliver_the_rest(proxy.port, name, file, told, records)
         finally:
             records.close()
-            (shared_state.folder() / f"loading-gateway-events.{name}").unlink(missing_ok=True)  # the last one's, killed
+            shutil.rmtree(
+                shared_state.folder() / f"loading-gateway-journal.{name}", ignore_errors=True
+            )  # of a killed one
     report.seconds = time.monotonic() - begun
     return _judge(report, told, records.got, ledger.acknowledged)
 

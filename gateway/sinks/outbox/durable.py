@@ -11,6 +11,8 @@ docs/decisions/0023-event-journal-is-sqlite.md says why there is a journal.
 
 import contextlib
 import logging
+import os
+import stat
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -64,18 +66,26 @@ class Journal:
     """
 
     def __init__(self, name: str, *, events: int = JOURNAL_EVENTS) -> None:
-        self._path = folder() / f"loading-gateway-events.{name}.sqlite"
+        self._path = folder() / f"loading-gateway-journal.{name}" / "events.sqlite"
         self._events = events
         self._held: set[str] = set()
         self.overflowed = 0
 
     def __enter__(self) -> Self:
+        # Everybody may write into the folder above; in this one SQLite's files are the gateway's alone.
+        private = self._path.parent
+        with contextlib.suppress(OSError):
+            private.mkdir(mode=0o700)
+        found = private.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o077:
+            raise ConfigError(f"{private} belongs to another user, or is open to others")
         try:
             self._file = EventFile(self._path, synced=False)
         except StoreError as error:
+            if error.locked:
+                raise ConfigError(f"{self._path} is in use by another gateway") from error
             if not error.corrupt:
-                what = "is in use by another gateway" if error.locked else f"cannot be used for the events: {error}"
-                raise ConfigError(f"{self._path} {what}") from error
+                raise ConfigError(f"cannot be used for the events: {error}") from error
             self._begin_anew()
         return self
 
@@ -86,6 +96,8 @@ class Journal:
             self._file.close()
         else:
             self._file.remove()
+            with contextlib.suppress(OSError):  # another gateway of this name may begin just now
+                self._path.parent.rmdir()
 
     def recover(self) -> list[Entry]:
         """What an earlier gateway left, oldest first; it stays in the journal until it is released."""

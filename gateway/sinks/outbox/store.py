@@ -42,7 +42,6 @@ class EventFile:
         self._lock = -1
         self._db: sqlite3.Connection | None = None
         try:
-            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             while not self._locked(path.with_name(path.name + ".lock")):
                 self._unlock()
             os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600))  # events are not for everybody
@@ -63,6 +62,7 @@ class EventFile:
 
     def _locked(self, path: Path) -> bool:
         """False: the file was removed, by the gateway that had it, just before it was locked here."""
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         with contextlib.suppress(FileNotFoundError):

@@ -5,6 +5,7 @@ Real files and a real SQLite; the faults of the disk are the real ones where a t
 
 import fcntl
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -26,11 +27,15 @@ from gateway.sinks.outbox.store import EventFile, StoreError
 LIMITS = Limits(100)
 
 
+def journal_of(name: str) -> Path:
+    return folder() / f"loading-gateway-journal.{name}"
+
+
 @pytest.fixture
 def name() -> Iterator[str]:
     name = f"test-{uuid4().hex}"
     yield name
-    (folder() / f"loading-gateway-events.{name}.sqlite").unlink(missing_ok=True)
+    shutil.rmtree(journal_of(name), ignore_errors=True)
 
 
 def entry(number: int, *, drop_last: bool = False, unix_ms: int = 0, size: int = 10) -> Entry:
@@ -77,7 +82,7 @@ def test_what_was_not_acknowledged_is_there_at_the_next_start_in_order(name: str
         assert drained(outbox) == [f"b-{n}" for n in range(2, 9)]
         until(lambda: written(outbox) and rows(path) == [])
     assert path.stat().st_mode & 0o077 == 0
-    assert not (folder() / f"loading-gateway-events.{name}.sqlite").exists()
+    assert not journal_of(name).exists()
 
 
 class Stuck(EventFile):
@@ -220,6 +225,20 @@ def test_two_gateways_of_one_name_do_not_share_a_journal(name: str, tmp_path: Pa
         pass
 
 
+def test_a_journal_s_folder_that_others_can_write_is_not_used(name: str, tmp_path: Path) -> None:
+    """Else they could put SQLite's files of theirs beside ours."""
+    journal_of(name).mkdir()
+    journal_of(name).chmod(0o777)
+    with pytest.raises(ConfigError, match="open to others"), Journal(name):
+        pass
+    shutil.rmtree(journal_of(name))
+    journal_of(name).symlink_to(tmp_path)
+    with pytest.raises(ConfigError, match="belongs to another user"), Journal(name):
+        pass
+    journal_of(name).unlink()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_is_dropped_is_dropped_on_disk_too(name: str, tmp_path: Path) -> None:
     path = tmp_path / "outbox.sqlite"
     with DurableOutbox(name, path, Limits(3)) as outbox:
@@ -282,7 +301,7 @@ def test_the_journal_bears_anything_that_a_dead_gateway_can_leave(name: str) -> 
         journal.release(["b-2", "b-none"])
         journal.put(entry(6, size=5000))  # any length
         assert (len(journal), journal.overflowed) == (4, 2)
-    path = folder() / f"loading-gateway-events.{name}.sqlite"
+    path = journal_of(name) / "events.sqlite"
     with Journal(name, events=4) as journal:
         assert [e.id for e in journal.recover()] == ["b-1", "b-3", "b-4", "b-6"]
         journal.release(["b-6"])
