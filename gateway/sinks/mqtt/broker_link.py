@@ -44,7 +44,7 @@ T = TypeVar("T")
 
 
 class ProtocolVersion(Enum):
-    """The versions of MQTT that the gateway speaks."""
+    """The versions of MQTT that the gateway supports."""
 
     V5 = "5"
     V311 = "3.1.1"

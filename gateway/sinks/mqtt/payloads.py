@@ -247,17 +247,17 @@ def _ne107(state: StateVector) -> Ne107Payload:
     return Ne107Payload(name=signal.name, code=signal, active=names)
 
 
-def _guidance(told: Guidance) -> GuidancePayload:
+def _guidance(guidance: Guidance) -> GuidancePayload:
     return GuidancePayload(
-        name=told.code.name,
-        code=told.code,
-        text=GUIDANCE_MEANING[told.code],
-        amount_mm=_number(told.amount_mm, 1),
-        offset_u_px=_number(told.offset_u_px, 2),
-        offset_v_px=_number(told.offset_v_px, 2),
-        offset_mm=_number(told.offset_mm, 1),
-        closing_mm_s=_number(told.closing_mm_s, 1),
-        to_go_mm=_number(told.to_go_mm, 1),
+        name=guidance.code.name,
+        code=guidance.code,
+        text=GUIDANCE_MEANING[guidance.code],
+        amount_mm=_number(guidance.amount_mm, 1),
+        offset_u_px=_number(guidance.offset_u_px, 2),
+        offset_v_px=_number(guidance.offset_v_px, 2),
+        offset_mm=_number(guidance.offset_mm, 1),
+        closing_mm_s=_number(guidance.closing_mm_s, 1),
+        to_go_mm=_number(guidance.to_go_mm, 1),
     )
 
 

@@ -311,10 +311,10 @@ def _urgent(state: StateVector) -> Urgent:
 
 
 def _open(context: SinkContext) -> MqttPublisher:
-    config, whole = context.settings, context.config
-    outbox = context.resources.enter_context(opened_outbox(config, whole.site, whole.instance))
+    config, gateway = context.settings, context.config
+    outbox = context.resources.enter_context(opened_outbox(config, gateway.site, gateway.instance))
     return MqttPublisher(
-        config, whole.site, whole.instance, context.bays, context.clock, outbox=outbox, boot=context.boot
+        config, gateway.site, gateway.instance, context.bays, context.clock, outbox=outbox, boot=context.boot
     )
 
 

@@ -109,7 +109,7 @@ class MemoryOutbox:
         return gone
 
     def append(self, other: "MemoryOutbox") -> list[Entry]:
-        """What waits in `other` comes after everything here; its drops count here, too. Returns what was dropped."""
+        """Append what waits in `other`; its drops count here, too. Returns what was dropped."""
         self._dropped += other.dropped
         return [lost for entry in other.waiting() for lost in self.put(entry)]
 
@@ -123,7 +123,7 @@ class MemoryOutbox:
         return self._take(queue) if queue and queue[0][1].id == entry_id else None
 
     def copy(self) -> "MemoryOutbox":
-        """As it stands now, in microseconds; what is slow can be done with the copy."""
+        """A copy, made in microseconds; what is slow can be done with it."""
         copy = MemoryOutbox(self._limits)
         copy._last, copy._first = self._last.copy(), self._first.copy()
         return copy

@@ -82,7 +82,7 @@ class EventFile:
     def entries(self) -> list[Entry]:
         """Everything in it, oldest first. A row that is no event makes the file a corrupt one."""
         with self._errors() as db:
-            # Text as bytes: what is no UTF-8 any more must be told from a disk that fails.
+            # Text as bytes: what is not UTF-8 must not look like a disk that fails.
             rows = db.execute(
                 "SELECT CAST(id AS BLOB), CAST(topic AS BLOB), payload, precious, unix_ms FROM events ORDER BY place"
             ).fetchall()

@@ -1,6 +1,6 @@
 """The bdSeq of a gateway's next CONNECT: one more than the last one's, also after the gateway was killed. IO.
 
-It stands in shared memory, which outlives the process and costs no disk; after a start of the machine it begins at
+It is kept in shared memory, which outlives the process and costs no disk; after a start of the machine it begins at
 zero, as the specification has it. Everybody may write into that folder, and this is called on the event loop: whatever
 lies there under our name (a pipe, a link, gigabytes) is looked at without waiting, or not at all.
 """

@@ -48,7 +48,7 @@ def _distance(state: StateVector) -> tuple[Value, QualityCode]:
 
 
 def _tracking(state: StateVector) -> tuple[Value, QualityCode]:
-    """Null where no fresh frame stands behind it: how an old position was come by is no news."""
+    """Null without a fresh frame: how an old position was found does not matter."""
     quality = state.vision.quality
     if quality in FRESH_FRAME:
         return state.vision.tracking.name, QualityCode.GOOD
@@ -56,7 +56,7 @@ def _tracking(state: StateVector) -> tuple[Value, QualityCode]:
 
 
 def _picture(read: Callable[[PictureHealth], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
-    """Of the picture itself: null without a fresh frame, and where it can't be told."""
+    """Of the picture itself: null without a fresh frame, and where it is not known."""
 
     def value(state: StateVector) -> tuple[Value, QualityCode]:
         found = None if state.picture is None else read(state.picture)
@@ -108,7 +108,7 @@ DEVICE: tuple[Row, ...] = (
 )  # fmt: skip
 
 HISTORY = ("Stop", "May Move", "In Place", "Moved", "Permit", "Reason/Code", "Reason/Name")
-"""What is kept of a change that happened while nobody could be told."""
+"""What is kept of a change that happened while there was no session."""
 
 Reading = tuple[Value, QualityCode]
 

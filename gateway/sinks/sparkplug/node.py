@@ -2,7 +2,7 @@
 
 Sparkplug Specification 3.0.0, sections 4 to 6. A session begins with a connection whose last will is the NDEATH; births
 go out as soon as the primary host is online (at once, where none is configured); data follows by exception, and every
-message carries the next sequence number. What changed while there was no session is told afterwards as historical, and
+message carries the next sequence number. What changed while there was no session is sent afterwards as historical, and
 so is what was sent shortly before a session was lost: at QoS 0 nobody knows how much of it arrived.
 """
 
@@ -102,7 +102,9 @@ class EdgeNode:
     def will(self, bd_seq: int, now_ms: int) -> Publish:
         """The NDEATH for the next CONNECT; begins its session. `bd_seq`: 0 to 255, one more with every CONNECT."""
         self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
-        self._host_ms = -1  # what is retained is told anew; a host whose clock was wrong once is not deaf for ever
+        self._host_ms = (
+            -1
+        )  # retained messages arrive again; a clock of the host that was wrong once has no lasting effect
         self._born = False
         self._sent_values.clear()
         return self.death(now_ms)
@@ -118,7 +120,7 @@ class EdgeNode:
         return [] if self.identity.primary_host else self._birth(states, now_ms)
 
     def lost(self) -> None:
-        """The connection is gone; the broker tells the NDEATH."""
+        """The connection is gone; the broker publishes the NDEATH."""
         self._born = False
         self._sent_values.clear()
         self._since.clear()
@@ -174,14 +176,14 @@ class EdgeNode:
     # From the bays.
 
     def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
-        """What has changed since it was last told; deaths and births of bays that died or came back."""
+        """What has changed since it was last sent; deaths and births of bays that died or are alive again."""
         self._forget(now_ms)
         if not self._born:
             return []
         out: list[Publish] = []
         since, self._since = self._since, []
         for bay, state in states.items():
-            # Changes that took each other back would be no change at all in what is told below.
+            # Changes that cancel each other out would not appear in what is sent below.
             if bay in self._sent_values and len(missed := [change for change in since if change.bay == bay]) > 1:
                 out += self._historical(missed, now_ms)
             if state is None:
@@ -198,7 +200,7 @@ class EdgeNode:
         return out
 
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
-        """`stop` of a bay changed. Kept, where nobody can be told now, or it is not certain that somebody is."""
+        """`stop` of a bay changed. Kept where there is no session, or where it is not certain that a host receives it."""
         now = metrics.readings(state)
         change = StopChange(state.bay, timestamp_ms, {name: now[name] for name in HISTORY})
         if not self._born:

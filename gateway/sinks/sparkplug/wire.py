@@ -68,7 +68,7 @@ _MAX_METRICS = 1000  # of a payload that somebody sends to us
 
 
 def encode(payload: Payload, *, typed: bool = True) -> bytes:
-    """The bytes on the wire. Not `typed`: without datatypes, which a birth has told."""
+    """The bytes on the wire. Not `typed`: without datatypes, which are in the birth."""
     out = bytearray()
     if payload.timestamp_ms is not None:
         out += _number(1, payload.timestamp_ms)
