@@ -200,7 +200,7 @@ class EdgeNode:
         return out
 
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
-        """`stop` of a bay changed. Kept where there is no session, or where it is not certain that a host receives it."""
+        """`stop` of a bay changed. Kept without a session, or where it is not certain that a host receives it."""
         now = metrics.readings(state)
         change = StopChange(state.bay, timestamp_ms, {name: now[name] for name in HISTORY})
         if not self._born:
