@@ -84,7 +84,8 @@ def main(args: argparse.Namespace) -> int:
     if args.picture is not None:
         write(args.picture, plots.frame_map(found))
     if args.report is not None:
-        write(args.report, report.html(board, found, text, _facts(args.inputs), without))
+        facts = (f"{_names(args.inputs)}; {vision_args.made_now()}",)
+        write(args.report, report.html(board, found, text, facts, without))
     if args.json:
         print(json.dumps(_document(found, without), allow_nan=False))
     else:
@@ -157,16 +158,6 @@ def _no_board(board: "Board", looked_at: int, kept: Sequence["Image"]) -> str:
 def _names(names: Sequence[str], most: int = 5) -> str:
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
-
-
-def _facts(names: Sequence[str]) -> tuple[str, ...]:
-    from datetime import UTC, datetime
-
-    from gateway import __version__
-    from gateway.clock import SystemClock
-
-    when = datetime.fromtimestamp(SystemClock().wall_ns() / 1e9, UTC)
-    return (f"{_names(names)}; {when:%Y-%m-%d %H:%M} UTC, gateway {__version__}",)
 
 
 def _show(found: "Calibration", without: Sequence[str]) -> None:

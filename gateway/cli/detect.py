@@ -25,13 +25,12 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gateway.cli import vision_args
 from gateway.cli.detect_pictures import DetectionRun, Row
-from gateway.cli.vision_args import bay_vision, quiet_opencv
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -73,7 +72,7 @@ def _pace(text: str) -> float:
 
 def main(args: argparse.Namespace) -> int:
     """Prints a line for each picture as soon as it is known. Raises ConfigError for wrong arguments."""
-    quiet_opencv()
+    vision_args.quiet_opencv()
     from gateway.vision.offline import inputs
 
     params = _params(args)
@@ -81,7 +80,9 @@ def main(args: argparse.Namespace) -> int:
     run = DetectionRun(params, args)
     show = _show_json if args.json else _table(paths)
     pictures = found = failed = 0
-    with _progress(len(paths)) as advance:
+    # On a terminal the lines themselves show how far it is.
+    bar = len(paths) >= _LONG_BATCH and not sys.stdout.isatty()
+    with vision_args.progress("detect", len(paths) if bar else 0) as advance:
         for path in paths:
             for row in run.rows(path):
                 show(row)
@@ -101,7 +102,7 @@ def _params(args: argparse.Namespace) -> "VisionConfig":
     from gateway.config import VisionConfig
     from gateway.config.strict.errors import explain
 
-    params = bay_vision(args.config, args.bay)
+    params = vision_args.bay_vision(args.config, args.bay)
     gates = {"min_area_px2": args.min_area, "min_circularity": args.min_circularity, "min_fill": args.min_fill}
     asked = {key: value for key, value in ({"method": args.method} | gates).items() if value is not None}
     try:
@@ -158,17 +159,3 @@ def _share(value: float | None) -> str:
 def _printable(name: str) -> str:
     """Names may hold line feeds, escape sequences and bytes that are no text."""
     return name if name.isprintable() else name.encode("unicode_escape").decode("ascii")
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[], None]]:
-    """A bar on stderr while a long batch writes to a file; on a terminal the lines themselves show how far it is."""
-    if total < _LONG_BATCH or sys.stdout.isatty() or not sys.stderr.isatty():
-        yield lambda: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True, redirect_stdout=False) as progress:
-        task = progress.add_task("detect", total=total)
-        yield lambda: progress.advance(task)

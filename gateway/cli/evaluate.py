@@ -196,18 +196,13 @@ def _report(
 
 
 def _about(args: argparse.Namespace, results: "list[Result]", unmet: tuple[str, ...] | None) -> "About":
-    from datetime import UTC, datetime
-
-    from gateway import __version__
-    from gateway.clock import SystemClock
     from gateway.vision.offline.evaluation.report import About
 
     whole = results[0].whole
-    when = datetime.fromtimestamp(SystemClock().wall_ns() / 1e9, UTC)
     settings = f"settings: {args.config or 'defaults'}{f', bay {args.bay}' if args.bay else ''}"
     facts = [
         f"{whole.pictures} pictures: {whole.with_marker} with a marker, {whole.without} without; {settings}",
-        f"{when:%Y-%m-%d %H:%M} UTC, gateway {__version__}",
+        vision_args.made_now(),
     ]
     if args.split in ("tuning", "reporting"):
         facts.insert(1, f"Only the {args.split} half of the set, chosen by a hash of the file's name.")

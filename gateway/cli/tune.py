@@ -191,8 +191,7 @@ def _show(study: "Study", notes: Sequence[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from gateway.vision.offline.evaluation.report import number, share
-    from gateway.vision.offline.tuning import exposure, histograms, thresholds
+    from gateway.vision.offline.tuning import exposure, histograms, report, thresholds
 
     console = Console(highlight=False) if sys.stdout.isatty() else Console(width=110, highlight=False)
     for note in notes:
@@ -216,22 +215,15 @@ def _show(study: "Study", notes: Sequence[str]) -> None:
             console.print(
                 f"  what cuts it most: {thresholds.bound_that_cuts(red, worst)}", markup=False, soft_wrap=True
             )
-    background = Table(title="Background and surroundings by colour, % of their pixels", title_justify="left")
-    background.add_column("hue")
-    for low, high in histograms.S_BANDS:
-        background.add_column(f"S {low} to {high}", justify="right")
-    for (name, low, high), row in zip(
-        histograms.HUE_BANDS, histograms.background_by_colour(study.examples), strict=True
+    for title, (heads, rows) in (
+        ("Background and surroundings by colour, % of their pixels", report.background(study)),
+        ("What the paper's method finds in these examples", report.effect(study)),
     ):
-        background.add_row(f"{name} ({low} to {high})", *(f"{value:.2f}" for value in row))
-    console.print(background)
-    table = Table(title="What the paper's method finds in these examples", title_justify="left")
-    table.add_column("setting")
-    for column in ("found", "within 5 %", "wrong", "missed", "false", "centre px", "radius %"):
-        table.add_column(column, justify="right")
-    for name, f in study.effect.items():
-        rates = (share(f.detected_share), share(f.close_share), str(f.wrong), str(f.missed), str(f.false))
-        table.add_row(name, *rates, number(f.centre_median_px), number(f.radius_median_pct))
-    console.print(table)
+        table = Table(heads[0], title=title, title_justify="left")
+        for head in heads[1:]:
+            table.add_column(head, justify="right")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
     for line in exposure.advice(study.lights):
         console.print(f"camera: {line}", markup=False, soft_wrap=True)

@@ -45,6 +45,17 @@ def bay_vision(config: Path | None, bay: str | None) -> "VisionConfig":
     return bays[name].vision
 
 
+def made_now() -> str:
+    """For a report: the time, and the program that made it."""
+    from datetime import UTC, datetime
+
+    from gateway import __version__
+    from gateway.clock import SystemClock
+
+    when = datetime.fromtimestamp(SystemClock().wall_ns() / 1e9, UTC)
+    return f"{when:%Y-%m-%d %H:%M} UTC, gateway {__version__}"
+
+
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[], None]]:
     """A bar on stderr, where that is a terminal; call what is yielded once for each piece of work done."""

@@ -45,27 +45,35 @@ def html(study: Study, snippet: str, facts: Sequence[str], notes: Sequence[str])
     return page("Thresholds and exposure", body, "Made by gateway tune.")
 
 
-def _background(study: Study) -> str:
+def background(study: Study) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Heads and rows: the background by colour."""
     heads = ("hue", *(f"S {low} to {high}" for low, high in histograms.S_BANDS))
     found = histograms.background_by_colour(study.examples)
-    rows: list[tuple[str, Sequence[Cell]]] = []
-    for (name, low, high), values in zip(histograms.HUE_BANDS, found, strict=True):
-        cells: list[Cell] = [(f"{value:.2f}", "bad") if value > 1 else f"{value:.2f}" for value in map(float, values)]
-        rows.append(("", [f"{name} ({low} to {high})", *cells]))
-    return table(heads, rows)
+    return heads, [
+        [f"{name} ({low} to {high})", *(f"{value:.2f}" for value in values)]
+        for (name, low, high), values in zip(histograms.HUE_BANDS, found, strict=True)
+    ]
+
+
+def effect(study: Study) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Heads and rows: what the paper's method finds with each setting."""
+    heads = ("setting", "found", "within 5 %", "wrong", "missed", "false", "centre, px", "radius, %")
+    return heads, [
+        [name, share(f.detected_share), share(f.close_share), str(f.wrong), str(f.missed),
+         f"{f.false} of {f.without}", number(f.centre_median_px), number(f.radius_median_pct)]
+        for name, f in study.effect.items()
+    ]  # fmt: skip
+
+
+def _background(study: Study) -> str:
+    heads, rows = background(study)
+    marked = [[name, *((value, "bad") if float(value) > 1 else value for value in values)] for name, *values in rows]
+    return table(heads, [("", row) for row in marked])
 
 
 def _effect(study: Study) -> str:
-    heads = ("setting", "found", "within 5 %", "wrong", "missed", "false", "centre, px", "radius, %")
-    rows: list[tuple[str, Sequence[Cell]]] = [
-        (
-            "",
-            [plain(name), share(f.detected_share), share(f.close_share), str(f.wrong), str(f.missed),
-             f"{f.false} of {f.without}", number(f.centre_median_px), number(f.radius_median_pct)],
-        )
-        for name, f in study.effect.items()
-    ]  # fmt: skip
-    return table(heads, rows)
+    heads, rows = effect(study)
+    return table(heads, [("", [plain(cell) for cell in row]) for row in rows])
 
 
 def _lights(study: Study) -> str:
