@@ -1,21 +1,36 @@
-"""A socket between the main process and one child: whole messages, end of file when the other side is gone."""
+"""A socket between the main process and one child: complete messages, end of file when the other side is gone."""
 
 import socket
 import sys
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from gateway.errors import ProtocolError
-from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
-from gateway.processes.notices import Failed
+from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec, Message
 
 Out = TypeVar("Out")
 In = TypeVar("In")
 
 
-class Link(Generic[Out, In]):
-    """One end of a SOCK_SEQPACKET pair: the kernel keeps messages whole, so nobody ever waits for half of one.
+class Failed(Message, frozen=True):
+    """A child's last message; or, in its place, that it has sent what is no message."""
 
-    `codec` says what may come. What goes out is whatever the other side's codec takes.
+    why: str
+    config: bool = False  # only the operator can correct it
+
+
+@dataclass(frozen=True, slots=True)
+class Gone:
+    """From the pool: the process of a child has ended."""
+
+    how: str
+    crashed: bool = False  # by a fault of its own code: SIGSEGV, SIGABRT and their like
+
+
+class Link(Generic[Out, In]):
+    """One end of a SOCK_SEQPACKET pair: the kernel keeps messages complete, so nobody ever waits for half of one.
+
+    `codec` says what may arrive. What is sent is whatever the other side's codec takes.
     """
 
     def __init__(self, sock: socket.socket, codec: Codec) -> None:
@@ -43,7 +58,7 @@ class Link(Generic[Out, In]):
     def received(self, most: int | None = None) -> list[In | Failed]:
         """Everything that has arrived, or the `most` oldest of it; sets `ended` at the end of file. Never waits.
 
-        A message that is none ends it, too: it is told as `Failed`, and nothing after it is heard. Without a limit it
+        What is no message ends it, too: it is reported as `Failed`, and nothing after it is read. Without a limit it
         ends with a system call that finds nothing.
         """
         messages: list[In | Failed] = []
@@ -53,7 +68,7 @@ class Link(Generic[Out, In]):
             except BlockingIOError:
                 break
             except ConnectionResetError:
-                continue  # said once, when the other side had not read all it was sent; its own last words come after
+                continue  # once, when the other side had not read all it was sent; its own last messages follow
             if not data:
                 self.ended = True
                 break

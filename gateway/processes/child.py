@@ -15,12 +15,11 @@ from types import TracebackType
 from typing import Any
 
 from gateway.errors import ConfigError, GatewayError
-from gateway.processes.channel import Link
+from gateway.processes.channel import Failed, Link
 from gateway.processes.codec import Codec
-from gateway.processes.notices import Failed
 
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15  # linux/prctl.h
-MAX_WORDS = 500
+MAX_CHARACTERS = 500
 
 
 def main() -> None:
@@ -28,7 +27,7 @@ def main() -> None:
     _die_with(int(parent))
     _name(name)
     link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)), Codec(Failed))
-    _leave_last_words(link)
+    _report_exceptions(link)
     if cpus:
         try:
             os.sched_setaffinity(0, {int(cpu) for cpu in cpus.split(",")})
@@ -58,14 +57,14 @@ def _name(name: str) -> None:
 
 def shown(text: str) -> str:
     """Fit for a message: a path in it need not be UTF-8, and what a driver says may be long."""
-    return text[:MAX_WORDS].encode(errors="backslashreplace").decode()
+    return text[:MAX_CHARACTERS].encode(errors="backslashreplace").decode()
 
 
-def _leave_last_words(link: Link[Any, Any]) -> None:
-    """An unexpected exception is told to the parent, too, after its traceback has gone to stderr."""
+def _report_exceptions(link: Link[Any, Any]) -> None:
+    """An unexpected exception is reported to the parent, too, after its traceback has gone to stderr."""
 
     def hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-        sys.__excepthook__(kind, error, trace)  # first: the parent ends this process when it hears of it
+        sys.__excepthook__(kind, error, trace)  # first: the parent ends this process when it reads it
         sys.stderr.flush()
         link.send(Failed(shown(f"{kind.__name__}: {error}")))
 

@@ -19,16 +19,15 @@ from typing import Generic, Self, TypeVar
 
 from gateway.clock import Clock
 from gateway.errors import LinkError
-from gateway.processes.channel import Link
+from gateway.processes.channel import Failed, Gone, Link
 from gateway.processes.codec import Codec
-from gateway.processes.notices import Failed, Gone
 
 log = logging.getLogger(__name__)
 
 GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
 KILL_S = 0.3  # real time for the kernel to end a killed process
 CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGSYS}
-MOST_WORDS = 10_000  # of one child, taken at once: more than its socket holds, and an end for one that never stops
+MAX_MESSAGES = 10_000  # of one child, taken at once: more than its socket holds, and an end for one that never stops
 # sys.path travels last: what the parent can import, the child can.
 BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.processes.child import main; main()"
 ENVIRONMENT = {
@@ -43,15 +42,14 @@ ENVIRONMENT = {
 }
 
 
-Out = TypeVar("Out")  # what is said to the children
-In = TypeVar("In")  # and what they say
+Out = TypeVar("Out")  # messages to the children
+In = TypeVar("In")  # and from them
 
 
 @dataclass(frozen=True, slots=True)
 class Role(Generic[Out]):
-    """What a child is for: `module` has `run(link, job)` and `CODEC`, which says what the child may be told; `name` is
-    what `top` shows; `fds` it inherits.
-    """
+    """What a child is for: `module` has `run(link, job)` and the `CODEC` of messages to it; `name` is what `top` shows;
+    `fds` it inherits."""
 
     module: str
     name: str
@@ -74,7 +72,7 @@ class Pool(Generic[Out, In]):
 
     `on_news` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without it,
     `wait` returns. Taken in the event loop's own call, a result does not wait for a task to be scheduled.
-    `codec` says what the children may say; a child that says anything else is `Failed`, and killed.
+    `codec` reads what the children send; a child that sends anything else is `Failed`, and killed.
     """
 
     def __init__(self, label: str, clock: Clock, codec: Codec, on_news: Callable[[], None] | None = None) -> None:
@@ -84,7 +82,7 @@ class Pool(Generic[Out, In]):
         self._children: dict[int, Child[Out, In]] = {}
         self._news = asyncio.Event()
         self._on_news = on_news or self._news.set
-        self._spoke: set[int] = set()  # whose sockets can be read
+        self._readable: set[int] = set()  # whose sockets can be read
         self._ended: set[int] = set()  # whose processes are no more
 
     def start(self, token: int, role: Role[Out]) -> None:
@@ -106,7 +104,7 @@ class Pool(Generic[Out, In]):
         child = Child(process, link, os.pidfd_open(process.pid))
         self._children[token] = child
         loop = asyncio.get_running_loop()
-        loop.add_reader(link.sock, self._arrived, self._spoke, token)
+        loop.add_reader(link.sock, self._arrived, self._readable, token)
         loop.add_reader(child.pidfd, self._arrived, self._ended, token)
         self.send(token, role.job)
 
@@ -129,27 +127,27 @@ class Pool(Generic[Out, In]):
         where.add(token)
         self._on_news()
 
-    def messages(self, *, everybody: bool = True, most: int = MOST_WORDS) -> Iterator[tuple[int, In | Failed | Gone]]:
+    def messages(self, *, everybody: bool = True, most: int = MAX_MESSAGES) -> Iterator[tuple[int, In | Failed | Gone]]:
         """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
 
-        Without `everybody` only from those that the event loop has seen speak or end, and only the oldest word of each
-        that has not ended: it will see the others, too. That spares some system calls. Of one that sends faster than it
-        is heard no more than `most` are taken at once; the event loop sees the rest.
+        Without `everybody` only from those that the event loop has seen send or end, and only the oldest of each that
+        has not ended: it will see the others, too. That spares some system calls. Of one that sends faster than it is
+        read no more than `most` are taken at once; the event loop sees the rest.
         """
-        ended, heard = set(self._ended), self._spoke | self._ended
-        self._spoke.clear()  # not replaced: the event loop's readers hold these very sets
+        ended, heard = set(self._ended), self._readable | self._ended
+        self._readable.clear()  # not replaced: the event loop's readers hold these very sets
         self._ended.clear()
         found: list[tuple[int, Child[Out, In], int | None, list[In | Failed]]] = []
         for token, child in self._children.items():
             if not everybody and token not in heard:
                 continue
             asked = everybody or token in ended
-            status = child.process.poll() if asked else None  # before reading, so that the last words are not missed
-            limit = MOST_WORDS if status is not None else most if asked else 1
+            status = child.process.poll() if asked else None  # before reading, so that the last messages are not missed
+            limit = MAX_MESSAGES if status is not None else most if asked else 1
             found.append((token, child, status, child.link.received(limit)))
-        for token, child, status, words in found:
-            for word in words:
-                yield token, word
+        for token, child, status, arrived in found:
+            for message in arrived:
+                yield token, message
             if status is not None:
                 self._forget(token)
                 yield token, Gone(_how(status), crashed=-status in CRASHES)

@@ -9,7 +9,7 @@ from gateway.clock import NS_PER_S, Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
 from gateway.core.model import VisionReading
 from gateway.errors import ConfigError
-from gateway.processes.notices import Failed, Gone
+from gateway.processes.channel import Failed, Gone
 from gateway.processes.pool import Pool, Role
 from gateway.vision.detect import registry
 from gateway.vision.detect.radii import MarkerRadii, Pace

@@ -14,8 +14,8 @@ from gateway.clock import SystemClock
 from gateway.config import VisionConfig
 from gateway.core.model import Detection, PictureHealth
 from gateway.errors import ProtocolError
+from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message, record_of, record_packed
-from gateway.processes.notices import Failed
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec

@@ -16,7 +16,7 @@ from gateway.config.sections.hmi import HmiConfig
 from gateway.errors import ConfigError, LinkError
 from gateway.net import tls
 from gateway.net.listener import listening
-from gateway.processes.notices import Failed, Gone
+from gateway.processes.channel import Failed, Gone
 from gateway.processes.pool import Pool, Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.request_handler import RequestHandler

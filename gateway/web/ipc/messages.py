@@ -17,8 +17,8 @@ from gateway.core.model import Event, FunctionCheck, StateVector
 from gateway.core.plc import Writer
 from gateway.errors import ConfigError
 from gateway.modbus.server.traffic import ServerNow
+from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message
-from gateway.processes.notices import Failed
 from gateway.sinks.contract import LinkStatus
 from gateway.vision.transport.ring import RingSpec
 

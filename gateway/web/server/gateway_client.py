@@ -19,8 +19,7 @@ from gateway.core.plc import Writer
 from gateway.core.shown import shown
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.modbus.registers import register_map as registers
-from gateway.processes.channel import Link
-from gateway.processes.notices import Failed
+from gateway.processes.channel import Failed, Link
 from gateway.vision.transport.ring import Ring, Snapshot
 from gateway.web.ipc.messages import (
     MAX_STATES,

@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from gateway.processes.channel import Link
+from gateway.processes.channel import Failed, Link
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
-from gateway.processes.notices import Failed
 
 ANYTHING = Codec(Any)
 

@@ -20,8 +20,8 @@ from gateway.core.model import FunctionCheck
 from gateway.core.plc import Writer
 from gateway.errors import ProtocolError
 from gateway.processes import child
+from gateway.processes.channel import Failed
 from gateway.processes.codec import COMPRESSED, MAX_MESSAGE_BYTES, MAX_UNPACKED_BYTES, Codec, record_of, record_packed
-from gateway.processes.notices import Failed
 from gateway.vision.transport.messages import FROM_VISION
 from gateway.web.ipc.messages import FROM_WEB, ApplySettings, Command, SetFunctionCheck, StateRequest, SystemStatus
 from tests.unit.web.links import full
@@ -148,7 +148,7 @@ def test_a_number_of_numpy_s_is_a_number() -> None:
 def test_last_words_with_a_path_that_is_no_utf_8_are_a_message_all_the_same() -> None:
     words = Failed(child.shown("LinkError: /films/\udcfc.avi: gone"))
     assert FROM_WEB.unpacked(Codec.packed(words)) == Failed(r"LinkError: /films/\udcfc.avi: gone")
-    assert len(child.shown("x" * 10_000)) == child.MAX_WORDS
+    assert len(child.shown("x" * 10_000)) == child.MAX_CHARACTERS
 
 
 def test_what_is_no_data_is_a_bug_here() -> None:

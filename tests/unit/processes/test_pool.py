@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
-from gateway.processes.channel import Link
+from gateway.processes.channel import Failed, Link
 from gateway.processes.codec import Codec
-from gateway.processes.notices import Failed
-from gateway.processes.pool import MOST_WORDS, Child, Pool
+from gateway.processes.pool import MAX_MESSAGES, Child, Pool
 from tests.virtual_time import LoopClock, run
 
-TALK = 3 * MOST_WORDS
+TALK = 3 * MAX_MESSAGES
 ANYTHING = Codec(Any)
 
 
@@ -57,7 +56,7 @@ def test_a_child_that_talks_faster_than_it_is_heard_holds_up_nobody() -> None:
         ours.codec = Egged(Any)
         talker.send("one thing")
         with theirs, seated(pool, 1, ours):
-            assert len(list(pool.messages())) == MOST_WORDS
+            assert len(list(pool.messages())) == MAX_MESSAGES
             assert list(pool.messages(most=2)) == [(1, "and another thing")] * 2
 
     run(scene())
@@ -85,7 +84,7 @@ def test_what_was_not_taken_at_once_wakes_the_pool_again() -> None:
         ours, theirs = Link[Any, Any].pair(ANYTHING)
         talker = Link[Any, Any](theirs, ANYTHING)
         with theirs, seated(pool, 1, ours):
-            asyncio.get_running_loop().add_reader(ours.sock, pool._arrived, pool._spoke, 1)
+            asyncio.get_running_loop().add_reader(ours.sock, pool._arrived, pool._readable, 1)
             for word in range(5):
                 talker.send(word)
             heard: list[Any] = []

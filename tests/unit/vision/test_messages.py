@@ -10,8 +10,8 @@ from gateway.clock import SystemClock
 from gateway.config import Intrinsics, VisionConfig
 from gateway.core.model import Circle, Detection, Ellipse, PictureHealth, Rejection, Tracking
 from gateway.errors import ProtocolError
+from gateway.processes.channel import Failed
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec, record_of, record_packed
-from gateway.processes.notices import Failed
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import Scenario
 from gateway.vision.detect.radii import MarkerRadii

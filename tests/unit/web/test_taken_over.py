@@ -14,8 +14,8 @@ from gateway.core.model import EventKind, FunctionCheck
 from gateway.core.plc import Writer
 from gateway.errors import LinkError, ProtocolError
 from gateway.net.rate_limit import BURST
+from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec
-from gateway.processes.notices import Failed
 from gateway.web.host.request_handler import MAX_NAME, MAX_REPORTED
 from gateway.web.host.service import WebProcessService
 from gateway.web.ipc.messages import FROM_WEB, ApplySettings, Command, SetFunctionCheck, StateRequest, WebSetup
