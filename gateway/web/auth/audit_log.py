@@ -10,7 +10,7 @@ class AuditKind(StrEnum):
     LOGIN_FAILED = "login_failed"
     LOGIN_THROTTLED = "login_throttled"  # too many failures; the password was not even looked at
     REFUSED = "refused"  # a forged, foreign or forbidden request
-    CHANGED = "changed"  # something was asked for that is more than looking, and was answered
+    CHANGED = "changed"  # a request that changes something was answered
 
 
 WARNINGS = (AuditKind.LOGIN_FAILED, AuditKind.LOGIN_THROTTLED, AuditKind.REFUSED)
@@ -18,7 +18,7 @@ WARNINGS = (AuditKind.LOGIN_FAILED, AuditKind.LOGIN_THROTTLED, AuditKind.REFUSED
 
 @dataclass(frozen=True, slots=True)
 class AuditRecord:
-    """One thing a person did or tried. Nothing in it is longer than a line, or could look like another record."""
+    """One action or attempt of a person. It fits on one line and can't imitate another record."""
 
     kind: AuditKind
     who: str  # name as logged in or as tried; empty: nobody

@@ -1,4 +1,4 @@
-"""A request's body is read before anybody works on it: whole, in time, and not longer than its row allows. IO."""
+"""A request's body is read before its route runs: complete, in time, and not longer than its rule allows. IO."""
 
 from starlette.types import Message, Receive, Scope
 
@@ -8,7 +8,7 @@ from gateway.web.auth.headers import header
 from gateway.web.auth.refusals import RefusalError
 
 BODY_S = 10.0  # a body must have arrived within this
-CLOSE = {"Connection": "close"}  # or what still comes would be taken for the next request
+CLOSE = {"Connection": "close"}  # or the rest of the body would be taken for the next request
 
 
 async def complete_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock) -> Receive:
@@ -23,7 +23,7 @@ async def complete_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock
     if length is not None and not (length.isdigit() and len(length) < 10 and int(length) <= rule.body_bytes):
         raise too_long
     if rule.method != "POST":
-        return receive  # what comes without a length is not read by any route
+        return receive  # no route reads a body without a length
     body = bytearray()
     try:
         async with clock.timeout(BODY_S):
@@ -40,14 +40,14 @@ async def complete_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock
 
 
 def _replayed(body: bytes, receive: Receive) -> Receive:
-    """`receive` that gives the whole body at once, and then goes on as before."""
+    """`receive` that returns the complete body at once, and then continues as before."""
     first = True
 
-    async def whole() -> Message:
+    async def replayed() -> Message:
         nonlocal first
         if first:
             first = False
             return {"type": "http.request", "body": body, "more_body": False}
         return await receive()
 
-    return whole
+    return replayed

@@ -15,12 +15,12 @@ PORTS = {"http": 80, "https": 443}
 
 
 def header(headers: Headers, name: bytes) -> str | None:
-    """The one value of a header; None: there is none. Raises ValueError where it stands twice or is no ASCII."""
+    """The one value of a header; None: there is none. Raises ValueError where it occurs twice or is not ASCII."""
     found = [value for key, value in headers if key == name]
     if not found:
         return None
     if len(found) > 1:
-        raise ValueError(f"{name.decode()} stands there {len(found)} times")
+        raise ValueError(f"{name.decode()} occurs {len(found)} times")
     try:
         return found[0].decode("ascii")
     except UnicodeDecodeError:
@@ -99,7 +99,7 @@ HTTPS_PORT = 443
 
 
 def security_headers(config: HmiConfig) -> tuple[tuple[bytes, bytes], ...]:
-    """For every answer, whatever it says. Names in lower case."""
+    """Of every answer, refusals too. Names in lower case."""
     fields = {
         "content-security-policy": CONTENT_SECURITY_POLICY,
         "x-content-type-options": "nosniff",
@@ -116,5 +116,5 @@ def security_headers(config: HmiConfig) -> tuple[tuple[bytes, bytes], ...]:
 
 
 def cache_control(path: str) -> bytes:
-    """Scripts and styles are asked for anew when they have changed; the plant's data is kept nowhere."""
+    """Scripts and styles are revalidated; the plant's data is never cached."""
     return b"no-cache" if path.startswith("/static/") else b"no-store"

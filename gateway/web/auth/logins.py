@@ -1,4 +1,4 @@
-"""Logging in and out, and whom a request comes from: by cookie, by HTTP Basic, or nobody. One event loop, no locks."""
+"""Logins, and who sends a request: by cookie, by HTTP Basic, or anonymous. One event loop, no locks."""
 
 import base64
 import binascii
@@ -29,7 +29,7 @@ AuditSink = Callable[[AuditRecord], None]
 
 
 class Logins:
-    """`tell` is called for each login, failure, refusal and change, not more often than people bear."""
+    """`audit` receives each login, failure, refusal and change, limited in rate by kind."""
 
     def __init__(self, config: HmiConfig, clock: Clock, audit: AuditSink, *, instance: str = "gateway") -> None:
         self.config = config
@@ -103,7 +103,7 @@ class Logins:
         return max(self._anonymous, Level.of(user.role))
 
     def _by_cookie(self, headers: Headers) -> Session | None:
-        """Looks at every cookie of our name: whoever can plant another beside ours must not be able to hide it."""
+        """Looks at every cookie of our name: another one planted beside ours must not hide it."""
         now_ns = self._clock.now_ns()
         for key, line in headers:
             if key != b"cookie" or len(line) > MAX_COOKIES:

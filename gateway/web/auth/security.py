@@ -121,7 +121,7 @@ class SecurityMiddleware:
         changes = rule.method == "POST" and rule.least > Level.OPEN
         if not caller.name and (
             caller.level < rule.least or (changes and caller.level < Level.TECHNICIAN)
-        ):  # without a login one may look; who changes something is somebody
+        ):  # without a login one may read; changes need a name
             raise RefusalError(401, "login", f"needs a login as {rule.least.role}", headers=_challenge(rule))
         if caller.level < rule.least:
             text = f"{caller.name} is {caller.level.role}; this needs {rule.least.role}"
@@ -133,7 +133,7 @@ class SecurityMiddleware:
         except ValueError:
             token = ""
         if not hmac.compare_digest(token.encode(), caller.csrf.encode()):
-            text = "the X-CSRF-Token is missing or is not that of this login; /api/session tells it"
+            text = "the X-CSRF-Token is missing or is not that of this login; /api/session returns it"
             raise RefusalError(403, "csrf", text, audited=bool(token))
 
     async def _refuse(

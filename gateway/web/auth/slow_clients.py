@@ -1,6 +1,6 @@
 """How long a connection to the pages may take to ask, and how many there may be. Uses uvicorn.
 
-uvicorn bounds what a request says but not how long it takes to say it: a stranger who opens connections and is silent,
+uvicorn bounds the size of a request but not the time it takes: a client that opens connections and is silent,
 or sends one letter a minute, would hold them all. Here a connection that is not working on a request must have sent a
 whole head within HEAD_S, and one address never has them all. (Of more than `limit_concurrency` connections uvicorn
 answers the newest with 503; of many more than that they are closed without an answer.)
@@ -16,7 +16,7 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEAD_S = 15.0  # longer than uvicorn keeps an idle connection (5 s)
-LOOK_S = 2.5
+CHECK_S = 2.5
 BEYOND = 64  # connections more than uvicorn's limit, to be answered 503
 SHARE_OF_ONE = 0.75  # of the limit, for one address; a wall of tablets may come through one
 
@@ -25,23 +25,23 @@ class HeadDeadlineProtocol(H11Protocol):
     """For `uvicorn.Config(http=...)`."""
 
     head_s = HEAD_S
-    look_s = LOOK_S
+    check_s = CHECK_S
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self._looking: asyncio.TimerHandle | None = None
+        self._next_check: asyncio.TimerHandle | None = None
         self._asked_s = self.loop.time()
         if self._too_many():
             transport.abort()
             return
-        self._look()
+        self._check()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._stop_looking()
+        self._stop_checks()
         super().connection_lost(exc)
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        self._stop_looking()  # from here on `live` says how long a page may be silent
+        self._stop_checks()  # from here on `live` limits how long a page may be silent
         super().handle_websocket_upgrade(event)
 
     def _too_many(self) -> bool:
@@ -52,19 +52,19 @@ class HeadDeadlineProtocol(H11Protocol):
         same = [peer for peer in peers if peer is not None and peer[0] == self.client[0]]
         return len(peers) > most + BEYOND or len(same) > most * SHARE_OF_ONE
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         now_s = self.loop.time()
         if self.cycle is not None and not self.cycle.response_complete:
             self._asked_s = now_s
         elif now_s - self._asked_s > self.head_s:
             self.transport.abort()
             return
-        self._looking = self.loop.call_later(self.look_s, self._look)
+        self._next_check = self.loop.call_later(self.check_s, self._check)
 
-    def _stop_looking(self) -> None:
-        if self._looking is not None:
-            self._looking.cancel()
-            self._looking = None
+    def _stop_checks(self) -> None:
+        if self._next_check is not None:
+            self._next_check.cancel()
+            self._next_check = None
 
 
 def settings(context: Any) -> dict[str, Any]:

@@ -74,7 +74,7 @@ def _message(fault: dict[str, Any]) -> str:
 async def of_gateway(_: Request, error: Exception) -> Response:
     """Raises again what no route should raise: a fault in the software."""
     if isinstance(error, EndedError):
-        return Response(status_code=204)  # no fault: the page has asked for something newer meanwhile
+        return Response(status_code=204)  # not an error: the page has sent a newer request meanwhile
     if isinstance(error, RefusalError):
         return problem(error.status, error.code, str(error), error.headers)
     for kind, status, code in _STATUS:
@@ -84,7 +84,7 @@ async def of_gateway(_: Request, error: Exception) -> Response:
 
 
 async def of_fault(_: Request, error: Exception) -> Response:
-    """What nobody expected, whose text is not shown."""
+    """An unexpected exception; its text is not shown."""
     return problem(500, "fault", "a fault in the software; the gateway's log says more")
 
 

@@ -1,6 +1,6 @@
-"""The web process's end of the link: pulls the newest from the main process, for everybody who looks. IO.
+"""The web process's end of the link: polls the main process for the newest states, for all viewers. IO.
 
-At most ten times a second while somebody watches, once a second otherwise. What is pulled once serves all viewers.
+At most ten times a second while a page is open, once a second otherwise. One poll serves all viewers.
 """
 
 import asyncio
@@ -98,7 +98,7 @@ class GatewayClient:
         self._reports: dict[str, BayReport] = {}
         self._changed = asyncio.Event()
         self._watched: Counter[str] = Counter()
-        self._wanted = asyncio.Event()  # somebody began to watch
+        self._wanted = asyncio.Event()  # a viewer has come
         self._heard = asyncio.Event()
         self._urgent: Counter[str] = Counter()
         self._turn = 0
@@ -173,7 +173,7 @@ class GatewayClient:
             await self.links_anew()
 
     async def in_file(self, bay: str, who: Writer) -> FileSettings:
-        """What the configuration's file says. Raises ConfigError, and as `order` does."""
+        """The settings in the configuration's file. Raises ConfigError, and as `order` does."""
         return await self._of_file(ReadFile(bay), FileSettings, who)
 
     async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> FilePreview:
@@ -241,7 +241,7 @@ class GatewayClient:
                 self._wanted.clear()
                 pace_s = self._pace_s()
                 with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(pace_s):  # whoever begins to watch is served at once
+                    async with asyncio.timeout(pace_s):  # a new viewer is served at once
                         await (self._wanted.wait() if pace_s == IDLE_S else asyncio.Event().wait())
         finally:
             loop.remove_reader(self._link.sock)
@@ -281,7 +281,7 @@ class GatewayClient:
         return [bay for bay in self._names if self._urgent[bay] > 0]
 
     def _due(self) -> tuple[str, ...]:
-        """Who is asked for now: those that somebody needs at once, and a share of all, so that each has its turn."""
+        """The bays of the next request: those with a viewer, and a share of all, so that each has its turn."""
         self._turn += 1
         hurried = _share(self._hurried(), self._turn, URGENT_SHARE)
         others = _share(self._names, self._turn, MAX_STATES - len(hurried))

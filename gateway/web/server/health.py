@@ -1,10 +1,10 @@
-"""Does the gateway work, as a watchdog should see it? Made from what the gateway client knows; asks nobody.
+"""The health of the gateway for a watchdog, made from what the gateway client knows. Pure.
 
 `failing` means that restarting the gateway may help: a bay's control task does not tick, nobody serves registers, or
 the main process does not answer. Everything else that is broken is `degraded`: the gateway does what it is there for,
-it says stop and why. A watchdog that restarts it because a camera is unplugged would only add an outage to the fault.
+it reports stop and the reason. A restart because of an unplugged camera would only add an outage to the fault.
 
-Anybody may ask, without a login: no address, no path and no detail stands in an answer.
+No login is needed, so an answer contains no address, no path and no detail.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Alarms, links, events and registers, made from what the gateway client knows. Asks nobody."""
+"""Alarms, links, events and registers, made from what the gateway client knows. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable

@@ -16,7 +16,7 @@ from gateway.web.server.gateway_client import GatewayClient
 
 WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages of now
 SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
-ANSWER_S = 30.0  # a page that has not answered for so long is let go
+ANSWER_S = 30.0  # a page that has not answered for so long is disconnected
 TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
 MAX_ANSWER = 64  # characters: "next", or whatever else is as short
 
@@ -48,7 +48,7 @@ class Live:
     _made: dict[tuple[str, ...], tuple[int, int, str]] = field(default_factory=dict)
 
     async def serve(self, page: WebSocket) -> None:
-        """Serve one page until it goes. `?bay=` (several; none: all) says what it shows."""
+        """Serve one page until it disconnects. `?bay=` (several; none: all) selects the bays."""
         with contextlib.suppress(WebSocketDisconnect, OSError):  # at any moment, also while it is being closed
             await self._accept(page)
 

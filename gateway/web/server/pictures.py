@@ -1,4 +1,4 @@
-"""Pictures of a bay's camera for the pages: made when somebody asks, once for everybody who asks. IO.
+"""Pictures of a bay's camera for the pages: encoded on request, once for all viewers. IO.
 
 The frame and its reading belong together: as soon as the newest reading is known, its own frame is copied out of the
 ring, by number. Where it has gone meanwhile, the newest frame is shown without a reading rather than with a wrong one.

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 CODEC = TO_WEB
 
-NICE = 10  # whoever looks at pages must not take the processor from the camera and the PLC
+NICE = 10  # pages must not take the processor from the camera and the PLC
 GRACE_S = 1  # of open connections at the end
 MAX_TEXT = 4096  # of one WebSocket message from a page
 

@@ -1,4 +1,4 @@
-"""What moves on the pages, made from what the gateway client knows: live view, driver's display, frame. Asks nobody."""
+"""The live views, made from what the gateway client knows: operator's page, driver's display, frame. Pure."""
 
 from gateway import __version__
 from gateway.clock import NS_PER_MS
@@ -106,15 +106,15 @@ def driver_view(client: GatewayClient, bay: str) -> DriverView:
             to_go_mm=None,
             age_ms=None,
         )
-    told = payloads.state_payload(report.now.state, gateway_of(client), 0, STALE_AFTER_MS).guidance
+    guidance = payloads.state_payload(report.now.state, gateway_of(client), 0, STALE_AFTER_MS).guidance
     return DriverView(
         bay=bay,
-        code=told.name,
-        text=told.text,
+        code=guidance.name,
+        text=guidance.text,
         stop=report.now.state.stop,
-        amount_mm=told.amount_mm,
-        closing_mm_s=told.closing_mm_s,
-        to_go_mm=told.to_go_mm,
+        amount_mm=guidance.amount_mm,
+        closing_mm_s=guidance.closing_mm_s,
+        to_go_mm=guidance.to_go_mm,
         age_ms=age_ms(client, report),
     )
 

@@ -36,7 +36,7 @@ class FrameBody(Body):
     recording: Name | None = None
     live: bool = False
     frame: int = Field(0, ge=0, le=10_000)
-    tab: Tab = Field("tab", description="tells one page from another: a newer wish of the same takes back the older")
+    tab: Tab = Field("tab", description="identifies a page: its newer request cancels its older one")
 
     @model_validator(mode="after")
     def _one(self) -> "FrameBody":

@@ -51,7 +51,7 @@ class TuningRequest:
     def taken(self, name: str) -> Capture:
         taken = self.service.store.get(self.bay, name)
         if taken is None:
-            raise RefusalError(404, "gone", f"{name} is not kept (any more): freeze or record anew")
+            raise RefusalError(404, "gone", f"{name} is not kept (any more): freeze or record again")
         return taken
 
     async def frames(self, body: FrameBody) -> tuple[Sequence[Snapshot], int]:
@@ -126,7 +126,7 @@ async def _frame(request: Tuning, name: str, frame: Number, width: WidthPx = PIC
 async def _trial(request: Tuning, body: TrialBody) -> Response:
     frames, shown = await request.frames(body)
     if not frames:
-        return Response(status_code=204)  # a page that looks at the running picture asks again
+        return Response(status_code=204)  # a page with the live picture asks again
     made = await request.service.try_(
         request.who(body.tab),
         request.bay,
@@ -171,7 +171,7 @@ async def _profile(request: Tuning) -> JSONResponse:
 
 
 async def _file(request: TuningRequest, in_force: VisionConfig) -> dict[str, object]:
-    """Where saving would write to, what stands in the way, and which keys are not as the file has them."""
+    """Where saving would write to, what prevents it, and which keys differ from the file."""
     path = request.service.file or None
     try:
         found = await request.service.client.in_file(request.bay, request.caller.writer)

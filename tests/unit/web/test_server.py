@@ -43,7 +43,7 @@ class QuickDeadline(slow_clients.HeadDeadlineProtocol):
     """Waits for a head for a moment only."""
 
     head_s = 0.3
-    look_s = 0.05
+    check_s = 0.05
 
 
 @asynccontextmanager
