@@ -214,7 +214,7 @@ def test_a_damaged_bay_file_is_a_function_check(tmp_path: Path, video: Path, ran
             (0, Ne107.FUNCTION_CHECK)
         }
         assert gateway.end() == 0
-    assert "so it begins with a function check" in gateway.stderr
+    assert "the bay starts with a function check" in gateway.stderr
     assert kept_in(kept) == "MAY_MOVE_OFF"
 
 
