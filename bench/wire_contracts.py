@@ -28,6 +28,7 @@ TABLES = {  # page: columns that are words
     "sparkplug.md": {"meaning", "test, or why not"},
     "alarms.md": {"meaning", "when", "", "cause", "consequence", "response", "what it means", "what to do"},
 }
+NAMES = ("name", "method", "address")  # columns that name a row; else its first
 WORDS = {"description", "summary", "title", "info", "tags", "example", "examples"}
 BLOCK = re.compile(r"<!-- generated: ([a-z][a-z ]*) -->\n(.*?)<!-- end -->", re.DOTALL)
 
@@ -70,7 +71,7 @@ def table_rows(page: str, words: set[str]) -> Iterator[tuple[str, object]]:
                 columns = cells
             elif not set(line) <= set("|-: "):
                 kept = {key: cell for key, cell in zip(columns, cells, strict=False) if key not in words}
-                first = cells[1] if columns[0] == "addr" else cells[0]
+                first = " ".join(kept.get(column, "") for column in NAMES if column in kept) or cells[0]
                 yield f"{name}/{heading}/{first}", kept
 
 
