@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TABLES = {  # page: columns that are words
     "config.md": {"meaning"},
     "hmi-api.md": {"meaning", "answer"},
-    "hmi-security.md": {"meaning"},
+    "hmi-security.md": {"what"},
     "mqtt.md": {"meaning"},
     "ranger.md": {"meaning"},
     "registers.md": {"meaning"},
