@@ -1,5 +1,6 @@
-"""What is used of the MQTT client library beyond its public interface."""
+"""What is used of the MQTT client libraries beyond their public interface: an upgrade fails here, not in a plant."""
 
+import asyncio
 import inspect
 import re
 import socket
@@ -7,35 +8,64 @@ import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
+import aiomqtt
 import paho.mqtt.client as paho
-from paho.mqtt.enums import CallbackAPIVersion
+import pytest
 
 from gateway.sinks.mqtt import broker_link
+from gateway.sinks.mqtt.broker import parse
 
 ROOT = Path(__file__).parents[3]
+SOURCE = Path(inspect.getfile(broker_link)).read_text()
+OVERRIDDEN = {  # of aiomqtt.Client, with their parameters
+    "_client_connect": ["self"],
+    "_on_connect": ["self", "client", "userdata", "flags", "reason_code", "properties"],
+    "_on_disconnect": ["self", "client", "userdata", "flags", "reason_code", "properties"],
+    "_on_publish": ["self", "client", "userdata", "mid", "reason_code", "properties"],
+    "_on_socket_register_write": ["self", "client", "userdata", "sock"],
+}
+USED_OF_PAHO = ["_create_socket_connection", "_max_inflight_messages", "_sock_close"]
 
 
-def test_one_private_method_of_paho_is_overridden_and_its_version_is_pinned() -> None:
-    """An upgrade that renames it, calls it otherwise or no longer calls it must fail here, not in a plant."""
-    private = [name for name in vars(broker_link._Client) if name.startswith("_") and not name.startswith("__")]
-    assert private == ["_create_socket_connection"]
-    signature = inspect.signature(paho.Client._create_socket_connection)
-    assert list(signature.parameters) == ["self"]
-    source = Path(inspect.getfile(broker_link)).read_text()
-    assert re.findall(r"self\._client\.(_\w+)", source) == []
+@pytest.mark.parametrize("package", ["aiomqtt", "paho-mqtt"])
+def test_the_libraries_are_pinned(package: str) -> None:
     pins = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
-    assert f"paho-mqtt=={version('paho-mqtt')}" in pins
+    assert f"{package}=={version(package)}" in pins
 
 
-def test_paho_connects_on_the_socket_that_the_method_returns() -> None:
-    ours, peer = socket.socketpair()
+def test_what_is_overridden_of_aiomqtt_is_there_and_takes_what_it_took() -> None:
+    private = [name for name in vars(broker_link._Client) if name.startswith("_") and not name.startswith("__")]
+    assert sorted(private) == sorted(OVERRIDDEN)
+    for name, parameters in OVERRIDDEN.items():
+        assert list(inspect.signature(getattr(aiomqtt.Client, name)).parameters) == parameters
 
-    class Client(paho.Client):
-        def _create_socket_connection(self) -> socket.socket:
-            return ours
 
-    with ours, peer:
-        client = Client(CallbackAPIVersion.VERSION2, "c")
-        client.connect("never.looked.up.invalid", 1883)
-        assert client.socket() is ours
-        assert peer.recv(1) == b"\x10"  # CONNECT
+def test_what_is_used_of_paho_is_there() -> None:
+    assert sorted(set(re.findall(r"self\._client\.(_\w+)", SOURCE))) == USED_OF_PAHO
+    assert list(inspect.signature(paho.Client._create_socket_connection).parameters) == ["self"]
+    assert list(inspect.signature(paho.Client._sock_close).parameters) == ["self"]
+
+
+def test_the_client_speaks_on_the_socket_it_is_given() -> None:
+    """Without the override it would look the name up."""
+
+    async def scenario() -> None:
+        ours, peer = socket.socketpair()
+        ours.setblocking(False)
+        with ours, peer:
+            client = broker_link._Client(
+                ours,
+                parse("mqtt://never.looked.up.invalid"),
+                client_id="c",
+                will=broker_link.Message("w", b"", retain=False),
+                keepalive_s=5,
+                version=broker_link.ProtocolVersion.V5,
+            )
+            assert client._client.socket() is ours
+            assert client._client._max_inflight_messages == 20  # until a broker states fewer
+            assert not client._connected.done()
+            assert not client._disconnected.done()
+            assert await asyncio.to_thread(peer.recv, 1) == b"\x10"  # CONNECT
+            await client.close()
+
+    asyncio.run(scenario())
