@@ -1,11 +1,12 @@
 """What a detection method is to the rest of the gateway: one record. Docs: extending.md.
 
-The record itself is light: the main process and `gateway check` load it, too. What needs OpenCV is imported by the
-functions in it when they are called.
+The record itself is light: the main process and `gateway check` load it, too. What needs OpenCV is `imported` when it
+is called.
 """
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from gateway.config import VisionConfig
@@ -87,6 +88,16 @@ def _no_panels(image: "Image", params: VisionConfig, found: Detection, scale: fl
 
 def _no_remarks(image: "Image", params: VisionConfig, found: Detection, reference: Detection) -> tuple[Remark, ...]:
     return ()
+
+
+def imported(place: str) -> Callable[..., Any]:
+    """Calls `module:function`, which is imported by the first call: a record that names it stays light."""
+
+    def call(*arguments: Any) -> Any:
+        module, _, name = place.partition(":")
+        return getattr(import_module(module), name)(*arguments)
+
+    return call
 
 
 @dataclass(frozen=True, kw_only=True)

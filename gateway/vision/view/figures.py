@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.config import VisionConfig
 from gateway.core.model import Detection
+from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.pipeline import Trace
 from gateway.vision.pixels import Image
 from gateway.vision.view.drawing import GREY, INK, WHITE, panel_scale, scaled, to_scale, write
@@ -23,6 +25,12 @@ _TILE_W, _TILE_H = 640, 480  # the picture's box in a sheet
 _MARGIN = 20
 _CAPTION_H = 58
 _FONT_PX = 19
+
+
+def of_picture(image: Image, params: VisionConfig, _found: Detection) -> dict[str, NDArray[np.uint8]]:
+    """Both figures of a picture."""
+    trace = pipeline.trace(image, params)
+    return figure3(trace) | figure4(trace)
 
 
 def figure3(trace: Trace) -> dict[str, NDArray[np.uint8]]:

@@ -7,7 +7,7 @@ from typing import Any
 from gateway.config import VisionConfig
 from gateway.core.model import Detection
 from gateway.vision.detect.lens import normalise
-from gateway.vision.detect.method import NowNs
+from gateway.vision.detect.method import Detector, NowNs
 from gateway.vision.detect.paper import stages
 from gateway.vision.detect.paper.stages import Contour, Mask
 from gateway.vision.detect.stage_timer import StageTimer
@@ -39,6 +39,11 @@ def detect(image: Image, params: VisionConfig, now_ns: NowNs = lambda: 0) -> Det
     timer = StageTimer(now_ns)
     found = _run(image, params, timer.ended)
     return replace(found, stage_ns=timer.stage_ns)
+
+
+def detector(params: VisionConfig, now_ns: NowNs) -> Detector:
+    """The plain pipeline as a Detector."""
+    return lambda image, t_ns=0: detect(image, params, now_ns)
 
 
 def trace(image: Image, params: VisionConfig) -> Trace:

@@ -2,7 +2,7 @@
 
 Pictures are (H, W, 3) uint8, BGR; masks are (H, W) uint8 with 255 for the paper's 1 and 0 for its 0; contours are
 (m, 1, 2) int32, (x, y) px of border pixels, closed (the last point joins the first). Pixel centres lie at integers.
-Nothing is changed in place. Equation 11 stands in `intrinsics`.
+Nothing is changed in place. Equation 11 is in `lens`.
 """
 
 import math

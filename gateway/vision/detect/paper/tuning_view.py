@@ -23,7 +23,7 @@ MASK_SHARE = 0.25  # of the picture
 LOST_SHARE, LEFT_SHARE = 0.2, 0.05  # of the marker's red, by the opening
 
 
-def panels(image: Image, params: VisionConfig, scale: float) -> tuple[Panel, ...]:
+def panels(image: Image, params: VisionConfig, found: Detection, scale: float) -> tuple[Panel, ...]:
     trace = pipeline.trace(image, params)
     red, left = (int(np.count_nonzero(mask)) for mask in (trace.initial, trace.cleaned))
     share = f"{100 * red / (image.shape[0] * image.shape[1]):.1f} %"

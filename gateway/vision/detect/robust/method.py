@@ -1,16 +1,8 @@
 """The robust method as the rest of the gateway sees it."""
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
-
-from gateway.config import VisionConfig
 from gateway.config.sections.vision import keys_of
-from gateway.core.model import Detection
-from gateway.vision.detect.method import Detector, Method, NowNs, Panel, Remark, Search, Stage
+from gateway.vision.detect.method import Method, Stage, imported
 from gateway.vision.detect.paper.method import figures
-
-if TYPE_CHECKING:
-    from gateway.vision.pixels import Image
 
 STAGES = (
     Stage(
@@ -48,41 +40,16 @@ REJECTIONS: dict[str, str] = {
 }
 """`Rejection.why` -> meaning."""
 
-
-def _detector(params: VisionConfig, now_ns: NowNs) -> Detector:
-    from gateway.vision.detect.robust.detect import FullFrameDetector
-
-    return FullFrameDetector(params, now_ns)
-
-
-def _search(params: VisionConfig, now_ns: NowNs) -> Search:
-    from gateway.vision.detect.robust.roi_search import RoiSearch
-
-    return RoiSearch(params, now_ns)
-
-
-def _panels(image: "Image", params: VisionConfig, found: Detection, scale: float) -> tuple[Panel, ...]:
-    from gateway.vision.detect.robust import tuning_view
-
-    return tuning_view.panels(image, found, scale)
-
-
-def _remarks(image: "Image", params: VisionConfig, found: Detection, reference: Detection) -> Iterable[Remark]:
-    from gateway.vision.detect.robust import tuning_view
-
-    return tuning_view.remarks(image, params, found, reference)
-
-
 METHOD = Method(
     name="robust",
-    detector=_detector,
-    search=_search,
+    detector=imported("gateway.vision.detect.robust.detect:FullFrameDetector"),
+    search=imported("gateway.vision.detect.robust.roi_search:RoiSearch"),
     stages=STAGES,
     rejections=REJECTIONS,
     keys=keys_of("robust"),
     uses_radius_limits=True,
     corrects_tilt=True,
-    panels=_panels,
+    panels=imported("gateway.vision.detect.robust.tuning_view:panels"),
     figures=figures,  # the paper's of the same picture
-    remarks=_remarks,
+    remarks=imported("gateway.vision.detect.robust.tuning_view:remarks"),
 )

@@ -27,7 +27,7 @@ Vector = tuple[float, float, float]
 
 _POINTS = 64  # of the rim, where the lens distorts: undistorted they lie on a conic again
 _ITERATIONS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-_LARGEST_RESIDUAL_PX = 1e-3  # of undoing the distortion, as in `intrinsics`
+_LARGEST_RESIDUAL_PX = 1e-3  # of undoing the distortion, as in `lens`
 _LARGEST_PX = 1e5  # beyond any picture
 _SMALLEST_PX = 1e-3  # far below what anything can measure, and where the numbers still hold
 _FLATTEST = 1e-3  # edge on: tilted by 89.9 degrees

@@ -35,7 +35,7 @@ class Edges:
     off_px: NDArray[np.float64]
 
 
-def panels(image: Image, found: Detection, scale: float) -> tuple[Panel, ...]:
+def panels(image: Image, params: VisionConfig, found: Detection, scale: float) -> tuple[Panel, ...]:
     grey = np.clip(redness(image) * (255 / FULL_REDNESS), 0, 255).astype(np.uint8)
     refused = sorted({rejection.why for rejection in found.rejected})
     why = "; ".join(f"{code}: {REJECTIONS[code]}" for code in refused) or "none refused"
