@@ -101,7 +101,7 @@ def test_the_default_is_robust_and_followed() -> None:
 
 
 @pytest.mark.parametrize("method", ["robust", "paper"])
-def test_vision_processes_that_share_the_frames_each_follow_in_theirs(method: str) -> None:
+def test_detectors_that_share_the_frames_each_follow_in_theirs(method: str) -> None:
     params = VisionConfig(method=method, workers=2)
     workers = [registry.detector(params), registry.detector(params)]
     for n in range(12):
