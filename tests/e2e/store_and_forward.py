@@ -1,9 +1,9 @@
 """Is every stop transition delivered, whoever is killed? The real publisher, outbox, fusion and broker; and a count.
 
 A child process is a gateway less its sensors: two bays whose D flips as fast as asked, through the real fusion, hub,
-outbox and MQTT client. It tells each event's id on its standard output once the event has happened. The parent kills
-the child, and the broker, at random moments with SIGKILL, and compares what was told with what a subscriber received
-and with what the broker acknowledged on the wire: what an acknowledging broker forgets is counted apart.
+outbox and MQTT client. It writes the id of each event to its standard output once the event has happened. The parent
+kills the child, and the broker, at random moments with SIGKILL, and compares what was reported with what a subscriber
+received and with what the broker acknowledged on the wire: what an acknowledging broker forgets is counted apart.
 
 The gateway reaches the broker through a proxy that lets it in only while the subscriber is connected: mosquitto hands a
 message on before it acknowledges it, but a killed one forgets what it held for a subscriber that was away.
@@ -39,12 +39,12 @@ from gateway.sinks.outbox.outbox import Entry
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Stream
-from tests.e2e.tcp_proxy import Proxy, Weather
+from tests.e2e.tcp_proxy import NetworkConditions, Proxy
 
 Gateway = tuple[subprocess.Popen[str], threading.Thread]  # and who reads what it tells
 
 BAYS = ("bay1", "bay2")
-PATIENCE_S = 10.0
+NO_PROGRESS_S = 10.0
 MODULE = "tests.e2e.store_and_forward"
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,7 +52,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # The child.
 
 
-class Telling(DurableOutbox):
+class ReportingOutbox(DurableOutbox):
     """Tells of an entry once it has been taken, in one write that the system keeps whole."""
 
     def put(self, entry: Entry) -> None:
@@ -65,7 +65,7 @@ async def child(url: str, name: str, file: str, per_s: float) -> None:
     config = MqttConfig(url=url, keepalive_s=4, outbox_events=100_000, reconnect=Reconnect(min_s=0.02, max_s=0.1))
     plain = FusionConfig(decision="plain")  # a stop at every step
     whole = GatewayConfig(bays=tuple(BayConfig(name=bay, unit_id=n + 1, fusion=plain) for n, bay in enumerate(BAYS)))
-    with Telling(name, Path(file), limits(config)) as outbox:
+    with ReportingOutbox(name, Path(file), limits(config)) as outbox:
         publisher = MqttPublisher(config, "site1", "gw", hub, clock, outbox=outbox)
         controls = [BayControl(bay, hub, clock, (), whole) for bay in whole.bays]
 
@@ -89,11 +89,11 @@ async def child(url: str, name: str, file: str, per_s: float) -> None:
 
 @dataclass
 class Report:
-    transitions: int = 0  # changes of stop that were told of
-    events: int = 0  # all events that were told of
+    transitions: int = 0  # changes of stop that were reported of
+    events: int = 0  # all events that were reported of
     received: int = 0  # different ones
     duplicates: int = 0
-    lost: list[str] = field(default_factory=list)  # told of, never acknowledged by a broker, never received
+    lost: list[str] = field(default_factory=list)  # reported of, never acknowledged by a broker, never received
     forgotten: int = 0  # acknowledged by a broker that was killed before it had passed them on
     out_of_order: list[str] = field(default_factory=list)
     broker_kills: int = 0
@@ -102,13 +102,13 @@ class Report:
 
 
 @dataclass
-class Told:
-    """What the children said, in order."""
+class ReportedEvents:
+    """The events that the children reported, in order."""
 
     ids: list[tuple[str, str, bool]] = field(default_factory=list)  # id, bay, precious
     boots: list[str] = field(default_factory=list)
 
-    def hear(self, line: str) -> None:
+    def add(self, line: str) -> None:
         name, bay, precious = line.split()
         boot = name.split("-")[0]
         if boot not in self.boots:
@@ -120,7 +120,7 @@ class Told:
         return sum(precious for _, _, precious in self.ids)
 
 
-class Ledger:
+class AcknowledgedEvents:
     """What the broker has acknowledged, read off the wire."""
 
     def __init__(self) -> None:
@@ -128,7 +128,7 @@ class Ledger:
         self._streams: dict[tuple[int, bool], Stream] = {}
         self._on_the_way: dict[tuple[int, int], str] = {}
 
-    def heard(self, connection: int, out: bool, data: bytes) -> None:
+    def on_data(self, connection: int, out: bool, data: bytes) -> None:
         level = self._streams[connection, not out].level if (connection, not out) in self._streams else [4]
         stream = self._streams.setdefault((connection, out), Stream(out, connection, level))
         for packet in stream.feed(data):
@@ -143,7 +143,7 @@ def _id_of(payload: bytes | bytearray) -> str:
     return bytes(payload).split(b'"id":"', 1)[1].split(b'"', 1)[0].decode()
 
 
-class Records:
+class RecordingSubscriber:
     """A subscriber with a session; connects again at once."""
 
     def __init__(self, port: int) -> None:
@@ -179,62 +179,62 @@ def run(
     seed: int,
     progress: Callable[[Report], None] = lambda _: None,
 ) -> Report:
-    """Until so many transitions were told of and so many kills done; then until everything is delivered."""
-    chance, report, told = random.Random(seed), Report(), Told()
+    """Until so many transitions were reported of and so many kills done; then until everything is delivered."""
+    randomly, report, reported = random.Random(seed), Report(), ReportedEvents()
     begun = time.monotonic()
     name, file = f"test-{uuid4().hex}", folder / "outbox.sqlite"
-    with Mosquitto(folder) as broker, Proxy(broker.port, weather=Weather(refuse=True)) as proxy:
-        records, ledger = Records(broker.port), Ledger()
-        proxy.heard = ledger.heard
+    with Mosquitto(folder) as broker, Proxy(broker.port, conditions=NetworkConditions(refuse=True)) as proxy:
+        records, acknowledged_events = RecordingSubscriber(broker.port), AcknowledgedEvents()
+        proxy.on_data = acknowledged_events.on_data
         try:
-            _let_in(records, proxy)
+            _admit(records, proxy)
             broker.stop()  # once: it remembers the subscription from now on
             broker.start()
-            _let_in(records, proxy)
-            gateway = _start(proxy.port, name, file, per_s, told)
+            _admit(records, proxy)
+            gateway = _start(proxy.port, name, file, per_s, reported)
             while (
-                told.transitions < transitions
+                reported.transitions < transitions
                 or report.broker_kills < broker_kills
                 or report.gateway_kills < gateway_kills
             ):
-                time.sleep(chance.uniform(0.0, 0.3))
+                time.sleep(randomly.uniform(0.0, 0.3))
                 left_b, left_g = broker_kills - report.broker_kills, gateway_kills - report.gateway_kills
-                if left_b + left_g and chance.random() * (left_b + left_g) < left_g:
+                if left_b + left_g and randomly.random() * (left_b + left_g) < left_g:
                     gateway[0].send_signal(signal.SIGKILL)
                     _wait(gateway)
                     report.gateway_kills += 1
-                    gateway = _start(proxy.port, name, file, per_s, told)
+                    gateway = _start(proxy.port, name, file, per_s, reported)
                 elif left_b:
                     broker.kill()
                     records.connected.clear()  # it hears of it later, and must not be taken for subscribed till then
-                    proxy.weather = Weather(refuse=True)
+                    proxy.conditions = NetworkConditions(refuse=True)
                     proxy.cut()
                     report.broker_kills += 1
-                    time.sleep(chance.uniform(0.0, 0.1))
+                    time.sleep(randomly.uniform(0.0, 0.1))
                     broker.start()
-                    _let_in(records, proxy)
-                report.transitions, report.events = told.transitions, len(told.ids)
+                    _admit(records, proxy)
+                report.transitions, report.events = reported.transitions, len(reported.ids)
                 progress(report)
             gateway[0].send_signal(signal.SIGKILL)
             _wait(gateway)
             report.gateway_kills += 1
-            _deliver_the_rest(proxy.port, name, file, told, records)
+            _deliver_the_rest(proxy.port, name, file, reported, records)
         finally:
             records.close()
             shutil.rmtree(
                 shared_state.folder() / f"loading-gateway-journal.{name}", ignore_errors=True
             )  # of a killed one
     report.seconds = time.monotonic() - begun
-    return _judge(report, told, records.got, ledger.acknowledged)
+    return _judge(report, reported, records.got, acknowledged_events.acknowledged)
 
 
-def _let_in(records: Records, proxy: Proxy) -> None:
+def _admit(records: RecordingSubscriber, proxy: Proxy) -> None:
     assert records.connected.wait(20)
-    proxy.weather = Weather()
+    proxy.conditions = NetworkConditions()
 
 
 def _start(
-    port: int, name: str, file: Path, per_s: float, told: Told
+    port: int, name: str, file: Path, per_s: float, reported: ReportedEvents
 ) -> tuple[subprocess.Popen[str], threading.Thread]:
     process = subprocess.Popen(
         [sys.executable, "-m", MODULE, f"mqtt://127.0.0.1:{port}", name, str(file), str(per_s)],
@@ -245,12 +245,12 @@ def _start(
     assert process.stdout is not None
     first = process.stdout.readline()
     assert first, "the gateway did not start"
-    told.hear(first)
+    reported.add(first)
 
     def read() -> None:
         assert process.stdout is not None
         for line in process.stdout:
-            told.hear(line)
+            reported.add(line)
 
     reader = threading.Thread(target=read, daemon=True)
     reader.start()
@@ -265,13 +265,13 @@ def _wait(gateway: Gateway) -> None:
     process.stdout.close()
 
 
-def _deliver_the_rest(port: int, name: str, file: Path, told: Told, records: Records) -> None:
+def _deliver_the_rest(port: int, name: str, file: Path, reported: ReportedEvents, records: RecordingSubscriber) -> None:
     """One more start, which makes hardly any events, until nothing is missing or nothing gets better any more."""
-    gateway = _start(port, name, file, 0.2, told)
+    gateway = _start(port, name, file, 0.2, reported)
     try:
-        fewest, since = len(told.ids) + 1, time.monotonic()
-        while (missing := len({i for i, _, _ in told.ids} - {i for i, _ in records.got})) and (
-            time.monotonic() - since < PATIENCE_S
+        fewest, since = len(reported.ids) + 1, time.monotonic()
+        while (missing := len({i for i, _, _ in reported.ids} - {i for i, _ in records.got})) and (
+            time.monotonic() - since < NO_PROGRESS_S
         ):
             if missing < fewest:
                 fewest, since = missing, time.monotonic()
@@ -281,22 +281,22 @@ def _deliver_the_rest(port: int, name: str, file: Path, told: Told, records: Rec
         _wait(gateway)
 
 
-def _judge(report: Report, told: Told, got: list[tuple[str, str]], acknowledged: set[str]) -> Report:
-    report.transitions, report.events = told.transitions, len(told.ids)
+def _judge(report: Report, reported: ReportedEvents, got: list[tuple[str, str]], acknowledged: set[str]) -> Report:
+    report.transitions, report.events = reported.transitions, len(reported.ids)
     seen = {name for name, _ in got}
     report.received, report.duplicates = len(seen), len(got) - len(seen)
     # The very last events, of the start that only delivers, may still be on their way.
-    missing = [name for name, _, _ in told.ids if name not in seen and not name.startswith(told.boots[-1])]
+    missing = [name for name, _, _ in reported.ids if name not in seen and not name.startswith(reported.boots[-1])]
     report.lost = [name for name in missing if name not in acknowledged]
     report.forgotten = len(missing) - len(report.lost)
     for bay in BAYS:
         highest, known = (-1, 0), set()
         for name, where in got:
             boot, number = name.split("-")
-            if where != bay or name in known or boot not in told.boots:
+            if where != bay or name in known or boot not in reported.boots:
                 continue
             known.add(name)
-            place = (told.boots.index(boot), int(number))
+            place = (reported.boots.index(boot), int(number))
             if place <= highest:
                 report.out_of_order.append(name)
             highest = max(highest, place)

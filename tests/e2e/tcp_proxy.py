@@ -18,7 +18,7 @@ CHUNK = 65_536
 
 
 @dataclass(frozen=True)
-class Weather:
+class NetworkConditions:
     """What the network is like. `cut_share`: chance that a connection is cut with each chunk that passes."""
 
     delay_s: float = 0.0
@@ -42,10 +42,10 @@ class _Pipe:
 class Proxy:
     """A context manager: a listener on a free loopback port in front of `target`; one thread serves it."""
 
-    def __init__(self, target: int, *, weather: Weather | None = None, seed: int = 1) -> None:
+    def __init__(self, target: int, *, conditions: NetworkConditions | None = None, seed: int = 1) -> None:
         self.target = target
-        self.weather = weather or Weather()
-        self.heard: Callable[[int, bool, bytes], None] | None = None  # connection, from the client, data
+        self.conditions = conditions or NetworkConditions()
+        self.on_data: Callable[[int, bool, bytes], None] | None = None  # connection, from the client, data
         self.connections = 0
         self.cuts = 0
         self._random = random.Random(seed)
@@ -95,7 +95,7 @@ class Proxy:
             near, _ = self._listener.accept()
         except BlockingIOError:
             return
-        if self.weather.refuse:
+        if self.conditions.refuse:
             near.close()
             return
         try:
@@ -113,9 +113,9 @@ class Proxy:
             selector.register(source, selectors.EVENT_READ, pipe)
 
     def _take(self, pipe: _Pipe, selector: selectors.BaseSelector) -> None:
-        weather = self.weather
+        conditions = self.conditions
         try:
-            data = pipe.source.recv(CHUNK if not weather.bytes_per_s else 1024)
+            data = pipe.source.recv(CHUNK if not conditions.bytes_per_s else 1024)
         except BlockingIOError:
             return
         except OSError:
@@ -123,18 +123,18 @@ class Proxy:
         if not data:
             self._drop(pipe, selector)
             return
-        if weather.swallow:
+        if conditions.swallow:
             return
-        if self.heard is not None:
-            self.heard(pipe.connection, pipe.out, data)
-        if self._random.random() < weather.cut_share:
+        if self.on_data is not None:
+            self.on_data(pipe.connection, pipe.out, data)
+        if self._random.random() < conditions.cut_share:
             self.cuts += 1
             self._drop(pipe, selector)
             return
         begun = max(time.monotonic(), pipe.free_s)
-        line_s = len(data) / weather.bytes_per_s if weather.bytes_per_s else 0.0
+        line_s = len(data) / conditions.bytes_per_s if conditions.bytes_per_s else 0.0
         pipe.free_s = begun + line_s
-        pipe.waiting.append((pipe.free_s + weather.delay_s + self._random.random() * weather.jitter_s, data))
+        pipe.waiting.append((pipe.free_s + conditions.delay_s + self._random.random() * conditions.jitter_s, data))
 
     def _pass_on(self, pipe: _Pipe, selector: selectors.BaseSelector) -> None:
         while pipe.waiting and pipe.waiting[0][0] <= time.monotonic():

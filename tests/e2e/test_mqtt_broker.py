@@ -71,12 +71,12 @@ def count_of(message: Received) -> int:
     return int(message.json["id"].split("-")[1])
 
 
-def says(**wanted: Any) -> Callable[[Received], bool]:
+def contains(**wanted: Any) -> Callable[[Received], bool]:
     return lambda message: wanted.items() <= message.json.items()
 
 
-async def heard(subscriber: Subscriber, timeout_s: float = 30.0, **wanted: Any) -> Received:
-    return await asyncio.to_thread(subscriber.wait_for, says(**wanted), timeout_s)
+async def received(subscriber: Subscriber, timeout_s: float = 30.0, **wanted: Any) -> Received:
+    return await asyncio.to_thread(subscriber.wait_for, contains(**wanted), timeout_s)
 
 
 def test_a_late_subscriber_sees_the_retained_state_and_status(mosquitto: Mosquitto) -> None:
@@ -114,7 +114,7 @@ def test_events_arrive_in_order_and_at_once(mosquitto: Mosquitto) -> None:
         kinds = list(EventKind) * 5
         with Subscriber(mosquitto, "loading/#") as subscriber:
             async with plant.running():
-                await heard(subscriber, status="online")
+                await received(subscriber, status="online")
                 for kind in kinds:
                     plant.happen(kind)
                     await asyncio.sleep(0.005)
@@ -133,9 +133,9 @@ def test_a_change_of_stop_is_on_the_wire_at_once(mosquitto: Mosquitto) -> None:
         with Subscriber(mosquitto, "loading/#") as subscriber:
             async with asyncio.TaskGroup() as group:
                 deliver = group.create_task(plant.publisher.deliver())
-                await heard(subscriber, status="online")
+                await received(subscriber, status="online")
                 plant.happen(EventKind.STOP_CLEARED, stop=False, may_move=True, reason=Reason.NONE)
-                message = await heard(subscriber, stop=False)  # the next one by its period would come after 60 s
+                message = await received(subscriber, stop=False)  # the next one by its period would come after 60 s
                 assert message.topic == "loading/site1/bay1/state"
                 deliver.cancel()
 
@@ -199,7 +199,7 @@ def test_without_a_broker_events_wait_and_the_control_path_does_not(mosquitto: M
             await asyncio.to_thread(mosquitto.start)
             with Subscriber(mosquitto, "loading/#") as subscriber:
                 await plant.until(lambda: plant.publisher.stats.queued == 0)
-                await heard(subscriber, status="online")
+                await received(subscriber, status="online")
 
     asyncio.run(scenario())
 
@@ -243,34 +243,36 @@ def process(url: str, before: str = "", farewell_s: float = 30.0) -> Iterator[su
 
 def test_the_broker_says_offline_when_the_gateway_is_killed(mosquitto: Mosquitto) -> None:
     with Subscriber(mosquitto, "loading/+/+/status") as subscriber, process(mosquitto.url) as gateway:
-        online = subscriber.wait_for(says(status="online"))
+        online = subscriber.wait_for(contains(status="online"))
         gateway.kill()
-        offline = subscriber.wait_for(says(status="offline"))
+        offline = subscriber.wait_for(contains(status="offline"))
         assert offline.json["cause"] == "connection lost"
         assert offline.json["boot"] == online.json["boot"]
         checked(offline.topic, offline.text)
         with Subscriber(mosquitto, "loading/+/+/status") as late:
-            assert late.wait_for(says(status="offline")).retained
+            assert late.wait_for(contains(status="offline")).retained
 
 
 def test_the_broker_says_offline_when_the_gateway_hangs(mosquitto: Mosquitto) -> None:
     with Subscriber(mosquitto, "loading/+/+/status") as subscriber, process(mosquitto.url) as gateway:
-        subscriber.wait_for(says(status="online"))
+        subscriber.wait_for(contains(status="online"))
         gateway.send_signal(signal.SIGSTOP)
         # After 1.5 keepalives of 2 s; mosquitto looks every six seconds. By the usual keepalive it would take 90 s.
-        offline = subscriber.wait_for(says(status="offline"), 30)
+        offline = subscriber.wait_for(contains(status="offline"), 30)
         assert offline.json["cause"] == "connection lost"
         gateway.send_signal(signal.SIGCONT)
-        subscriber.wait_for(lambda message: message.arrived_s > offline.arrived_s and says(status="online")(message))
+        subscriber.wait_for(
+            lambda message: message.arrived_s > offline.arrived_s and contains(status="online")(message)
+        )
 
 
 def test_a_proper_end_leaves_stop_on_and_offline_behind(mosquitto: Mosquitto) -> None:
     with Subscriber(mosquitto, "loading/#") as subscriber, process(mosquitto.url) as gateway:
-        subscriber.wait_for(says(status="online"))
+        subscriber.wait_for(contains(status="online"))
         gateway.terminate()
         assert gateway.communicate(timeout=20)[0] == "True\n"
         assert gateway.returncode == 0
-        offline = subscriber.wait_for(says(status="offline"))
+        offline = subscriber.wait_for(contains(status="offline"))
         assert offline.json["cause"] == "shutdown"
         with Subscriber(mosquitto, "loading/#") as late:
             late.wait_until(lambda: len(late.messages) >= 2)
@@ -288,8 +290,8 @@ def test_a_cancelled_delivery_makes_the_broker_say_offline(mosquitto: Mosquitto)
         plant = Plant(mosquitto.url)
         with Subscriber(mosquitto, "loading/+/+/status") as subscriber:
             async with plant.running():
-                await heard(subscriber, status="online")
-            assert (await heard(subscriber, status="offline")).json["cause"] == "connection lost"
+                await received(subscriber, status="online")
+            assert (await received(subscriber, status="offline")).json["cause"] == "connection lost"
 
     asyncio.run(scenario())
 
@@ -375,10 +377,10 @@ def test_two_gateways_of_one_site_live_and_die_apart(mosquitto: Mosquitto) -> No
         with Subscriber(mosquitto, "loading/+/+/status") as subscriber:
             async with north.running():
                 async with south.running():
-                    await heard(subscriber, status="online", instance="north")
-                    await heard(subscriber, status="online", instance="south")
-                await heard(subscriber, status="offline", instance="south")
-                assert not any(says(status="offline", instance="north")(message) for message in subscriber.messages)
+                    await received(subscriber, status="online", instance="north")
+                    await received(subscriber, status="online", instance="south")
+                await received(subscriber, status="offline", instance="south")
+                assert not any(contains(status="offline", instance="north")(message) for message in subscriber.messages)
                 assert north.link_errors == 0
 
     asyncio.run(scenario())
@@ -435,13 +437,13 @@ def test_tls_with_a_trusted_certificate(
     async def scenario(url: str, subscriber: Subscriber) -> None:
         plant = Plant(url)
         async with plant.running():
-            await heard(subscriber, status="online")
+            await received(subscriber, status="online")
             for _ in range(50):
                 plant.happen(EventKind.STOP_RAISED)
             await plant.until(lambda: plant.publisher.stats.queued == 0)
             assert plant.link_errors == 0
             assert await plant.publisher.farewell(1.0) is True
-        await heard(subscriber, cause="shutdown")
+        await received(subscriber, cause="shutdown")
 
     with Mosquitto(tmp_path, tls=certificate) as broker:
         args = ("--cafile", str(certificate[0]))
@@ -541,12 +543,12 @@ def test_farewell_to_a_paused_broker_ends_in_time_and_the_will_follows(mosquitto
         plant = Plant(mosquitto.url, keepalive_s=600)
         with Subscriber(mosquitto, "loading/+/+/status") as subscriber:
             async with plant.running():
-                await heard(subscriber, status="online")
+                await received(subscriber, status="online")
                 mosquitto.pause()
                 async with asyncio.timeout(20):  # waiting for an acknowledgement would take 450
                     assert await plant.publisher.farewell(0.5) is False
             mosquitto.resume()
-            await heard(subscriber, status="offline")
+            await received(subscriber, status="offline")
 
     asyncio.run(scenario())
 

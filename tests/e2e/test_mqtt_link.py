@@ -12,18 +12,18 @@ from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, Message, ProtocolVersi
 PUBLISH, DISCONNECT = 3, 14
 
 
-class Choosy:
-    """An MQTT 5 broker that says how many messages it bears at once, and is slow to acknowledge."""
+class SlowBroker:
+    """An MQTT 5 broker that says how many messages it receive_maximum at once, and is slow to acknowledge."""
 
-    def __init__(self, bears: int) -> None:
-        self._bears = bears
+    def __init__(self, receive_maximum: int) -> None:
+        self._receive_maximum = receive_maximum
         self._mids: list[bytes] = []
         self.most = 0  # unacknowledged at once
         self.taken = 0
 
     async def serve(self, reader: StreamReader, writer: StreamWriter) -> None:
         await self._packet(reader)  # CONNECT
-        writer.write(b"\x20\x06\x00\x00\x03\x21" + self._bears.to_bytes(2, "big"))  # 0x21: Receive Maximum
+        writer.write(b"\x20\x06\x00\x00\x03\x21" + self._receive_maximum.to_bytes(2, "big"))  # 0x21: Receive Maximum
         acknowledging = asyncio.create_task(self._acknowledge(writer))
         while True:
             kind, body = await self._packet(reader)
@@ -48,12 +48,12 @@ class Choosy:
                 self.taken += 1
 
 
-@pytest.mark.parametrize(("bears", "most"), [(1, 1), (3, 3), (65535, MAX_IN_FLIGHT)])
-def test_never_more_messages_are_on_their_way_than_the_broker_bears(bears: int, most: int) -> None:
-    choosy = Choosy(bears)
+@pytest.mark.parametrize(("receive_maximum", "most"), [(1, 1), (3, 3), (65535, MAX_IN_FLIGHT)])
+def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(receive_maximum: int, most: int) -> None:
+    broker = SlowBroker(receive_maximum)
 
     async def scenario() -> None:
-        server = await asyncio.start_server(choosy.serve, "127.0.0.1", 0)
+        server = await asyncio.start_server(broker.serve, "127.0.0.1", 0)
         port = server.sockets[0].getsockname()[1]
         async with (
             server,
@@ -73,5 +73,5 @@ def test_never_more_messages_are_on_their_way_than_the_broker_bears(bears: int, 
                 group.create_task(link.publish(Message("t", b"", retain=False)))
 
     event_loop.run(scenario())
-    assert choosy.taken == 20
-    assert 1 <= choosy.most <= most
+    assert broker.taken == 20
+    assert 1 <= broker.most <= most

@@ -15,7 +15,7 @@ from gateway.config import MqttTls
 from gateway.core.model import EventKind
 from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
-from tests.e2e.tcp_proxy import Proxy, Weather
+from tests.e2e.tcp_proxy import NetworkConditions, Proxy
 
 CONNECT, LEVEL_AT = 0x10, 8  # of a CONNECT whose remaining length has one or two bytes
 
@@ -182,19 +182,19 @@ def test_two_gateways_with_one_client_id_throw_each_other_out_and_lose_nothing(b
 
 
 @pytest.mark.parametrize(
-    "weather",
+    "conditions",
     [
-        Weather(delay_s=0.03, jitter_s=0.03),
-        Weather(bytes_per_s=60_000),
-        Weather(cut_share=0.03),
+        NetworkConditions(delay_s=0.03, jitter_s=0.03),
+        NetworkConditions(bytes_per_s=60_000),
+        NetworkConditions(cut_share=0.03),
     ],
-    ids=["far away", "narrow", "breaking"],
+    ids=["long delay", "low bandwidth", "interrupted"],
 )
-def test_over_a_bad_network_everything_arrives_in_order(broker: Mosquitto, weather: Weather) -> None:
-    with Subscriber(broker, "loading/#") as subscriber, Proxy(broker.port, weather=weather, seed=7) as proxy:
+def test_over_a_bad_network_everything_arrives_in_order(broker: Mosquitto, conditions: NetworkConditions) -> None:
+    with Subscriber(broker, "loading/#") as subscriber, Proxy(broker.port, conditions=conditions, seed=7) as proxy:
         deliver(f"mqtt://127.0.0.1:{proxy.port}", 60)
         subscriber.wait_until(lambda: len(ids(subscriber)) == 60)
-        assert proxy.cuts > 0 or not weather.cut_share
+        assert proxy.cuts > 0 or not conditions.cut_share
         assert [int(name.split("-")[1]) for name in ids(subscriber)] == list(range(1, 61))
 
 
@@ -203,12 +203,12 @@ def test_a_network_that_swallows_everything_is_noticed_and_nothing_is_lost(broke
         plant = Plant(f"mqtt://127.0.0.1:{proxy.port}", keepalive_s=2)
         async with plant.running():
             await plant.until(lambda: plant.publisher.stats.published > 2)
-            proxy.weather = Weather(swallow=True)
+            proxy.conditions = NetworkConditions(swallow=True)
             for _ in range(5):
                 plant.happen(EventKind.STOP_RAISED)
             await plant.until(lambda: plant.link_errors >= 1, 30)
             assert plant.publisher.stats.queued == 5
-            proxy.weather = Weather()
+            proxy.conditions = NetworkConditions()
             proxy.cut()
             await plant.until(lambda: plant.publisher.stats.queued == 0, 30)
 

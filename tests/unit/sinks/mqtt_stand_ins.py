@@ -20,7 +20,7 @@ from tests.virtual_time import LoopClock
 
 
 @dataclass
-class Heard:
+class ReceivedMessage:
     at_s: float
     topic: str
     retain: bool
@@ -28,13 +28,13 @@ class Heard:
 
 
 class Broker:
-    """What comes is kept in `heard` at once and acknowledged `ack_s` later; never, while `hung`."""
+    """What comes is kept in `received` at once and acknowledged `ack_s` later; never, while `hung`."""
 
     def __init__(self) -> None:
         self.ack_s = 0.0
         self.hung = False
         self.refuses = False
-        self.heard: list[Heard] = []
+        self.received: list[ReceivedMessage] = []
         self.unacknowledged = 0
         self.connections = 0
         self.ends: list[str] = []  # how each connection was left
@@ -60,8 +60,8 @@ class Broker:
         """Break the connection there is."""
         self.lost.set()
 
-    def on(self, suffix: str) -> list[Heard]:
-        return [heard for heard in self.heard if heard.topic.endswith(suffix)]
+    def on(self, suffix: str) -> list[ReceivedMessage]:
+        return [heard for heard in self.received if heard.topic.endswith(suffix)]
 
     def ids(self) -> list[str]:
         return [heard.json["id"] for heard in self.on("/event")]
@@ -78,7 +78,9 @@ class Link:
         broker = self._broker
         if broker.bug is not None:
             raise broker.bug
-        broker.heard.append(Heard(now_s(), message.topic, message.retain, broker.check(message.topic, message.payload)))
+        broker.received.append(
+            ReceivedMessage(now_s(), message.topic, message.retain, broker.check(message.topic, message.payload))
+        )
         broker.unacknowledged += 1
         try:
             async with asyncio.timeout(7.5):

@@ -23,13 +23,13 @@ async def test_online_is_said_only_when_every_bay_s_state_is_new() -> None:
     plant.broker.ack_s = 0.1
     async with plant.running():
         await asyncio.sleep(0.45)
-        first = [heard.topic for heard in plant.broker.heard[:4]]
+        first = [heard.topic for heard in plant.broker.received[:4]]
     assert sorted(first[:3]) == ["r/site/bay1/state", "r/site/bay2/state", "r/site/bay3/state"]
     assert first[3] == "r/site/gw/status"
-    assert plant.broker.heard[3].at_s == pytest.approx(plant.broker.heard[0].at_s + 0.1)
-    assert plant.broker.heard[3].json["status"] == "online"
-    assert plant.broker.heard[3].json["delivery"]["published"] == 3
-    assert all(heard.retain for heard in plant.broker.heard)
+    assert plant.broker.received[3].at_s == pytest.approx(plant.broker.received[0].at_s + 0.1)
+    assert plant.broker.received[3].json["status"] == "online"
+    assert plant.broker.received[3].json["delivery"]["published"] == 3
+    assert all(heard.retain for heard in plant.broker.received)
 
 
 @in_virtual_time
@@ -120,7 +120,7 @@ async def test_a_sign_of_life_every_half_keepalive() -> None:
     plant = Plant(keepalive_s=10, state_period_s=60)
     async with plant.running():
         await asyncio.sleep(21)
-    assert [round(heard.at_s - plant.broker.heard[0].at_s) for heard in plant.broker.on("/status")] == [
+    assert [round(heard.at_s - plant.broker.received[0].at_s) for heard in plant.broker.on("/status")] == [
         0,
         5,
         10,
@@ -263,10 +263,10 @@ async def test_events_from_before_the_first_task_runs_are_not_missed() -> None:
 
 def final_words(plant: Plant) -> list[tuple[str, str]]:
     """Topic and what was said of everything since the farewell began: the shutdown state is the first of it."""
-    start = next(i for i, h in enumerate(plant.broker.heard) if h.json.get("reason", {}).get("name") == "SHUTDOWN")
+    start = next(i for i, h in enumerate(plant.broker.received) if h.json.get("reason", {}).get("name") == "SHUTDOWN")
     return [
         (h.topic, h.json.get("kind") or h.json.get("cause") or f"stop {h.json['stop']}")
-        for h in plant.broker.heard[start:]
+        for h in plant.broker.received[start:]
     ]
 
 
@@ -364,7 +364,7 @@ async def test_farewell_to_a_slow_broker_says_the_states_first() -> None:
         plant.happen(EventKind.TARGET_FOUND)
     plant.broker.ack_s = 0.2
     assert await plant.publisher.farewell(1.0) is False
-    assert [heard.topic for heard in plant.broker.heard[:2]] == ["r/site/bay1/state", "r/site/bay2/state"]
+    assert [heard.topic for heard in plant.broker.received[:2]] == ["r/site/bay1/state", "r/site/bay2/state"]
     assert plant.broker.kinds() == ["target_found"] * 3
     assert plant.broker.ends == ["cut"]
 

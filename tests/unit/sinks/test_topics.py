@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.errors import ConfigError
-from gateway.sinks.mqtt import broker as address
-from gateway.sinks.mqtt.broker import Broker
+from gateway.sinks.mqtt.broker import Broker, parse
 from gateway.sinks.mqtt.topic_plan import PLAN, markdown
 from gateway.sinks.mqtt.topics import Topics
 
@@ -65,7 +64,7 @@ def test_the_table_has_a_row_for_every_kind() -> None:
     ],
 )
 def test_a_url_is_read(url: str, broker: Broker) -> None:
-    assert address.parse(url) == broker
+    assert parse(url) == broker
 
 
 @pytest.mark.parametrize(
@@ -100,17 +99,17 @@ def test_a_url_is_read(url: str, broker: Broker) -> None:
 )
 def test_a_wrong_url_is_a_config_error_that_keeps_the_password(url: str) -> None:
     with pytest.raises(ConfigError, match=r"^mqtt\.url: ") as caught:
-        address.parse(url)
+        parse(url)
     assert "hunter2" not in str(caught.value)
     assert caught.value.__cause__ is None
     assert caught.value.__suppress_context__ or caught.value.__context__ is None
 
 
 def test_the_password_is_in_no_text_of_the_address() -> None:
-    broker = address.parse("mqtts://joe:hunter2@broker:99")
+    broker = parse("mqtts://joe:hunter2@broker:99")
     assert str(broker) == "mqtts://broker:99"
     assert "hunter2" not in repr(broker)
-    assert str(address.parse("mqtt://[fe80::1]")) == "mqtt://[fe80::1]:1883"
+    assert str(parse("mqtt://[fe80::1]")) == "mqtt://[fe80::1]:1883"
 
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=40)
@@ -118,14 +117,14 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0")
 
 @given(user=TEXT.filter(bool), password=TEXT, port=st.integers(1, 65535))
 def test_any_user_and_password_survive_quoting(user: str, password: str, port: int) -> None:
-    broker = address.parse(f"mqtt://{quote(user, safe='')}:{quote(password, safe='')}@h:{port}")
+    broker = parse(f"mqtt://{quote(user, safe='')}:{quote(password, safe='')}@h:{port}")
     assert broker == Broker("h", port, False, user, password)
 
 
 @given(st.text(max_size=60))
 def test_any_text_is_an_address_or_a_config_error(rest: str) -> None:
     try:
-        broker = address.parse("mqtt://" + rest)
+        broker = parse("mqtt://" + rest)
     except ConfigError:
         return
     assert broker.host
