@@ -93,7 +93,11 @@ def leaves(value: object, place: str) -> Iterator[tuple[str, object]]:
 def options(source: str) -> Iterator[tuple[str, object]]:
     """What `add_argument` and `add_parser` are called with first: option names, positional names, verbs."""
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr.startswith("add_"):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in ("add_argument", "add_parser")
+        ):
             for argument in node.args:
                 if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
                     yield argument.value, "option"
