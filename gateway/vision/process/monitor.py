@@ -11,8 +11,11 @@ Rules
   `camera.deadline_s` is LINK_DOWN at once, and nothing captured before is reported afterwards.
 - A detector that throws, or gives no result within `vision.deadline_s`, and a process that dies is PROCESS_FAULT at
   once; the frame that was being worked on is counted as lost. While the detector works on a frame the source is not
-  judged: native code may hold the interpreter's lock. A process of which neither thread runs is PROCESS_FAULT, too. A
-  process that crashes while its detector works on no frame has crashed in its driver: LINK_DOWN.
+  judged: native code may hold the interpreter's lock; nor for a moment afterwards. A process of which neither thread
+  runs is PROCESS_FAULT, too, and so is one whose detector has stopped between two frames. A process that crashes while
+  its detector works on no frame has crashed in its driver: LINK_DOWN.
+- Nothing that a process notes or sends is taken on trust: notes that cannot be are no notes, a result that cannot be is
+  PROCESS_FAULT. So a damaged process neither hides its silence nor spoils the numbers of its successors.
 - After LINK_DOWN the next process is started with the delays of `camera.reconnect`; after PROCESS_FAULT at once, from
   the second failure in a row on with a delay. A detector that could not be built gets up to four times as long.
 - A process is started only when the one before it is gone: one writer for the memory, one owner for the device.
@@ -38,6 +41,7 @@ NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for so long
 MOST_PATIENCE = 4  # times as long may the next build of a detector take that was not ready in time
+MOST_SKIPPED = 1_000_000  # frames between two that are looked at; a number beyond that is nonsense
 PROCESS_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
 
 
@@ -101,6 +105,8 @@ class ProcessMonitor:
     _link_failures: int = 0  # in a row
     _process_failures: int = 0
     _opened_ns: int = 0  # the first frame was captured; 0: not yet
+    _result_ns: int = 0  # when the newest result came
+    _reported_ns: int = 0  # the time of the newest reading
     _lossless: bool = False
     _film_begun: bool = False  # a finite source has given a frame
     _film_first_seq: int = 1  # of the film that has begun
@@ -128,6 +134,7 @@ class ProcessMonitor:
             _token=self._token,
             _last_seq=self._last_seq,
             _over=self._over,
+            _reported_ns=self._reported_ns,
         )
 
     # What has happened.
@@ -139,7 +146,7 @@ class ProcessMonitor:
 
     def opened(self, token: int, now_ns: int, *, lossless: bool, finite: bool) -> None:
         """The source has given its first frame. `finite`: what it shows is shown once."""
-        if self._is(token):
+        if self._is(token) and self._phase is Phase.OPENING:
             self._phase, self._since_ns, self._heard_ns, self._opened_ns = Phase.RUNNING, now_ns, now_ns, now_ns
             self._lossless, self._film_begun = lossless, finite
 
@@ -147,15 +154,23 @@ class ProcessMonitor:
         """The detector has finished a frame."""
         if not self._is(token):
             return
+        if self._phase is not Phase.RUNNING or not self._is_new(result.seq):
+            self.failed(token, f"result of frame {result.seq} after that of frame {self._last_seq}", now_ns)
+            return
+        if not 0 <= result.t_capture_ns <= now_ns:
+            self.failed(token, "result of a frame of another time", now_ns)
+            return
         self._process_failures = 0
-        self._heard_ns = now_ns
+        self._heard_ns = self._result_ns = now_ns
         if result.picture is not None:
             self._picture = self._judge.judged(result.picture, result.t_capture_ns)
             self._picture_ns = result.t_capture_ns
         found = result.detection
+        t_ns = min(result.t_capture_ns, result.unchanged_since_ns)
+        self._reported_ns = max(t_ns, self._reported_ns)
         self._readings.append(
             VisionReading(
-                t_ns=min(result.t_capture_ns, result.unchanged_since_ns),
+                t_ns=t_ns,
                 quality=_quality(found),
                 circle=found.circle,
                 frame_id=result.seq,
@@ -173,9 +188,9 @@ class ProcessMonitor:
             )
         )
 
-    def progress(self, progress: Progress) -> None:
-        """What the process has noted."""
-        if self._is(progress.token):
+    def progress(self, progress: Progress, now_ns: int) -> None:
+        """What the process had noted by `now_ns`."""
+        if self._is(progress.token) and self._can_be(progress, now_ns):
             self._progress = progress
 
     def source_lost(self, token: int, why: str, now_ns: int, *, config: bool = False) -> None:
@@ -235,14 +250,14 @@ class ProcessMonitor:
         if self._at_work():
             return self._progress.work_began_ns + work_ns
         # Whether it has begun to work on a frame is known at the latest when that would have taken too long.
-        return min(self._captured_ns + round(self.camera.deadline_s * NS_PER_S), self._heard_ns + work_ns)
+        return min(self._silent_ns, self._stopped_ns, self._heard_ns + work_ns)
 
     def reads_messages(self, now_ns: int) -> bool:
         """Whether the process reads its messages now: not while it starts, or has been silent for long.
 
         A process that reads no messages is killed when its inbox is full; that is left to its deadlines.
         """
-        return self._phase is Phase.RUNNING and now_ns - self._heard_ns < NS_PER_S
+        return self._phase is Phase.RUNNING and now_ns - self._alive_ns < NS_PER_S
 
     @property
     def token(self) -> int:
@@ -258,27 +273,59 @@ class ProcessMonitor:
         return self.camera.open_deadline_s * min(MOST_PATIENCE, 1 << self._process_failures)
 
     @property
-    def _captured_ns(self) -> int:
-        return max(self._opened_ns, self._progress.captured_ns)
+    def _allowed_ns(self) -> int:
+        return round(self.camera.deadline_s * NS_PER_S)
+
+    @property
+    def _alive_ns(self) -> int:
+        """When the detector's thread was last known to run between two frames. It notes that four times in
+        `camera.deadline_s`; and of a result, the end of its work may be noted a moment later."""
+        return max(self._opened_ns, self._progress.detector_ns, self._result_ns)
+
+    @property
+    def _silent_ns(self) -> int:
+        """When the source has been silent for too long. After a long detection it gets a moment: its thread may have
+        waited for the interpreter's lock, or for the detector to take the frame before."""
+        captured_ns = max(self._opened_ns, self._progress.captured_ns)
+        return max(captured_ns + self._allowed_ns, self._result_ns + self._allowed_ns // 4)
+
+    @property
+    def _stopped_ns(self) -> int:
+        """When the detector's thread has been silent for too long though it works on no frame."""
+        return self._alive_ns + max(self._allowed_ns, round(self.vision.deadline_s * NS_PER_S))
+
+    def _is_new(self, seq: int) -> bool:
+        return self._last_seq < seq <= self._last_seq + MOST_SKIPPED
+
+    def _can_be(self, noted: Progress, now_ns: int) -> bool:
+        seqs = (noted.captured_seq, noted.work_seq)
+        times_ns = (noted.captured_ns, noted.work_t_capture_ns, noted.work_began_ns, noted.detector_ns)
+        return (
+            min(seqs) >= 0
+            and max(seqs) <= self._last_seq + MOST_SKIPPED
+            and 0 <= min(times_ns) <= max(times_ns) <= now_ns
+        )
 
     def _at_work(self) -> bool:
         """The detector has begun a frame whose result has not come."""
         return self._progress.work_began_ns > 0 and self._progress.work_seq > self._last_seq
 
     def _judge_silence(self, now_ns: int) -> None:
-        allowed_ns = round(self.camera.deadline_s * NS_PER_S)
         if self._phase is Phase.BUILDING:
             self._process_fault(f"vision process not ready within {self._build_s:g} s", now_ns)
         elif self._phase is Phase.OPENING:
             self._link_down(f"{self.label}: no first frame within {self.camera.open_deadline_s:g} s", now_ns)
         elif self._at_work():
             self._process_fault(f"vision process gave no result within {self.vision.deadline_s:g} s", now_ns)
-        elif now_ns < self._captured_ns + allowed_ns:
-            self._heard_ns = now_ns  # the notes have been reported, and tell of no work
-        elif self._progress.detector_ns < self._captured_ns + allowed_ns // 2:
+        elif now_ns >= self._silent_ns and now_ns - self._alive_ns > self._allowed_ns // 2:
             self._process_fault(f"vision process has stopped: no sign of life for {self.camera.deadline_s:g} s", now_ns)
-        else:
+        elif now_ns >= self._silent_ns:
             self._link_down(f"{self.label}: no frame within {self.camera.deadline_s:g} s", now_ns)
+        elif now_ns >= self._stopped_ns:
+            silent_s = (self._stopped_ns - self._alive_ns) / NS_PER_S
+            self._process_fault(f"vision process has stopped: no sign of its detector for {silent_s:g} s", now_ns)
+        else:
+            self._heard_ns = now_ns  # the notes have been reported, and tell of no work
 
     # Failures.
 
@@ -326,7 +373,7 @@ class ProcessMonitor:
         if not self._film_begun:
             self._film_first_seq = next_seq
         self._token += 1
-        self._phase, self._since_ns, self._opened_ns = Phase.BUILDING, now_ns, 0
+        self._phase, self._since_ns, self._opened_ns, self._result_ns = Phase.BUILDING, now_ns, 0, 0
         self._started, self._reaped = True, False
         self._out.append(Start(self._token, next_seq, discard=next_seq - self._film_first_seq))
 
@@ -362,7 +409,8 @@ class ProcessMonitor:
 
     def _emit_fault(self, quality: Quality, t_ns: int, seq: int, why: str, now_ns: int) -> None:
         self.stats = replace(self.stats, rate_hz=self._rate_hz(now_ns))
-        self._readings.append(VisionReading(t_ns, quality, frame_id=seq, detail=why, stats=self.stats))
+        self._reported_ns = max(t_ns, self._reported_ns)  # whoever keeps the newest reading must not miss it
+        self._readings.append(VisionReading(self._reported_ns, quality, frame_id=seq, detail=why, stats=self.stats))
 
 
 def _quality(detection: Detection) -> Quality:

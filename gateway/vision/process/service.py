@@ -111,7 +111,7 @@ class VisionService:
                 if self._monitor is None:
                     self._monitor = ProcessMonitor(self._spec.label, self._camera, self._vision, self._rng)
                 else:
-                    self._monitor.progress(progress.read())
+                    self._monitor.progress(progress.read(), self._clock.now_ns())
                     self._monitor = self._monitor.successor(self._vision)
                 carry_out = lambda action, pool: self._carry_out(action, pool, ring)  # noqa: E731
                 self._turns = _Turns(self._monitor, progress, self._clock, carry_out)
@@ -219,11 +219,13 @@ class _Turns:
         late = deadline_ns is not None and now_ns >= deadline_ns
         for token, message in pool.messages(everybody=everything or late):
             if isinstance(message, (Gone, Failed, SourceLost)):
-                self._monitor.progress(self._progress.read())  # the frame that was being worked on
+                self._monitor.progress(
+                    self._progress.read(), self._clock.now_ns()
+                )  # the frame that was being worked on
             _report(self._monitor, token, message, self._clock.now_ns())
         for reading in self._monitor.readings():
             self._carry_out(monitor.Emit(reading), pool)
-        self._monitor.progress(self._progress.read())
+        self._monitor.progress(self._progress.read(), self._clock.now_ns())
         for action in self._monitor.settle(self._clock.now_ns() if everything or late else now_ns):
             self._carry_out(action, pool)
         self._deadline_ns = self._monitor.next_deadline_ns()

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from msgspec import structs
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core.model import Circle, Detection, PictureFault, PictureHealth, Quality, VisionReading
@@ -51,7 +52,7 @@ class Bench:
 
     def settle(self, after_ms: int = 0) -> list[Action]:
         self.ms += after_ms
-        self.monitor.progress(self.notes)
+        self.monitor.progress(self.notes, self.ns)
         actions = self.monitor.settle(self.ns)
         for action in actions:
             match action:
@@ -110,14 +111,14 @@ class Bench:
         self.settle()
 
     def fail(self, why: str) -> None:
-        self.monitor.progress(self.notes)
+        self.monitor.progress(self.notes, self.ns)
         self.monitor.failed(self.token, why, self.ns)
         self.settle()
 
     def die(self, how: str = KILLED, *, crashed: bool = False) -> None:
         """It is gone; the next is running, once it is due."""
         self.alive.remove(self.token)
-        self.monitor.progress(self.notes)
+        self.monitor.progress(self.notes, self.ns)
         self.monitor.gone(self.token, how, self.ns, crashed=crashed)
         self.settle()
 
@@ -423,6 +424,9 @@ def test_a_source_is_not_judged_while_the_detector_works() -> None:
     bench.settle(after_ms=2500)
     assert bench.killed == {}
     bench.result()
+    bench.settle(after_ms=249)  # a moment for the capture thread
+    assert bench.qualities() == [Quality.GOOD]
+    bench.settle(after_ms=1)
     assert bench.qualities() == [Quality.GOOD, Quality.LINK_DOWN]
     assert bench.told[-1].detail == "cam: no frame within 1 s"
 
@@ -535,7 +539,7 @@ def test_late_messages_of_a_process_given_up_are_ignored() -> None:
     bench.monitor.result(old, Result(9, bench.ns, SEEN, bench.ns), bench.ns)
     bench.monitor.opened(old, bench.ns, lossless=True, finite=True)
     bench.monitor.ready(old, bench.ns)
-    bench.monitor.progress(Progress(old, 99, bench.ns, 99, bench.ns, bench.ns))
+    bench.monitor.progress(Progress(old, 99, bench.ns, 99, bench.ns, bench.ns), bench.ns)
     bench.monitor.source_lost(old, "too late", bench.ns)
     bench.monitor.failed(old, "too late", bench.ns)
     bench.monitor.gone(old, "too late", bench.ns)
@@ -564,6 +568,140 @@ def test_there_is_nothing_to_do_until_the_next_deadline() -> None:
         assert bench.monitor.next_deadline_ns() == bench.ns + 500 * MS  # to look for work that has begun
         bench.capture()
         assert bench.settle(after_ms=500) == []
+
+
+# What the process notes or sends may be nonsense: it is damaged, or somebody has taken it over.
+
+NEVER_NS = 1 << 62
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        {"captured_ns": NEVER_NS},
+        {"captured_ns": -NEVER_NS},
+        {"detector_ns": NEVER_NS},
+        {"work_began_ns": NEVER_NS, "work_seq": 2},
+        {"work_began_ns": -NEVER_NS, "work_seq": 2},
+        {"work_t_capture_ns": NEVER_NS},
+        {"work_seq": NEVER_NS},
+        {"captured_seq": NEVER_NS},
+        {"captured_seq": -1},
+        dict.fromkeys(("captured_seq", "captured_ns", "work_seq", "work_t_capture_ns", "work_began_ns"), NEVER_NS),
+    ],
+)
+def test_notes_that_cannot_be_are_no_notes(nonsense: dict[str, int]) -> None:
+    """The process is not silent for ever, and the numbers of the frames stay what they are."""
+    bench = running()
+    bench.look()
+    bench.notes = replace(bench.notes, **nonsense)
+    for _ in range(21):
+        bench.settle(after_ms=100)
+        deadline_ns = bench.monitor.next_deadline_ns()
+        if not bench.killed:
+            bench.notes = replace(bench.notes, detector_ns=nonsense.get("detector_ns", bench.ns))
+            assert deadline_ns is not None
+            assert deadline_ns <= bench.ns + 1000 * MS
+    assert bench.killed == {bench.token: "vision process has stopped: no sign of life for 1 s"}
+    assert bench.told[-1].quality is Quality.PROCESS_FAULT
+    bench.die()
+    bench.until_started()
+    assert bench.starts[-1].first_seq == 2
+    assert counts(bench) == (1, 0, 0, 1, 0)
+
+
+def test_a_fault_is_never_older_than_the_reading_before_it() -> None:
+    """Whoever keeps the newest reading would go on with the good one."""
+    bench = running()
+    good = bench.look()
+    bench.ms += 33
+    bench.frame()
+    bench.notes = replace(bench.notes, work_t_capture_ns=5)
+    bench.die()
+    assert bench.told[-1].quality is Quality.PROCESS_FAULT
+    assert bench.told[-1].t_ns == good.t_ns
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"seq": 1}, "result of frame 1 after that of frame 1"),
+        ({"seq": 0}, "result of frame 0 after that of frame 1"),
+        ({"seq": -5}, "result of frame -5 after that of frame 1"),
+        ({"seq": 1 << 63}, f"result of frame {1 << 63} after that of frame 1"),
+        ({"seq": 2, "t_capture_ns": 1 << 63}, "result of a frame of another time"),
+        ({"seq": 2, "t_capture_ns": -1}, "result of a frame of another time"),
+    ],
+)
+def test_a_result_that_cannot_be_is_a_fault_of_the_process(changes: dict[str, int], why: str) -> None:
+    bench = running()
+    bench.look()
+    bench.ms += 33
+    bench.frame()
+    message = structs.replace(Result(2, bench.ns - 2 * MS, SEEN, bench.ns - 2 * MS), **changes)
+    bench.monitor.result(bench.token, message, bench.ns)
+    bench.settle()
+    assert bench.qualities() == [Quality.GOOD, Quality.PROCESS_FAULT]
+    assert bench.killed == {bench.token: f"vision process: {why}"}
+    assert counts(bench)[:3] == (1, 0, 1)
+
+
+def test_a_result_before_the_source_is_open_is_a_fault_of_the_process() -> None:
+    bench = Bench()
+    bench.ready()
+    bench.monitor.result(bench.token, Result(1, bench.ns, SEEN, bench.ns), bench.ns)
+    bench.settle()
+    assert bench.qualities() == [Quality.PROCESS_FAULT]
+
+
+def test_a_source_is_opened_once() -> None:
+    """A process that says again and again that it has a frame is silent all the same."""
+    bench = running()
+    bench.look()
+    for _ in range(10):
+        bench.ms += 100
+        bench.notes = replace(bench.notes, detector_ns=bench.ns)
+        bench.monitor.opened(bench.token, bench.ns, lossless=True, finite=True)
+        bench.settle()
+    assert bench.qualities() == [Quality.GOOD, Quality.LINK_DOWN]
+    assert bench.told[-1].detail == "cam: no frame within 1 s"
+
+
+def test_a_detector_that_hangs_between_two_frames_is_noticed_though_the_camera_goes_on() -> None:
+    bench = running()
+    bench.look()
+    hangs_ms = bench.ms
+    hangs_ns = bench.ns
+    while not bench.killed:
+        assert bench.ms < hangs_ms + 5000
+        bench.ms += 33
+        bench.capture()
+        bench.notes = replace(bench.notes, detector_ns=hangs_ns)
+        bench.settle()
+    assert bench.ms <= hangs_ms + 1033
+    assert bench.killed == {bench.token: "vision process has stopped: no sign of its detector for 1 s"}
+    assert bench.qualities()[-1] is Quality.PROCESS_FAULT
+    assert not bench.monitor.reads_messages(bench.ns)
+
+
+@pytest.mark.parametrize("noted", [False, True])
+def test_after_a_long_detection_the_next_frame_has_its_moment(*, noted: bool) -> None:
+    """Its capture thread waited for the detector to take the frame before, or for the interpreter's lock; and the
+    result may be here before the end of the work is noted."""
+    bench = running(lossless=True)
+    bench.monitor.vision = VisionConfig(deadline_s=3.0)
+    bench.frame()
+    bench.capture()  # waits to be looked at
+    waiting = bench.notes
+    bench.settle(after_ms=2500)
+    bench.monitor.result(bench.token, Result(1, waiting.work_t_capture_ns, SEEN, 0), bench.ns)
+    bench.notes = replace(waiting, work_began_ns=0, detector_ns=bench.ns) if noted else waiting
+    bench.settle()
+    bench.settle(after_ms=20)
+    bench.begin()
+    bench.settle(after_ms=2000)
+    bench.result()
+    assert (bench.qualities(), bench.killed) == ([Quality.GOOD] * 2, {})
 
 
 # Films.
