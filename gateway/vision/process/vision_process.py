@@ -9,7 +9,7 @@ import gc
 import os
 import sys
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 
@@ -155,6 +155,8 @@ class Capture:
         seq = job.first_seq - 1
         while True:
             frame = source.read()
+            if frame.t_capture_ns > (now_ns := clock.now_ns()):  # of another clock: it would stay new for ever
+                frame = replace(frame, t_capture_ns=now_ns)
             changed_ns = checks.passed(frame)
             if changed_ns is None:
                 continue
@@ -164,10 +166,9 @@ class Capture:
             if seq == job.first_seq:
                 height, width = image.shape[:2]
                 self._progress.set_size_px(width, height)
+                self._link.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
             self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns), wait=source.lossless)
             self._progress.captured(seq, clock.now_ns())
-            if seq == job.first_seq:
-                self._link.send(Opened(source.lossless, source.finite))
 
 
 def _run_on(cpus: tuple[int, ...]) -> None:
