@@ -105,6 +105,7 @@ class Ring:
             np.frombuffer(self._memory, np.int64, HEADER_FIELDS, spec.offset(slot)) for slot in range(SLOTS)
         )
         self._next = 0
+        self._requests = bytearray(8)
         self._requested_until_ns = 0
         self._written_ns = -UNREQUESTED_PERIOD_NS
 
@@ -112,13 +113,18 @@ class Ring:
 
     def due(self, now_ns: int) -> bool:
         """Whether the frame at hand is to be written: somebody looks, or the last one was written a second ago."""
-        try:
-            os.eventfd_read(self._spec.request_fd)
-        except BlockingIOError:
-            pass
-        else:
+        if self._requested():
             self._requested_until_ns = now_ns + REQUEST_NS
         return now_ns < self._requested_until_ns or now_ns - self._written_ns >= UNREQUESTED_PERIOD_NS
+
+    def _requested(self) -> bool:
+        """Never waits, though whoever has got hold of a web process could make the eventfd one that does: both hold it."""
+        try:
+            return os.preadv(self._spec.request_fd, (self._requests,), -1, os.RWF_NOWAIT) > 0
+        except BlockingIOError:
+            return False
+        except OSError:  # a kernel before 5.8: every frame is written
+            return True
 
     def write(self, image: Image, seq: int, t_capture_ns: int, now_ns: int = 0) -> None:
         """Copy one frame, of at most `max_megapixels`, over the oldest one."""
@@ -147,9 +153,10 @@ class Ring:
             if header[GENERATION] and not header[GENERATION] % 2 and (seq is None or header[SEQ] == seq):
                 complete.append((header[T_CAPTURE_NS], slot, header))
         for t_capture_ns, slot, header in sorted(complete, reverse=True):
-            if header[HEIGHT] * header[WIDTH] > round(self._spec.max_megapixels * 1e6):
-                continue  # read while it was written: half of an old size, half of a new one
-            image = self._pixels(slot, header[HEIGHT], header[WIDTH]).copy()
+            height, width = header[HEIGHT], header[WIDTH]
+            if min(height, width) <= 0 or height * width > round(self._spec.max_megapixels * 1e6):
+                continue  # read while it was written: half of an old size, half of a new one; or nonsense
+            image = self._pixels(slot, height, width).copy()
             if int(self._headers[slot][GENERATION]) == header[GENERATION]:
                 return Snapshot(image, header[SEQ], t_capture_ns)
         return None

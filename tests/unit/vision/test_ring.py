@@ -1,5 +1,6 @@
 """The ring: what is written is what viewers copy, never half of a frame; it is written while somebody looks."""
 
+import errno
 import mmap
 import os
 from collections.abc import Iterator
@@ -170,6 +171,39 @@ def test_frames_are_written_while_somebody_looks_and_else_one_a_second(spec: Rin
     assert written(10 * S, 5) == [10 * S + n * S // 10 for n in range(30)] + [10 * S + n * S // 10 for n in (39, 49)]
     viewer.snapshot()
     assert len(written(20 * S, 1)) == 10
+
+
+@pytest.mark.parametrize("size", [(-4, -5), (4, -5), (0, 0), (-1, 1), (1 << 40, 1 << 40), (1 << 62, 4)])
+def test_a_header_that_cannot_be_shows_nothing(spec: RingSpec, size: tuple[int, int]) -> None:
+    """A vision process that somebody has taken over writes what it likes: the viewer goes on with other frames."""
+    writer, viewer = Ring(spec, writable=True), Ring(spec, writable=False)
+    writer.write(picture(4, 5), 1, 1)
+    writer.write(picture(4, 5), 2, 2)
+    writer._headers[1][shm.HEIGHT], writer._headers[1][shm.WIDTH] = size
+    assert viewer.snapshot(2) is None
+    np.testing.assert_array_equal(picture(4, 5), shown(viewer))
+
+
+@pytest.mark.timeout(20)
+def test_a_viewer_cannot_make_the_vision_process_wait(spec: RingSpec) -> None:
+    """Both have one file description: whoever has got hold of a web process can make it a blocking one."""
+    writer = Ring(spec, writable=True)
+    os.set_blocking(spec.request_fd, True)
+    assert [writer.due(0), writer.due(1)] == [True, True]
+    writer.write(picture(4, 4), 1, 1, 1)
+    assert not writer.due(2)
+    Ring(spec, writable=False).snapshot()
+    assert writer.due(3)
+
+
+def test_where_the_kernel_cannot_tell_every_frame_is_written(spec: RingSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unsupported(*_: object) -> int:
+        raise OSError(errno.EOPNOTSUPP, "Operation not supported")
+
+    monkeypatch.setattr(os, "preadv", unsupported)
+    writer = Ring(spec, writable=True)
+    writer.write(picture(4, 4), 1, 1, 1)
+    assert writer.due(2)
 
 
 # What the vision process notes of its progress, in the first page of the same memory.
