@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from gateway.clock import SystemClock
+from gateway.clock import Clock, SystemClock
 from gateway.config import VisionConfig
 from gateway.errors import LinkError
 from gateway.vision.process.vision_process import Capture, CheckedFrame, NewestFrame
@@ -29,14 +29,14 @@ class FewFrames:
     ahead_ns: int = 0
     label: str = "few"
 
-    def open(self, clock: SystemClock) -> Source:
+    def open(self, clock: Clock) -> Source:
         return _Few(self, clock)
 
 
 class _Few(Source):
     may_repeat = True
 
-    def __init__(self, spec: FewFrames, clock: SystemClock) -> None:
+    def __init__(self, spec: FewFrames, clock: Clock) -> None:
         self._left, self._spec, self._clock = spec.frames, spec, clock
 
     def read(self) -> Frame:
@@ -44,6 +44,9 @@ class _Few(Source):
             raise LinkError("few: ended")
         self._left -= 1
         return Frame(np.zeros((4, 4, 3), np.uint8), self._clock.now_ns() + self._spec.ahead_ns)
+
+    def close(self) -> None:
+        pass
 
 
 @dataclass
