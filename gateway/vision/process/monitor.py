@@ -373,7 +373,7 @@ class ProcessMonitor:
         if not self._film_begun:
             self._film_first_seq = next_seq
         self._token += 1
-        self._phase, self._since_ns, self._opened_ns, self._result_ns = Phase.BUILDING, now_ns, 0, 0
+        self._phase, self._since_ns, self._opened_ns = Phase.BUILDING, now_ns, 0
         self._started, self._reaped = True, False
         self._out.append(Start(self._token, next_seq, discard=next_seq - self._film_first_seq))
 
