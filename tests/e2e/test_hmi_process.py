@@ -33,6 +33,13 @@ def gateway() -> Iterator[Gateway]:
         yield gateway
 
 
+def address_of(gateway: Gateway) -> str:
+    """Where its pages are, once it has seen its marker: then there is a picture to show."""
+    url: str = gateway.started()["hmi"]
+    gateway.wait_for(lambda row: row["type"] == "state" and row["vision"] == "good")
+    return url
+
+
 def web(gateway: Gateway) -> list[psutil.Process]:
     return [process for process in gateway.family() if process.name() == "gw-hmi"]
 
@@ -61,8 +68,7 @@ def eventually(fact: Any, timeout_s: float = 20.0) -> Any:
 
 
 def test_no_web_process_without_a_visitor_and_a_killed_one_comes_back_on_the_same_port(gateway: Gateway) -> None:
-    url = gateway.started()["hmi"]
-    gateway.wait_for(lambda row: row["type"] == "state" and row["vision"] == "good")
+    url = address_of(gateway)
     assert web(gateway) == []
     status, headers, jpeg = got(url, "/api/bays/bay1/picture?width=320")
     assert (status, headers["content-type"], jpeg[:3]) == (200, "image/jpeg", b"\xff\xd8\xff")
@@ -97,7 +103,7 @@ def frames_open_for(process: psutil.Process) -> set[int]:
 def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_the_vision_process_can_write_frames(
     gateway: Gateway,
 ) -> None:
-    url = gateway.started()["hmi"]
+    url = address_of(gateway)
     assert got(url, "/api/bays/bay1/picture")[0] == 200
     (process,) = web(gateway)
     status = dict(
@@ -111,7 +117,7 @@ def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_the_vision_
 
 
 def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(gateway: Gateway) -> None:
-    url = gateway.started()["hmi"]
+    url = address_of(gateway)
     assert got(url, "/api/bays/bay1/picture")[0] == 200
     (process,) = web(gateway)
     os.kill(process.pid, signal.SIGSTOP)
@@ -122,7 +128,7 @@ def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(g
 
 
 def test_the_web_process_dies_with_a_gateway_that_is_killed(gateway: Gateway) -> None:
-    url = gateway.started()["hmi"]
+    url = address_of(gateway)
     assert got(url, "/api/bays/bay1/picture")[0] == 200
     family = gateway.family()
     assert [process for process in family if process.name() == "gw-hmi"]
