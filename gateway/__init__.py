@@ -1,8 +1,8 @@
-"""PLC integration gateway: tells a loading-control PLC when a truck's filling port stands under the loading spout."""
+"""PLC integration gateway: reports to a loading-control PLC when a truck's filling port is under the loading spout."""
 
 
 def __getattr__(name: str) -> str:
-    """`gateway.__version__`, read when somebody asks: worker processes never do, and start 30 ms sooner."""
+    """`gateway.__version__`, read on first use: worker processes never use it, and start 30 ms sooner."""
     if name == "__version__":
         from importlib.metadata import version  # noqa: PLC0415
 

@@ -66,9 +66,9 @@ class Ports:
 
 
 def check(config: GatewayConfig, *, source: str, text: str) -> None:
-    """What can be message of ports and addresses without opening them. Raises ConfigError, one line per fault.
+    """What can be checked of ports and addresses without opening them. Raises ConfigError, one line per fault.
 
-    `text` is the TOML that `config` was read from, and `source` its name, so that each fault is told with its line.
+    `text` is the TOML that `config` was read from, and `source` its name, so that each fault is reported with its line.
     """
     faults: list[str] = []
 
@@ -137,7 +137,7 @@ async def run(
         sinks = parts.sinks = sink_registry.opened(config, hub, clock, parts.boot, shared)
         tasks = [*companions(hub), *(Task(sink.task, sink.deliver, sink.reconnect) for sink in sinks)]
         vectors = {bay.name: shared.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays}
-        # Read now: with the vectors in hand, no earlier gateway of this name can write its last any more.
+        # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
         files = parts.bay_files = BayFiles.read(config, clock)
         tasks.append(Task("bay-files", files.run))
         controls = {
@@ -205,7 +205,7 @@ async def run(
                 on_started(Running(config.modbus.host, bound.first, hub, supervisor, bound.tls, hmi_url))
                 try:
                     await stop.wait()
-                finally:  # also when a task is past help: what is retained at the broker must not look good for ever
+                finally:  # also when a task is past help: what the broker retains must not look good for ever
                     for control in controls.values():
                         control.shut_down()
                     last_words: list[Awaitable[object]] = [asyncio.sleep(LAST_WORD_S)]
@@ -228,7 +228,7 @@ def _log_alarm(change: AlarmChange) -> None:
 
 def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple[Task, str | None]:
     """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait; a certificate
-    that can't be read is a ConfigError, or the port would be open and nobody would ever answer."""
+    that can't be read is a ConfigError, or the port would be open without a server behind it."""
     config = setup.config.hmi
     tls.check(TlsFiles.of_pages(config))
     sockets: tuple[socket.socket, ...] = ()

@@ -83,7 +83,7 @@ class BayControl:
         self._step(mode, by=who)
 
     def settings_changed(self, what: str, who: Writer) -> None:
-        """Somebody put other settings into effect: an event for the record."""
+        """Other settings were put into effect: an event for the record."""
         now_ns, state = self._clock.now_ns(), self.state()
         changed = Event(EventKind.SETTINGS_CHANGED, self.name, now_ns, state, detail=f"{who}: {what}")
         self._report(self._hub.state(self.name), [changed])

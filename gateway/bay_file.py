@@ -1,11 +1,11 @@
 """The bay files: what of a bay outlives a restart or a crash, one small JSON file a bay. IO.
 
-A function check that is on, because somebody works on the bay and may_move must stay off; and the visits from which
+An active function check, because a technician works on the bay and may_move must stay off; and the visits from which
 R times Z is learned. Nothing else: no value of before the restart is ever shown as one of now.
 
-Files are read before anything starts. After that nobody waits for the disk: states are noted, and a task hands what is
-new to a thread. A file that is damaged, or that can't be read, is taken for one that had a function check in it. One
-that is not there is that of a first start.
+Files are read before anything starts. After that no task waits for the disk: states are noted, and a task hands changes
+to a thread. A file that is damaged or can't be read counts as one with an active function check. A missing file means
+a first start.
 """
 
 import asyncio
@@ -49,7 +49,7 @@ class _Visit(BaseModel):
 
 
 class _BayFile(BaseModel):
-    """The content of the file. `picture_px`: camera.width_px and height_px, for which alone the visits hold."""
+    """The content of the file. `picture_px`: camera.width_px and height_px, the visits hold for these only."""
 
     model_config = STRICT
     version: Annotated[int, Field(ge=VERSION, le=VERSION)]
@@ -151,7 +151,7 @@ class _Bay:
     path: Path
     wanted: RetainedState
     written: RetainedState | None = None  # None: what is in the file is not known to be `wanted`
-    damaged: str = ""  # why the file could not be read; until a technician has had a look
+    damaged: str = ""  # why the file could not be read; until a technician has begun or ended a function check
 
 
 @dataclass(slots=True)
@@ -167,7 +167,7 @@ class BayFiles:
 
     @staticmethod
     def read(config: GatewayConfig, clock: Clock) -> "BayFiles":
-        """Of all bays; may wait for the disk. What is wrong with a file is logged, and stands in `damaged`."""
+        """Of all bays; may wait for the disk. Faults of a file are logged and listed in `damaged`."""
         files = BayFiles(clock)
         for bay in config.bays:
             if (path := path_of(config, bay.name)) is not None:
@@ -176,7 +176,7 @@ class BayFiles:
 
     @property
     def damaged(self) -> Mapping[str, str]:
-        """Bays whose file could not be read, and why, until somebody has begun or ended a function check there."""
+        """Bays whose file could not be read, and why, until a function check was begun or ended there."""
         return {name: bay.damaged for name, bay in self._bays.items() if bay.damaged}
 
     def retained(self, bay: str) -> RetainedState | None:
@@ -237,7 +237,7 @@ class BayFiles:
                 self.write(path, data)
             except OSError as failed:
                 error = failed
-            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody asks any more
+            with contextlib.suppress(RuntimeError):  # the loop is closed: the result is not needed any more
                 loop.call_soon_threadsafe(settle, error)
 
         self.start(work)
@@ -259,7 +259,7 @@ def _read(bay: BayConfig, path: Path) -> _Bay:
     except ValueError as error:
         why = str(error)
     log.error(
-        "%s: %s cannot be read (%s): the bay starts with a function check, because somebody may be working on it",
+        "%s: %s cannot be read (%s): the bay starts with a function check, because a technician may be working on it",
         bay.name,
         path,
         why,

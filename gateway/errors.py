@@ -14,4 +14,4 @@ class LinkError(GatewayError):
 
 
 class ProtocolError(GatewayError):
-    """The peer is alive but speaks another version. Reported, not guessed around."""
+    """The peer is alive but uses another version, which is reported."""

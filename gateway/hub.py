@@ -1,6 +1,6 @@
 """The current state of every bay: latest wins. Events queue, bounded, and every drop is counted.
 
-Single event loop, no locks: `publish` never waits. It runs no consumer but what was handed to `listen`.
+Single event loop, no locks: `publish` never waits. It runs no consumer but the functions given to `listen`.
 """
 
 import asyncio
@@ -12,7 +12,7 @@ from gateway.core.shown import shown
 
 
 class EventQueue:
-    """One subscriber's bounded queue; the oldest event goes first when it is full, and is counted."""
+    """One subscriber's bounded queue; the oldest event is dropped when it is full, and counted."""
 
     def __init__(self, limit: int) -> None:
         self._events: deque[Event] = deque(maxlen=limit)

@@ -1,11 +1,11 @@
-"""Equation 13's shared state vector x = [u, v, R, Z, tau]: any local process can attach and read it whole.
+"""Equation 13's shared state vector x = [u, v, R, Z, tau]: any local process can attach and read it consistently.
 
 One file per bay in shared memory. The gateway holds an exclusive lock on it while it lives; the kernel drops the lock
-when the gateway dies, however it dies, so a reader can tell a live vector from a corpse and the next gateway sweeps
-corpses away. Reading and writing never wait for each other: the writer fills one of two slots and then points to it,
-a reader takes the pointed slot and believes it only if it is still pointed to and its checksum holds
-(docs/decisions/0003). A gateway that lives but stands still (stopped, hung, its control task dead) holds its lock, too:
-each state says until when it is valid, and a reader withdraws an old one (gateway/core/shown.py).
+when the gateway dies, however it dies, so a reader can tell a live vector from an abandoned one, and the next gateway
+removes abandoned files. Reading and writing never wait for each other: the writer fills one of two slots and then
+points to it, a reader takes that slot and accepts it only if it is still pointed to and its checksum matches
+(docs/decisions/0003). A gateway that is alive but not running (stopped, hung, its control task dead) holds its lock,
+too: each state carries the time up to which it is valid, and a reader withdraws an old one (gateway/core/shown.py).
 """
 
 import contextlib
@@ -40,7 +40,7 @@ _SLOT_SIZE = _BODY.size + _CRC.size
 _SIZE = _HEAD.size + 2 * _SLOT_SIZE
 _COUNT = struct.Struct("<Q")
 _COUNT_AT = _HEAD.size - _COUNT.size
-# Everybody may write into the folder: what lies there under our name may be a pipe, or a link to somewhere else.
+# Any user may write into the folder: a file of our name may be a pipe, or a link to another place.
 _LOOK = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
 _TRIES = 100
 _PAUSE_S = 0.002  # between two looks at another's lock; a gateway that only sweeps is done by then
@@ -77,7 +77,7 @@ class SharedVector:
 
 
 def folder() -> Path:
-    """Where the vectors lie: memory, not disk, wherever the system has it."""
+    """Where the vectors are kept: memory, not disk, wherever the system has it."""
     shm = Path("/dev/shm")
     return shm if shm.is_dir() else Path(tempfile.gettempdir())
 
@@ -96,7 +96,8 @@ def attachable() -> list[tuple[str, str]]:
 
 
 class SharedStateWriter:
-    """Owns one bay's vector; a context manager. Raises ConfigError if it can't be had, or another gateway holds it."""
+    """Owns one bay's vector; a context manager. Raises ConfigError if it can't be created, or another gateway holds
+    it."""
 
     def __init__(self, instance: str, bay: str, clock: Clock | None = None) -> None:
         self._path = path_of(instance, bay)
@@ -190,7 +191,7 @@ class SharedStateReader:
         os.close(self._fd)
 
     def read(self) -> SharedVector:
-        """The newest whole vector; if it is not valid any more, with stop on and without any value.
+        """The newest complete vector; if it is not valid any more, with stop on and without any value.
 
         Raises LinkError when its gateway is dead, or nothing has been written yet.
         """
@@ -200,17 +201,18 @@ class SharedStateReader:
             _, _, pid, count = _HEAD.unpack(self._map[: _HEAD.size])
             at = _HEAD.size + (count & 1) * _SLOT_SIZE
             slot = self._map[at : at + _SLOT_SIZE]
-            # Two writes later the same slot is whole again but not yet pointed to: the next look would go back in time.
+            # Two writes later the same slot is complete again but not yet pointed to: the next read would return an
+            # older state.
             if _COUNT.unpack(self._map[_COUNT_AT : _HEAD.size])[0] != count:
                 continue
             body, crc = slot[: _BODY.size], _CRC.unpack(slot[_BODY.size :])[0]
             if count and zlib.crc32(body) == crc:
                 try:
                     vector = _unpack(self._bay, pid, body)
-                except ValueError as error:  # a quality or reason that only a later version knows
+                except ValueError as error:  # a quality or reason of a later version
                     raise LinkError(f"{self._path}: not a state vector of this version: {error}") from error
                 return vector if valid(vector, self._clock.now_ns()) else _withdrawn(vector)
-        raise LinkError("no whole state could be read")
+        raise LinkError("no complete state could be read")
 
 
 def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
@@ -312,7 +314,7 @@ def _already_running(instance: str, pid: int) -> ConfigError:
 
 
 def _is_at(fd: int, path: Path) -> bool:
-    """Is the open file still the one that stands at `path`?"""
+    """Is the open file still the one at `path`?"""
     try:
         return os.path.samestat(os.fstat(fd), os.stat(path))
     except FileNotFoundError:
@@ -358,7 +360,7 @@ def _held(path: Path) -> bool:
 
 
 def _sweep() -> None:
-    """Remove what gateways that were killed left behind, as far as we may."""
+    """Remove files of killed gateways, as far as permissions allow."""
     for path in folder().glob("loading-gateway.*.*"):
         with _opened(path) as fd:
             if fd is None:
@@ -367,7 +369,7 @@ def _sweep() -> None:
                 fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            # Another sweep may have been quicker, and a living gateway's new file may stand there by now.
+            # Another sweep may have been quicker, and a running gateway's new file may be there by now.
             if _is_at(fd, path):
                 with contextlib.suppress(OSError):  # another user's, most likely
                     path.unlink(missing_ok=True)

@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One row of the table. `factory` is called anew for every start; a normal return ends the task for good."""
+    """One row of the table. `factory` is called anew for every start; a normal return ends the task."""
 
     name: str
     factory: Callable[[], Awaitable[None]]
@@ -61,7 +61,7 @@ class Supervisor:
         self.records = {name: TaskRecord() for name in names}
 
     async def run(self) -> None:
-        """Raises ConfigError or CrashLoopError (in an ExceptionGroup) when a task can't go on."""
+        """Raises ConfigError or CrashLoopError (in an ExceptionGroup) when a task can't be restarted."""
         async with asyncio.TaskGroup() as group:
             for task in self._tasks:
                 group.create_task(self._supervise(task), name=f"supervise {task.name}")
@@ -107,7 +107,7 @@ class Supervisor:
         record.starts += 1
         record.running = True
         try:
-            # In an asyncio task of its own: in Python before 3.13 a task group whose children fail at the same time may
+            # In a separate asyncio task: in Python before 3.13 a task group whose children fail at the same time may
             # leave its task counted as cancelled for ever, and here that count must mean that the supervisor ends.
             await asyncio.create_task(_start(task), name=task.name)  # noqa: TID251
         except ConfigError:
@@ -115,7 +115,7 @@ class Supervisor:
         except asyncio.CancelledError as error:
             if _cancel_requested():
                 raise
-            return error  # nobody requested it: passed on, it would end the task silently
+            return error  # not requested: passed on, it would end the task silently
         except Exception as error:
             if _cancel_requested():  # failed while it cleaned up; a restart would keep the gateway from ending
                 log.warning("%s: while ending: %r", task.name, error)

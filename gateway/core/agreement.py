@@ -4,7 +4,7 @@ One marker and one lens give R (Z + offset) = f r, a constant. Where it is confi
 compared with the ranger's. Where it is not, three rules need no constant of the lens:
 
 - R Z near the mark is that of earlier visits (gateway/core/scale.py);
-- R Z does not jump: no truck changes one of the two alone;
+- R Z does not jump: no truck changes only one of the two;
 - R follows Z: when Z has changed by a factor of FOLLOW_Z, R has changed, too, the other way.
 
 Until the first or the last of them has been confirmed in a visit, a circle far too small for D = 1 is not believed at a
@@ -24,7 +24,7 @@ LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register co
 FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
 MIN_PAIRS = 5  # they make a constant
 MAX_PAIRS = 15  # of them are kept
-DOUBT_MM = 600.0  # a truck comes from farther away, so that R has followed Z by then, also where Z_th is larger
+DOUBT_MM = 600.0  # a truck arrives from farther away, so that R has followed Z by then, also where Z_th is larger
 FOLLOW_Z = 1.5
 FOLLOW_R = 1.03  # far less than FOLLOW_Z, for the camera may stand two metres behind the ranger
 
@@ -38,7 +38,7 @@ def in_range(number: float) -> bool:
 def checked(
     memory: FusionMemory, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig, *, new: bool
 ) -> tuple[FusionMemory, float | None]:
-    """The memory with the verdict on these two, and Z as the camera sees it, mm, where that can be told.
+    """The memory with the verdict on these two, and Z as the camera sees it, mm, where it can be computed.
 
     `new`: one of the readings is. A verdict is kept while it cannot be renewed.
     """

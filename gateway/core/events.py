@@ -113,14 +113,14 @@ def _where(distance_mm: float | None, circle: Circle | None) -> str:
 
 
 def _plc(old: StateVector, new: StateVector) -> list[Event]:
-    """What became of the PLC's heartbeat and of its wishes; its writes themselves are told by who takes them."""
+    """Changes of the PLC's heartbeat, recipe and reset; its writes are reported where they are accepted."""
     was, now = old.plc, new.plc
     found: list[tuple[EventKind, str]] = []
     if was.owner is not None and now.owner is not None and now.owner.identity != was.owner.identity:
         found.append((EventKind.OWNER_CHANGED, f"{was.owner} -> {now.owner}"))
     if now.link is not was.link:
         if now.link is PlcLink.LOST:
-            found.append((EventKind.PLC_LOST, f"plc_heartbeat stands at {now.heartbeat}"))
+            found.append((EventKind.PLC_LOST, f"plc_heartbeat stopped at {now.heartbeat}"))
         elif now.link is PlcLink.ALIVE:
             found.append((EventKind.PLC_RETURNED, f"plc_heartbeat is {now.heartbeat}"))
     if now.recipe != was.recipe:

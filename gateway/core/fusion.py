@@ -5,13 +5,13 @@ Equation 13 is the state, equation 14 the decision:
     D = 1 when R >= R_th and Z <= Z_th, else 0
 
 computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
-unless `fail_safe` has been switched off. `may_move` asks for more than `not stop`: both sensors good, no contradiction.
+unless `fail_safe` has been switched off. `may_move` requires more than `not stop`: both sensors good, no contradiction.
 One exception, off by default: with `arrive_by_camera` D is 0 for a truck that is too far away for the ranger.
 
-Stop comes on at once. By default (`decision = "held"`) it goes off more slowly than equation 14 alone would have it: D
+Stop comes on at once. By default (`decision = "held"`) it goes off later than by equation 14: D
 ends only when both sensors show that the truck moved away from where equation 14 last held; a sensor that was dead must
-be alive for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation alone
-ends D = 1, at every step.
+be alive for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation
+decides at every step.
 
 A circle that does not fit the ranger's distance is a contradiction, and a cause: gateway/core/agreement.py.
 """
@@ -65,7 +65,7 @@ RANGE_REASON: dict[Quality, Reason] = {
     Quality.UNSTABLE: Reason.RANGE_UNSTABLE,
     Quality.WRONG_VERSION: Reason.RANGER_VERSION,
 }
-# Where several things are wrong, the one somebody has to repair is told first.
+# Where several faults are present, the one that needs a repair is reported first.
 _REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED: 2}
 
 
@@ -162,14 +162,14 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
 
 
 def not_good(quality: Quality) -> Quality:
-    """A prediction is a value, too: nobody goes on with it, so it must not stand."""
+    """A prediction is a value, too: it is not continued, so it must not remain."""
     return Quality.STALE if quality in (Quality.GOOD, Quality.COASTED) else quality
 
 
 def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
-    """`predicted` stays with COASTED alone: it is for people to look at, and nothing is decided on it.
+    """`predicted` is kept with COASTED only: it is for display, and nothing is decided on it.
 
-    `wrong_size` stays with what says that a frame was looked at: it can only contradict.
+    `wrong_size` is kept with each quality that means a processed frame: it can only contradict.
     """
     return replace(
         reading,
@@ -216,7 +216,7 @@ def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
 
 
 def _newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
-    # A port that opens again and says nothing yet has mended nothing: the fault stands until something comes.
+    # A reopened port without data has not cleared the fault: it remains until a reading arrives.
     lifts_a_fault = new.quality is Quality.WAITING and held.quality not in (Quality.GOOD, Quality.WAITING)
     return new if new.t_ns >= held.t_ns and not lifts_a_fault else replace(held, stats=new.stats)
 
@@ -277,7 +277,7 @@ def _failure(
     if new and reading.quality in DEAD:
         return Failure(reading.quality, None)
     if old.quality is None or not new:
-        # What is held back stands in the state as dead; whether more has come since, only its age tells.
+        # A value held back is in the state as dead; only its age shows whether another has arrived since.
         gap = old.alive_since_ns is not None and now_ns - reading.t_ns > deadline_s * NS_PER_S
         return Failure(old.quality, None) if gap else old
     if reading.quality is Quality.WAITING:
@@ -314,7 +314,7 @@ def _held(
 ) -> tuple[FusionMemory, bool]:
     """D = 1 ends only when both sensors show that the truck has moved away, by a ratio of R and Z that fits.
 
-    A red lamp for the covered marker, or an echo from the spout, changes one of them alone.
+    A red lamp for the covered marker, or an echo from the spout, changes only one of them.
     """
     if circle.radius_px >= config.radius_threshold_px and distance_mm <= config.distance_threshold_mm:
         return replace(memory, mark=TruckPosition(distance_mm, circle)), raw
@@ -339,9 +339,9 @@ def _no_cause_for_long(memory: FusionMemory, now_ns: int, config: FusionConfig) 
 
 
 def _arrives(memory: FusionMemory, vision: VisionReading, rng: RangeReading, config: FusionConfig) -> bool:
-    """Is D surely 0 though the ranger sees nothing yet? A small marker, as far away as nothing is heard from.
+    """Is D surely 0 though the ranger sees nothing yet? A small marker, beyond the range from which echoes return.
 
-    A ranger that has gone deaf is found out when the marker comes nearer than the ranger's range by what was learned.
+    A ranger without echoes is detected when the marker, by the learned R Z, is within the ranger's range.
     """
     if not config.arrive_by_camera or memory.scale is None or memory.d or memory.disagree or vision.circle is None:
         return False

@@ -1,4 +1,4 @@
-"""What the driver is told: (state, configuration) -> guidance code and the numbers behind it. Pure.
+"""The instruction for the driver: (state, configuration) -> guidance code and the numbers behind it. Pure.
 
 It decides nothing: it follows `stop`. While stop is on, no code ever tells the truck to come nearer.
 
@@ -106,17 +106,17 @@ def _code(
     in_use: bool,
     broken: bool,
 ) -> GuidanceCode:
-    said = {GuidanceCode.FAULT} if broken or state.memory.disagree else set()
+    active = {GuidanceCode.FAULT} if broken or state.memory.disagree else set()
     for quality, table in ((state.vision.quality, _VISION), (state.range.quality, _RANGE)):
         if quality is not Quality.GOOD:
-            said.add(table.get(quality, GuidanceCode.FAULT))
+            active.add(table.get(quality, GuidanceCode.FAULT))
     if not in_use:
-        said.add(GuidanceCode.WAIT)
+        active.add(GuidanceCode.WAIT)
     if state.memory.latched and state.d is not True:
-        said.add(GuidanceCode.STOP)
-    if told := _from_visit(state, said, speed, config):
-        return told
-    if found := [code for code in _WORST_FIRST if code in said]:
+        active.add(GuidanceCode.STOP)
+    if code := _from_visit(state, active, speed, config):
+        return code
+    if found := [code for code in _WORST_FIRST if code in active]:
         return found[0]
     if state.stop or go_mm is None:
         return _at_mark(state, config, go_mm, speed)
@@ -128,10 +128,10 @@ def _code(
 
 
 def _from_visit(
-    state: StateVector, said: set[GuidanceCode], speed: float | None, config: GuidanceConfig
+    state: StateVector, active: set[GuidanceCode], speed: float | None, config: GuidanceConfig
 ) -> GuidanceCode | None:
-    """What the visit says, before what the sensors say one by one: in place, leaving, arriving."""
-    if GuidanceCode.FAULT in said or state.function_check is not FunctionCheck.OFF:
+    """The visit's instruction, which precedes those of the single sensors: in place, leaving, arriving."""
+    if GuidanceCode.FAULT in active or state.function_check is not FunctionCheck.OFF:
         return None
     phase = state.visit.phase
     if state.in_place:

@@ -1,9 +1,9 @@
 """The PLC's heartbeat, recipe and triggered measurement: (block, write, state, time) -> block. Pure.
 
 One writer at a time: the first one owns the block (`claim`) until its heartbeat is lost, and only what the owner writes
-takes effect. Who owns it next begins with a block in which nothing is set.
+takes effect. Its next owner begins with a block in which nothing is set.
 
-A triggered measurement goes round in one table, TRANSITIONS, in the manner of industrial vision sensors: a rising
+A triggered measurement is the state machine TRANSITIONS, in the manner of industrial vision sensors: a rising
 `trigger` takes the next acquisition id; the first frame and distance younger than it are the result, which is held with
 `results_valid` until `results_ack` rises; when that is back at 0 the next trigger is taken. Whatever the PLC writes, it
 can only ask: whether a reset or a release ends a stop is decided in interlock.py and visit.py.
@@ -86,7 +86,7 @@ TRANSITIONS: dict[tuple[Phase, Signal], tuple[Phase, Work]] = {
     (Phase.ACQUIRING, Signal.PLC_LOST): (Phase.READY, _time_out),
     (Phase.VALID, Signal.TRIGGER): (Phase.VALID, _overrun),
     (Phase.VALID, Signal.ACK): (Phase.CLEARING, _drop),
-    (Phase.VALID, Signal.PLC_LOST): (Phase.READY, _drop),  # an unread result must not wait for a PLC that comes back
+    (Phase.VALID, Signal.PLC_LOST): (Phase.READY, _drop),  # an unread result must not wait for the PLC's return
     (Phase.CLEARING, Signal.TRIGGER): (Phase.CLEARING, _overrun),
     (Phase.CLEARING, Signal.ACK_GONE): (Phase.READY, _nothing),
     (Phase.CLEARING, Signal.PLC_LOST): (Phase.READY, _nothing),
@@ -107,7 +107,7 @@ def owned(plc: Handshake, now_ns: int, config: HandshakeConfig) -> bool:
     if plc.owner is None:
         return False
     if plc.owner_beats:
-        return plc.link is PlcLink.ALIVE  # the loss is told first, then another may begin
+        return plc.link is PlcLink.ALIVE  # the loss is reported first, then another may begin
     quiet = now_ns - plc.owner_ns > config.heartbeat_deadline_s * NS_PER_S
     return not quiet or not (config.heartbeat_required or plc.owner_gone)
 
@@ -118,14 +118,14 @@ def claim(plc: Handshake, writer: Writer, state: StateVector, now_ns: int, confi
         return plc if config.heartbeat_required else replace(plc, owner_ns=now_ns, owner_gone=False)
     if owned(plc, now_ns, config):
         return replace(plc, conflicts=plc.conflicts + 1)
-    if plc.owner is not None:  # what it wanted must not take effect under another's heartbeat
+    if plc.owner is not None:  # its requests must not take effect under another's heartbeat
         plc = replace(_signalled(plc, Signal.PLC_LOST, state), control=0, control_known=False)
         plc = replace(plc, truck_left=False, trigger_ack=False)
     return replace(plc, owner=writer, owner_ns=now_ns, owner_beats=False, owner_gone=False)
 
 
 def connected(plc: Handshake, change: PlcConnection) -> Handshake:
-    """The block after its owner has come or gone; others' connections change nothing."""
+    """The block after its owner has connected or disconnected; others' connections change nothing."""
     if plc.owner is None or plc.owner.identity != change.writer.identity:
         return plc
     return replace(plc, owner_gone=not change.open)
@@ -155,7 +155,7 @@ def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int
 def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: HandshakeConfig) -> Handshake:
     """The block after `write` (None: no write, time has passed), with `state` as the sensors have it now.
 
-    The writer owns the block (`claim`). `recipe` of a write is not looked at here: `select` comes before the sensors'
+    The writer owns the block (`claim`). `recipe` of a write is not looked at here: `select` runs before the sensors'
     values are judged.
     """
     before = plc
@@ -173,7 +173,7 @@ def rose(before: Handshake, after: Handshake, bit: Control) -> bool:
 
 
 def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
-    """The result of the acquisition at work, if both sensors have spoken since its trigger."""
+    """The result of the acquisition at work, if both sensors have reported since its trigger."""
     vision, rng = state.vision, state.range
     silent = (Quality.WAITING, Quality.STALE)
     # A median is as old as its oldest echo: of what was measured before the trigger nothing may count.

@@ -1,8 +1,8 @@
-"""The whole step of a bay: fusion's decision, then what may only make it stricter, then the truck's visit. Pure.
+"""The complete step of a bay: fusion's decision, then what may only make it stricter, then the truck's visit. Pure.
 
-Fusion (the paper) says what the sensors mean. On top of it stand the latch of a stop, the PLC's heartbeat and enables,
+Fusion (the paper) decides by the sensors. Above it are the latch of a stop, the PLC's heartbeat and enables,
 a technician at work, and a truck that is in place or moved without release; each can raise `stop` or withhold
-`may_move`, none can end a stop that fusion asks for. One exception: a truck that was in place, and that the PLC has
+`may_move`, none can end a stop that fusion requires. One exception: a truck that was in place, and that the PLC has
 released, may leave although D is 1 or unknown (docs/visit.md). Guidance follows from the result.
 """
 
@@ -36,7 +36,7 @@ from gateway.core.scale import ScaleSample
 NS_PER_S = 1_000_000_000
 VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
 VALID_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
-# A lost PLC is told before these: they are how an idle bay looks, or how a good one stops.
+# A lost PLC is reported before these: they are how an idle bay looks, or how a good one stops.
 _BELOW_PLC_LOST = frozenset(
     {Reason.NONE, Reason.TARGET_REACHED, Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED}
 )
@@ -71,7 +71,7 @@ class Rules:
 
     @property
     def valid_for_ns(self) -> int:
-        """Without a tick for so long, nobody decides any more."""
+        """Without a tick for so long, no decision is valid any more."""
         return int(max(VALID_MIN_S, VALID_PERIODS * self.recipes[0].fusion.period_s) * NS_PER_S)
 
     @staticmethod
@@ -142,7 +142,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
 
     fail_safe = recipe.fusion.fail_safe
     released = visit.may_leave(current, fused, limits)
-    rolled = current.moved is not Moved.NO and rules.handshake is not None  # without writes nobody could release it
+    rolled = current.moved is not Moved.NO and rules.handshake is not None  # without writes no PLC could release it
     stop = (fused.stop and not released) or memory.latched or current.in_place or rolled or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
@@ -168,7 +168,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
 def _accepted_write(
     state: StateVector, observation: fusion.Observation, now_ns: int, config: HandshakeConfig | None
 ) -> tuple[Handshake, PlcWrite | None]:
-    """The block as whoever writes finds it, and the write; None: there is none, or it is not its writer's to make."""
+    """The block as its writer finds it, and the write; None: there is none, or another writer owns the block."""
     match observation:
         case PlcWrite() if config is not None:
             plc = handshake.claim(state.plc, observation.writer, state, now_ns, config)
@@ -182,7 +182,8 @@ def _accepted_write(
 def _latch(
     old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, current: Visit, limits: visit.Limits
 ) -> tuple[FusionMemory, Handshake]:
-    """Set by D; ended by a reset, a release or the truck leaving, never while its cause stands or can't be judged."""
+    """Set by D; ended by a reset, a release or the truck leaving, never while its cause is present or can't be
+    judged."""
     config = limits.fusion
     reset = handshake.rose(before, plc, Control.RESET)
     if not config.latch_stop:
@@ -235,7 +236,7 @@ def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -
 def _learned(
     memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: visit.Limits, fused: StateVector
 ) -> FusionMemory:
-    """R times Z: one sample when a truck comes to be in place; a bay that is clear forgets that of its last truck."""
+    """R times Z: one sample when a truck is in place; a clear bay drops that of its last truck."""
     if current.in_place and not old.visit.in_place and current.place is not None:
         sample = ScaleSample(recipe, current.place.circle.radius_px, current.place.distance_mm, fused.t_ns)
         memory = replace(memory, scale_samples=scale.with_visit(memory.scale_samples, sample))

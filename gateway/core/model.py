@@ -30,13 +30,13 @@ class Quality(IntEnum):
 
 
 FRESH_FRAME = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED})
-"""Of a camera's reading: a frame stands behind it, whatever was in it."""
+"""Of a camera's reading: it is from a fresh frame, with or without a marker."""
 VISION_FINE = FRESH_FRAME | {Quality.WAITING}
 """Of a camera's reading: no fault. Every other quality is one."""
 RANGE_FINE = frozenset({Quality.GOOD, Quality.WAITING})
 """Of a ranger's reading: no fault. Every other quality is one."""
 DEAD = frozenset({Quality.STALE, Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.STUCK, Quality.WRONG_VERSION})
-"""Of either sensor: it is broken, or its link is. Every other quality but WAITING comes from a live sensor."""
+"""Of either sensor: it is broken, or its link is. Every other quality but WAITING is that of a live sensor."""
 
 QUALITY_MEANING: dict[Quality, str] = {
     Quality.GOOD: "fresh and valid",
@@ -165,7 +165,7 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """What the vision pipeline says about one image. `circle` is None where no marker was found."""
+    """The vision pipeline's result for one image. `circle` is None where no marker was found."""
 
     circle: Circle | None
     area_px2: float = 0.0  # equation 8, of the chosen contour
@@ -207,7 +207,8 @@ PICTURE_MEANING: dict[PictureFault, str] = {
 
 @dataclass(frozen=True, slots=True)
 class PictureHealth:
-    """What the picture itself is like, whatever is in it. Shares are 0 to 1; None: can't be told of this picture."""
+    """Quality of the picture itself, with or without a marker. Shares are 0 to 1; None: can't be measured in this
+    picture."""
 
     brightness: float  # mean grey level
     clipped: float  # share of pixels at white
@@ -266,7 +267,7 @@ class VisionReading:
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
     wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
-    picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` alone
+    picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` only
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,7 +324,7 @@ class FusionMemory:
 
 
 class VisitPhase(IntEnum):
-    """Where a truck's visit stands (docs/visit.md). The numbers are on the wire: never renumber, only add."""
+    """The phase of a truck's visit (docs/visit.md). The numbers are on the wire: never renumber, only add."""
 
     UNKNOWN = 0
     EMPTY = 1
@@ -366,7 +367,7 @@ MOVED_MEANING: dict[Moved, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """What a bay knows of the truck's visit. Only `in_place` may ever be a condition for loading.
+    """The state of the truck's visit to a bay. Only `in_place` may ever be a condition for loading.
 
     All times monotonic ns; None: not pending. `place` stays after `in_place` has ended, so that a truck that moves is
     noticed, until the truck has left or is in place again.
@@ -386,12 +387,12 @@ class Visit:
     usable_since_ns: int | None = None  # both sensors alive, the distance known and no contradiction since
     candidate: TruckPosition | None = None  # where the truck stood when still_since_ns began
     off_mark: bool = False  # since it was in place, D was 0 and Z well beyond Z_th
-    farthest_mm: float | None = None  # Z at most since the release; a truck that comes nearer is not leaving
+    farthest_mm: float | None = None  # Z at most since the release; an approaching truck is not leaving
     ended: str = ""  # why in_place ended last, in words
 
     @property
     def held(self) -> bool:
-        """In place by the ranger alone: the marker is covered."""
+        """In place by the ranger only: the marker is covered."""
         return self.in_place and self.covered_since_ns is not None
 
     def withdrawn(self) -> "Visit":
@@ -400,7 +401,7 @@ class Visit:
 
 
 class GuidanceCode(IntEnum):
-    """What the driver is told. The numbers are on the wire: never renumber, only add."""
+    """The instruction for the driver. The numbers are on the wire: never renumber, only add."""
 
     WAIT = 0
     FORWARD = 1
@@ -434,14 +435,14 @@ GUIDANCE_MEANING: dict[GuidanceCode, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Guidance:
-    """What the driver is told, and the numbers behind it. None: not known now, or not configured."""
+    """The instruction for the driver and its numbers. None: not known now, or not configured."""
 
     code: GuidanceCode = GuidanceCode.WAIT
     amount_mm: float | None = None  # of what the code names; never negative
     offset_u_px: float | None = None  # marker minus aim point, to the right
     offset_v_px: float | None = None  # downwards
     offset_mm: float | None = None  # offset_u in the plane of the marker
-    closing_mm_s: float | None = None  # positive: the truck comes nearer
+    closing_mm_s: float | None = None  # positive: the truck approaches
     to_go_mm: float | None = None  # until D = 1; negative: past it
 
 
@@ -459,8 +460,8 @@ class FunctionCheck(IntEnum):
 class StateVector:
     """Equation 13's x = [u, v, R, Z, tau] with the decision of equation 14 and what is needed to trust it.
 
-    Replaced whole, never changed. `vision` and `range` hold the newest observation with its quality as of `t_ns`: a
-    reading that has aged past its deadline stands here as STALE and without a value.
+    Replaced with every step, never changed. `vision` and `range` hold the newest observation with its quality as of
+    `t_ns`: a reading older than its deadline is here STALE and without a value.
     """
 
     bay: str
@@ -479,7 +480,7 @@ class StateVector:
     guidance: Guidance = field(default_factory=Guidance)
     function_check: FunctionCheck = FunctionCheck.OFF
     visit: Visit = field(default_factory=Visit)
-    valid_until_ns: int = 0  # without another tick by then, nobody decides any more: gateway/core/shown.py
+    valid_until_ns: int = 0  # without another tick by then, it is no longer valid: gateway/core/shown.py
 
     @property
     def in_place(self) -> bool:
@@ -487,7 +488,7 @@ class StateVector:
 
     @property
     def picture(self) -> PictureHealth | None:
-        """The picture's own health; only while the camera's frames are fresh, and somebody computes the state."""
+        """The picture's own health; only while the camera's frames are fresh, and the control task runs."""
         fresh = self.vision.quality in FRESH_FRAME and self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)
         return self.vision.picture if fresh else None
 

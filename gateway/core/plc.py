@@ -1,6 +1,6 @@
-"""The PLC's side of a bay, as records: what it writes, what it is told, and the words for both. Pure.
+"""The PLC's side of a bay, as records: what it writes, what is reported to it, and the texts for both. Pure.
 
-The numbers are on the wire: never renumber, only add. What happens between them stands in gateway/core/handshake.py.
+The numbers are on the wire: never renumber, only add. The transitions are in gateway/core/handshake.py.
 """
 
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ CONTROL_BITS = sum(1 << bit for bit in Control)
 
 
 class PlcLink(IntEnum):
-    """Does the PLC live? Judged by its heartbeat alone."""
+    """Is the PLC alive? Judged by its heartbeat only."""
 
     UNUSED = 0
     WAITING = 1
@@ -52,7 +52,7 @@ PLC_LINK_MEANING: dict[PlcLink, str] = {
 
 
 class Phase(IntEnum):
-    """Where a triggered measurement stands."""
+    """The phase of a triggered measurement."""
 
     READY = 0
     ACQUIRING = 1
@@ -88,7 +88,7 @@ OUTCOME_MEANING: dict[Outcome, str] = {
 
 
 class RecipeVerdict(IntEnum):
-    """What became of the newest recipe_select."""
+    """Result of the newest recipe_select."""
 
     NONE = 0
     ACTIVE = 1
@@ -108,7 +108,7 @@ RECIPE_MEANING: dict[RecipeVerdict, str] = {
 
 
 class ResetVerdict(IntEnum):
-    """What became of the newest reset."""
+    """Result of the newest reset."""
 
     NONE = 0
     DONE = 1
@@ -134,7 +134,7 @@ class Writer:
 
     @property
     def identity(self) -> tuple[str, str]:
-        """Equal for the same PLC, on whatever connection it comes."""
+        """Equal for the same PLC, on any connection."""
         return self.address, self.subject
 
     def __str__(self) -> str:
@@ -165,11 +165,11 @@ class PlcConnection:
 
 
 class WriteVerdict(Enum):
-    """What became of a write."""
+    """Result of a write."""
 
     TAKEN = auto()
     CONFLICT = auto()  # the block belongs to another writer
-    UNDECIDED = auto()  # the control task does not run: nobody could take it
+    UNDECIDED = auto()  # the control task does not run: it can't be taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,35 +199,35 @@ class Acquired:
 
 @dataclass(frozen=True, slots=True)
 class Handshake:
-    """The block's state. Replaced whole. All times monotonic ns; the default is that of a gateway with writes off."""
+    """The block's state; immutable. All times monotonic ns; the default is that of a gateway with writes off."""
 
     link: PlcLink = PlcLink.UNUSED
     heartbeat: int = 0  # as last written
     beat_ns: int = 0  # it last changed then; before the first: the start
-    missed: bool = False  # it is required, and has not come within its deadline: a fault
+    missed: bool = False  # it is required, and has not arrived within its deadline: a fault
     control: int = 0  # as last written
     control_known: bool = False  # it was written since the start; the first write sets levels and makes no edges
     recipe_asked: int = 0  # as last written
-    recipe: int = 0  # in force; 0: the configuration as it stands
+    recipe: int = 0  # in force; 0: the configuration's own thresholds
     recipe_verdict: RecipeVerdict = RecipeVerdict.NONE
     reset_verdict: ResetVerdict = ResetVerdict.NONE
-    truck_left: bool = False  # truck_present went from 1 to 0, and no new one came
+    truck_left: bool = False  # truck_present changed from 1 to 0, and no new one arrived
     phase: Phase = Phase.READY
     acquisition: int = 0  # id of the newest trigger taken; 0: none since the start
     trigger_ns: int = 0
-    trigger_ack: bool = False  # the trigger was taken, and its bit still stands
-    overrun: bool = False  # a trigger came while one was at work; until the next one taken
+    trigger_ack: bool = False  # the trigger was taken, and its bit is still 1
+    overrun: bool = False  # a trigger arrived during an acquisition; until the next one taken
     timed_out: bool = False  # the newest acquisition got no result in time; until the next one taken
     result: Acquired | None = None  # if and only if phase is VALID
     writes: int = 0  # requests taken since the start
-    owner: Writer | None = None  # whose writes are taken; None: nobody has written since the start
+    owner: Writer | None = None  # whose writes are taken; None: no write since the start
     owner_ns: int = 0  # it became the owner then; where no heartbeat is required: it last wrote then
     owner_beats: bool = False  # it has written a heartbeat since
     owner_gone: bool = False  # its last connection has ended
     conflicts: int = 0  # requests refused since the start, because the block belonged to another
 
     def withdrawn(self) -> "Handshake":
-        """For the last word of a gateway, or one about it: no result stands, and no trigger would be taken."""
+        """For a gateway's final state: no result is held, and no trigger would be taken."""
         return replace(self, phase=Phase.CLEARING, result=None)
 
     def on(self, bit: Control) -> bool:

@@ -1,7 +1,7 @@
-"""R times Z of one physical marker and one lens: learned from visit to visit, and what it says then. Pure.
+"""R times Z of one physical marker and one lens: learned from visit to visit, and what follows from it. Pure.
 
-A pinhole sees a disc of radius r at the distance Z as R = f r / Z, so that R Z is a constant. It is taken down whenever
-a truck comes to be in place: standing, and seen by both sensors. An offset between camera and ranger makes R Z depend
+A pinhole sees a disc of radius r at the distance Z as R = f r / Z, so that R Z is a constant. It is recorded whenever
+a truck is in place: standing, and seen by both sensors. An offset between camera and ranger makes R Z depend
 on Z, so what was learned is used near the places where it was learned only.
 """
 
@@ -13,7 +13,7 @@ NS_PER_S = 1_000_000_000
 MAX_VISITS = 60  # visits
 MIN_VISITS = 3  # of them, before it is believed
 NEAR_SHARE = 1.5  # of the learned Z: up to there R Z is judged by it
-SLACK = 1.15  # the search is told so much wider a range than the one beyond which fusion sees a contradiction
+SLACK = 1.15  # the search gets a range wider by this factor than the one beyond which fusion sees a contradiction
 LAG_S = 0.7  # so old may the distance be, by which a frame is searched: sensor, median, message, and no newer one
 JUMP_SHARE = 0.1  # a visit that differs more is worth an alarm: other marker, moved camera, changed zoom
 
@@ -78,7 +78,7 @@ def with_visit(samples: tuple[ScaleSample, ...], sample: ScaleSample) -> tuple[S
 def expected_radius_px(
     scale: MarkerScale | None, distance_mm: float | None, tolerance: float
 ) -> tuple[float, float] | None:
-    """Which radii a marker at that distance can have; None: can't be told."""
+    """Which radii a marker at that distance can have; None: unknown."""
     if scale is None or distance_mm is None or distance_mm > NEAR_SHARE * scale.distance_mm:
         return None
     radius_px = scale.px_mm / distance_mm
@@ -88,7 +88,7 @@ def expected_radius_px(
 def possible_radii_px(
     scale: MarkerScale | None, distance_mm: float | None, closing_mm_s: float | None, tolerance: float
 ) -> tuple[float, float] | None:
-    """Which radii the search may take for the marker's, of a truck that moves at that speed; None: nobody knows."""
+    """Which radii the search may take for the marker's, of a truck that moves at that speed; None: unknown."""
     if distance_mm is None or closing_mm_s is None:
         return None
     wider, travel_mm = (1 + tolerance) * SLACK - 1, abs(closing_mm_s) * LAG_S

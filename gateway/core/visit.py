@@ -1,10 +1,10 @@
 """A truck's visit after D = 1: in place, held while the marker is covered, moved, released, gone. Pure (docs/visit.md).
 
-`in_place` is entered by both sensors only: D known and 1, the truck standing, aligned and not too far in, for
-`settle_s`, no function check. Every loading covers the marker, so from then on the ranger alone may hold it, for as
-long as Z stays in its band, the camera is alive and nothing contradicts, and for `hold_limit_s` at most. A dead sensor
-ends it at once. What may be a glitch (a live ranger without a distance, a contradiction) ends it after `hold_grace_s`.
-It must then be earned again.
+`in_place` is entered by both sensors only: D known and 1, the truck standing still, aligned and not too far in, for
+`settle_s`, no function check. Every loading covers the marker, so from then on the ranger may hold it on its own, for
+as long as Z stays in its band, the camera is alive and nothing contradicts, and for `hold_limit_s` at most. A dead
+sensor ends it at once. What may be a glitch (a live ranger without a distance, a contradiction) ends it after
+`hold_grace_s`. It must then be confirmed again by both sensors.
 
 A release lets such a truck leave although D is 1 or unknown: the one exception to `stop` (decision 19).
 """
@@ -113,11 +113,11 @@ def clear(state: StateVector, limits: Limits) -> bool:
 
 
 def _leaving(visit: Visit, state: StateVector, limits: Limits, *, released: bool) -> Visit:
-    """What becomes of a release: it ends with whatever casts doubt on it, so that no other truck inherits it."""
+    """The release in the next state: any doubt ends it, so that no other truck inherits it."""
     farthest_mm, distance_mm = visit.farthest_mm, state.range.distance_mm
     nearer = farthest_mm is not None and distance_mm is not None and distance_mm < farthest_mm - limits.visit.band_mm
     if visit.off_mark:
-        # It comes back, or another truck comes in: for that one nothing has been released.
+        # It returns, or another truck arrives: for that one nothing has been released.
         return _after_visit(visit) if nearer or state.d is True else _farther(visit, distance_mm)
     visit = replace(visit, unconfirmed_since_ns=_since(visit.unconfirmed_since_ns, state, on=not usable(state)))
     dead = state.vision.quality in NOT_MEASURING or state.range.quality in NOT_MEASURING
@@ -134,13 +134,13 @@ def _farther(visit: Visit, distance_mm: float | None) -> Visit:
 
 
 def _is_off_mark(state: StateVector, limits: Limits) -> bool:
-    """From here on equation 14 alone lets the truck go: fusion has said so for clear_hold_s."""
+    """From here on equation 14 lets the truck leave: fusion has reported D = 0 for clear_hold_s."""
     distance_mm = state.range.distance_mm
     return state.d is False and state.may_move and distance_mm is not None and distance_mm > limits.off_mark_mm
 
 
 def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits: Limits) -> Visit:
-    """In place, once both sensors have said so for settle_s, and that it is the same place."""
+    """In place, once both sensors have confirmed it for settle_s, at the same place."""
     circle, distance_mm = state.vision.circle, state.range.distance_mm
     if visit.in_place:
         return visit
@@ -170,7 +170,7 @@ def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits:
 def _stands_at_mark(
     state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: Limits
 ) -> bool:
-    """D = 1, standing, aligned where an aim is set, not too far in, nothing contradicts, nobody works on the bay."""
+    """D = 1, standing, aligned where an aim is set, not too far in, nothing contradicts, no function check."""
     fusion, guidance = limits.fusion, limits.guidance
     # D may be held at a circle that is not the marker, so that both values must be those of a truck at the mark.
     large = circle.radius_px >= fusion.radius_threshold_px - max(fusion.radius_hysteresis_px, fusion.away_px)
@@ -232,7 +232,7 @@ def _compared(place: TruckPosition, state: StateVector, config: VisitConfig) -> 
     shift_px = math.hypot(circle.u_px - place.circle.u_px, circle.v_px - place.circle.v_px)
     shifted = shift_px > share * was_px
     if left_band:
-        # Nearer to R as it was than to R as it should be: the marker stands where it stood, the echo is another.
+        # Nearer to R as it was than to R as it should be: the marker is where it was, the echo is another object's.
         stayed = not shifted and abs(circle.radius_px - was_px) < abs(fitting_px - was_px) / 2
         return (Moved.NO, True) if stayed else (Moved.DISTANCE, False)
     same_size = was_px / (1 + share) <= circle.radius_px <= was_px * (1 + share)

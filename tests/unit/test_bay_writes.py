@@ -132,7 +132,7 @@ def test_heartbeats_are_counted_and_only_their_loss_and_return_are_told() -> Non
     bench.clock.t_ns += 1001 * MS
     bench.see(900.0)
     lost = bench.told()
-    assert (EventKind.PLC_LOST, "plc_heartbeat stands at 499") in lost
+    assert (EventKind.PLC_LOST, "plc_heartbeat stopped at 499") in lost
     assert bench.hub.state("bay1").reason is Reason.PLC_LOST
     bench.bay._step(Tick())
     bench.bay.on_write(PlcWrite(WHO, 1))

@@ -482,7 +482,7 @@ def test_a_corpse_that_is_taken_over_does_not_speak_again(own_folder: Path, monk
     path.write_bytes(corpse)
     monkeypatch.setattr(shared_state, "_sweep", lambda: None)
     with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        with pytest.raises(LinkError, match="no whole state"):
+        with pytest.raises(LinkError, match="no complete state"):
             reader.read()
         writer.write(numbered(9))
         assert reader.read().seq == 9
@@ -554,7 +554,7 @@ def test_nothing_has_been_written_yet() -> None:
     with (
         SharedStateWriter("line1", "bay1"),
         SharedStateReader("line1", "bay1") as reader,
-        pytest.raises(LinkError, match="no whole state could be read"),
+        pytest.raises(LinkError, match="no complete state could be read"),
     ):
         reader.read()
 
@@ -578,7 +578,7 @@ def test_damage_in_both_slots_is_no_value() -> None:
         with path_of("line1", "bay1").open("r+b") as file:
             file.seek(shared_state._HEAD.size)
             file.write(b"\xff" * 2 * shared_state._SLOT_SIZE)
-        with pytest.raises(LinkError, match="no whole state could be read"):
+        with pytest.raises(LinkError, match="no complete state could be read"):
             reader.read()
 
 
