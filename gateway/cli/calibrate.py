@@ -11,11 +11,11 @@
 
 How to take the pictures: 10 to 30 of them, with the camera, lens, focus, zoom and picture size of the plant. A flat,
 stiff board, wholly in the picture, sharp and still. Near and far, in the middle and in every corner, tilted by 20 to
-45 degrees left, right, up and down: a board seen from the front alone does not tell a long lens from a great
-distance.
+45 degrees left, right, up and down: a board seen only from the front does not distinguish a long lens from a
+great distance.
 
 What you get: fx, fy, cx, cy and distortion as TOML, each with its standard deviation; the reprojection error over all
-and of each picture; how much of the frame was covered; and what speaks against the result. A picture that fits far
+and of each picture; how much of the frame was covered; and the doubts about the result. A picture that fits far
 worse than the others is left out and named. Pictures of another size than most are left out, too.
 
 Z_vision: with the intrinsics and the marker's true radius the radius in the picture becomes a distance, Z = focal_px
@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--distortion",
         choices=("auto", "0", "4", "5", "8"),
         default="auto",
-        help="coefficients; auto: 5, or 4 where k3 cannot be told from 0",
+        help="coefficients; auto: 5, or 4 where k3 cannot be distinguished from 0",
     )
     parser.add_argument("--marker-radius-mm", type=float, metavar="MM", help="print [fusion.cross_check], too")
     parser.add_argument("--out", type=Path, metavar="FILE.toml", help="write the TOML to this file")
@@ -93,8 +93,8 @@ def main(args: argparse.Namespace) -> int:
         print(f"\n{text}", end="")
         if radius_mm is not None:
             _explain(report.focal_px(found), radius_mm)
-    for said in found.warnings:
-        print(f"warning: {said}", file=sys.stderr)
+    for warning in found.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     for path in (args.out, args.picture, args.report):
         if path is not None:
             print(f"written: {path}", file=sys.stderr)
@@ -141,18 +141,16 @@ def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[in
 def _no_board(board: "Board", looked_at: int, kept: Sequence["Image"]) -> str:
     from gateway.vision.offline.calibration.boards import other_size
 
-    said = (
-        f"gateway calibrate: no {board} in any of {looked_at} pictures; the whole board must be seen, with a light rim"
-    )
+    text = f"gateway calibrate: no {board} in any of {looked_at} pictures; the whole board must be visible, with a light rim"
     if not looked_at:
         return "gateway calibrate: no picture could be read"
     for image in kept:
         if size := other_size(board, image):
             return (
-                f"{said}\na checkerboard of {size[0]} x {size[1]} inner corners was found: is that the board? "
+                f"{text}\na checkerboard of {size[0]} x {size[1]} inner corners was found: is that the board? "
                 "The size counts inner corners, one less than squares each way."
             )
-    return said
+    return text
 
 
 def _names(names: Sequence[str], most: int = 5) -> str:

@@ -1,6 +1,6 @@
 """Make the certificates for Modbus/TCP Security: a small authority, the gateway's certificate, one for each client.
 
-A plant that has an authority of its own does not need this: see docs/modbus-security.md for what its certificates
+A plant that has its own authority does not need this: see docs/modbus-security.md for what its certificates
 must hold.
 
   gateway certs init certs                          the authority: certs/ca.pem, certs/ca.key
@@ -11,7 +11,7 @@ must hold.
   gateway certs renew plc1 --dir certs              the same again, good for longer, with the same key
   gateway certs revoke hmi1 --dir certs             revoke one: certs/crl.pem, for modbus.tls.crl
 
-Nothing is overwritten but by renew and revoke. ca.key signs for everybody: keep it off the gateway, in a safe place.
+Nothing is overwritten but by renew and revoke. ca.key signs any certificate: keep it off the gateway, in a safe place.
 """
 
 import argparse
@@ -88,7 +88,7 @@ def _init(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     folder.add(CA, made, key)
     folder.replace_crl(issue.revocations(folder.authority(), None, None, now, args.days))
     print(f"{folder.certificate_path(CA)}: the authority; copy it to the gateway and to every client")
-    print(f"{folder.key_path(CA)}: signs for everybody; keep it in a safe place, not on the gateway")
+    print(f"{folder.key_path(CA)}: signs any certificate; keep it in a safe place, not on the gateway")
     _end(folder, CA, now)
     return 0
 

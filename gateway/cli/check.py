@@ -1,4 +1,4 @@
-"""Check a configuration file and show what it comes to.
+"""Check a configuration file and show its effect.
 
 Every fault is one line: file:line: key = value: what is wrong (allowed range). Exit code 2 if there is any.
 
@@ -30,8 +30,8 @@ def _access(hmi: "HmiConfig") -> str:
     everybody = {
         "none": "nothing without a login",
         "driver": "the driver's display without a login",
-        "viewer": "everybody may look",
-        "technician": "everybody may do everything",
+        "viewer": "anybody may view",
+        "technician": "anybody may do everything",
     }
     names = ", ".join(f"{user.name} ({user.role})" for user in hmi.users)
     return f"{everybody[hmi.without_login]}; {f'users: {names}' if names else 'no users'}"
@@ -51,7 +51,7 @@ def main(args: argparse.Namespace) -> int:
         print(reference.markdown(), end="")
         return 0
     if args.config is None:
-        raise ConfigError("gateway check: name a configuration file, or ask for --keys")
+        raise ConfigError("gateway check: name a configuration file, or use --keys")
     settings = config.load(args.config)
     document, text = read_toml(args.config)
     app.check(settings, source=str(args.config), text=text)  # a URL that could never work is a fault of the file, too

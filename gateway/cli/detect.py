@@ -8,10 +8,10 @@
   gateway detect bay.png --stages out/            the paper's stages as pictures: its Figures 3 and 4
   gateway detect bay.png --config gateway.toml --bay north     with a plant's own settings
   gateway detect bay.png --method paper           by the paper's own pipeline
-  gateway detect bay.png --method paper --min-circularity 0.7      refuse what is not round (a perfect disc has 0.90)
+  gateway detect bay.png --method paper --min-circularity 0.7      reject what is not round (a perfect disc has 0.90)
   find . -name '*.png' | gateway detect -         names from standard input, one a line
 
-An input that cannot be read gives a line with its error, and the rest goes on.
+An input that cannot be read gives a line with its error, and the rest is processed.
 JSON keys: file, frame (videos, animations), found, u, v, r (null where nothing was found), area, circularity, fill,
 ellipse (u, v, semi_major, semi_minor, angle_deg), confidence and visible (0 to 1; null where the method gives none),
 candidates, rejected (u, v, r and why, of the best few that were refused), x_n and y_n (where the configuration has

@@ -1,4 +1,5 @@
-"""The work of `gateway detect`: look at one picture after the other, make a row of each, write what was asked for."""
+"""The work of `gateway detect`: process one picture after the other, make a row of each, write the requested
+outputs."""
 
 import argparse
 import math
@@ -40,7 +41,7 @@ class Names:
 
 
 class DetectionRun:
-    """Looks at one picture after the other, and writes what was asked for."""
+    """Processes one picture after the other, and writes the requested outputs."""
 
     def __init__(self, params: "VisionConfig", args: argparse.Namespace) -> None:
         from gateway.clock import SystemClock
@@ -48,7 +49,7 @@ class DetectionRun:
 
         self._params = params
         self._fps: float | None = args.track
-        # Without --track the pictures are no sequence: each is looked at by itself.
+        # Without --track the pictures are no sequence: each is processed by itself.
         self._find = registry.detector(
             params.model_copy(update={"tracking": self._fps is not None}), SystemClock().now_ns
         )

@@ -5,14 +5,14 @@ DIR holds pictures and labels.jsonl, one JSON object a line:
   {"file": "empty.jpg", "found": false}
 u, v, r: centre and radius in px, pixel centres at integers. Optional: group, series (one camera and marker, or one
 sequence), a and b (semi-axes of a tilted rim), tol_px (how far the label may be off), visible (share of the rim), z_cm
-(distance), frame (number in a sequence). Other keys are left alone.
+(distance), frame (number in a sequence). Other keys are ignored.
 
-  gateway evaluate photos/                              a table: rates, errors, time; whole and by group
+  gateway evaluate photos/                              a table: rates, errors, time; total and by group
   gateway evaluate photos/ --report out.html            one file with charts and the worst cases drawn
   gateway evaluate photos/ --method all                 every method, side by side
   gateway evaluate photos/ --config plant.toml          with a plant's own settings
   gateway evaluate photos/ --split                      figures of a tuning half and a reporting half, too
-  gateway evaluate photos/ --split tuning               run on the tuning half alone
+  gateway evaluate photos/ --split tuning               run on the tuning half only
   gateway evaluate run7/ --tracking                     follow the frames of a sequence in order
   gateway evaluate photos/ --series '^cam[0-9]+'        R times Z by camera, taken from the file's name
   gateway evaluate photos/ --require detected=0.97,false=0,wrong=0     exit code 1 where it is not met
@@ -20,7 +20,7 @@ sequence), a and b (semi-axes of a tilted rim), tol_px (how far the label may be
 Detected: centre and radius within 25 % of the true radius. Within 5 %: both within 5 %. An answer elsewhere is wrong,
 an answer where no marker is is false; both are worse than none.
 
---require NAME=LIMIT,... may name (shares are at least, all others at most; what a set can't tell is not met):
+--require NAME=LIMIT,... may name (shares are at least, all others at most; what a set can't measure is not met):
   detected       share     answers on the target
   within         share     centre and radius within 5 %
   wrong          count     answers elsewhere, in pictures with a marker
@@ -71,7 +71,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="rim",
         help="of a tilted rim compare R with a (the circle round it, as the stop does), or the mean radii with r",
     )
-    parser.add_argument("--series", metavar="REGEX", help="part of a file's name that tells its series")
+    parser.add_argument("--series", metavar="REGEX", help="part of a file's name that identifies its series")
     parser.add_argument(
         "--split",
         nargs="?",
@@ -113,7 +113,7 @@ def main(args: argparse.Namespace) -> int:
         for name, rows in outcomes.items()
     ]
     unmet = tuple(
-        f"{found.method}: {said}" for found in results for wanted in required if (said := wanted.unmet(found))
+        f"{found.method}: {failed}" for found in results for wanted in required if (failed := wanted.unmet(found))
     )
     if args.report is not None:
         _report(args, results, found, series, unmet if required else None)

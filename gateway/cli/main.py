@@ -34,7 +34,7 @@ exit codes: 0 done, 1 failed, 2 a file or an argument must be edited
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The exit code. What stands in the buffers is written here, and not by the interpreter at its end."""
+    """The exit code. The buffers are written here, and not by the interpreter at its end."""
     try:
         code = _run_verb(argv)
     except SystemExit:  # argparse: --help, --version, a wrong argument
@@ -50,18 +50,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _output_lost(known: OSError | None = None) -> bool:
-    """Has output been lost for good? A reader that went away (`gateway detect ... | head`) needs no word about it."""
+    """Has output been lost? A reader that has closed its end (`gateway detect ... | head`) is not reported."""
     errors = [error for error in (known, flushed(sys.stdout), flushed(sys.stderr)) if error is not None]
-    told = [error for error in errors if not isinstance(error, BrokenPipeError)]
-    if told:
-        print(f"gateway: the output cannot be written: {told[0].strerror}", file=sys.stderr)
+    reported = [error for error in errors if not isinstance(error, BrokenPipeError)]
+    if reported:
+        print(f"gateway: the output cannot be written: {reported[0].strerror}", file=sys.stderr)
     return bool(errors)
 
 
 def _run_verb(argv: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(
         prog="gateway",
-        description="Tells a loading-control PLC when a truck's filling port stands under the loading spout.",
+        description="Reports to a loading-control PLC when a truck's filling port is under the loading spout.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

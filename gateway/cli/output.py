@@ -33,7 +33,7 @@ def flushed(stream: TextIO | None) -> OSError | None:
 
 
 def _give_up(stream: TextIO) -> None:
-    """What is left in the stream's own buffer goes nowhere, or the interpreter would complain of it at its end."""
+    """The rest of the stream's own buffer is discarded, or the interpreter would report it at its end."""
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -49,8 +49,8 @@ def _write(stream: TextIO, text: str) -> None:
 class LossyOutput:
     """A writable text stream for `print`, `logging` and rich, in front of a stream with a file descriptor.
 
-    `on_lost` is called once, from the thread, when the stream is gone (reader ended, disk full); everything after that
-    is dropped in silence.
+    `on_lost` is called once, from the thread, when the stream is lost (reader ended, disk full); everything after that
+    is dropped silently.
     """
 
     def __init__(self, stream: TextIO | None, on_lost: Callable[[], None] = lambda: None, limit: int = LIMIT) -> None:
@@ -79,7 +79,7 @@ class LossyOutput:
         return self._stream is not None and self._stream.isatty()
 
     def fileno(self) -> int:
-        """Of the real stream: rich asks it for the terminal's size."""
+        """Of the real stream: rich reads the terminal's size from it."""
         if self._stream is None:
             raise OSError("this stream is closed")
         return self._stream.fileno()
@@ -99,7 +99,7 @@ class LossyOutput:
             dropped, self._dropped = self._dropped, 0
             try:
                 if dropped:
-                    _write(self._stream, f"({dropped} outputs dropped: nobody read them in time)\n")
+                    _write(self._stream, f"({dropped} outputs dropped: not read in time)\n")
                 _write(self._stream, text)
             except (OSError, ValueError):  # ValueError: closed under our hands, or a letter that its encoding lacks
                 self.lost = True

@@ -1,7 +1,7 @@
-"""Make a user of the pages: asks for a password and prints the table for the configuration.
+"""Make a user of the pages: reads a password and prints the table for the configuration.
 
 Only a hash of the password (argon2id) is printed; the password itself is kept nowhere. Append what is printed to the
-configuration file, let `gateway check` look at it, and start the gateway anew.
+configuration file, run `gateway check` on it, and restart the gateway.
 
   gateway password anna                            a viewer: sees everything, acknowledges alarms
   gateway password anna --role technician          also tunes, applies and saves settings
@@ -71,7 +71,7 @@ def _asked() -> str:
             first = getpass.getpass("Password: ")
             second = getpass.getpass("The same again: ")
     except (EOFError, getpass.GetPassWarning):
-        raise ConfigError("gateway password: no terminal to ask on; --stdin reads the password from a pipe") from None
+        raise ConfigError("gateway password: no terminal; --stdin reads the password from a pipe") from None
     if first != second:
         raise ConfigError("gateway password: these were two different passwords; nothing was made")
     return first

@@ -6,9 +6,9 @@ gateway registers --format st --bay bay2 --unit-id 2 --out plc/
 gateway registers --format tcpou --bay bay1:1 --bay bay2:2 --host 10.1.2.3 --out plc/
 gateway registers --format openplc --host 10.1.2.3 --writes --out openplc/
 
-Every export comes from the same table and so fits the gateway that makes it. Give the bay's unit id and the word order
-as they stand in the gateway's configuration ([modbus] word_order, [[bays]] unit_id). docs/plc-integration.md walks
-through the commissioning.
+Every export is made from the same table and so fits the gateway that makes it. Give the bay's unit id and the word
+order as in the gateway's configuration ([modbus] word_order, [[bays]] unit_id). docs/plc-integration.md describes the
+commissioning.
 """
 
 import argparse
@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--host",
         default=default.host,
         metavar="ADDRESS",
-        help=f"of the gateway, as the PLC reaches it (default: {default.host}, which is nobody's)",
+        help=f"of the gateway, as the PLC reaches it (default: {default.host}, reserved for examples)",
     )
     parser.add_argument("--port", type=int, default=default.port, metavar="N", help=f"default: {default.port}")
     parser.add_argument(

@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def overrides(args: argparse.Namespace) -> dict[str, Any]:
-    """What the command line says over the file."""
+    """Options that override the file."""
     over: dict[str, Any] = {}
     if args.modbus_port is not None:
         over["modbus"] = {"port": args.modbus_port}
@@ -53,7 +53,7 @@ def main(args: argparse.Namespace) -> int:
     run_loop.setup_logging("warning" if args.view else settings.log_level)
     clock = SystemClock()
     where = ""
-    out = LossyOutput(sys.stdout)  # a reader that goes away, or does not read, is no reason to stop the bays
+    out = LossyOutput(sys.stdout)  # a reader that ends, or does not read, is no reason to stop the bays
 
     def started(now: app.Running) -> None:
         nonlocal where

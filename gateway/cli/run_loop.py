@@ -20,7 +20,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def setup_logging(level: str) -> None:
-    """One line a record on stderr; stdout belongs to the verb's own output. A log that nobody reads blocks nobody."""
+    """One line a record on stderr; stdout belongs to the verb's own output. An unread log blocks nothing."""
     outlet = LossyOutput(sys.stderr)
     atexit.register(outlet.close)
     handler: logging.Handler = logging.StreamHandler(outlet)

@@ -1,7 +1,7 @@
 """`gateway simulate --json`: one JSON object a line, for programs and tests.
 
 started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, hmi, instance, speed, seed, bays
-state     every 50 ms and at each change of stop, may_move or reason: what the gateway says, with the truth beside it
+state     every 50 ms and at each change of stop, may_move or reason: the gateway's state, with the truth beside it
 event     each event, as it happens
 summary   once, at the end: per bay, counters and how often stop was raised
 """
@@ -62,7 +62,7 @@ Writable = TextIO | LossyOutput
 
 
 def emit(out: Writable, **row: Any) -> None:
-    """One line, at once: whoever reads may be waiting for it."""
+    """One line, at once: the reader may be waiting for it."""
     out.write(json.dumps(row) + "\n")
     out.flush()
 

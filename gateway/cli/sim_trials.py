@@ -15,7 +15,7 @@ from gateway.hub import Hub
 from gateway.sim import trials
 
 LOOK_S = 0.1
-LEAVE_S = 0.1  # from the judgement to the departure: the vision process must have heard of it by then
+LEAVE_S = 0.1  # from the judgement to the departure: the vision process must have received it by then
 
 
 class Recorder:
@@ -55,7 +55,7 @@ class Recorder:
                 self.bay.hold.leave(truth.leg, self.bay.t_s(clock.now_ns()) + LEAVE_S)
 
     def planned_s(self, now_ns: int) -> float:
-        """How far the trials have come, s of the scenario's plan; negative before they begin."""
+        """Progress of the trials, s of the scenario's plan; negative before they begin."""
         return self.bay.world.planned_s(self.bay.t_s(now_ns))
 
     @property
@@ -68,7 +68,7 @@ class Recorder:
 
 
 def progress_bar() -> Progress:
-    """On stderr, so that the table alone is what a pipe gets."""
+    """On stderr, so that a pipe gets only the table."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),

@@ -1,7 +1,7 @@
 """A loading bay with no hardware at all: rendered frames, real serial bytes, the real gateway behind them.
 
 The simulated camera and ranger are handed to the same program that `gateway run` starts; poll it with any Modbus
-client, look at its pages in a browser, or let it talk to an MQTT broker. Without --mqtt-url it runs without one.
+client, open its pages in a browser, or connect it to an MQTT broker. Without --mqtt-url it runs without one.
 
 examples:
   gateway simulate                                    the default approach, watched in the terminal
@@ -12,7 +12,7 @@ examples:
   gateway simulate --bays 4 --modbus-port 0 --json    four bays, a free port, JSON lines for programs
   gateway simulate --ranger firmware                  the Arduino's compiled firmware in an emulated Uno
 poll it:
-  mbpoll -0 -B -a 1 -r 0 -c 8 -p 5020 127.0.0.1       (gateway registers tells what they mean)
+  mbpoll -0 -B -a 1 -r 0 -c 8 -p 5020 127.0.0.1       (gateway registers lists their meanings)
 """
 
 import argparse
@@ -24,7 +24,7 @@ HELP = "run a simulated loading bay"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", default=None, metavar="NAME|FILE", help="a scenario (default: approach)")
-    parser.add_argument("--list", action="store_true", help="list the scenarios that come with the gateway")
+    parser.add_argument("--list", action="store_true", help="list the scenarios supplied with the gateway")
     parser.add_argument("--config", type=Path, metavar="FILE", help="gateway settings (default: config/simulate.toml)")
     parser.add_argument(
         "--speed",
@@ -52,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--ranger",
         choices=("simulated", "firmware"),
         default="simulated",
-        help="who speaks on the serial line: the simulated ranger, or the real firmware in an emulator",
+        help="what is on the serial line: the simulated ranger, or the real firmware in an emulator",
     )
     parser.add_argument(
         "--ranger-log", type=Path, metavar="FILE", help="with --ranger firmware: what its sensor played, JSON lines"

@@ -34,11 +34,11 @@ from gateway.sim.scenario import Scenario
 from gateway.sim.world import TruckHold
 from gateway.supervisor import Task
 
-LEAD_S = 2.0  # world time starts so much later, when the processes have come up and the surfaces are painted
+LEAD_S = 2.0  # world time starts so much later, when the processes have started and the surfaces are painted
 
 
 def print_scenarios() -> None:
-    """Name and first comment line of every scenario that comes with the gateway."""
+    """Name and first comment line of every scenario supplied with the gateway."""
     for path in sorted(run_loop.shipped("scenarios").glob("*.toml")):
         first = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         print(f"{path.stem:16} {first}")
@@ -57,7 +57,7 @@ def scenario_file(name: str) -> Path:
 
 
 def simulate(args: argparse.Namespace) -> int:
-    """The verb. Exit code 1 when trials were asked for and one of them went wrong."""
+    """The verb. Exit code 1 when trials were requested and one of them failed."""
     _check(args)
     with _only_simulation() as first:
         return _simulate(args, first=first)
@@ -167,7 +167,7 @@ def _can_listen(hmi: HmiConfig) -> bool:
 
 
 def _at_speed(settings: GatewayConfig, speed: float) -> GatewayConfig:
-    """Limits that stand for what this machine can do are real seconds, whatever the speed of the world: as far as their
+    """Limits of this machine's performance are real seconds, whatever the speed of the world: as far as their
     ranges allow, for the settings are checked again in the processes that they are sent to."""
 
     def longer(section: Section, *keys: str) -> dict[str, float]:
@@ -250,7 +250,7 @@ class _Simulation:
                 source=str(self._args.config.resolve()) if self._args.config else "",
             )
         if self._trials:
-            self._out.close(None)  # the report has the same stdout, and comes after
+            self._out.close(None)  # the report follows on the same stdout
             return sim_trials.report(self._trials, as_json=self._args.json)
         if self._json:
             self._json.summary()
@@ -258,7 +258,7 @@ class _Simulation:
         return int(self._out.lost and sys.stdout is not None)
 
     def _reader_lost(self) -> None:
-        """Nobody reads any more (`gateway simulate | head`): end as on Ctrl-C. Called from the outlet's thread."""
+        """The reader has ended (`gateway simulate | head`): end as on Ctrl-C. Called from the outlet's thread."""
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
             self._loop.call_soon_threadsafe(self._stop.set)
 

@@ -58,7 +58,7 @@ def _places(args: argparse.Namespace) -> list[tuple[str, str]]:
         )
     if len({instance for instance, _ in wanted}) > 1:
         names = ", ".join(sorted({instance for instance, _ in wanted}))
-        raise ConfigError(f"gateway state: several gateways run here; say --instance, one of: {names}")
+        raise ConfigError(f"gateway state: several gateways run here; use --instance, one of: {names}")
     return wanted
 
 
@@ -99,6 +99,6 @@ def _line(row: dict[str, object]) -> str:
 
     x = f"u {shown('u', 7, 2)}  v {shown('v', 7, 2)}  R {shown('r', 7, 2)} px  Z {shown('z_mm', 6, 0)} mm"
     ages = f"age {row['age_ms']:>5} ms (vision {row['vision_age_ms']}, range {row['range_age_ms']})"
-    allowed = "may move" if row["may_move"] else "may not move"  # stop off alone allows nothing
+    allowed = "may move" if row["may_move"] else "may not move"  # that stop is off allows nothing
     verdict = "STOP in place" if row["in_place"] else f"STOP {row['reason']}" if row["stop"] else allowed
     return f"{row['bay']}  x = [{x}]  {ages}  {row['vision']}/{row['range']}  {verdict}"

@@ -1,10 +1,10 @@
-"""Propose red thresholds for the paper's method, and say what to change at the camera, from examples.
+"""Propose red thresholds for the paper's method, and changes at the camera, from examples.
 
-Examples are pictures in which you say where the marker is:
+Examples are pictures in which you mark where the marker is:
   gateway tune --labels photos/labels.jsonl             as for gateway evaluate; found = false: without a marker
   gateway tune bay.png --at bay.png:412,300,96          centre and radius clicked, px; --at may be repeated
   gateway tune bay.png --at 412,300,96                  with one picture its name may be left out
-  gateway tune photos/                                  no labels: the robust method's confident answers stand for them
+  gateway tune photos/                                  no labels: the robust method's confident answers replace them
 
   gateway tune --labels photos/labels.jsonl --out red.toml --report tune.html
   gateway tune --labels photos/labels.jsonl --config plant.toml      measured against the plant's present settings
@@ -82,7 +82,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 class _Examples:
-    """Labels from wherever they come, and the pictures to them. Raises ConfigError."""
+    """Labels from any source, and their pictures. Raises ConfigError."""
 
     def __init__(self, args: argparse.Namespace, params: "VisionConfig") -> None:
         self.notes: list[str] = []
@@ -98,9 +98,7 @@ class _Examples:
             self._from_answers(rest, params)
         elif rest:
             names = ", ".join(path.name for path in rest[:5])
-            print(
-                f"warning: not looked at, nothing is said of them: {names}{' ...' * (len(rest) > 5)}", file=sys.stderr
-            )
+            print(f"warning: not processed: {names}{' ...' * (len(rest) > 5)}", file=sys.stderr)
         if not any(label.found for label in self.labels):
             raise ConfigError("gateway tune: no example with a marker; name pictures with --labels or --at")
 
@@ -132,11 +130,11 @@ class _Examples:
                 advance()
         if not self.labels:
             raise ConfigError(
-                f"gateway tune: no marker was found with confidence in {len(paths)} pictures; say where it is with --at"
+                f"gateway tune: no marker was found with confidence in {len(paths)} pictures; give its place with --at"
             )
         self.notes.append(
             f"no labels: the robust method's own confident answers in {len(self.labels)} of {len(paths)} pictures were "
-            "taken for the truth; look at them (gateway detect --method robust) before you trust this"
+            "taken for the truth; view them (gateway detect --method robust) before you trust this"
         )
 
     def _add(self, data: dict[str, object], path: Path) -> None:
@@ -208,8 +206,8 @@ def _show(study: "Study", notes: Sequence[str]) -> None:
             markup=False,
             soft_wrap=True,
         )
-        for said in thresholds.said(admits, red):
-            console.print(f"  {said}", markup=False, soft_wrap=True)
+        for remark in thresholds.said(admits, red):
+            console.print(f"  {remark}", markup=False, soft_wrap=True)
         if admits.marker_worst < 0.8:
             worst = next(e for e in study.examples if e.marked and e.name == admits.worst_name)
             console.print(

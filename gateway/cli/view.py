@@ -1,4 +1,4 @@
-"""The terminal view: what a technician wants to know of every bay, without pictures. Drawn from hub states only."""
+"""The terminal view: the state of every bay for a technician, without pictures. Drawn from hub states only."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -37,7 +37,7 @@ EventLine = tuple[datetime, Event]
 
 
 def bar(value: float | None, full: float, threshold: float, met: bool, cells_wide: int = BAR_CELLS) -> Text:
-    """A bar from 0 to `full` with a mark at the threshold; says by shape, not only by colour, what is missing.
+    """A bar from 0 to `full` with a mark at the threshold; shows by shape, not only by colour, what is missing.
 
     Where there is no room for a bar that means something, there is none.
     """
@@ -68,7 +68,7 @@ def stage_times(state: StateVector) -> str:
 
 
 def sight(state: StateVector) -> str:
-    """How the marker was seen in the newest frame, as far as the method tells; empty where there is nothing to tell."""
+    """How the marker was seen in the newest frame, as far as the method reports it; else empty."""
     vision = state.vision
     if vision.quality is Quality.COASTED and vision.predicted is not None:
         at = vision.predicted
@@ -148,7 +148,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
 
 
 def bay_rows(states: Sequence[StateVector], rows: int) -> RenderableType:
-    """One line a bay, for many bays or a small terminal. Where not all fit, those in trouble come first."""
+    """One line a bay, for many bays or a small terminal. Where not all fit, those with faults are first."""
     shown = list(states)
     if len(shown) > rows:
         trouble = {True: 0, False: 1}
@@ -174,7 +174,7 @@ _WITH_REASON = (EventKind.STOP_RAISED, EventKind.START, EventKind.SHUTDOWN)
 
 
 def event_line(when: datetime, event: Event) -> str:
-    """One event as a line of text. A reason stands only where it is the event's own."""
+    """One event as a line of text. A reason is shown only where it is the event's own."""
     kind = event.kind.value.replace("_", " ")
     about = f" {event.sensor}" if event.sensor else ""
     own = REASON_MEANING[event.state.reason] if event.kind in _WITH_REASON else ""

@@ -12,8 +12,8 @@ from gateway.errors import ConfigError
 if TYPE_CHECKING:
     from gateway.config import VisionConfig
 
-# Read by OpenCV when it is loaded, so set before; what the user has set stands. The pixel limit keeps a few bytes of
-# hostile or broken file from asking for gigabytes; the decoders' own words would stand between our lines.
+# Read by OpenCV when it is loaded, so set before; the user's settings are kept. The pixel limit keeps a few bytes of
+# hostile or broken file from requesting gigabytes; the decoders' own output would be mixed with ours.
 _OPENCV = {
     "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 28),
     "OPENCV_LOG_LEVEL": "SILENT",

@@ -1,1 +1,1 @@
-"""Child processes of the gateway: how one is started, talked to, killed and reaped. What they do stands elsewhere."""
+"""Child processes of the gateway: how one is started, exchanged messages with, killed and reaped."""

@@ -13,7 +13,7 @@ In = TypeVar("In")
 
 
 class Failed(Message, frozen=True):
-    """A child's last message; or, in its place, that it has sent what is no message."""
+    """A child's last message; or, in its place, that it has sent an invalid one."""
 
     why: str
     config: bool = False  # only the operator can correct it
@@ -28,9 +28,9 @@ class Gone:
 
 
 class Link(Generic[Out, In]):
-    """One end of a SOCK_SEQPACKET pair: the kernel keeps messages complete, so nobody ever waits for half of one.
+    """One end of a SOCK_SEQPACKET pair: the kernel keeps messages complete, so no reader ever waits for half of one.
 
-    `codec` says what may arrive. What is sent is whatever the other side's codec takes.
+    `codec` defines what may arrive. What may be sent is defined by the other side's codec.
     """
 
     def __init__(self, sock: socket.socket, codec: Codec) -> None:
@@ -58,7 +58,7 @@ class Link(Generic[Out, In]):
     def received(self, most: int | None = None) -> list[In | Failed]:
         """Everything that has arrived, or the `most` oldest of it; sets `ended` at the end of file. Never waits.
 
-        What is no message ends it, too: it is reported as `Failed`, and nothing after it is read. Without a limit it
+        An invalid message ends it, too: it is reported as `Failed`, and nothing after it is read. Without a limit it
         ends with a system call that finds nothing.
         """
         messages: list[In | Failed] = []

@@ -1,7 +1,7 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
 Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the
-one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC` says which messages it may be
+one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC` defines which messages it may be
 sent, its job among them. NAME is what `top` shows.
 """
 
@@ -56,7 +56,7 @@ def _name(name: str) -> None:
 
 
 def shown(text: str) -> str:
-    """Fit for a message: a path in it need not be UTF-8, and what a driver says may be long."""
+    """Text fit for a message: a path in it need not be UTF-8, and a driver's text may be long."""
     return text[:MAX_CHARACTERS].encode(errors="backslashreplace").decode()
 
 

@@ -1,10 +1,10 @@
-"""How messages between processes become bytes and are read again: MessagePack, by a schema.
+"""Encoding of the messages between processes: MessagePack, by a schema.
 
-A message is data. A reader makes only the records it was told of, field by field, each of its own type: nothing in a
-message can name a class or a function, and what does not fit is refused as a whole. What it costs is bounded by the
-message's length: a length that lies, or a depth that no schema has, is refused as well.
+A message is data. A reader creates only the records of its schema, field by field, each of its type: nothing in a
+message can name a class or a function, and a message that does not fit is refused entirely. Its cost is bounded by the
+message's length: a wrong length, or a depth that no schema has, is refused as well.
 
-A field that is added to a record travels without anything being said here. Settings (pydantic's models) travel as their
+A field that is added to a record needs no change here. Settings (pydantic's models) travel as their
 own JSON with only the keys that were set, and are checked again where they are read.
 """
 
@@ -22,13 +22,13 @@ MAX_WHY = 200
 
 
 class Message(msgspec.Struct, frozen=True, array_like=True, tag=True, forbid_unknown_fields=True):
-    """The base of what is sent by itself: its name travels with it, so that it can be told from others."""
+    """The base of what is sent by itself: its name travels with it, so that it can be distinguished from others."""
 
 
 class Codec:
     """Packs anything that is data; reads only what `takes` names: a message, or a union of them.
 
-    `compressed`: messages may come compressed. Only for what the main process says, which makes none that is a bomb.
+    `compressed`: messages may be compressed. Only for those of the main process, which sends no decompression bomb.
     """
 
     def __init__(self, takes: Any, *, compressed: bool = False) -> None:
@@ -42,7 +42,7 @@ class Codec:
         return data if len(data) <= MAX_MESSAGE_BYTES else COMPRESSED + zlib.compress(data, 1)
 
     def unpacked(self, data: bytes) -> Any:
-        """Raises ProtocolError for what is not one of the messages taken."""
+        """Raises ProtocolError for anything but the messages of the schema."""
         try:
             if self._compressed and data.startswith(COMPRESSED):
                 data = zlib.decompressobj().decompress(data[1:], MAX_UNPACKED_BYTES)
@@ -52,7 +52,7 @@ class Codec:
 
 
 def record_packed(record: object) -> bytes:
-    """A record inside a message, whose type only the reader knows."""
+    """A record inside a message, whose type is known to the reader only."""
     return _ENCODER.encode(record)
 
 
@@ -63,7 +63,7 @@ def record_of(kind: type, data: bytes) -> Any:
 
 def _plain(value: Any) -> object:
     """Settings as their JSON, a number of numpy's as Python's. Anything else is no data: a bug."""
-    if (dump := getattr(value, "model_dump_json", None)) is not None:  # whoever is sent none need not load pydantic
+    if (dump := getattr(value, "model_dump_json", None)) is not None:  # pydantic need not be loaded here
         return dump(exclude_unset=True)
     if getattr(value, "shape", None) == ():
         return value.item()
@@ -76,7 +76,7 @@ def _settings(kind: type, value: object) -> object:
         raise ValueError(f"no {kind.__name__}")
     try:
         return read(value)
-    except ValueError:  # says what was written, which may be a password
+    except ValueError:  # its text contains the value, which may be a password
         raise ValueError(f"a {kind.__name__} out of its range") from None
 
 

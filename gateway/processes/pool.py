@@ -1,4 +1,4 @@
-"""A few child processes: start, talk to, kill and reap them. Decides nothing.
+"""A few child processes: start them, exchange messages, kill and reap them. Decides nothing.
 
 Every child is a fresh interpreter (spawned, never forked) that runs `gateway.processes.child`. It does not import the
 parent's main module, and no helper process is needed beside it. It dies with its parent: the kernel sees to that, even
@@ -38,7 +38,7 @@ ENVIRONMENT = {
     "MALLOC_TRIM_THRESHOLD_": str(16 * 1024**3),
     "MALLOC_ARENA_MAX": "1",  # frames are allocated in one thread and freed in another
     "OPENCV_LOG_LEVEL": "ERROR",
-    "OPENCV_FFMPEG_LOGLEVEL": "-8",  # FFmpeg prints every hiccup of a stream; what matters comes as a message
+    "OPENCV_FFMPEG_LOGLEVEL": "-8",  # FFmpeg prints every hiccup of a stream; what matters is sent as a message
 }
 
 
@@ -83,7 +83,7 @@ class Pool(Generic[Out, In]):
         self._news = asyncio.Event()
         self._on_news = on_news or self._news.set
         self._readable: set[int] = set()  # whose sockets can be read
-        self._ended: set[int] = set()  # whose processes are no more
+        self._ended: set[int] = set()  # whose processes have ended
 
     def start(self, token: int, role: Role[Out]) -> None:
         """Start a process and send it its job. Takes a few ms. Raises LinkError."""
@@ -109,13 +109,13 @@ class Pool(Generic[Out, In]):
         self.send(token, role.job)
 
     def send(self, token: int, message: Out) -> None:
-        """Never waits. A child that does not take its messages is killed; one that is gone is left alone."""
+        """Never waits. A child that does not take its messages is killed; one that has ended is ignored."""
         child = self._children.get(token)
         if child is not None and not child.link.offer(message):
             child.process.kill()
 
     def kill(self, token: int) -> None:
-        """At once; `messages` tells when the process is gone."""
+        """At once; `messages` reports when the process has ended."""
         if (child := self._children.get(token)) is not None:
             child.process.kill()
 
@@ -128,18 +128,18 @@ class Pool(Generic[Out, In]):
         self._on_news()
 
     def messages(self, *, everybody: bool = True, most: int = MAX_MESSAGES) -> Iterator[tuple[int, In | Failed | Gone]]:
-        """All that has arrived; `Gone` comes once for each process, as its last. Never waits.
+        """All that has arrived; `Gone` is the last message of each process, once. Never waits.
 
         Without `everybody` only from those that the event loop has seen send or end, and only the oldest of each that
         has not ended: it will see the others, too. That spares some system calls. Of one that sends faster than it is
         read no more than `most` are taken at once; the event loop sees the rest.
         """
-        ended, heard = set(self._ended), self._readable | self._ended
+        ended, active = set(self._ended), self._readable | self._ended
         self._readable.clear()  # not replaced: the event loop's readers hold these very sets
         self._ended.clear()
         found: list[tuple[int, Child[Out, In], int | None, list[In | Failed]]] = []
         for token, child in self._children.items():
-            if not everybody and token not in heard:
+            if not everybody and token not in active:
                 continue
             asked = everybody or token in ended
             status = child.process.poll() if asked else None  # before reading, so that the last messages are not missed
@@ -207,7 +207,8 @@ class Pool(Generic[Out, In]):
 
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
-    """A child inherits the blocked signal, for good: Ctrl-C reaches the whole terminal, the parent alone decides."""
+    """A child inherits the blocked signal permanently: Ctrl-C reaches all processes of the terminal, only the parent
+    decides."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -1,8 +1,8 @@
-"""Less than the gateway's rights for this process: for one that strangers talk to. For good; there is no way back.
+"""Reduced rights for this process: for one that serves network clients. They cannot be regained.
 
-What goes: the user, where the gateway runs as root and another is named; every capability; the right to gain any; core
+Given up: the user, where the gateway runs as root and another is named; every capability; the right to gain any; core
 dumps and debuggers; and, by `seccomp`, writing files, running programs, reaching other processes, new connections.
-What stays: descriptors that are open already, reading what the user may read, threads.
+Kept: descriptors that are open already, reading what the user may read, threads.
 """
 
 import ctypes
@@ -21,9 +21,10 @@ CAPABILITY_VERSION_3 = 0x20080522  # linux/capability.h
 
 
 def enter(user: str | None) -> list[str]:
-    """Best before any thread is started. `user`: to be become by root; None: stay. What is not in force, in words.
+    """Best before any thread is started. `user`: which root becomes; None: no change. Returns what is not in force, as
+    text.
 
-    Raises ConfigError for a user that there is not, or who can't read the program.
+    Raises ConfigError for a user that does not exist, or that can't read the program.
     """
     lacking: list[str] = []
     if (others := len(os.listdir("/proc/self/task")) - 1) and _capable():
@@ -64,4 +65,4 @@ def _become(user: str, libc: ctypes.CDLL) -> None:
         os._exit(1)
     for path in needed:
         if not os.access(path, os.R_OK | (os.X_OK if path.is_dir() else 0)):
-            raise ConfigError(f"hmi.run_as = {user}: can't read {path}, where the program stands")
+            raise ConfigError(f"hmi.run_as = {user}: can't read {path}, which contains the program")

@@ -1,4 +1,4 @@
-"""A filter on system calls for this process: what it is told to do by whoever takes it over, the kernel refuses.
+"""A filter on system calls for this process: the kernel refuses what an intruder in it would need.
 
 seccomp(2), a program of classic BPF; each refused call fails with EPERM. The numbers are those of the kernel's
 asm/unistd.h and asm-generic/unistd.h.
@@ -29,9 +29,9 @@ REFUSED: dict[str, tuple[tuple[str, int | None, int | None], ...]] = {  # name, 
         ("fsetxattr", 190, 7), ("setxattrat", 463, 463), ("io_uring_setup", 425, 425),
     ),
     "to run another program": (("execve", 59, 221), ("execveat", 322, 281)),
-    "to make a connection of its own": (("socket", 41, 198), ("connect", 42, 203)),
+    "to open a new connection": (("socket", 41, 198), ("connect", 42, 203)),
 }  # fmt: skip
-OPEN = ((2, None, 1), (257, 56, 2))  # open, openat: number on both, and which argument says what for
+OPEN = ((2, None, 1), (257, 56, 2))  # open, openat: number on both, and which argument holds the access mode
 OF_ITSELF = ((234, 131), (302, 261))  # tgkill, prlimit64: may name this process only (0 is this one, too)
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
@@ -45,7 +45,7 @@ Instruction = tuple[int, int, int, int]  # code, jump if true, jump if false, op
 
 
 def program(column: int, arch: int, pid: int) -> Iterator[Instruction]:
-    """The filter. Every rule is whole in itself: it answers, or hands the call's number on to the next."""
+    """The filter. Every rule is complete in itself: it decides, or passes the call's number to the next."""
     yield from ((_LOAD, 0, 0, _ARCH), (_EQUAL, 1, 0, arch), (_RETURN, 0, 0, _KILL), (_LOAD, 0, 0, _NUMBER))
     yield from ((_AT_LEAST, 0, 1, _X32), (_RETURN, 0, 0, _REFUSE))
     for calls in REFUSED.values():
@@ -63,7 +63,8 @@ def program(column: int, arch: int, pid: int) -> Iterator[Instruction]:
 
 
 def refuse() -> str:
-    """From now on, for good, in all threads. Needs PR_SET_NO_NEW_PRIVS. What stood in the way; empty: nothing."""
+    """From now on, irrevocably, in all threads. Needs PR_SET_NO_NEW_PRIVS. Returns what prevented it; empty:
+    nothing."""
     machine = platform.machine()
     if machine not in MACHINES:
         return f"no table of system calls for {machine}"

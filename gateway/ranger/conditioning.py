@@ -18,7 +18,7 @@ from gateway.core.model import Quality, RangeReading, RangeStats
 NS_PER_S = 1_000_000_000
 HISTORY = 8
 UNSTABLE_ODD = 3
-"""So many odd readings among the last HISTORY: the sensor alternates, and nobody knows which of its values are true."""
+"""So many odd readings among the last HISTORY: the sensor alternates, and which of its values are true is unknown."""
 MEMORY_CYCLES = 5
 """The glitch gate compares readings at most so many cycles apart."""
 REPEAT_NS = NS_PER_S // 10
@@ -128,7 +128,7 @@ class Conditioner:
         self._arrivals: deque[int] = deque(maxlen=256)
 
     def set_cycle(self, cycle_ns: int) -> None:
-        """The time between two measurements, once the ranger has told it."""
+        """The time between two measurements, once the ranger has reported it."""
         self._gate.memory_ns = MEMORY_CYCLES * cycle_ns
 
     def opened(self) -> None:
@@ -191,7 +191,7 @@ class Conditioner:
         return self._emit(value_ns, Quality.GOOD, value_mm, seq, "", self._median.oldest_ns)
 
     def fault(self, quality: Quality, now_ns: int, seq: int, detail: str) -> list[RangeReading]:
-        """A fault without a measurement of its own: at once when it is new, then again every REPEAT_NS."""
+        """A fault without a measurement: at once when it is new, then again every REPEAT_NS."""
         if self._reported is not None and self._reported[0] is quality and now_ns - self._reported[1] < REPEAT_NS:
             return []
         return self._emit(now_ns, quality, None, seq, detail)

@@ -1,4 +1,4 @@
-"""What the gateway needs of any ranger: a session that makes readings of bytes, and a port that carries the bytes.
+"""The interface of every ranger: a session that makes readings of bytes, and a port that carries the bytes.
 
 A session does no IO and reads no clock: bytes and monotonic times go in, `RangeReading`s come out, each with its
 quality, the time of the echo and the counters of damaged, missing and rejected measurements. gateway/ranger/service.py
@@ -14,7 +14,7 @@ from gateway.core.model import RangeReading, RangeStats
 
 
 class RangerSession(Protocol):
-    """Everything the gateway knows of one ranger. It outlives connections; so do its counters."""
+    """The state of one ranger in the gateway. It outlives connections; so do its counters."""
 
     @property
     def identity(self) -> str:
@@ -54,7 +54,7 @@ class Connection(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RangerType:
-    """One kind of ranger, as the registry knows it. `connect` and `check_url` None: `port` is a serial port's URL."""
+    """One type of ranger, as registered. `connect` and `check_url` None: `port` is a serial port's URL."""
 
     session: Callable[[RangerConfig], RangerSession]
     connect: Callable[[RangerConfig], Connection] | None = None  # blocks; raises LinkError

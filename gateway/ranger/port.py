@@ -59,7 +59,7 @@ def check_url(url: str) -> None:
 
 
 class Port:
-    """An opened port. Its methods raise LinkError when the port is gone."""
+    """An opened port. Its methods raise LinkError when the port is lost."""
 
     def __init__(self, url: str, baud: int) -> None:
         """Open and flush. Blocks up to 5 s on a network. Raises LinkError."""
@@ -71,10 +71,10 @@ class Port:
         try:
             self._fd: int | None = self._link.fileno()
         except (io.UnsupportedOperation, AttributeError):
-            self._fd = None  # rfc2217:// reads through a thread of its own
+            self._fd = None  # rfc2217:// reads in a separate thread
 
     def read(self) -> bytes:
-        """What has come, at once; nothing after READ_S."""
+        """What has arrived, at once; nothing after READ_S."""
         try:
             if self._fd is None:
                 first: bytes = self._link.read(1)
@@ -91,7 +91,7 @@ class Port:
             raise LinkError(f"ranger port {self._url} was lost: {_reason(self._url, error)}") from error
 
     def close(self) -> None:
-        """Give the device back; a port that is gone closes as well. Takes 0.3 s on a network."""
+        """Give the device back; a lost port closes as well. Takes 0.3 s on a network."""
         connection = getattr(self._link, "_socket", None)
         try:
             self._link.close()
@@ -117,7 +117,7 @@ def _opened(url: str, baud: int) -> serial.Serial:
         )
         if scheme == "loop":
             link.timeout = READ_S
-    link.open()  # which flushes what had come before
+    link.open()  # which flushes earlier bytes
     return link
 
 
@@ -127,6 +127,6 @@ def _reason(url: str, error: Exception) -> str:
     if number is not None:
         return HINTS.get(number, os.strerror(number))
     text = str(error).removeprefix(f"Could not open port {url}: ")
-    if text.startswith("device reports readiness"):  # what pyserial sees of a device that has gone
+    if text.startswith("device reports readiness"):  # what pyserial reports of a removed device
         return "unplugged, or read by another program"
     return text or type(error).__name__

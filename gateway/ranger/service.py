@@ -29,7 +29,7 @@ thread then closes it by itself."""
 
 
 def ranger_type(config: RangerConfig) -> RangerType:
-    """What `[ranger] type` names. Raises ConfigError for a name that the registry does not know."""
+    """The ranger type of `[ranger] type`. Raises ConfigError for a name that is not registered."""
     found: RangerType = RANGERS.load(config.type)
     return found
 

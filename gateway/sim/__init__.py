@@ -1,1 +1,1 @@
-"""A loading bay that does not exist: it renders real frames and speaks real bytes."""
+"""A loading bay that does not exist: it renders real frames and sends real bytes."""

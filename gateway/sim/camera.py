@@ -29,7 +29,7 @@ class SimCameraSpec:
     hold: TruckHold | None = None
 
     def open(self, clock: Clock) -> "SimCamera":
-        """Paints the textures, most of a second. Raises LinkError while the scenario says the camera is lost."""
+        """Paints the textures, most of a second. Raises LinkError while the scenario has the camera lost."""
         from gateway.sim.render import Painter  # noqa: PLC0415 - OpenCV stays out of the main process
 
         camera = SimCamera(self, clock, Painter(self.scenario))
@@ -50,10 +50,10 @@ class SimCamera(Source):
         self._last = self._index(clock.now_ns())  # of the frame exposed last; negative before world time 0
 
     def read(self) -> Frame:
-        """The next frame, stamped at the middle of its exposure, when that moment has come.
+        """The next frame, stamped at the middle of its exposure, when it is due.
 
-        Frame k is exposed at k periods of world time. A caller that comes late gets the frame of now: frames missed
-        are gone, as with a real camera. Raises LinkError while the camera is lost and after `close`.
+        Frame k is exposed at k periods of world time. A late caller gets the present frame: missed frames
+        are lost, as with a real camera. Raises LinkError while the camera is lost and after `close`.
         """
         if self._painter is None:
             raise LinkError(f"{self._spec.label}: closed")
@@ -75,7 +75,7 @@ class SimCamera(Source):
 
     def check_link(self) -> None:
         if self._spec.scenario.active(FaultKind.CAMERA_LOST, self._world_s()):
-            raise LinkError(f"{self._spec.label}: the camera is gone (fault of the scenario)")
+            raise LinkError(f"{self._spec.label}: the camera is lost (fault of the scenario)")
 
     def _index(self, t_ns: int) -> int:
         return (t_ns - self._spec.origin_ns) // self._period_ns

@@ -68,7 +68,7 @@ class Canvas:
         )
 
     def shade(self, at: Point, radius: float, strength: float, blur: float) -> None:
-        """A soft round shadow: what stands off the surface darkens it."""
+        """A soft round shadow: what protrudes from the surface darkens it."""
         reach = radius + 2 * blur
         x0, y0 = self.px(at[0] - reach, at[1] - reach)
         x1, y1 = self.px(at[0] + reach, at[1] + reach)

@@ -10,7 +10,7 @@ from gateway.sim.scenario import Scenario
 
 @dataclass(frozen=True, slots=True)
 class ClutterItem:
-    """A red thing: a chain of discs (x, y, radius, mm) that it lies within, and what it is."""
+    """A red thing: a chain of discs (x, y, radius, mm) that contains it, and its description."""
 
     kind: str
     spine: Spine
@@ -60,13 +60,13 @@ def things(scenario: Scenario) -> list[ClutterItem]:
         thing = _shape(kinds[len(placed) % len(kinds)], at, s, chance)
         inside = all(abs(x) < 640 - w and abs(y) < 470 - w for x, y, w in thing.spine)
         clear = all(math.hypot(x, y) - w > 1.66 * r for x, y, w in thing.spine)
-        alone = all(
+        isolated = all(
             math.hypot(x - a, y - b) > w + c + 12
             for other in placed
             for a, b, c in other.spine
             for x, y, w in thing.spine
         )
-        if inside and clear and alone:
+        if inside and clear and isolated:
             placed.append(thing)
     return placed
 

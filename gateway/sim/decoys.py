@@ -1,4 +1,4 @@
-"""Drawn pictures of a red disc among red things that are none, and of these alone: seeded, pure, with exact truth.
+"""Drawn pictures of a red disc among other red things, and of these only: seeded, pure, with exact truth.
 
 Where the simulated bay is one place in many weathers, these are many places: grounds from concrete to wood, and every
 red thing that has fooled a detector. They are for tests, benchmarks and the documentation's pictures.
@@ -33,7 +33,7 @@ class Drawing:
     paint: NDArray[np.float32]
 
     def fill(self, cover: NDArray[np.bool_] | Plane, colour: Colour | NDArray[np.float32]) -> None:
-        """Lay a colour over where `cover` (0 to 1) says; the ground's light and shade stay visible in it a little."""
+        """Lay a colour over by `cover` (0 to 1); the ground's light and shade stay visible in it a little."""
         share = cover.astype(np.float32)[..., None]
         self.paint += share * (np.asarray(colour, np.float32) - self.paint)
 

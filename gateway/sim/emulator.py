@@ -1,7 +1,7 @@
 """The real firmware in place of the simulated ranger: the compiled ELF in an emulated Uno, an HC-SR04 on its pins.
 
-The emulator is a program of its own (firmware/bench, built with `./dev firmware`). This module starts it, tells
-it ahead of time where the world's target will be and which faults come, and ends it. The bench ends with the pipe to
+The emulator is a separate program (firmware/bench, built with `./dev firmware`). This module starts it, sends
+it ahead of time where the world's target will be and which faults follow, and ends it. The bench ends with the pipe to
 it, so it never outlives this process, however that ends.
 """
 
@@ -28,7 +28,8 @@ ELF = FIRMWARE / "build" / "ranger.elf"
 BENCH = FIRMWARE / "bench" / "build" / "bench"
 
 AHEAD_S = 0.25
-"""Of real time: so far ahead the bench knows the world. A stall of this process shorter than that changes nothing."""
+"""Of real time: so far ahead the bench has the world's course. A stall of this process shorter than that changes
+nothing."""
 FEED_S = 0.05
 """Of real time, between two deliveries."""
 POINT_NS = 10_000_000
@@ -38,7 +39,8 @@ END_S = 2.0
 
 
 def commands_of(faults: Faults, errors: SensorErrors) -> dict[str, str]:
-    """What the bench must be told for these faults to hold, by what it changes. The worst of the sensor's wins."""
+    """What the bench must be sent for these faults to be in force, by what it changes. The worst of the sensor's
+    wins."""
     sensor = "sensor ok"
     for fault, command in (
         (RangerFault.ECHO, f"sensor at {faults.get(RangerFault.ECHO, 0.0):g}"),
@@ -61,7 +63,7 @@ def commands_of(faults: Faults, errors: SensorErrors) -> dict[str, str]:
 
 
 def check_built(elf: Path = ELF, bench: Path = BENCH) -> None:
-    """Raise ConfigError, which says how to build them, where firmware or bench is missing."""
+    """Raise ConfigError, with how to build them, where firmware or bench is missing."""
     missing = [str(path) for path in (elf, bench) if not path.is_file()]
     if missing:
         raise ConfigError(
@@ -73,11 +75,11 @@ def check_built(elf: Path = ELF, bench: Path = BENCH) -> None:
 class EmulatedRanger:
     """`async with` starts the board and makes the port, `run` keeps it in step with the world until cancelled.
 
-    `distance_mm(t_ns)`: the truth at a time of `clock`, mm; None where nothing is in the beam. It is asked for times a
-    little ahead of the present. `faults(t_ns)`: what is scheduled; `forced` adds to it by hand.
-    `log`: the bench writes there what it played, JSON lines; their t_ns counts from the `origin_ns` of the first one,
-    in seconds of the board. `resets_on_open`: opening the port resets the board, as DTR does. Raises ConfigError where
-    firmware or bench is not built.
+    `distance_mm(t_ns)`: the truth at a time of `clock`, mm; None where nothing is in the beam. It is called with times
+    a little ahead of the present. `faults(t_ns)`: what is scheduled; `forced` adds to it by hand. `log`: the bench
+    writes there what it played, JSON lines; their t_ns counts from the `origin_ns` of the first one, in seconds of the
+    board. `resets_on_open`: opening the port resets the board, as DTR does. Raises ConfigError where firmware or bench
+    is not built.
     """
 
     def __init__(
@@ -179,10 +181,10 @@ class EmulatedRanger:
         assert self._process.stdout is not None
         try:
             async with asyncio.timeout(START_S):
-                said = await self._process.stdout.readline()
+                answer = await self._process.stdout.readline()
         except TimeoutError:
-            said = b""
-        if not said.startswith(b"ready"):
+            answer = b""
+        if not answer.startswith(b"ready"):
             raise LinkError("the firmware's emulator did not start")
 
     async def _tell(self, lines: Iterator[str] | list[str]) -> None:

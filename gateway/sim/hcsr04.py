@@ -26,7 +26,7 @@ class SensorErrors:
 
     @property
     def bound_mm(self) -> float:
-        """No echo that is heard is wrong by more than this and one timer tick."""
+        """No received echo is wrong by more than this and one timer tick."""
         return JITTER_LIMIT * self.jitter_mm + self.step_mm / 2
 
 
@@ -50,7 +50,7 @@ def flight_ns(mm: float, air_c: float) -> int:
 
 
 def measure(true_mm: float | None, air_c: float, errors: SensorErrors, random: Random) -> Echo:
-    """One cycle. `true_mm` None: nothing in the beam. Draws the same number of random values whatever comes out."""
+    """One cycle. `true_mm` None: nothing in the beam. Draws the same number of random values in every case."""
     lost = random.random() < errors.dropout
     stray = max(-JITTER_LIMIT, min(JITTER_LIMIT, random.gauss(0.0, 1.0)))
     if true_mm is None or lost:
@@ -58,10 +58,10 @@ def measure(true_mm: float | None, air_c: float, errors: SensorErrors, random: R
     mm = max(0.0, true_mm + stray * errors.jitter_mm)
     if errors.step_mm:
         mm = round(mm / errors.step_mm) * errors.step_mm
-    return heard(mm, air_c)
+    return echo_at(mm, air_c)
 
 
-def heard(mm: float, air_c: float) -> Echo:
+def echo_at(mm: float, air_c: float) -> Echo:
     """The cycle of a module that measured `mm`, flagged as the firmware flags it."""
     flags = NO_FLAGS
     if mm < NEAREST_MM:

@@ -38,7 +38,7 @@ OF_SCENARIO: Mapping[FaultKind, tuple[RangerFault, float]] = {
 
 
 def faults_of(scenario: Scenario, t_s: float) -> Faults:
-    """What is wrong with the board at world time `t_s`. Of several echoes the nearest is heard."""
+    """What is wrong with the board at world time `t_s`. Of several echoes the nearest is received."""
     found: dict[RangerFault, float] = {}
     for fault in scenario.faults:
         if fault.kind not in OF_SCENARIO or not fault.active(t_s):
@@ -57,7 +57,7 @@ def no_faults(t_ns: int) -> Faults:
 
 
 class SimulatedRanger:
-    """`async with` makes the port, `run` keeps the board going until cancelled, whoever supervises it.
+    """`async with` makes the port, `run` keeps the board running until cancelled.
 
     `distance_mm(t_ns)`: the truth at a time of `clock`, mm; None where nothing is in the beam.
     `faults(t_ns)`: what is scheduled; `forced` adds to it by hand.
@@ -94,7 +94,7 @@ class SimulatedRanger:
         self._opened = False
         self.forced: dict[RangerFault, float] = {}
         self.dropped_bytes = 0
-        """Sent while nobody had the port open, or into a full one."""
+        """Sent while no program had the port open, or into a full one."""
 
     @classmethod
     def of(cls, scenario: Scenario, world: World, origin_ns: int, clock: Clock) -> Self:
@@ -139,7 +139,7 @@ class SimulatedRanger:
 
     @property
     def opened(self) -> bool:
-        """Somebody has the port open."""
+        """A program has the port open."""
         return self._opened
 
     async def run(self) -> None:
@@ -164,7 +164,7 @@ class SimulatedRanger:
 
     def _plug(self) -> None:
         master, slave = os.openpty()
-        tty.setraw(slave)  # a pty echoes what it is sent until somebody says otherwise
+        tty.setraw(slave)  # a pty echoes what it is sent unless set to raw
         os.set_blocking(master, False)
         new = self._directory / "new"
         new.symlink_to(os.ttyname(slave))
@@ -180,7 +180,7 @@ class SimulatedRanger:
         self._master, self._opened = None, False
 
     def _watch_host(self, now_ns: int) -> None:
-        """Notice that the port was opened or closed, and read what the host says."""
+        """Notice that the port was opened or closed, and read what the host sent."""
         if self._master is None:
             return
         poll = select.poll()

@@ -1,6 +1,6 @@
 """The simulated ranger without its pty: an Uno with an HC-SR04, bytes leaving it at the pace of the wire. Pure.
 
-Ask it with `advance(now_ns)` for the bytes that have left since the last call; time may run at any speed.
+`advance(now_ns)` returns the bytes that have left since the last call; time may run at any speed.
 """
 
 import math
@@ -23,7 +23,7 @@ from gateway.ranger.hcsr04.protocol import (
     encode_measurement,
 )
 from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM
-from gateway.sim.hcsr04 import Echo, SensorErrors, flight_ns, heard, measure, no_echo
+from gateway.sim.hcsr04 import Echo, SensorErrors, echo_at, flight_ns, measure, no_echo
 
 PERIOD_NS = PERIOD_MS * 1_000_000
 HELLO_NS = HELLO_PERIOD_S * 1_000_000_000
@@ -38,7 +38,7 @@ POWER_ON, RESET_LINE = 1, 2  # MCUSR
 class RangerFault(StrEnum):
     """What can be wrong with a ranger."""
 
-    SILENT = "silent"  # the board has power, but says nothing and hears nothing
+    SILENT = "silent"  # the board has power, but sends and receives nothing
     NO_ECHO = "no_echo"
     STUCK = "stuck"  # ECHO held high, as an HC-SR04P can
     TOO_NEAR = "too_near"
@@ -153,11 +153,11 @@ class Board:
         if RangerFault.NO_ECHO in faults:
             return no_echo()
         if RangerFault.TOO_NEAR in faults:
-            return heard(NEAREST_MM / 2, self._air_c)
+            return echo_at(NEAREST_MM / 2, self._air_c)
         if RangerFault.TOO_FAR in faults:
-            return heard(FARTHEST_MM + 200.0, self._air_c)
+            return echo_at(FARTHEST_MM + 200.0, self._air_c)
         if RangerFault.WILD in faults and self._seq % 2:
-            return heard(faults[RangerFault.WILD], self._air_c)
+            return echo_at(faults[RangerFault.WILD], self._air_c)
         return echo
 
     def _hello(self, now_ns: int) -> None:

@@ -122,7 +122,7 @@ class Painter:
 
 
 def brightness(light: Light, t_s: float) -> float:
-    """Light of the whole frame at world time `t_s`; 1 is well exposed."""
+    """Light of the complete frame at world time `t_s`; 1 is well exposed."""
     drift = light.drift * math.sin(2 * math.pi * t_s / light.drift_period_s)
     flicker = light.flicker * math.sin(2 * math.pi * light.flicker_hz * t_s)
     return max(0.0, light.level * (1 + drift) * (1 + flicker))

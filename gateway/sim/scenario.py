@@ -1,4 +1,4 @@
-"""A scenario is one TOML file: how the truck moves, what the camera suffers, which faults come when. Checked strictly.
+"""A scenario is one TOML file: how the truck moves, the camera's conditions, which faults occur when. Checked strictly.
 
 Everything the simulator shows follows from a scenario and a time; there is no other state. World time starts at 0.
 """
@@ -41,34 +41,34 @@ class FaultKind(StrEnum):
 
 FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.CAMERA_FREEZE: "no frames: the driver hangs",
-    FaultKind.CAMERA_LOST: "the camera is gone, and opening it fails",
-    FaultKind.CAMERA_BLACK: "frames come, but black, as behind a lens cap",
-    FaultKind.CAMERA_STUCK: "frames come, each with a new time, but all show the same picture",
+    FaultKind.CAMERA_LOST: "the camera is lost, and opening it fails",
+    FaultKind.CAMERA_BLACK: "frames arrive, but black, as behind a lens cap",
+    FaultKind.CAMERA_STUCK: "frames arrive, each with a new time, but all show the same picture",
     FaultKind.MARKER_HIDDEN: "a grey tarpaulin hangs over the marker",
-    FaultKind.SPOUT_DOWN: "the loading spout comes down before the marker, covers it and goes up again at the end",
+    FaultKind.SPOUT_DOWN: "the loading spout moves down before the marker, covers it and moves up again at the end",
     FaultKind.DUST_CLOUD: "loading raises so much dust that hardly anything can be seen",
     FaultKind.RED_LAMP: "a round red lamp on the spout is lit, 20 px in radius; the spout need not be down",
-    FaultKind.RANGER_SILENT: "the port is open, but no line comes",
-    FaultKind.RANGER_NO_ECHO: "every measurement says: no echo",
-    FaultKind.RANGER_STUCK: "every measurement says: ECHO is held high",
-    FaultKind.RANGER_TOO_NEAR: "every measurement says: nearer than 2 cm",
-    FaultKind.RANGER_TOO_FAR: "every measurement says: farther than 4 m",
+    FaultKind.RANGER_SILENT: "the port is open, but no line arrives",
+    FaultKind.RANGER_NO_ECHO: "every measurement reports: no echo",
+    FaultKind.RANGER_STUCK: "every measurement reports: ECHO is held high",
+    FaultKind.RANGER_TOO_NEAR: "every measurement reports: nearer than 2 cm",
+    FaultKind.RANGER_TOO_FAR: "every measurement reports: farther than 4 m",
     FaultKind.RANGER_NOISE: "bytes are flipped, lost and made up on the wire",
     FaultKind.RANGER_WILD: "every other reading is wild, as with known clones",
     FaultKind.RANGER_ECHO: "an echo from what is nearer than the truck: the spout, dust, a person; `distance_cm`",
-    FaultKind.RANGER_UNPLUGGED: "the serial device is gone",
+    FaultKind.RANGER_UNPLUGGED: "the serial device is removed",
     FaultKind.RANGER_WRONG_VERSION: "the ranger reboots with another protocol version",
 }
 
 
 class Fault(Section):
-    """One thing that goes wrong for a while. The schedule is in world time and does not repeat."""
+    """One fault for a limited time. The schedule is in world time and does not repeat."""
 
-    kind: FaultKind = Field(description="what goes wrong: one of the kinds listed below")
+    kind: FaultKind = Field(description="the fault: one of the kinds listed below")
     at_s: float = Field(ge=0, le=86_400, description="when it starts, s of world time")
     for_s: float = Field(gt=0, le=86_400, description="how long it lasts, s")
     distance_cm: float = Field(
-        20.0, ge=2, le=400, description="where a ranger_echo comes from; others have no distance"
+        20.0, ge=2, le=400, description="distance of the echo of a ranger_echo; others have no distance"
     )
 
     def active(self, t_s: float) -> bool:
@@ -83,10 +83,10 @@ class Pose(Section):
 
 
 class Leg(Section):
-    """Drive in a straight line from where the truck stands to this pose, then stand."""
+    """Drive in a straight line from the truck's present pose to this one, then stop."""
 
     another_truck: bool = Field(
-        False, description="this one has gone: another truck stands at this pose at once, which takes no time"
+        False, description="this truck has left: another one is at this pose at once, which takes no time"
     )
     name: str = Field("", max_length=40, description="for reports; trials are named here")
     distance_cm: float = Field(ge=4, le=500, description="distance at the end of the leg, cm")
@@ -94,7 +94,7 @@ class Leg(Section):
     vertical_mm: float = Field(0.0, ge=-1000, le=1000, description="vertical offset at the end of the leg")
     speed_cm_s: float = Field(20.0, ge=0.5, le=300, description="cruising speed, cm/s")
     acceleration_cm_s2: float = Field(40.0, ge=1, le=1000, description="mean acceleration, both ways, cm/s^2")
-    hold_s: float = Field(0.0, ge=0, le=86_400, description="stand so long at the end, s")
+    hold_s: float = Field(0.0, ge=0, le=86_400, description="time at rest at the end, s")
 
 
 class Marker(Section):
@@ -127,7 +127,7 @@ class Vibration(Section):
     amplitude_mm: float = Field(1.5, ge=0, le=50, description="largest sideways excursion while driving")
     frequency_hz: float = Field(6.0, ge=0.1, le=50, description="its middle frequency")
     axial_share: float = Field(0.3, ge=0, le=1, description="along the optical axis, as a share of it")
-    rest_share: float = Field(0.2, ge=0, le=1, description="what is left of it while the truck stands, engine idling")
+    rest_share: float = Field(0.2, ge=0, le=1, description="share that remains with the truck at rest, engine idling")
 
 
 class Light(Section):
@@ -137,7 +137,7 @@ class Light(Section):
     flicker: float = Field(0.02, ge=0, le=1, description="lamps on the mains: share of the level")
     flicker_hz: float = Field(100.0, ge=0.1, le=1000, description="frequency of the flicker, Hz")
     gradient: float = Field(0.15, ge=0, le=1, description="one side of the frame brighter: share of the level")
-    gradient_deg: float = Field(-120.0, ge=-360, le=360, description="where the light comes from; 0 right, 90 below")
+    gradient_deg: float = Field(-120.0, ge=-360, le=360, description="direction of the light; 0 right, 90 below")
     shadow: float = Field(0.0, ge=0, le=1, description="depth of a slanted shadow across the frame")
     warmth: float = Field(0.0, ge=-1, le=1, description="colour cast: 1 sodium lamp, -1 blue hour")
 
@@ -166,20 +166,20 @@ class Ranger(Section):
     """What the ultrasonic sensor adds to the true distance."""
 
     jitter_mm: float = Field(1.5, ge=0, le=200, description="standard deviation of a reading")
-    step_mm: float = Field(4.0, ge=0, le=50, description="readings come in steps of this; 0: none")
+    step_mm: float = Field(4.0, ge=0, le=50, description="readings have steps of this; 0: none")
     dropout: float = Field(0.0, ge=0, le=1, description="share of the measurements without an echo")
     temperature_c: float = Field(20.0, ge=-40, le=85, description="of the air, which sets the true speed of sound")
 
 
 class Scenario(Section):
-    """A truck's visit to one bay. After the last leg it stands still, or begins again where `repeat` says so."""
+    """A truck's visit to one bay. After the last leg it stays at rest, or begins again with `repeat`."""
 
     seed: int = Field(1, ge=0, le=2**31, description="of everything random")
     duration_s: float = Field(20.0, gt=0, le=86_400, description="length of the show; world and faults go on after it")
     repeat: bool = Field(False, description="after the last leg begin again; it must then end where the start is")
     bay: Name = Field("bay1", description="the bay it is meant for")
     start: Pose = Field(default_factory=Pose)
-    legs: tuple[Leg, ...] = Field((), max_length=1000, description="one after the other; none: the truck stands")
+    legs: tuple[Leg, ...] = Field((), max_length=1000, description="one after the other; none: the truck stays at rest")
     marker: Marker = Field(default_factory=Marker)
     camera: Camera = Field(default_factory=Camera)
     vibration: Vibration = Field(default_factory=Vibration)
@@ -196,7 +196,7 @@ class Scenario(Section):
         room_mm = 10 * nearest + self.camera.offset_mm - 2 * self.vibration.amplitude_mm
         if room_mm < 20:
             raise ValueError(
-                f"the camera comes within {room_mm:g} mm of the marker: with camera.offset_mm = "
+                f"the camera would be within {room_mm:g} mm of the marker: with camera.offset_mm = "
                 f"{self.camera.offset_mm:g} no leg may end at {nearest:g} cm"
             )
         return self

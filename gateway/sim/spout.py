@@ -1,7 +1,7 @@
 """The loading spout and the red lamp on it: they hang in the bay before the truck, and do not move with it. Pure.
 
-The spout is a grey telescopic tube that comes down from above the picture; 1 down is all the way. The lamp is a round
-red light in front of it, about as red as the marker and a tenth of its size: what else a camera can take for it.
+The spout is a grey telescopic tube that moves down from above the picture; 1 down is all the way. The lamp is a round
+red light in front of it, about as red as the marker and a tenth of its size: what a camera may confuse with it.
 """
 
 import cv2
@@ -30,7 +30,7 @@ class Spout:
         self._tube = _tube(self._camera.height_px, round(left), round(right))[:, self._left - round(left) :]
 
     def draw(self, image: Image, truth: Truth) -> None:
-        """Over everything of the truck; dust, light and noise come after it."""
+        """Drawn over the truck; dust, light and noise are applied afterwards."""
         if truth.spout > 0 and self._right > self._left:
             edge = min(self._camera.height_px, round(truth.spout * self._camera.height_px))
             width = self._right - self._left

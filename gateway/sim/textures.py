@@ -2,7 +2,7 @@
 
 Truck and paint are textures in the marker's plane, in mm from the marker's centre (x right, y down), at several
 scales. Greys and yellows keep clear of the paper's red threshold on purpose (saturation below 43 or hue above 10);
-only what `clutter` and `rust` ask for is red.
+only `clutter` and `rust` add red.
 """
 
 import math
@@ -51,11 +51,11 @@ class Surfaces:
     truck: tuple[Level, ...]  # all of it, finest first
     paint: tuple[Level, ...]  # the marker, a square somewhat larger than the disc
     cover: tuple[Level, ...]  # a tarpaulin over the port
-    yard: Image  # (H, W, 3): what stands still behind the truck
+    yard: Image  # (H, W, 3): the fixed background behind the truck
 
 
 def surfaces(scenario: Scenario) -> Surfaces:
-    """Everything painted, in about half a second; scenarios that differ in motion, light or dust alone share it."""
+    """Everything painted, in about half a second; scenarios that differ only in motion, light or dust share it."""
     size = Camera(width_px=scenario.camera.width_px, height_px=scenario.camera.height_px)
     seed, marker, surface, red = scenario.seed, scenario.marker, scenario.surface, scenario.clutter
     return _painted(Scenario(seed=seed, marker=marker, surface=surface, clutter=red, camera=size))
@@ -302,7 +302,7 @@ def _wear(canvas: Canvas, r: float, wear: float, chance: np.random.Generator) ->
 
 
 def _tarpaulin(r: float, chance: np.random.Generator) -> Level:
-    """A tarpaulin hung over the whole port: folds, eyelets along its upper hem, a ragged outline."""
+    """A tarpaulin over the complete port: folds, eyelets along its upper hem, a ragged outline."""
     half = COVER * r
     side = round(2 * half * FINE)
     across = np.linspace(-1, 1, side, dtype=np.float32)[None, :]

@@ -1,15 +1,15 @@
-"""The paper's ten alignment trials (Table II) as a scenario, and what becomes of them. Pure.
+"""The paper's ten alignment trials (Table II) as a scenario, and their results. Pure.
 
 Definitions, all on D of equation 14 and none on the fail-safe, which is counted apart:
 
 - At rest: the truck has stood for `SETTLE_S` at the end of a trial.
 - Surely no: Z_true > Z_th + DISTANCE_TOLERANCE_MM or R_true < R_th - RADIUS_TOLERANCE_PX. Surely yes: both thresholds
-  are met with these tolerances to spare. In between the sensors may say either.
-- False stop: D = 1 although the truth has surely said no for the last `SETTLE_S`, driving or at rest. An unbroken run
+  are met with these tolerances to spare. In between either result is right.
+- False stop: D = 1 although the truth has been a sure no for the last `SETTLE_S`, driving or at rest. An unbroken run
   of such records is one false stop.
-- Missed stop: a trial at rest whose truth surely says yes, with a record in which D = 0.
-- Decided: at rest D has been known for `DECIDED_S` altogether. The truck stands until then, at most `WAIT_S` longer
-  than planned: how soon and how steadily a loaded machine knows D is no matter of the decision. While D is unknown (a
+- Missed stop: a trial at rest whose truth is a sure yes, with a record in which D = 0.
+- Decided: at rest D has been known for `DECIDED_S` altogether. The truck stays until then, at most `WAIT_S` longer
+  than planned: how soon and how steadily a loaded machine has D is not part of the decision. While D is unknown (a
   sensor is bad) `stop` is the fail-safe's. A false or missed stop counts at any time, also in a decided trial.
 - Undecided: a trial whose truck left without that.
 - A trial is right when it is decided, and neither a false nor a missed stop happened from its start to the start of
@@ -34,7 +34,7 @@ TRIAL = "trial "  # names of the legs that end in a trial
 DISTANCE_TOLERANCE_MM = 8.0  # 4 standard deviations of the default ranger's jitter and half its 4 mm step
 RADIUS_TOLERANCE_PX = 3.0  # the thresholded mask is up to 3 px larger than the paint
 SETTLE_S = 0.5  # the slowest way from the truth to the registers: exposure, filters, debounce
-STAND_S = 2.0  # planned at the end of a trial; on a machine with room nobody waits longer
+STAND_S = 2.0  # planned at the end of a trial; on a machine with spare time it is no longer than that
 DECIDED_S = 1.2  # of STAND_S, after SETTLE_S and with the steps between records to spare
 WAIT_S = 30.0
 
@@ -113,8 +113,8 @@ class TrialReport:
 def trial_scenario(seed: int, n: int = 10) -> Scenario:
     """`n` approaches from 80 cm that end and stand at equal steps over 25 to 52 cm (10: every 3 cm), shuffled.
 
-    Each ends a little off the axis, so that the centre moves too; the marker stays whole in the frame. Sensors, light
-    and surroundings are the default scenario's.
+    Each ends a little off the axis, so that the centre moves too; the marker stays completely in the frame. Sensors,
+    light and surroundings are the default scenario's.
     """
     if not 1 <= n <= 1000:
         raise ValueError(f"n = {n} trials: 1 to 1000 can be had")
@@ -146,7 +146,7 @@ def trial_legs(scenario: Scenario) -> tuple[int, ...]:
 
 
 class Evaluation:
-    """What the module's definitions make of records, which must come in order of time. Only trials begun count."""
+    """The results of records, in order of time, by the module's definitions. Only trials begun count."""
 
     def __init__(self, *, radius_threshold_px: float = 180.0, distance_threshold_mm: float = 300.0) -> None:
         self._thresholds = radius_threshold_px, distance_threshold_mm
@@ -195,7 +195,7 @@ def evaluate(records: Iterable[Record]) -> TrialReport:
 
 
 class _Judge:
-    """Remembers since when the truth has said what it says now."""
+    """Remembers since when the truth has its present value."""
 
     def __init__(self, radius_threshold_px: float, distance_threshold_mm: float) -> None:
         self._radius_px, self._distance_mm = radius_threshold_px, distance_threshold_mm

@@ -1,6 +1,6 @@
 """Where the truck is and what an ideal camera and ranger would measure: a pure function of scenario and time.
 
-In trials also of what has been told to `TruckHold`: how long the truck stands at the end of some legs.
+In trials also of what `TruckHold` was given: how long the truck is at rest at the end of some legs.
 
 Axes as the camera's: X right, Y down, Z along the optical axis, mm. The marker is a disc facing the camera, so its
 picture is a circle: u = cx + f X/Z, v = cy + f Y/Z, R = f r/Z. With the defaults (f = 600 px, r = 90 mm) R = 180 px at
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from gateway.sim.scenario import Camera, FaultKind, Leg, Scenario, Vibration
 
-SPOUT_S = 2.0  # the spout needs so long to come down, and to go up
+SPOUT_S = 2.0  # the spout needs so long to move down, and to move up
 SPOUT_MM = 200.0  # from the ranger to the spout, which hangs on the camera's axis: nearer than any truck in place
 SPOUT_HALF_MM = 75.0
 SINES = 4  # per axis of the vibration
@@ -51,7 +51,7 @@ class Truth:
     radius_px: float
     u_px_s: float  # speed of the centre in the image
     v_px_s: float
-    marker_visible: bool  # whole in the frame and not covered
+    marker_visible: bool  # completely in the frame and not covered
     stop: bool  # D of equation 14, from the true radius and distance
     phase: Phase
     leg: int  # index of the current leg; -1 before world time 0 and where the scenario has none
@@ -167,15 +167,15 @@ class World:
 
     @property
     def plan_s(self) -> float:
-        """World time at which the last leg's hold ends; from then on the truck stands, or begins again."""
+        """World time at which the last leg's hold ends; from then on the truck is at rest, or begins again."""
         return self._segments[-1].end_s if self._segments else 0.0
 
     def planned_s(self, t_s: float) -> float:
-        """How far the plan has come at world time `t_s`, s: that less what the truck has stood beyond it."""
+        """Progress of the plan at world time `t_s`, s: that time less the truck's additional time at rest."""
         return self._leg_and_planned_s(t_s)[1]
 
     def truth(self, t_s: float, *, image_speed: bool = True) -> Truth:
-        """Everything at world time `t_s`; before 0 the truck stands at the start.
+        """Everything at world time `t_s`; before 0 the truck is at the start.
 
         Without `image_speed` the speed of the marker in the image is not calculated, and is 0.
         """
@@ -212,7 +212,7 @@ class World:
         )
 
     def distance_mm(self, t_s: float) -> float:
-        """Distance from the ranger alone, vibration included: what the sound travels."""
+        """Distance from the ranger, vibration included: the path of the sound."""
         return self._here(t_s)[0].z
 
     def _project(self, here: Vector) -> tuple[float, float, float]:

@@ -224,7 +224,7 @@ async def test_silence_is_reported_and_the_ranger_is_asked() -> None:
         await host.until_good()
         ranger.forced[RangerFault.SILENT] = 0.0
         stale = await host.until(lambda r: r.quality is Quality.STALE)
-        assert stale.detail == "nothing heard for 1 s"
+        assert stale.detail == "nothing received for 1 s"
         assert host.session.request(host.clock.now_ns()) == b""  # just asked
         del ranger.forced[RangerFault.SILENT]
         await host.until_good()

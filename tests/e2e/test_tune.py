@@ -79,7 +79,7 @@ def test_without_labels_it_says_whose_answers_it_took(
     ("arguments", "says"),
     [
         ([], "gateway tune: no example with a marker; name pictures with --labels or --at"),
-        (["grey.png"], "gateway tune: no marker was found with confidence in 1 pictures; say where it is with --at"),
+        (["grey.png"], "gateway tune: no marker was found with confidence in 1 pictures; give its place with --at"),
         (["d0.png", "--at", "1,2"], "--at 1,2: expected FILE:U,V,R, as bay.png:412.5,300,96"),
         (["d0.png", "--at", "1,2,x"], "--at 1,2,x: expected FILE:U,V,R"),
         (["d0.png", "--at", "1,2,0"], "--at 1,2,0: the radius must be 0.5 px or more"),

@@ -3,15 +3,15 @@
 Four rules:
 
 1. After opening, lines are a backlog until they have kept the sensor's own pace (at least half a cycle per sequence
-   number) across two pauses. A serial server hands out what it had stored in bursts; nothing in them says how old they
+   number) across two pauses. A serial server hands out what it had stored in bursts; nothing in them shows how old they
    are, and the pause before a burst makes its first line look live. Lines that always come in twos are no backlog.
-2. Later, a line that comes much later than its sequence number allows was held up on the way (a network, a stopped
+2. Later, a line that arrives much later than its sequence number allows was held up on the way (a network, a stopped
    process): its content is old and is not used, and the next one is expected by the number. If the late lines keep
    the sensor's own pace, it was the sensor that paused, and they are live again.
 3. No line can arrive before its time. One that seems to, against those just before it, shows that they were late, and
    that it may be late itself: all of it is a backlog, and rule 1 begins anew.
 4. A sequence number that cannot have been reached in the time is a restart, not a gap; so is 0 after a hello. It may
-   itself lie in a backlog, and tells nothing of how old that is: rule 1 begins anew.
+   itself be in a backlog, and gives no age of that: rule 1 begins anew.
 """
 
 from collections import deque
@@ -40,7 +40,7 @@ class Arrival(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TimedLine:
-    """What the sequence number tells about one line."""
+    """What the sequence number shows about one line."""
 
     arrival: Arrival
     end_ns: int  # the line's last bit left the ranger

@@ -4,8 +4,8 @@ A line is `$`, a body of comma-separated printable ASCII, `*`, four upper-case h
 it in a serial monitor. The checksum is CRC-16/XMODEM over the body (`_crc_xmodem_update` from 0 in avr-libc). Numbers
 are decimal without sign, leading zeros or spaces, so a message has exactly one spelling.
 
-A measurement says its distance twice, as time and as length. The second is for people; the decoder uses it as a further
-check, so that a damaged line must get past both.
+A measurement contains its distance twice, as time and as length. The second is for people; the decoder uses it as a
+further check, so that a damaged line must get past both.
 """
 
 import binascii
@@ -18,7 +18,7 @@ PROTOCOL_VERSION = 1
 """Carried by the hello. A further optional field at a line's end keeps the version; anything else raises it."""
 
 QUESTION = b"?"
-"""The only thing the host says: asks for a hello."""
+"""The host's only message: the request for a hello."""
 
 TICK_NS = 500  # Timer1 of the Uno at 16 MHz / 8
 BURST_NS = 450_000  # from the trigger to ECHO's rising edge: the module sends its eight pulses
@@ -74,7 +74,7 @@ class Damage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Who speaks. Of another version only name and version are known; the rest is 0."""
+    """The ranger's identification. Of another version only name and version are known; the rest is 0."""
 
     name: str
     version: int
@@ -142,7 +142,7 @@ def encode_measurement(measurement: Measurement) -> bytes:
 
 def _checked(line: bytes, message: Hello | Measurement) -> bytes:
     if Decoder().feed(line) != [message]:
-        raise ValueError(f"cannot be said in protocol version {PROTOCOL_VERSION}: {message}")
+        raise ValueError(f"cannot be encoded in protocol version {PROTOCOL_VERSION}: {message}")
     return line
 
 
@@ -180,7 +180,7 @@ class Decoder:
         return events
 
     def _noisy(self, run: bytes) -> Iterator[Damaged]:
-        """Count bytes outside any line. A carriage return alone is nobody's damage."""
+        """Count bytes outside any line. A single carriage return is no damage."""
         count = len(run) - run.count(b"\r")
         forgiven = min(self._forgiven, count)
         self._forgiven -= forgiven
@@ -269,7 +269,7 @@ def markdown() -> str:
 
 
 def _budget(baud: int) -> list[str]:
-    """From the trigger to a whole line, by distance."""
+    """From the trigger to a complete line, by distance."""
     table = [
         "| target at | ECHO pulse, ms | line, bytes | line on the wire, ms | trigger to whole line, ms | wire in use |",
         "|---|---|---|---|---|---|",

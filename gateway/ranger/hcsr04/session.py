@@ -1,7 +1,7 @@
-"""One HC-SR04 with its board over its life: who speaks, what is missing, how old a line is, what it means. Sans-IO.
+"""One HC-SR04 with its board over its life: its identification, its faults, the age and meaning of a line. Sans-IO.
 
-Time is an argument: `arrived_ns` is when the bytes were in the host's hands, `now_ns` the present, both monotonic. What
-the methods are for: gateway/ranger/contract.py.
+Time is an argument: `arrived_ns` is when the bytes arrived at the host, `now_ns` the present, both monotonic. The
+methods are described in gateway/ranger/contract.py.
 """
 
 from collections import Counter
@@ -31,7 +31,7 @@ S = 1000 * MS
 BOOT_NS = 2 * S
 """Opening the port pulls DTR, which resets an Uno: its boot loader listens for so long before the sketch runs."""
 SILENCE_NS = 1 * S
-"""No measurement for so long: reported, and the ranger is asked for a hello."""
+"""No measurement for so long: reported, and a hello is requested from the ranger."""
 ASK_NS = 1 * S
 HELLO_DEADLINE_NS = (HELLO_PERIOD_S + 1) * S
 LINK_LATENCY_NS = 1 * MS
@@ -60,7 +60,7 @@ def distance_mm(ticks: int, temperature_c: float) -> float:
 
 
 class Session:
-    """Everything the gateway knows of one ranger. Counters outlive connections, the rest does not."""
+    """The state of one ranger in the gateway. Counters outlive connections, the rest does not."""
 
     def __init__(self, config: RangerConfig) -> None:
         self._temperature_c = config.temperature_c
@@ -82,7 +82,7 @@ class Session:
         self._arrivals = ArrivalTracker()
         self._opened_ns = now_ns
         self._asked_ns: int | None = None
-        self._heard_ns: int | None = None  # any byte
+        self._received_ns: int | None = None  # any byte
         self._measured_ns: int | None = None  # a measurement, usable or not
         self._hello_ns: int | None = None
         self._seq = 0
@@ -127,7 +127,7 @@ class Session:
     def feed(self, data: bytes, arrived_ns: int) -> list[RangeReading]:
         """Readings in the order of their lines."""
         if data:
-            self._heard_ns = arrived_ns
+            self._received_ns = arrived_ns
         readings: list[RangeReading] = []
         after = len(data)
         for line in data.splitlines(keepends=True):
@@ -196,7 +196,7 @@ class Session:
         if quality is Quality.GOOD and raw_mm < NEAREST_MM:
             quality = Quality.TOO_NEAR
         elif quality is Quality.GOOD and raw_mm > FARTHEST_MM:
-            quality = Quality.TOO_FAR  # clones report 3300 cm where they heard nothing
+            quality = Quality.TOO_FAR  # clones report 3300 cm where they received no echo
         flags = "|".join(flag.name or "" for flag in m.flags)
         return self._conditioner.measured(raw_mm, quality, t_ns, m.seq, flags)
 
@@ -233,13 +233,13 @@ class Session:
     def _version_detail(self) -> str:
         if self.hello is None:
             return ""
-        return f"{self.hello.name} speaks protocol version {self.hello.version}, this gateway {PROTOCOL_VERSION}"
+        return f"{self.hello.name} uses protocol version {self.hello.version}, this gateway {PROTOCOL_VERSION}"
 
     def _silence_detail(self, now_ns: int) -> str:
         since_ns = self._measured_ns if self._measured_ns is not None else self._opened_ns
         seconds = 0.0 if since_ns is None else (now_ns - since_ns) / S
-        if self._heard_ns is None or now_ns - self._heard_ns >= SILENCE_NS:
-            return f"nothing heard for {seconds:.0f} s"
+        if self._received_ns is None or now_ns - self._received_ns >= SILENCE_NS:
+            return f"nothing received for {seconds:.0f} s"
         if self.hello is None and self._damaged_here:
             return f"bytes, but no good line for {seconds:.0f} s: wrong baud rate, or not a ranger"
         return f"no measurement for {seconds:.0f} s"

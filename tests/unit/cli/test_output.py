@@ -86,7 +86,7 @@ def test_a_blocked_stream_blocks_nobody_and_what_was_dropped_is_told() -> None:
         out.open()
         lines = [out.line() for _ in range(5)]
         outlet.write("last\n")
-        assert lines == ["first\n", "(7 outputs dropped: nobody read them in time)\n", "0\n", "1\n", "2\n"]
+        assert lines == ["first\n", "(7 outputs dropped: not read in time)\n", "0\n", "1\n", "2\n"]
         assert out.line() == "last\n"
         outlet.close(None)
 

@@ -272,7 +272,7 @@ def test_another_version_gives_no_distance_until_a_right_hello() -> None:
     bench = settled()
     (reading,) = bench.hears(OTHER)
     assert (reading.quality, reading.distance_mm) == (Quality.WRONG_VERSION, None)
-    assert reading.detail == "uno speaks protocol version 2, this gateway 1"
+    assert reading.detail == "uno uses protocol version 2, this gateway 1"
     for _ in range(10):
         bench.measures(500.0)
     assert set(qualities(bench.said[-5:])) == {Quality.WRONG_VERSION}
@@ -377,7 +377,7 @@ def test_silence_is_reported_after_a_second_and_repeated() -> None:
     assert [(r.quality, r.t_ns - bench.now_ns) for r in said] == [
         (Quality.STALE, -(500 - 100 * n) * MS) for n in range(6)
     ]
-    assert said[0].detail == "nothing heard for 1 s"
+    assert said[0].detail == "nothing received for 1 s"
 
 
 def test_an_uno_may_boot_for_two_seconds_after_opening() -> None:

@@ -210,4 +210,4 @@ def test_nobody_is_asked_without_a_terminal(
 
     monkeypatch.setattr("getpass.getpass", would_show)
     assert main(["password", "anna"]) == 2
-    assert "no terminal to ask on; --stdin" in capsys.readouterr().err
+    assert "no terminal; --stdin" in capsys.readouterr().err
