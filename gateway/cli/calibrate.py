@@ -141,7 +141,9 @@ def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[in
 def _no_board(board: "Board", looked_at: int, kept: Sequence["Image"]) -> str:
     from gateway.vision.offline.calibration.boards import other_size
 
-    text = f"gateway calibrate: no {board} in any of {looked_at} pictures; the whole board must be visible, with a light rim"
+    text = (
+        f"gateway calibrate: no {board} in any of {looked_at} pictures; the whole board must be seen, with a light rim"
+    )
     if not looked_at:
         return "gateway calibrate: no picture could be read"
     for image in kept:

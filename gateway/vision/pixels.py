@@ -1,4 +1,4 @@
-"""What the whole room means by a picture: its layout, the one way into it, and the names and order of picture files.
+"""A picture in this package: its layout, the one conversion to it, and the names and order of picture files.
 
 Pure, and without OpenCV: the main process loads this module, too.
 """
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]  # (H, W, 3), BGR, unless said otherwise
+Image = NDArray[np.uint8]  # (H, W, 3), BGR, unless noted otherwise
 
 # fmt: off
 PICTURE_SUFFIXES = frozenset((
@@ -18,7 +18,7 @@ PICTURE_SUFFIXES = frozenset((
     ".pnm", ".ppm", ".ras", ".sr", ".tif", ".tiff", ".webp",
 ))
 # fmt: on
-_STRIP = 1 << 16  # samples converted at once: what lies between stays in the cache, and takes no memory to speak of
+_STRIP = 1 << 16  # samples converted at once: the intermediate values stay in the cache, and take hardly any memory
 
 
 def bgr8(picture: NDArray[Any]) -> Image:
@@ -56,7 +56,7 @@ def _upper_byte(samples: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def natural_key(path: Path) -> list[tuple[int, str]]:
-    """Sort key in which frame9 comes before frame10, whatever the case of the letters."""
+    """Sort key in which frame9 is before frame10, regardless of case."""
     parts = re.split(r"([0-9]+)", str(path).casefold())
     return [(int(part), "") if i % 2 else (-1, part) for i, part in enumerate(parts)] + [(-1, str(path))]
 

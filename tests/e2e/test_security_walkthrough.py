@@ -83,7 +83,7 @@ def test_the_page_does_what_it_says(shell: Shell) -> None:
         shell.end()
     init, server, operator, viewer, listed, _, check, _, tls, _, read, refused, _, written, *rest = said
     back, plain, unwritten = rest
-    assert "certs/ca.key: signs for everybody" in init
+    assert "certs/ca.key: signs any certificate" in init
     assert 'cert = "certs/gateway.pem"' in server
     assert "role operator" in operator
     assert "role viewer" in viewer

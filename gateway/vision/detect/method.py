@@ -46,7 +46,7 @@ class Search(Protocol):
     def __call__(
         self, image: "Image", t_ns: int, expected: "Prediction | None", radii_px: tuple[float, float] | None
     ) -> Detection:
-        """`expected`: the predicted marker, None without a track. A hint of where to look first, not what to find.
+        """`expected`: the predicted marker, None without a track. A hint where to search first, not what to find.
 
         It may be a poor one: see `Prediction.useful`. `radii_px`: the marker's radius lies between these; None:
         unknown.

@@ -1,4 +1,4 @@
-"""Which radii the marker can have where the ranger says the truck is: what the main process tells the vision processes.
+"""Which radii the marker can have at the truck's distance: sent by the main process to the vision processes.
 
 It holds for a moment only and restricts the search, nothing else: without it every radius is possible.
 """
@@ -21,7 +21,7 @@ class MarkerRadii(Message, frozen=True):
     until_ns: int
 
     def at(self, t_ns: int) -> tuple[float, float] | None:
-        """Both limits, for a frame of that time; None: nobody knows. What is no range (NaN, upside down) limits
+        """Both limits, for a frame of that time; None: unknown. An invalid range (NaN, upside down) limits
         nothing."""
         if t_ns > self.until_ns or not 0 < self.low_px <= self.high_px < inf:
             return None
@@ -39,7 +39,7 @@ class Pace:
     _sent_ns: int = 0
 
     def due(self, radii_px: tuple[float, float] | None, now_ns: int) -> MarkerRadii | None:
-        """`radii_px` None: nobody knows any more."""
+        """`radii_px` None: no longer known."""
         held = self._sent.at(now_ns)
         if radii_px is None:
             self._sent = WITHDRAWN

@@ -12,7 +12,7 @@ SHARE_MEANING: dict[str, str] = {
     "support": "of the rim in the picture, how much shows an edge that lies on the ellipse, at full resolution",
     "round": "how little these edges scatter about the ellipse",
     "coverage": "of the rim in the picture, how much is red inside and not outside, or another red",
-    "sealed": "1 less the share where the red goes on outside as if there were no rim",
+    "sealed": "1 less the share where the red continues outside as if there were no rim",
     "clear": "contrast across the rim, against its scatter from ray to ray",
     "fill": "of the inside, how much is red",
     "aspect": "semi-minor by semi-major axis; 1 from 0.85 on",

@@ -1,4 +1,4 @@
-"""The detection methods by name: what `vision.method` and `vision.tracking` ask for, ready to be called."""
+"""The detection methods by name: those of `vision.method` and `vision.tracking`, ready to be called."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast

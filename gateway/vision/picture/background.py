@@ -1,4 +1,4 @@
-"""Has the camera been moved? The fixed background against what was learned of it while no marker was in sight. Pure.
+"""Has the camera been moved? The fixed background compared with the one learned while no marker was in sight. Pure.
 
 Six overlapping parts of the small picture are each matched by phase correlation. Half of them must be recognised, so a
 truck that stands in the others does no harm. What is learned lives as long as the vision process.
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 NS_PER_S = 1_000_000_000
 PERIOD_NS = 2 * NS_PER_S
-PART_PX, LEAST_PX = 64, 24  # side of a part; a smaller picture tells nothing
-LEAST_DEVIATION = 6.0  # grey levels: a picture that is dark, covered or full of dust tells nothing
+PART_PX, LEAST_PX = 64, 24  # side of a part; a smaller picture gives no result
+LEAST_DEVIATION = 6.0  # grey levels: a picture that is dark, covered or full of dust gives no result
 RECOGNISED = 0.4  # response of the phase correlation: another scene gives less, the same one up to 1
 ENOUGH = 3  # of the six parts
 LEARNED_FROM, STILL_PX = 5, 1.0  # so many pictures running, of which none has moved farther
@@ -44,7 +44,7 @@ class Background:
         self._known: _Known | None = None
 
     def shift(self, grey: Grey, t_ns: int, *, marker: bool) -> float | None:
-        """How far the background has moved, in px of `grey`; None: not due, or nothing can be said.
+        """How far the background has moved, in px of `grey`; None: not due, or unknown.
 
         Half the width where nothing of it has been recognised for an hour: farther than can be measured.
         """
@@ -103,7 +103,7 @@ def _parts(grey: Grey) -> Parts:
 
 def _moved_px(before: Parts, now: Parts, enough: int) -> float | None:
     """Median of how far the recognised parts have moved; None: fewer than `enough`. A zoom or a turn counts, too."""
-    # Not with a window of its own: OpenCV applies it to what it is given, in place.
+    # Not with OpenCV's window argument: OpenCV applies it to what it is given, in place.
     found = [cv2.phaseCorrelate(one, other) for one, other in zip(before, now, strict=True)]
     moved_px = [math.hypot(*place) for place, response in found if response >= RECOGNISED]
     return float(np.median(moved_px)) if len(moved_px) >= enough else None

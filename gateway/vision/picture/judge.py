@@ -1,6 +1,6 @@
 """When is a picture dark, over-exposed, flat, blurred, dusty or shifted? By limits, for most of some time. Pure.
 
-A truck that passes, a cloud of dust while loading, a lamp that is switched off and on: no camera that needs somebody.
+A truck that passes, a cloud of dust while loading, a lamp that is switched off and on: no reason to service a camera.
 """
 
 import math
@@ -16,7 +16,7 @@ SET, CLEAR = 0.7, 0.3  # of the time, with an exponential memory
 LONGEST_STEP_S = 2.0  # a gap in the pictures is no time in which anything was seen
 
 Beyond = Callable[[PictureHealth, PictureConfig], float | None]
-"""The value over its limit; 1: at the limit, more is worse. None: can't be told, or switched off."""
+"""The value over its limit; 1: at the limit, more is worse. None: unknown, or switched off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ def _below(value: float | None, limit: float) -> float | None:
 
 
 def _seeing(health: PictureHealth, limits: PictureConfig) -> bool:
-    """Of a picture that is dark, burnt out or covered nothing else can be told."""
+    """In a picture that is dark, burnt out or covered nothing else can be judged."""
     return (
         health.brightness >= limits.brightness_min
         and health.contrast >= limits.contrast_min
@@ -61,12 +61,12 @@ RULES: dict[PictureFault, _Rule] = {
 
 
 class PictureJudge:
-    """Of one camera; what was measured comes in order of its capture time."""
+    """Of one camera; measurements are in order of their capture times."""
 
     def __init__(self, limits: PictureConfig) -> None:
         self._limits = limits
         self._shares = dict.fromkeys(PictureFault, 0.0)  # of the last while that was beyond the limit
-        self._seen_ns = dict.fromkeys(PictureFault, 0)  # when it could be told last
+        self._seen_ns = dict.fromkeys(PictureFault, 0)  # when it could be judged last
         self._status = 0
 
     def judged(self, measured: PictureHealth, t_ns: int) -> PictureHealth:

@@ -1,4 +1,4 @@
-"""What a picture itself is like: brightness, contrast, sharpness, dust veil. Pure; 0.4 ms at VGA, twice a second.
+"""Figures of a picture itself: brightness, contrast, sharpness, dust veil. Pure; 0.4 ms at VGA, twice a second.
 
 All but the sharpness are taken from a picture halved until it is at most 240 px wide, where the sensor's noise is gone.
 """
@@ -25,7 +25,7 @@ Grey = NDArray[np.uint8]
 
 
 class PictureMeter:
-    """Of one vision process; frames in order. Looks at one every half second."""
+    """Of one vision process; frames in order. Measures one every half second."""
 
     def __init__(self) -> None:
         self._background = Background()
@@ -64,7 +64,7 @@ def halved(image: Image) -> Image:
 def sharpness(image: Image) -> float | None:
     """0 to 1: a step from one pixel to the next gives 0.6, blurred by a Gaussian of 2 px 0.3, of 4 px 0.2, of 8 px 0.1.
 
-    Rows of windows, each of 3 x 3 means; what noise alone would give is taken off. Of the windows that span most the
+    Rows of windows, each of 3 x 3 means; what noise would give is subtracted. Of the windows that span most the
     upper quartile, since others hold shades and no edge. None: too few windows with anything in them.
     """
     height, width = image.shape[:2]
@@ -90,10 +90,11 @@ def sharpness(image: Image) -> float | None:
 
 
 def veil(small: Image) -> float | None:
-    """Share of airlight that lies over the picture, 0 to 1: of haze, dust, a film on the lens. None: too dark to tell.
+    """Share of airlight that lies over the picture, 0 to 1: of haze, dust, a film on the lens. None: too dark to
+    measure.
 
     A is the 70th percentile of each channel; the veil 0.97 times the 0.3rd percentile of the least channel of I / A. A
-    scene without anything dark looks veiled: 0.1 to 0.3 in a clean bay.
+    scene without anything dark appears veiled: 0.1 to 0.3 in a clean bay.
     """
     count = small.shape[0] * small.shape[1]
     lookup = np.empty((1, 256, 3), np.uint8)

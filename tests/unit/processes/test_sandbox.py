@@ -297,7 +297,7 @@ def test_a_user_that_there_is_not_or_who_cannot_read_the_program_is_a_configurat
     tmp_path.chmod(0o700)
     if os.geteuid() == 0:
         assert became("no-such-user")[0] == ["ConfigError: hmi.run_as = no-such-user: there is no such user"]
-        said = f"ConfigError: hmi.run_as = nobody: can't read {tmp_path}, where the program stands"
+        said = f"ConfigError: hmi.run_as = nobody: can't read {tmp_path}, which contains the program"
         assert became("nobody", path=str(tmp_path))[0] == [said]
     else:
         assert became("no-such-user")[0] == ["hmi.run_as = no-such-user: only root can become another user"]

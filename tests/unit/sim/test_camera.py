@@ -151,9 +151,9 @@ def test_a_lost_camera_raises_on_read_and_on_open_while_it_lasts() -> None:
     clock.now = ORIGIN_NS + 990 * MS
     camera.read()
 
-    with pytest.raises(LinkError, match="simulated camera: the camera is gone"):
+    with pytest.raises(LinkError, match="simulated camera: the camera is lost"):
         camera.read()
-    with pytest.raises(LinkError, match="the camera is gone"):
+    with pytest.raises(LinkError, match="the camera is lost"):
         opened(clock, faulty("camera_lost"))
     clock.now = ORIGIN_NS + 3_000 * MS
     assert opened(clock, faulty("camera_lost")).read().image.shape == (120, 160, 3)

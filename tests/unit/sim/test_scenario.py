@@ -124,7 +124,9 @@ def test_not_a_number_and_infinity_are_refused(tmp_path: Path) -> None:
 
 
 def test_camera_may_not_drive_through_the_marker() -> None:
-    with pytest.raises(ConfigError, match=r"the camera comes within -3 mm of the marker: .* no leg may end at 10 cm"):
+    with pytest.raises(
+        ConfigError, match=r"the camera would be within -3 mm of the marker: .* no leg may end at 10 cm"
+    ):
         parse({"legs": [{"distance_cm": 10}], "camera": {"offset_mm": -100}})
 
 

@@ -24,7 +24,7 @@ EXACT_STAGES = (
 
 TRACKED_STAGES = (
     Stage("window", "the plain stages, in a window round the marker's expected place", "1-8"),
-    Stage("rescan", "an eighth of the grid: has anything red come elsewhere?", "1-7"),
+    Stage("rescan", "an eighth of the grid: has anything red appeared elsewhere?", "1-7"),
 )
 """The exact tracker's; a frame searched in full has the stages of the search after `window`, or after both."""
 

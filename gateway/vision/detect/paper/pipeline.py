@@ -85,7 +85,7 @@ def _run(image: Image, params: VisionConfig, seen: Seen) -> Detection:
 
 
 def conclude(borders: Sequence[Contour], params: VisionConfig, seen: Seen) -> tuple[Contour | None, Detection]:
-    """What follows from the contours, equations 8 to 11: the chosen one, and what is told of it."""
+    """What follows from the contours, equations 8 to 11: the chosen one and its figures."""
     chosen, candidates = stages.largest_valid(borders, params.min_area_px2, params.min_circularity, params.min_fill)
     seen("select", chosen)
     circle = None if chosen is None else stages.enclosing_circle(chosen)

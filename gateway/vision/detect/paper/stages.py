@@ -1,4 +1,4 @@
-"""The paper's detection stages, equations 1 to 10: each one a pure function that can be looked at alone.
+"""The paper's detection stages, equations 1 to 10: each one a pure function that can be examined alone.
 
 Pictures are (H, W, 3) uint8, BGR; masks are (H, W) uint8 with 255 for the paper's 1 and 0 for its 0; contours are
 (m, 1, 2) int32, (x, y) px of border pixels, closed (the last point joins the first). Pixel centres lie at integers.
@@ -24,7 +24,7 @@ OMEGA_2: tuple[Corner, Corner] = ((156, 43, 46), (180, 255, 255))
 
 
 def gaussian(image: Image, kernel_px: int = 5, sigma_px: float = 0.0) -> Image:
-    """Equation 1: I_g = G * I, with a kernel_px x kernel_px kernel, each channel alone. Returns (H, W, 3) uint8.
+    """Equation 1: I_g = G * I, with a kernel_px x kernel_px kernel, each channel separately. Returns (H, W, 3) uint8.
 
     The paper gives the kernel's side but no sigma. sigma_px = 0 does what OpenCV does: the binomial kernel
     (1 4 6 4 1)^2 / 256 for side 5, rounded half up. The border is mirrored without repeating the edge pixel.
@@ -58,7 +58,7 @@ def red_mask(hsv: Image, omega_1: tuple[Corner, Corner] = OMEGA_1, omega_2: tupl
 
 
 def erode(mask: Mask, kernel_px: int = 3, iterations: int = 2) -> Mask:
-    """Equation 5: a pixel stays if the whole square of side kernel_px round it is set; `iterations` times."""
+    """Equation 5: a pixel stays if the complete square of side kernel_px round it is set; `iterations` times."""
     return _u8(cv2.erode(mask, _square(kernel_px), iterations=iterations)) if iterations else mask
 
 
@@ -78,7 +78,7 @@ def closing(mask: Mask, kernel_px: int = 3, iterations: int = 2) -> Mask:
 
 
 def contours(mask: Mask) -> tuple[Contour, ...]:
-    """The outer border of every 8-connected component (holes are not looked at), each pixel of it, in OpenCV's order.
+    """The outer border of every 8-connected component (holes are ignored), each pixel of it, in OpenCV's order.
 
     That order is by the border's first pixel, the lowest row first and in a row the rightmost first.
     """
@@ -97,7 +97,7 @@ def contour_area(contour: Contour) -> float:
 def circularity(contour: Contour) -> float:
     """4 pi S / perimeter^2: at most 1, 0 for a point or a line (where the perimeter may be 0 too).
 
-    The border goes in steps of 1 and sqrt 2, some 5 % longer than the true rim: a perfect disc has about 0.90.
+    The border has steps of 1 and sqrt 2, some 5 % longer than the true rim: a perfect disc has about 0.90.
     """
     perimeter_px = cv2.arcLength(contour, closed=True)
     return 4 * math.pi * contour_area(contour) / perimeter_px**2 if perimeter_px else 0.0

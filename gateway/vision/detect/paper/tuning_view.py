@@ -54,7 +54,7 @@ def remarks(image: Image, tried: VisionConfig, found: Detection, reference: Dete
         seen = example("this picture", image, circle, tried)
         if seen.marked:
             red = exact_ranges(tried)
-            yield from (Remark(said, "red_low_1") for said in thresholds.said(_admission(red, seen), red))
+            yield from (Remark(text, "red_low_1") for text in thresholds.said(_admission(red, seen), red))
         yield from _eaten(trace, circle, tried)
     if found.circle is None:
         yield from _gated(trace, tried)
@@ -95,7 +95,7 @@ def _gated(trace: Trace, tried: VisionConfig) -> Iterator[Remark]:
 
 @dataclass(frozen=True, slots=True)
 class ExactRanges(Red):
-    """Both ranges just as they are set, where `Red` alone has one S and one V for both."""
+    """Both ranges as they are set; `Red` has one S and one V for both."""
 
     boxes: tuple[tuple[Corner, Corner], ...] = ()
 

@@ -119,7 +119,7 @@ def _round_ones(stats: Plane, level: Level, radii_px: tuple[float, float]) -> li
 
 
 def distinct(seeds: list[Seed], limit: int) -> list[Seed]:
-    """Without those that say the same as an earlier one; at most `limit`."""
+    """Without those that are equal to an earlier one; at most `limit`."""
     kept: list[Seed] = []
     for seed in seeds:
         if len(kept) == limit:

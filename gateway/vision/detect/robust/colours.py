@@ -10,10 +10,10 @@ from gateway.vision.detect.robust.normal_profiles import sample
 from gateway.vision.detect.robust.rim import SECTORS, Rim, refine
 from gateway.vision.pixels import Image
 
-GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which nothing better is looked for
+GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which nothing better is searched for
 BY_CHANCE = 1.3  # of the rms over a sector's edges: so much wave has a rim that is merely noisy
-MOST, WELL = 0.6, 0.25  # of the whole fall, so much is at the rim and not in creases; of the semi-minor axis
-CLEARLY = 0.05  # more quality is asked of red against green where all colours lie evenly on their ellipse
+MOST, WELL = 0.6, 0.25  # of the total fall, so much is at the rim and not in creases; of the semi-minor axis
+CLEARLY = 0.05  # more quality is required of red against green where all colours lie evenly on their ellipse
 SEARCH_PX, SEARCH = (
     3.0,
     0.08,
@@ -37,7 +37,7 @@ def even(rim: Rim) -> bool:
 
 
 def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | None:
-    """The rim near `seed` by all colours or, where these are at odds, by red against green alone, whichever is better.
+    """The rim near `seed` by all colours or, where these are at odds, by red against green only, whichever is better.
 
     All colours together measure best where the disc is of one colour and evenly lit. But a thin white line round the
     disc, as on a road sign, is a second edge a few pixels farther out, and so is a highlight, a bright edge behind, a

@@ -1,4 +1,4 @@
-"""An ellipse by its support function, and the conversions to the forms other code speaks. Pure.
+"""An ellipse by its support function, and the conversions to other forms. Pure.
 
 The support function h(phi) of an ellipse round the origin is the distance of the tangent whose outward normal points
 to phi. Its square is a constant and one wave: h^2 = alpha + beta cos 2 phi + gamma sin 2 phi. So (u, v, alpha, beta,

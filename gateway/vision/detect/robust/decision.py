@@ -18,9 +18,9 @@ MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
 
-FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they speak for a disc as loudly as they can
+FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they have their full weight for a disc
 FULL_REDNESS = 2.0  # log units, less the veil: red paint; more is only darker
-ODDS = 80.0  # for a disc where nothing speaks against it
+ODDS = 80.0  # for a disc with nothing against it
 POWERS = {
     "support": 5.0,
     "round": 3.0,
@@ -41,12 +41,12 @@ class Limits:
     min_radius_px: float
     max_radius_px: float
     min_confidence: float
-    possible_px: tuple[float, float] | None = None  # radii, where the ranger knows more; of a marker, not of a search
+    possible_px: tuple[float, float] | None = None  # radii, where the ranger limits them; of a marker, not of a search
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A rim to sub-pixel and what speaks for it; `evidence` was measured on that rim."""
+    """A rim to sub-pixel and its evidence; `evidence` was measured on that rim."""
 
     rim: Rim
     evidence: Evidence
@@ -68,7 +68,7 @@ def _not_brown(c: Candidate) -> bool:
 
 
 def _not_magenta(bgr: tuple[float, float, float]) -> bool:
-    """Where red is as bright as it can be, nothing is said: light red that is over-exposed looks like that."""
+    """Where red is as bright as it can be, there is no decision: light red that is over-exposed looks like that."""
     return bgr[0] <= MAX_BLUE * bgr[2] or bgr[2] >= BRIGHTEST
 
 

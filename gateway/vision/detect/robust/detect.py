@@ -31,10 +31,11 @@ def detect(
 ) -> Detection:
     """The red disc in one (H, W, 3) uint8 BGR picture. `now_ns` gives the times of `stage_ns`; without it, 0.
 
-    `window` restricts the search to a part of the picture. With a window and an `expected` circle, that place is looked
-    at first, and if the marker is there nothing else is; without a window a prediction changes nothing. Coordinates are
-    always the full frame's. A disc whose radius lies outside `radii_px` is not the marker; where there is none, the
-    best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one pixel.
+    `window` restricts the search to a part of the picture. With a window and an `expected` circle, that place is
+    searched first, and if the marker is there nothing else is; without a window a prediction changes nothing.
+    Coordinates are always the full frame's. A disc whose radius lies outside `radii_px` is not the marker; where there
+    is none, the best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one
+    pixel.
     """
     check_bgr8(image)
     timer = StageTimer(now_ns)

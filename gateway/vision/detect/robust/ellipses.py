@@ -1,6 +1,7 @@
 """Circles and ellipses through points that are partly wrong, for many candidates at once. Pure.
 
-Points are (K, N, 2), u and v in px; weights (K, N), 0 for a point that has no say. A shape that cannot be had is NaN.
+Points are (K, N, 2), u and v in px; weights (K, N), 0 for a point without weight. A shape that cannot be computed is
+NaN.
 """
 
 from functools import lru_cache
@@ -51,7 +52,7 @@ def _triples(count: int) -> NDArray[np.intp]:
 def ellipses_by_weights(points: Floats, weight: Floats, start: Floats, tolerance_px: Floats, rounds: int = 5) -> Floats:
     """(K, 5): the ellipses near most of the points: conic fits with Tukey's weights on the distance to the last one.
 
-    `start` (K, 5): u, v, semi-axes, angle of the first. `tolerance_px` (K,): points farther off have no say.
+    `start` (K, 5): u, v, semi-axes, angle of the first. `tolerance_px` (K,): points farther off have no weight.
     """
     shapes = start
     for _ in range(rounds):

@@ -1,4 +1,4 @@
-"""How much speaks for a red disc at a place: the rim by edges of redness, then what is inside and outside of it.
+"""The evidence for a red disc at a place: the rim by edges of redness, then what is inside and outside of it.
 
 Everything works on all candidates at once, each on the level of the pyramid where its radius is some 14 to 28 px.
 """
@@ -16,7 +16,7 @@ from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, RaySamp
 from gateway.vision.detect.robust.redness import Level, Plane
 from gateway.vision.pixels import Image
 
-EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is looked at
+EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is measured
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
 CLOSE = np.arange(0.6, 1.46, 0.04, dtype=np.float32)
 HALF = 2  # samples on either side of an edge
@@ -42,7 +42,7 @@ class Evidence:
 
     ellipse: Ellipse
     coverage: float  # share of the rim in the picture that shows: red inside and not outside, or another red
-    leak: float  # share of it where the red goes on outside as if there were no rim; the rest is hidden: not red
+    leak: float  # share of it where the red continues outside as if there were no rim; the rest is hidden: not red
     visible: float  # share of the entire rim that is red inside and not outside
     contrast: float  # median fall of redness across the rim, log units
     rise: float  # redness of the core less that outside: much more than the contrast where there is no rim but a glow
@@ -137,7 +137,7 @@ def _fall(rays: RaySamples) -> Plane:
 
 
 def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> list[Evidence | None]:
-    """What speaks for each rim, px of its level; None for NaN and where hardly any of the rim is in the picture."""
+    """The evidence for each rim, px of its level; None for NaN and where hardly any of the rim is in the picture."""
     result: list[Evidence | None] = [None] * len(shapes)
     good = np.nonzero(np.isfinite(shapes).all(axis=1))[0]
     if not good.size:
@@ -151,7 +151,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     around = masked_median(beyond, used)
     red_from = (around + SHOWN * contrast)[:, None]
     red_within = np.asarray(within > red_from, np.bool_)
-    # Just outside: a square's corner, a fold or a tube goes on there, though farther out it may have ended.
+    # Just outside: a square's corner, a fold or a tube continues there, though farther out it may have ended.
     red_beyond = np.asarray(np.median(rays.red[..., m : m + NEAR], axis=2) > red_from, np.bool_)
     steps = _steps(rays.bgr[..., m - NEAR : m, :], rays.bgr[..., m : m + NEAR, :])
     falls = np.asarray((gap > SHOWN * contrast[:, None]) & (contrast[:, None] > 0), np.bool_)
@@ -164,7 +164,7 @@ def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) ->
     inner_redness = masked_median(within, used & red_within)
     hollow = (red_enough[..., CORE].mean(axis=2) < 0.5).mean(axis=1)
     core = np.median(rays.red[..., :CORE_END], axis=(1, 2))
-    # A highlight, or what the exposure washed out, says nothing of the colour.
+    # A highlight, or an over-exposed part, has no information on the colour.
     white = rays.bgr[..., :n, :].min(axis=3) >= WHITE
     area = np.where(rays.seen[..., :n] & ~white, DISC, 0)
     fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)

@@ -1,11 +1,11 @@
-"""Where a tilted disc's own centre lies in the picture, and how the disc stands in space. Pure.
+"""Where a tilted disc's own centre lies in the picture, and the disc's pose in space. Pure.
 
 A camera sees a disc as an ellipse, but the image of the disc's centre is not the ellipse's: the near half looks larger,
 so the true centre lies on the far side, by about R^2 / f sin(tilt) cos(tilt): 3.6 px for R = 100 px, f = 1200 px and 30
 degrees. The rays through the rim form a cone, and a circle of given size cuts that cone in two ways, tilted to one side
-of the line of sight or as far to the other; one view of a plain disc can't tell which. So both poses are returned, and
-the centre is their mean weighted by how likely each tilt is for a marker that is meant to stand parallel to the image
-plane (or as `facing` says). `spread_px` tells what is left open.
+of the line of sight or as far to the other; one view of a plain disc can't distinguish them. So both poses are
+returned, and the centre is their mean weighted by how likely each tilt is for a marker that is meant to be parallel to
+the image plane (or as `facing` specifies). `spread_px` is the remaining uncertainty.
 
 Sources: two solutions of the cone: Forsyth et al. 1991, "Invariant descriptors for 3-D object recognition and pose";
 the centre as pole of the plane's vanishing line: Hartley and Zisserman, "Multiple view geometry", 2nd ed., ch. 8.
@@ -33,15 +33,16 @@ _SMALLEST_PX = 1e-3  # far below what anything can measure, and where the number
 _FLATTEST = 1e-3  # edge on: tilted by 89.9 degrees
 TOWARDS_CAMERA: Vector = (0.0, 0.0, -1.0)
 # How far a marker leans, one sigma each: some hang as they should, the rest lean any way. With the one Gaussian of 10
-# degrees the likelier pose got nearly all the say, and the centre was farther off than the ellipse's own where that was
-# the wrong one. So weighted, its 95th percentile is no worse at any tilt than without a correction (docs/accuracy.md).
+# degrees the likelier pose got nearly all the weight, and the centre was farther off than the ellipse's own where that
+# was the wrong one. So weighted, its 95th percentile is no worse at any tilt than without a correction
+# (docs/accuracy.md).
 USUAL_TILT_RAD, OTHER_TILT_RAD = radians(5), radians(25)
 USUALLY = 0.15  # chance of the former
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One of the two ways a disc can stand. Camera axes: x right, y down, z forward."""
+    """One of the two poses a disc can have. Camera axes: x right, y down, z forward."""
 
     normal: Vector  # unit, towards the camera's side
     u_px: float  # image of the disc's own centre, lens distortion included
@@ -59,7 +60,7 @@ class DiscPose:
     chance: float  # of the first being true, given the expected tilt: 0.5 to 1
     u_px: float  # mean of both centres, weighted by their chances
     v_px: float
-    spread_px: float  # standard deviation of the centre that comes from not knowing which of the two it is
+    spread_px: float  # standard deviation of the centre that results from not knowing which of the two it is
     distance_mm: float | None  # of the centre from the camera along the optical axis, weighted likewise
 
 
@@ -130,7 +131,7 @@ def _cone(ellipse: Ellipse, lens: Intrinsics) -> Floats | None:
     undone = cv2.undistortPoints(rim[:, np.newaxis], camera, distortion, criteria=_ITERATIONS)
     straight = np.asarray(undone, np.float64).reshape(-1, 2)
     back = _project(np.column_stack([straight, np.ones(_POINTS)]), lens)
-    # Not np.isfinite alone: beyond its range the model's inverse returns points that are merely wrong.
+    # Not only np.isfinite: beyond its range the model's inverse returns points that are merely wrong.
     if not bool((np.abs(back - rim) <= _LARGEST_RESIDUAL_PX).all()):
         return None
     fitted = _conic_through(straight)

@@ -1,4 +1,4 @@
-"""Is there something red in the picture that wasn't there a moment ago? A cheap look at a sparse picture. Pure."""
+"""Is there something red in the picture that wasn't there a moment ago? A cheap check of a sparse picture. Pure."""
 
 from dataclasses import dataclass
 
@@ -13,9 +13,9 @@ from gateway.vision.pixels import Image
 
 SPARSE_PX = 400  # diagonal of the sparse picture
 LEAST_RED = 0.15  # log(R/G): a marker behind much dust still has this
-AS_RED = 0.5  # what comes is news if it is at least so red, compared with what is followed
+AS_RED = 0.5  # what appears is new if it is at least so red, compared with what is followed
 OWN = 1.25  # what lies within so many radii of what is followed is part of it
-SMALLEST_PX = 12  # area of a red spot in the sparse picture that is looked at: a disc of radius 2
+SMALLEST_PX = 12  # smallest area of a red spot in the sparse picture that counts: a disc of radius 2
 GROWN_PX = 6  # a known spot may have moved so far in the sparse picture since the last look
 
 
@@ -27,7 +27,7 @@ class RedRegions:
     faint: bool = False  # there is anything red at all, even if it is much less red than what is followed
 
     def new_since(self, before: "RedRegions") -> bool:
-        """Is there a spot that none of those before has become, whether it grew, shrank or moved a little?"""
+        """Is there a spot that is none of those before, grown, shrunk or moved a little?"""
         x0, y0, x1, y1 = (self.boxes[:, None, k] for k in range(4))
         was_x0, was_y0, was_x1, was_y1 = (before.boxes[None, :, k] for k in range(4))
         meet = (x0 < was_x1 + GROWN_PX) & (was_x0 - GROWN_PX < x1) & (y0 < was_y1 + GROWN_PX) & (was_y0 - GROWN_PX < y1)
@@ -45,7 +45,7 @@ def red_regions(image: Image, followed: Circle) -> RedRegions:
     cv2.circle(inside, at, max(1, round(0.7 * radius)), 255, -1)
     redness_of_it = float(cv2.mean(red, inside)[0])
     cv2.circle(red, at, round(OWN * radius) + 1, 0.0, -1)
-    # Paint redder than FULL_REDNESS speaks no louder for a marker, so it sets no higher bar for others either.
+    # Paint redder than FULL_REDNESS is no better evidence for a marker, so it sets no higher bar for others either.
     mask = (red > max(LEAST_RED, AS_RED * min(FULL_REDNESS, redness_of_it))).astype(np.uint8)
     faint = int(np.count_nonzero(red > LEAST_RED)) >= SMALLEST_PX
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)

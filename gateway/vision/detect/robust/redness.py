@@ -26,7 +26,7 @@ def redness(bgr: Image) -> Plane:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A reduced picture: its pixel (i, j) is the mean of a factor x factor square of the whole one."""
+    """A reduced picture: its pixel (i, j) is the mean of a factor x factor square of the full one."""
 
     bgr: Image
     factor: int
@@ -52,5 +52,5 @@ def _reduced(image: Image, by: int) -> Image:
     if by == 1:
         return image
     height, width = (max(1, side // by) for side in image.shape[:2])
-    whole = image[: height * by, : width * by]
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    cropped = image[: height * by, : width * by]
+    return np.asarray(cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA), np.uint8)

@@ -5,7 +5,7 @@
    squares.
 2. Fine: up to 320 rays over a narrow window round it; per ray the shift of a blurred step, maximum likelihood over the
    three colour channels at once with level and height free, so that another background behind every ray, a veil of dust
-   or a gradient do no harm; then the robust ellipse fit of `support`. Again, until the rim stands still.
+   or a gradient do no harm; then the robust ellipse fit of `support`. Repeated until the rim does not move.
 3. Blur moves the edge of a disc inward, by half the tangential variance of the blur times the curvature. The variance
    is measured along the rays, as a function of direction, and the shift is put back.
 
@@ -43,7 +43,7 @@ _RIDGE = np.diag((1e-6, 1e-3, 1e-3))  # a blur that is the same in all direction
 
 @dataclass(frozen=True, slots=True)
 class Rim:
-    """A fitted rim and what speaks for it."""
+    """A fitted rim and its evidence."""
 
     ellipse: Ellipse
     rms_px: float  # of the inlying edges about the ellipse
@@ -69,7 +69,7 @@ class _Rough(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Edges:
-    """What one look along the rays says. All (count,)."""
+    """The result of one measurement along the rays. All (count,)."""
 
     shift_px: Floats
     height: Floats
@@ -136,7 +136,7 @@ def _hypotheses() -> Floats:
     """(subsets * 5, rays): from the offsets of all rays to the (du, dv, x, y, z) that fit a few of them exactly.
 
     64 ellipses through five rays and 48 circles through three. Random once for all, and only subsets that are spread
-    well enough to say something: an error of one ray is not blown up more than a few times.
+    well enough to be of use: an error of one ray is not blown up more than a few times.
     """
     random = np.random.default_rng(20_260)
     look = directions(_COARSE_RAYS)
@@ -221,7 +221,7 @@ def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
     weight = np.where(rays.inside & (top > 0.3 * usual), np.minimum(top / usual, 1.5), 0.0)
     # Round its peak the answer to a blurred step is a Gaussian: of the blur's variance and the filter's together.
     variance = (_quantile(top[weight > 0] / bend[weight > 0], 0.5) - _FILTER_SIGMA**2) * step * step
-    coarse = 1.0 if step <= 1.0 else 0.4  # wide steps can't tell sharp from soft
+    coarse = 1.0 if step <= 1.0 else 0.4  # wide steps can't distinguish sharp from soft
     sigma = min(max(round(coarse * sqrt(max(variance, 0.0)), 1), 0.8), 3.0)
     return shift.astype(np.float64), weight.astype(np.float64), sigma
 
@@ -232,8 +232,8 @@ def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
 def _fine(image: Image, outline: SupportEllipse, sigma: float, first: int, opt: _Options) -> Rim | None:
     count = first
     for turn in range(_ROUNDS):
-        whole = min(max(64, 32 * round(2 * pi * outline.mean_px / 32)), opt.rays)
-        count = whole if turn else min(first, whole)
+        full_rays = min(max(64, 32 * round(2 * pi * outline.mean_px / 32)), opt.rays)
+        count = full_rays if turn else min(first, full_rays)
         room = 0.75 * outline.minor_px
         step = min(max(0.75, 0.6 * sigma), room / 4)
         half_steps = ceil(min(max(2.5 * sigma + 1.0, 3.0), room) / step)
@@ -254,14 +254,14 @@ def _fine(image: Image, outline: SupportEllipse, sigma: float, first: int, opt: 
             smallest_scale_px=0.03,
             largest_scale_px=max(0.6, 0.01 * outline.mean_px),
             rounds=3,
-            doubt=opt.doubt if count == whole else 0.0,
+            doubt=opt.doubt if count == full_rays else 0.0,
         )
         if found is None or not _sane(found.outline, image):
             return None
         outline = found.outline
         was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * outline.minor_px, 1.0))
         still = found.step_px < _STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
-        if count == whole and (still or turn == _ROUNDS - 1):
+        if count == full_rays and (still or turn == _ROUNDS - 1):
             return _rim(rays, edges, found, sigma, opt.least_visible)
     return None
 

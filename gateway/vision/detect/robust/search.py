@@ -26,13 +26,13 @@ from gateway.vision.pixels import Image
 
 Rejected = tuple[float, Circle, str]  # how near a rejected candidate came, where it is, why it was not taken
 
-SEEDS = 24  # looked at
+SEEDS = 24  # measured
 RIMS = 5  # whose rim is refined
 REJECTED = 5  # reported
 FINEST_PX = 10.0  # radius of the smallest disc on the finest level, px of it, at least
 COARSEST_PX = 8  # side of the coarsest level
 FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
-EXPECTED_REACH = 0.25  # how far off a prediction's rim is looked for, of its radius
+EXPECTED_REACH = 0.25  # how far off a prediction's rim is searched for, of its radius
 
 
 def search_frame(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Rejected]]:
@@ -73,7 +73,7 @@ def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate
 def _seeds(levels: Sequence[Level], limits: Limits) -> list[Seed]:
     """Votes and blobs in turn, the strongest first."""
     smallest, largest = limits.min_radius_px, limits.max_radius_px
-    # Levels finer than the smallest disc asks for are only there for looking closely: most of the time would go there.
+    # Levels finer than the smallest disc needs serve close measurement only: most of the time would be spent there.
     finer = sum(level.factor * candidates.RADII[0] <= smallest for level in levels) - 1
     voting = levels[max(0, finer) :]
     voted = [seed for level in voting for seed in candidates.votes(level)]
@@ -120,7 +120,7 @@ def _rim_near(image: Image, seen: Ellipse) -> Rim | None:
     """The rim at full resolution near the one seen in redness; from a circle, too, where that one is flat.
 
     A disc before a red band has no edge of redness where it hides the band: the ellipse through the others is drawn out
-    along it. Brightness shows the rim there, if it is looked for where a round disc has it.
+    along it. Brightness shows the rim there, if it is searched for where a round disc has it.
     """
     rim = clearest_rim(image, seen)
     if seen.semi_minor_px >= FLAT * seen.semi_major_px:

@@ -27,7 +27,7 @@ class Fit(NamedTuple):
     weights: Floats  # (count,): the robust weight times the given one
     residuals_px: Floats  # (count,)
     scale_px: float  # robust sigma of the residuals
-    cut_px: float  # residuals beyond this had no say
+    cut_px: float  # residuals beyond this had no weight
     step_px: float  # how far the rim moved, at most
 
 
@@ -67,7 +67,7 @@ def fit(
     ridge = _RIDGE * float(weights.sum())
     cut = _NO_CUT
     for turn in range(rounds):
-        if turn < 2:  # then it stands still, and the last rounds only settle the weights
+        if turn < 2:  # then it no longer moves, and the last rounds only settle the weights
             scale = min(max(_scale(np.abs(residuals[usable]), cut), smallest_scale_px), largest_scale_px)
             cut = _TUKEY * scale
         heft = residuals * (1.0 / cut)
@@ -112,7 +112,7 @@ def _scale(sizes: Floats, cut: float) -> float:
 def _toward_circle(
     outline: SupportEllipse, change: Floats, information: Floats, heft: Floats, residuals: Floats, doubt: float
 ) -> Floats:
-    """Shrink the ellipticity by what noise alone explains, and move the other parameters as the data then ask."""
+    """Shrink the ellipticity by what noise explains, and move the other parameters as the data then require."""
     if doubt <= 0:
         return change
     rays = float(heft.sum()) ** 2 / float(heft @ heft)  # so many equal ones weigh as much

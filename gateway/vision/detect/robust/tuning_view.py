@@ -1,4 +1,4 @@
-"""The robust method on the tuning page: what it looks at as panels, and remarks on tried settings. Pure."""
+"""The robust method on the tuning page: its stages as panels, and remarks on tried settings. Pure."""
 
 import math
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from gateway.vision.view.overlay import annotated, counted, rim_of
 FULL_REDNESS = 1.5  # log units shown as white
 RAYS = 120  # on which the rim is shown
 _AROUND = 1.35  # of the semi-major axis: what the rim's panel shows
-_REACH = 0.25  # of the semi-minor axis: how far along a ray an edge is looked for
+_REACH = 0.25  # of the semi-minor axis: how far along a ray an edge is searched for
 _STEP = 0.25  # of a pixel
 _CLEAR = 0.3  # of the median fall of redness: less is no edge
 SURE = 0.3  # of a confidence gate: below, even odds pass
@@ -39,12 +39,12 @@ def panels(image: Image, params: VisionConfig, found: Detection, scale: float) -
     grey = np.clip(redness(image) * (255 / FULL_REDNESS), 0, 255).astype(np.uint8)
     refused = sorted({rejection.why for rejection in found.rejected})
     why = "; ".join(f"{code}: {REJECTIONS[code]}" for code in refused) or "none refused"
-    rim, told = _rim_panel(image, found, scale)
+    rim, caption = _rim_panel(image, found, scale)
     fit = annotated(scaled(image, scale), replace(found, rejected=()), scale)
     return (
         Panel("redness", "Redness", f"log(R / G); white is {FULL_REDNESS:g} and more", scaled(grey, scale)),
         Panel("candidates", "Candidates", why, _candidates(image, found, scale)),
-        Panel("rim", "Rim", told, rim),
+        Panel("rim", "Rim", caption, rim),
         Panel("fit", "Fit", _sure(found), fit),
     )
 
@@ -56,7 +56,7 @@ def _sure(found: Detection) -> str:
 
 
 def _candidates(image: Image, found: Detection, scale: float) -> Image:
-    """The picture, darker, with every candidate that is told and the word for what became of it."""
+    """The picture, darker, with every reported candidate and the text of its result."""
     panel = scaled(image, scale) // 2
     wide = max(1, round(panel.shape[1] / 400))
     font_px = max(13, round(panel.shape[1] / 40))
@@ -102,7 +102,7 @@ def _rim_panel(image: Image, found: Detection, scale: float) -> tuple[Image, str
 
 
 def edges(image: Image, ellipse: Ellipse) -> Edges:
-    """For people to judge a fit by: a plain measurement of its own, not the finer one that the fit was made from."""
+    """For people to judge a fit by: a separate plain measurement, not the finer one of the fit."""
     reach = max(3.0, _REACH * ellipse.semi_minor_px)
     offsets = np.arange(-reach, reach + _STEP / 2, _STEP)
     angles = np.linspace(0, 2 * np.pi, RAYS, endpoint=False)
@@ -122,10 +122,10 @@ def edges(image: Image, ellipse: Ellipse) -> Edges:
     peak = fall.argmax(axis=1)
     top = fall[np.arange(RAYS), peak]
     height, width = image.shape[:2]
-    whole = ((at_u >= 0) & (at_u <= width - 1) & (at_v >= 0) & (at_v <= height - 1)).all(axis=1)
+    inside_picture = ((at_u >= 0) & (at_u <= width - 1) & (at_v >= 0) & (at_v <= height - 1)).all(axis=1)
     inner = (peak > 0) & (peak < len(offsets) - 1)
-    usual = float(np.median(top[whole & inner])) if (whole & inner).any() else 0.0
-    kept = np.flatnonzero(whole & inner & (top > _CLEAR * usual) & (top > 0))
+    usual = float(np.median(top[inside_picture & inner])) if (inside_picture & inner).any() else 0.0
+    kept = np.flatnonzero(inside_picture & inner & (top > _CLEAR * usual) & (top > 0))
     before, after = fall[kept, peak[kept] - 1], fall[kept, peak[kept] + 1]
     bend = np.maximum(2 * top[kept] - before - after, 1e-9)
     off = offsets[peak[kept]] + _STEP * np.clip(0.5 * (after - before) / bend, -0.5, 0.5)

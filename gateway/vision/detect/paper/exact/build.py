@@ -34,7 +34,7 @@ def compiler() -> list[str] | None:
 
 
 def build(library: Path = LIBRARY) -> str:
-    """Write the library; "" when it stands, else why not, in words. Never raises for a compiler that fails."""
+    """Write the library; "" when it exists, else the reason as text. Never raises for a compiler that fails."""
     words = compiler()
     if words is None:
         return "there is no C compiler (cc, gcc or clang)"
@@ -44,7 +44,7 @@ def build(library: Path = LIBRARY) -> str:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
         if done.returncode:
             return f"{words[0]} failed: {done.stderr.strip()[-400:]}"
-        fresh.replace(library)  # whole or not at all: a process may be loading the old one
+        fresh.replace(library)  # complete or not at all: a process may be loading the old one
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"{words[0]} failed: {error}"
     finally:

@@ -67,7 +67,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The square that the whole opening amounts to: side K, reach r."""
+    """The square that is equivalent to the complete opening: side K, reach r."""
 
     side_px: int
 
@@ -81,7 +81,7 @@ class Opening:
 
     @property
     def uncut_px(self) -> int:
-        """What lies at least so far inside a window's own edges is exactly what the full frame has there.
+        """Pixels at least so far inside a window's own edges are exactly those of the full frame.
 
         The window's edge spoils the erosion to r, and each of the three steps after it r farther; one more, so that
         the ring of 0 round a component is known, too.
@@ -89,7 +89,7 @@ class Opening:
         return 4 * self.reach_px + 1
 
     def cluster_box(self, cells: Box, width: int, height: int) -> Box:
-        """All that can come of red grid points whose outermost are the corners of `cells` (2 and 4)."""
+        """All that can follow from red grid points whose outermost are the corners of `cells` (2 and 4)."""
         box = cells.grown(self.side_px - 1, width, height)
         r = self.reach_px
         return Box(
@@ -100,5 +100,5 @@ class Opening:
         )
 
     def window(self, box: Box, width: int, height: int) -> Box:
-        """What must be looked at to see all in `box` exactly (5)."""
+        """The pixels that must be processed for an exact result in `box` (5)."""
         return box.grown(self.reach_px + 1, width, height)

@@ -48,7 +48,7 @@ class Kernel:
         self._rule[0] = 1
         library.gateway_disagreements.argtypes = [_POINTER, _POINTER]
         library.gateway_disagreements.restype = ctypes.c_uint32
-        self._rule[0] = library.gateway_disagreements(*self._constants[1:]) == 0  # else the tables work alone
+        self._rule[0] = library.gateway_disagreements(*self._constants[1:]) == 0  # else only the tables are used
         if params.gaussian_kernel_px == MAYBE_KERNEL_PX:
             self._rule[-1] = red.green(self._tables)
         self._sums = np.empty(0, np.uint16)
@@ -58,7 +58,7 @@ class Kernel:
 
     @property
     def bounded(self) -> bool:
-        """Whether bounds settle most colours, so that the tables are asked for few."""
+        """Whether bounds settle most colours, so that the tables are read for few."""
         return bool(self._rule[0])
 
     def scan(self, image: Image, ys: NDArray[np.int32], xs: NDArray[np.int32], side_px: int) -> Mask:
@@ -111,7 +111,7 @@ class Kernel:
 
 
 def load(params: VisionConfig, library: Path = LIBRARY) -> Kernel | None:
-    """None where there is none, where it is not of this source, or where the blur is one that it doesn't know."""
+    """None where there is none, where it is not of this source, or where it doesn't support the blur."""
     if params.gaussian_sigma_px or params.gaussian_kernel_px not in WEIGHTS or not library.exists():
         return None
     try:

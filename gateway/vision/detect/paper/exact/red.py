@@ -1,8 +1,8 @@
 """What is red, in the two forms that `red.h` reads: tables of all colours, and bounds that settle most of them. Pure.
 
-Nothing here knows OpenCV's rounding. Tables and bounds are both read off its own conversion; the kernel compares them
-on all 2^24 colours before the bounds are used, and where they don't describe the ranges (those that let in yellow,
-say) the tables do the work alone.
+OpenCV's rounding is not reproduced here. Tables and bounds are both taken from its own conversion; the kernel compares
+them on all 2^24 colours before the bounds are used, and where they don't describe the ranges (those that let in yellow,
+say) only the tables are used.
 """
 
 from fractions import Fraction
@@ -38,7 +38,7 @@ def tables(params: VisionConfig) -> NDArray[np.uint8]:
 
 
 def rule(params: VisionConfig) -> Rule:
-    """The `Rule` of `red.h`, with `wide` 0: whether it holds is for the kernel to say; and `green` 0. (15,) int32.
+    """The `Rule` of `red.h`, with `wide` 0: whether it holds is decided by the kernel; and `green` 0. (15,) int32.
 
     Each bound is the ideal one's ratio, in factors of a byte, with what OpenCV's rounding makes of the colours nearest
     to it on either side.

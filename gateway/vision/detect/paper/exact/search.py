@@ -1,7 +1,7 @@
-"""The paper's method on full frames, as `pipeline.detect` has it, looking closely only where red can survive.
+"""The paper's method on full frames, as `pipeline.detect` has it, with a close search only where red can survive.
 
 Every field of the Detection is the plain pipeline's, `candidates` too: all clusters that can hold a candidate are
-looked at, not the largest alone, which costs little and leaves nothing to be explained. `stage_ns` has other names.
+processed, not only the largest, which costs little. `stage_ns` has other names.
 """
 
 from dataclasses import dataclass, replace

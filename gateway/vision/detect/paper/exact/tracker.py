@@ -1,20 +1,20 @@
 """The exact search, frame after frame: near the marker's last place first, and all the rest of the frame bit by bit.
 
-What is promised, for every frame:
+Guaranteed for every frame:
 
 - The circle is always that of a complete component of the plain pipeline's mask of *this* frame that passes all gates:
   a component is taken from the window only if it lies so far inside that the window's edges can't have changed it.
-  Else, and where the window has none, the full frame is searched in the same frame. No target is only ever told
-  after a search of the full frame.
+  Else, and where the window has none, the full frame is searched in the same frame. NO_TARGET is reported
+  only after a search of the full frame.
 - Every field but `candidates` (those of the window) and `stage_ns` is the plain pipeline's, unless a component that is
-  as large or larger and passes the gates lies elsewhere. Such a one is noticed in the ROUND-th frame after it came, at
-  the latest, if it stands that long; then the full frame is searched.
+  as large or larger and passes the gates lies elsewhere. Such a one is detected in the ROUND-th frame after it
+  appeared, at the latest, if it is there that long; then the full frame is searched.
 
-How the second is kept: each frame a share of 1/ROUND of the grid is scanned, so that all of it has had its turn
-after ROUND frames. A red point that the last search of the full frame did not have thereabouts calls for another
+How the second is kept: each frame a share of 1/ROUND of the grid is scanned, so that all of it is covered
+after ROUND frames. A red point that the last search of the full frame did not have nearby requires another
 one. Points that it had, the clutter, lie in *zones*, a step of the grid wider than they were. What stays inside a
 zone is not larger than its box. While that is less than the marker, no zone can hide a rival; else, and where something
-that the window cuts comes close to the marker, the full frame is searched every ROUND frames.
+that the window cuts is close to the marker, the full frame is searched every ROUND frames.
 """
 
 from dataclasses import dataclass, replace
@@ -38,9 +38,9 @@ from gateway.vision.detect.stage_timer import StageTimer, total_ns
 from gateway.vision.pixels import Image, check_bgr8
 
 ROUND = 8  # frames in which every grid point is scanned
-SLACK_PX = 4  # the window goes so much farther than the marker is expected to,
+SLACK_PX = 4  # the window extends so much farther than the marker is expected,
 SLACK_ERRORS = 3  # and so many times as far as it was off the last time
-LONGEST_LEAP = 4.0  # frames may come so many times as far apart as before; a guess beyond is none
+LONGEST_LEAP = 4.0  # frames may be so many times as far apart as before; a guess beyond is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class ExactTracker:
         return found.detection
 
     def _near(self, image: Image, t_ns: int, seen: pipeline.Seen) -> Detection | None:
-        """What the window tells; None where the full frame must be searched."""
+        """The window's result; None where the full frame must be searched."""
         marker, clutter = self._marker, self._clutter
         if marker is None or clutter is None or image.shape != self._shape:
             return None
@@ -140,7 +140,7 @@ class ExactTracker:
         return bool(cv2.hasNonZero(cv2.bitwise_and(fresh, clutter.unknown[first:end])))
 
     def _expected(self, t_ns: int, width: int, height: int) -> Box:
-        """Where the contour's box should be: each of its sides goes on as it went between the last two frames."""
+        """Where the contour's box should be: each of its sides moves on as between the last two frames."""
         marker, before = self._marker, self._before
         assert marker is not None
         if before is None:
@@ -171,7 +171,7 @@ class ExactTracker:
 
 
 def _leap(before_ns: int, now_ns: int, next_ns: int) -> float:
-    """So many of the last interval lie between now and the next frame; 1 where the times say nothing of use."""
+    """So many of the last interval lie between now and the next frame; 1 where the times are of no use."""
     share = (next_ns - now_ns) / (now_ns - before_ns) if now_ns > before_ns else 1.0
     return share if 0 < share <= LONGEST_LEAP else 1.0
 
