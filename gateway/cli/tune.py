@@ -206,7 +206,7 @@ def _show(study: "Study", notes: Sequence[str]) -> None:
             markup=False,
             soft_wrap=True,
         )
-        for remark in thresholds.said(admits, red):
+        for remark in thresholds.remarks(admits, red):
             console.print(f"  {remark}", markup=False, soft_wrap=True)
         if admits.marker_worst < 0.8:
             worst = next(e for e in study.examples if e.marked and e.name == admits.worst_name)

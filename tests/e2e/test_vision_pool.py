@@ -624,7 +624,7 @@ def test_a_picture_of_another_size_is_a_lost_camera_until_it_has_its_size_again(
         async with Bay(camera, detector=None, width_px=640, height_px=480) as bay:
             down = await bay.quality(Quality.LINK_DOWN)
             assert bay.readings[down].detail == (
-                f"{camera}: its frames are 320 x 240 px; camera.width_px and height_px ask for 640 x 480 px"
+                f"{camera}: its frames are 320 x 240 px; camera.width_px and height_px require 640 x 480 px"
             )
             assert down == 0
 

@@ -59,7 +59,7 @@ def warm(image: Image, strength: Strength, seed: int = 0) -> Image:
 
 
 def cold(image: Image, strength: Strength, seed: int = 0) -> Image:
-    """Shade under a blue sky, or a white balance that is off: at 1 a third of the red is gone."""
+    """Shade under a blue sky, or a wrong white balance: at 1 a third of the red is gone."""
     return _cast(image, (1 + 0.15 * strength, 1 - 0.05 * strength, 1 - 0.35 * strength))
 
 

@@ -1,6 +1,6 @@
-"""Any file, folder or pattern a person may name, turned into (H, W, 3) uint8 BGR pictures, or into one clear error.
+"""Any file, folder or pattern on the command line, turned into (H, W, 3) uint8 BGR pictures, or into one clear error.
 
-What is done to a picture on the way, so that a number can be traced back to its pixel:
+Conversions of a picture, so that a number can be traced back to its pixel:
 - grey is repeated into three channels, so it has no red in it; a palette is resolved;
 - alpha is dropped: the stored colours count, as with `cv2.imread`, also where they are transparent;
 - 16 bit per channel becomes round(value / 257), full scale to full scale: 12 bits stored in 16 stay dark;
@@ -29,7 +29,7 @@ from gateway.vision.pixels import PICTURE_SUFFIXES, Image, bgr8, natural_key
 
 MAX_PIXELS = 1 << 28  # of one picture: some 3 GB while it is worked on
 MAX_BYTES = (1 << 31) - 1  # of one file that is not a video
-_BATCH_PIXELS = 1 << 26  # decoded at once of an animation, as whole frames, at least one
+_BATCH_PIXELS = 1 << 26  # decoded at once of an animation, as complete frames, at least one
 
 # fmt: off
 VIDEO_SUFFIXES = frozenset((
@@ -46,7 +46,7 @@ _FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
 
 
 class InputError(GatewayError):
-    """This input gives no picture, or no further one. The rest of a batch goes on."""
+    """This input gives no picture, or no further one. The rest of a batch is processed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""When the vision process of a bay is started and ended, what is reported of it, and when. Pure: no IO, no clock.
+"""When the vision process of a bay is started and ended, and what is reported of it. Pure: no IO, no clock.
 
 The shell (`service`) reports what has happened (`opened`, `result`, `gone`, ..., and the process's own notes), then
 calls `settle(now_ns)` and carries out the actions it returns, in order. It reports everything that has arrived before
@@ -18,7 +18,7 @@ Rules
   PROCESS_FAULT. So a damaged process neither hides its silence nor spoils the numbers of its successors.
 - After LINK_DOWN the next process is started with the delays of `camera.reconnect`; after PROCESS_FAULT at once, from
   the second failure in a row on with a delay. A detector that could not be built gets up to four times as long.
-- A process is started only when the one before it is gone: one writer for the memory, one owner for the device.
+- A process is started only when the previous one has ended: one writer for the memory, one owner for the device.
 - A film that is not to be repeated (`finite`) is not begun again. Where no frame may be skipped (`lossless`), it
   continues after the frame that a detector failed on; else it stays lost.
 - `frames` + `skipped` + `lost` is the number of the newest frame reported: what is neither a result nor lost was
@@ -82,12 +82,12 @@ class Phase(Enum):
     BUILDING = auto()  # its detector
     OPENING = auto()  # its source
     RUNNING = auto()
-    LEAVING = auto()  # failed, not yet reported gone
+    LEAVING = auto()  # failed, not yet reported as ended
 
 
 @dataclass(slots=True)
 class ProcessMonitor:
-    """Of one bay's vision process. They come and go, each with its own token; a late message of one is ignored."""
+    """Of one bay's vision process. Each process has its own token; a late message of an earlier one is ignored."""
 
     label: str  # of the source, for messages
     camera: CameraConfig
@@ -97,7 +97,7 @@ class ProcessMonitor:
     _phase: Phase = Phase.ABSENT
     _token: int = 0
     _since_ns: int = 0  # of the phase
-    _heard_ns: int = 0  # when a message came, or the notes were looked at
+    _received_ns: int = 0  # when a message arrived, or the notes were read
     _due_ns: int = 0  # when ABSENT: not to be started before
     _reaped: bool = True  # no process of this token exists
     _started: bool = False  # one was started by this monitor
@@ -147,7 +147,7 @@ class ProcessMonitor:
     def opened(self, token: int, now_ns: int, *, lossless: bool, finite: bool) -> None:
         """The source has given its first frame. `finite`: what it shows is shown once."""
         if self._is(token) and self._phase is Phase.OPENING:
-            self._phase, self._since_ns, self._heard_ns, self._opened_ns = Phase.RUNNING, now_ns, now_ns, now_ns
+            self._phase, self._since_ns, self._received_ns, self._opened_ns = Phase.RUNNING, now_ns, now_ns, now_ns
             self._lossless, self._film_begun = lossless, finite
 
     def result(self, token: int, result: Result, now_ns: int) -> None:
@@ -161,7 +161,7 @@ class ProcessMonitor:
             self.failed(token, "result of a frame of another time", now_ns)
             return
         self._process_failures = 0
-        self._heard_ns = self._result_ns = now_ns
+        self._received_ns = self._result_ns = now_ns
         if result.picture is not None:
             self._picture = self._judge.judged(result.picture, result.t_capture_ns)
             self._picture_ns = result.t_capture_ns
@@ -194,7 +194,7 @@ class ProcessMonitor:
             self._progress = progress
 
     def source_lost(self, token: int, why: str, now_ns: int, *, config: bool = False) -> None:
-        """The process said so itself. `config`: trying again is no use."""
+        """The process reported it itself. `config`: a retry is of no use."""
         if self._is(token):
             self._link_down(why, now_ns)
             self._give_up(why, config)
@@ -206,7 +206,7 @@ class ProcessMonitor:
             self._give_up(why, config)
 
     def gone(self, token: int, how: str, now_ns: int, *, crashed: bool = False) -> None:
-        """The process has ended and is reaped, whether it was asked to or not."""
+        """The process has ended and is reaped, requested or not."""
         if token != self._token or self._reaped:
             return
         self._reaped = True
@@ -250,7 +250,7 @@ class ProcessMonitor:
         if self._at_work():
             return self._progress.work_began_ns + work_ns
         # Whether it has begun to work on a frame is known at the latest when that would have taken too long.
-        return min(self._silent_ns, self._stopped_ns, self._heard_ns + work_ns)
+        return min(self._silent_ns, self._stopped_ns, self._received_ns + work_ns)
 
     def reads_messages(self, now_ns: int) -> bool:
         """Whether the process reads its messages now: not while it starts, or has been silent for long.
@@ -269,7 +269,7 @@ class ProcessMonitor:
     @property
     def _build_s(self) -> float:
         """How long building the detector may take. One that failed gets more: on a machine that is busy for long, one
-        that is killed and begun again and again, always shortly before it is ready, would keep vision away for good."""
+        that is killed and begun again and again, always shortly before it is ready, would never give vision."""
         return self.camera.open_deadline_s * min(MOST_PATIENCE, 1 << self._process_failures)
 
     @property
@@ -307,7 +307,7 @@ class ProcessMonitor:
         )
 
     def _at_work(self) -> bool:
-        """The detector has begun a frame whose result has not come."""
+        """The detector has begun a frame whose result has not arrived."""
         return self._progress.work_began_ns > 0 and self._progress.work_seq > self._last_seq
 
     def _judge_silence(self, now_ns: int) -> None:
@@ -325,12 +325,12 @@ class ProcessMonitor:
             silent_s = (self._stopped_ns - self._alive_ns) / NS_PER_S
             self._process_fault(f"vision process has stopped: no sign of its detector for {silent_s:g} s", now_ns)
         else:
-            self._heard_ns = now_ns  # the notes have been reported, and tell of no work
+            self._received_ns = now_ns  # the notes have been reported, and show no work
 
     # Failures.
 
     def _link_down(self, why: str, now_ns: int) -> None:
-        """The source is lost. What is being worked on comes too late to be reported."""
+        """The source is lost. The frame in work would be too late to be reported."""
         well_for_long = self._opened_ns and now_ns - self._opened_ns > self.camera.reconnect.max_s * NS_PER_S
         if self._film_begun:
             self._over = True

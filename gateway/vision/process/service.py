@@ -39,7 +39,7 @@ VisionPool = Pool[ToVision, FromVision]
 
 
 class VisionService:
-    """Runs the vision process of one bay, and emits a reading for each frame that it has looked at, and each fault.
+    """Runs the vision process of one bay, and emits a reading for each processed frame, and each fault.
 
     `emit` is called on the event loop. `ring`: where frames are written for viewers; by default it makes its own.
     `detector` defaults to the method that `vision` names.
@@ -77,9 +77,9 @@ class VisionService:
         return self._vision
 
     def apply(self, vision: VisionConfig) -> None:
-        """Continue with other settings: the process is replaced, and what the old one saw becomes stale.
+        """Continue with other settings: the process is replaced, and the old one's results become stale.
 
-        Raises ConfigError for what can't change while the gateway runs.
+        Raises ConfigError for a setting that can't change while the gateway runs.
         """
         for key in ("workers", "affinity"):
             if getattr(vision, key) != getattr(self._vision, key):
@@ -90,7 +90,7 @@ class VisionService:
             self._turns.end()
 
     def expect(self, radii_px: tuple[float, float] | None) -> None:
-        """The marker's radius lies between these now, px; None: it is not known. To be called repeatedly: it expires
+        """The marker's radius lies between these now, px; None: unknown. To be called repeatedly: it expires
         soon. Only for a method that uses it."""
         if self._turns is None or self._monitor is None or not registry.method(self._vision.method).uses_radius_limits:
             return
@@ -148,7 +148,7 @@ class VisionService:
                 raise ConfigError(f"{self._bay}: {why}")
 
     def _camera_cpus(self) -> tuple[int, ...] | None:
-        """Of the capture thread; None: those of its process. `vision.affinity` is for the detector alone."""
+        """Of the capture thread; None: those of its process. `vision.affinity` is for the detector only."""
         if self._camera.affinity is None and self._vision.affinity is not None:
             return tuple(sorted(os.sched_getaffinity(0)))
         return self._camera.affinity
@@ -190,7 +190,7 @@ class _Turns:
             self._pool.send(token, message)
 
     async def run(self, pool: VisionPool) -> None:
-        """Until cancelled or told to end, or something raises."""
+        """Until cancelled or ended, or something raises."""
         self._pool = pool
         while not self._over:
             self._take(pool, everything=True)
@@ -248,7 +248,7 @@ def _report(to: ProcessMonitor, token: int, message: FromVision | Failed | Gone,
 
 
 def frame_rules(camera: CameraConfig, vision: VisionConfig) -> FrameRules:
-    """What the configuration asks of every frame."""
+    """The configuration's requirements of every frame."""
     lens = vision.intrinsics
     return FrameRules(
         camera.width_px,

@@ -1,8 +1,9 @@
-"""The vision process of a bay: one thread captures frames, the main thread looks at the newest one in place.
+"""The vision process of a bay: one thread captures frames, the main thread processes the newest one in place.
 
-One process, so that a frame needs no copy and no message; its own, so that a driver or a detector that hangs or crashes
-costs this process and nothing else. What the source raises is reported as `SourceLost`, what the detector throws as
-`Failed`; the main process ends this one then. A hang is seen from outside, by the progress that both threads note.
+One process, so that a frame needs no copy and no message; a separate one, so that a driver or a detector that hangs or
+crashes costs this process and nothing else. What the source raises is reported as `SourceLost`, what the detector
+throws as `Failed`; the main process ends this one then. A hang is detected from outside, by the progress that both
+threads note.
 """
 
 import gc
@@ -30,7 +31,7 @@ CODEC = TO_VISION
 
 
 def run(link: Link[FromVision, MarkerRadii], job: VisionJob) -> None:
-    """Until the main process is gone. Never returns."""
+    """Until the main process ends. Never returns."""
     cv2.setNumThreads(job.detector.vision.workers)
     clock = job.clock
     progress = ProgressPage(job.ring, writable=True)
@@ -148,7 +149,7 @@ class Capture:
         source = spec.open(clock)
         self._lossless = source.lossless
         gc.collect()
-        gc.freeze()  # 40,000 objects of the libraries, kept for good, are not looked through again every now and then
+        gc.freeze()  # 40,000 objects of the libraries, kept until the end, are not scanned again periodically
         for _ in range(job.discard):
             source.read()
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)

@@ -18,9 +18,10 @@ FFMPEG_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
 
 
 class CaptureSource(Source):
-    """A live source: frames come when they come, and the newest is the one that counts.
+    """A live source: frames arrive at its own pace, and the newest is the one that counts.
 
-    `late_s`: one whose frames have been later than that for as long is lost. Opened again, it begins without a backlog.
+    `late_s`: a source whose frames have been later than this for as long is lost. Opened again, it begins without a
+    backlog.
     """
 
     def __init__(
@@ -50,7 +51,7 @@ class CaptureSource(Source):
         elif self._late_since_ns is None:
             self._late_since_ns = arrival_ns
         elif arrival_ns - self._late_since_ns > self._late_ns:
-            raise LinkError(f"{self._label}: its frames come {late_ns / NS_PER_S:.1f} s late")
+            raise LinkError(f"{self._label}: its frames arrive {late_ns / NS_PER_S:.1f} s late")
 
     def close(self) -> None:
         self._capture.release()
@@ -86,7 +87,7 @@ def open_camera(
     )
     for key, wish in wishes:
         if wish is not None:
-            capture.set(key, wish)  # a driver may give something else without an error: the first frame is looked at
+            capture.set(key, wish)  # a driver may give something else without an error: the first frame is checked
     return CaptureSource(capture, label, clock, frame_time, late_s)
 
 

@@ -1,4 +1,4 @@
-"""What every frame of a source must pass before anybody looks at it, whatever the source: its size, and that it is new.
+"""The checks that every frame of any source must pass before it is used: its size, and that it is new.
 
 Thresholds, aim point and intrinsics are pixels of one picture size: at half of it R is half as large, and D never 1.
 """
@@ -18,7 +18,7 @@ SizePx = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class FrameRules:
-    """What the configuration asks of every frame; None: any size, as long as it stays the same."""
+    """The configuration's requirements of every frame; None: any size, as long as it stays the same."""
 
     width_px: int | None = None
     height_px: int | None = None
@@ -58,7 +58,7 @@ class FrameChecks:
             return
         rules = self._rules
         if size_px != (rules.width_px or size_px[0], rules.height_px or size_px[1]):
-            self._wrong(size_px, f"camera.width_px and height_px ask for {_px(rules.width_px, rules.height_px)}")
+            self._wrong(size_px, f"camera.width_px and height_px require {_px(rules.width_px, rules.height_px)}")
         if rules.lens_px is not None and size_px != rules.lens_px:
             self._wrong(size_px, f"vision.intrinsics hold for {_px(*rules.lens_px)}")
         if (before_px := self._size_px or self._in_force_px) not in (None, size_px):

@@ -1,7 +1,7 @@
-"""The contract of every source of frames. `specs` finds the one that `camera.url` names.
+"""The interface of every source of frames. `specs` finds the one of `camera.url`.
 
 A source lives in the capture thread of the vision process: it may block, and when it hangs, the process is replaced.
-Its frames are checked there, whatever it is (`checks`): their size, and that the picture is new.
+All frames are checked there (`checks`): their size, and that the picture is new.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from gateway.vision.pixels import Image
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture and the moment it was taken, as far as its source knows. The source never writes it again: it is
-    looked at in place while further ones are read."""
+    """One picture and the time it was taken, as far as its source reports it. The source never writes it again: it is
+    processed in place while further ones are read."""
 
     image: Image
     t_capture_ns: int
@@ -28,17 +28,17 @@ class Source(Protocol):
     may_repeat: bool = False
     """True: equal pictures are new ones all the same (files, drawings). False: a sensor's noise makes them differ."""
     finite: bool = False
-    """True: it ends, and opened again it would show the same once more, which nobody may take for now: it is not."""
+    """True: it ends, and is not opened again: the same pictures would look like new ones."""
 
     def read(self) -> Frame:
         """The next frame; blocks until there is one. Raises LinkError when the source ended or was lost."""
 
     def close(self) -> None:
-        """Release the device; may be called more than once. For a process that goes on: the vision process ends."""
+        """Release the device; may be called more than once. For a process that continues: the vision process ends."""
 
 
 class SourceSpec(Protocol):
-    """What is sent to the vision process instead of a source: a small dataclass that knows how to open one there. Its
+    """What is sent to the vision process instead of a source: a small dataclass that opens one there. Its
     fields are data: numbers, texts, settings, and records of these."""
 
     @property

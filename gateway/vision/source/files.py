@@ -14,7 +14,7 @@ from gateway.vision.source.contract import Frame, Source
 
 log = logging.getLogger(__name__)
 
-VIDEO_FPS = 25.0  # for a file that does not say its own, or says nonsense
+VIDEO_FPS = 25.0  # for a file without a rate, or with an impossible one
 
 
 def open_file(path: Path, clock: Clock, *, label: str, fps: float, fast: bool, loop: bool) -> Source:
@@ -42,7 +42,7 @@ def _is_picture(path: Path) -> bool:
 
 
 class Pace:
-    """Spaces frames `period_s` apart without drift; after a delay it goes on from now instead of rushing."""
+    """Spaces frames `period_s` apart without drift; after a delay it continues from now instead of catching up."""
 
     def __init__(self, period_s: float, clock: Clock) -> None:
         self._period_ns = int(period_s * NS_PER_S)
@@ -106,7 +106,7 @@ class FolderSource(Source):
 
 
 class VideoSource(Source):
-    """A video file through FFmpeg, at the rate it says of itself."""
+    """A video file through FFmpeg, at its own rate."""
 
     may_repeat = True
 

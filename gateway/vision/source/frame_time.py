@@ -30,9 +30,9 @@ class ArrivalTime:
 
 
 class PresentationTime:
-    """Stamps of a clock of its own, whose zero nobody knows: the frame that came fastest counts as one without delay.
+    """Stamps of another clock, whose zero is unknown: the frame that arrived fastest counts as one without delay.
 
-    So it can't see a delay that stands from the opening on. Two clocks drift: what the smallest delay of 20 s differs
+    So a constant delay from the opening on is not detected. Two clocks drift: what the smallest delay of 20 s differs
     from that of the 20 s before is drift, up to 500 ppm. A clock that is set, or a film that begins again, starts a new
     count with the delay that the last frame had.
     """

@@ -1,8 +1,8 @@
-"""Is a picture new? A dead encoder or driver can repeat one picture for ever, each time with a fresh stamp. Pure.
+"""Is a picture new? A dead encoder or driver can repeat one picture endlessly, each time with a fresh stamp. Pure.
 
 A real sensor has noise: no part of two frames of it is equal to the last bit. What is equal was taken at the same
-moment, so it is as old as its first sight. The picture is looked at in tiles, for a clock that is burnt into a dead
-picture goes on: a place in it (the marker, or the whole) is as new as the moment since which at least half of its
+moment, so it is as old as its first sight. The picture is compared in tiles, for a clock that is burnt into a dead
+picture continues: a place in it (the marker, or all of it) is as new as the moment since which at least half of its
 tiles have changed.
 """
 
@@ -29,7 +29,7 @@ class Freshness(Enum):
 
 
 class FrozenFrameDetector:
-    """One opened source, whose frames come in order and have one size. `frozen_s`: unchanged for so long is frozen."""
+    """One opened source, whose frames are in order and have one size. `frozen_s`: unchanged for so long is frozen."""
 
     def __init__(self, frozen_s: float) -> None:
         self._frozen_ns = round(frozen_s * NS_PER_S)
@@ -79,7 +79,7 @@ def _half_changed_ns(changed_ns: Changes) -> int:
 
 
 def _with_flat(changed: NDArray[np.bool_], sample: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
-    """A tile of one colour (clipped at black or white) has no noise, so it can't tell: it follows the rest."""
+    """A tile of one colour (clipped at black or white) has no noise, so it has no result: it follows the rest."""
     pixels = sample.reshape(len(sample), width, 3)
     columns = _edges(width, TILES[1])
     darkest, brightest = (_by_tile(ufunc, pixels, columns) for ufunc in (np.minimum, np.maximum))

@@ -30,7 +30,7 @@ FOLDER_FPS = 10.0  # pace of an image folder unless configured
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """A V4L2 camera by index or device path; sizes and rate are asked for, the driver may give others (`checks`)."""
+    """A V4L2 camera by index or device path; sizes and rate are requested, the driver may give others (`checks`)."""
 
     device: int | str
     width_px: int | None = None
@@ -89,7 +89,8 @@ class StreamSpec:
 
 @dataclass(frozen=True, slots=True)
 class FileSpec:
-    """A video, a picture or a folder of pictures; which of them is seen when it is opened, for it may come and go."""
+    """A video, a picture or a folder of pictures; which of them is determined when it is opened, for it may appear and
+    disappear."""
 
     path: str
     fps: float = FOLDER_FPS
@@ -107,10 +108,10 @@ class FileSpec:
 
 
 def source_spec(config: "CameraConfig") -> SourceSpec:
-    """The source that `camera.url` names: camera index, /dev/..., stream URL, else a path.
+    """The source of `camera.url`: camera index, /dev/..., stream URL, else a path.
 
-    Raises ConfigError for what could never work: an unknown scheme, a URL without a host, a pace slower than the
-    deadline. Nothing is opened: a missing file or device is a LinkError later, for it may come back.
+    Raises ConfigError for a URL that can never work: an unknown scheme, a URL without a host, a pace slower than the
+    deadline. Nothing is opened: a missing file or device is a LinkError later, for it may return.
     """
     url = config.url.strip()
     if config.fps is not None and config.pace == "realtime" and 1 / config.fps >= config.deadline_s:
@@ -152,7 +153,7 @@ def stream_spec(config: "CameraConfig") -> StreamSpec:
     if not host:
         raise ConfigError(f"camera.url: {scheme}:// needs a host")
     # FFmpeg gives up opening just before the deadline, because its reason is the better message. It must not give up
-    # reading before the deadline: it then hands out the frame it was holding back, which is old but looks new.
+    # reading before the deadline: it then returns the frame it was holding back, which is old but looks new.
     has_times = scheme.lower().startswith("rtsp")
     return StreamSpec(
         url,

@@ -7,9 +7,9 @@ Three Kalman filters side by side, one for each of u, v and R, each with positio
 Everything scales with R: a truck that brakes at 30 cm changes the picture ten times as fast as one at 3 m. What the
 model doesn't describe, the vibration of truck and camera from frame to frame, is counted as noise of the measurement.
 
-The filter predicts and nothing else. What is told as measured is the measured circle, never a filtered one. Times are
-monotonic nanoseconds. A frame that is no newer than the track can be asked about, but teaches nothing; the uncertainty
-grows with the distance in time in either direction. No input gives NaN or a negative variance.
+The filter predicts and nothing else. What is reported as measured is the measured circle, never a filtered one. Times
+are monotonic nanoseconds. A frame that is no newer than the track can be predicted, but does not update it; the
+uncertainty grows with the interval in either direction. No input gives NaN or a negative variance.
 """
 
 import math
@@ -108,7 +108,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One marker, followed. Replaced whole with every measurement."""
+    """One marker, followed. Replaced with every measurement."""
 
     t_ns: int  # of the last measurement
     u: Axis
@@ -126,7 +126,7 @@ class Track:
         return cls(t_ns, u, v, r, hits=1)
 
     def at(self, t_ns: int) -> Prediction | None:
-        """None where it is too long ago to say anything."""
+        """None where the last measurement is too old for a prediction."""
         ahead = self._ahead(t_ns)
         if ahead is None:
             return None

@@ -1,7 +1,7 @@
 """What the main process and a vision process send each other: one job at the start, then one message a frame.
 
-A frame is never among them. How messages become bytes stands in `gateway/processes/codec.py`; a field that is added
-here, or to a record in here, travels by itself.
+A frame is never among them. The encoding is in `gateway/processes/codec.py`; a field that is added here, or to a
+record in here, is sent automatically.
 """
 
 from dataclasses import is_dataclass
@@ -26,9 +26,9 @@ if TYPE_CHECKING:  # the main process need not load OpenCV
 
 
 class SourceRecord(Struct, frozen=True, array_like=True):
-    """A `SourceSpec`, whose type the main process need not know: `module:Class`, and its fields.
+    """A `SourceSpec`, whose type the main process need not have: `module:Class`, and its fields.
 
-    Only a job from the main process holds one. What comes from a child can name no type.
+    Only a job from the main process holds one. A message of a child can name no type.
     """
 
     kind: str
@@ -70,7 +70,7 @@ class VisionJob(Message, frozen=True):
     ring: RingSpec
     rules: FrameRules
     first_seq: int
-    discard: int = 0  # frames at the beginning of a film that an earlier process has looked at
+    discard: int = 0  # frames at the beginning of a film that an earlier process has processed
     camera_affinity: tuple[int, ...] | None = None  # of the capture thread
     detector_beat_s: float = 0.25  # the detector's thread notes that it runs at least so often
 

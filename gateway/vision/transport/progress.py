@@ -1,8 +1,8 @@
-"""What a vision process notes of its own progress, in memory that outlives it.
+"""A vision process's record of its progress, in memory that outlives it.
 
-A note wakes nobody. The main process reads it when a message arrives or a deadline passes, and when the process has
-ended: so it knows which frame was being worked on, and which of the two threads has stopped, even where native code
-hangs with the interpreter's lock held and no thread of that process can send anything.
+A record wakes no process. The main process reads it when a message arrives or a deadline passes, and when the process
+has ended: so it has recorded which frame was being worked on, and which of the two threads has stopped, even where
+native code hangs with the interpreter's lock held and no thread of that process can send anything.
 """
 
 import mmap

@@ -1,15 +1,15 @@
-"""Frames in shared memory, for people to look at: the vision process writes, viewers copy.
+"""Frames in shared memory, for display: the vision process writes, viewers copy.
 
 The memory is anonymous (memfd): it has no name, so nothing can be left behind, and the kernel frees it with the last
 process that holds it, however that process ended. It is sparse: sized for the largest frame allowed, but only pages
 that were written exist.
 
 Page 0 holds the vision process's progress (`progress`). Every slot begins with a header of int64 (generation, height,
-width, number and capture time of the frame) on a page of its own; the pixels, (height, width, 3) uint8, follow. The
+width, number and capture time of the frame) on a separate page; the pixels, (height, width, 3) uint8, follow. The
 generation is odd while the slot is being written and even when it is complete (a seqlock); it never repeats. A viewer
-holds no slot: it copies, and the generation tells whether the copy is of one frame.
+holds no slot: it copies, and the generation shows whether the copy is of one frame.
 
-A copy costs 0.9 ms at 1080p, so frames are written only while somebody looks: each `snapshot` requests them for
+A copy costs 0.9 ms at 1080p, so frames are written only while there is a viewer: each `snapshot` requests them for
 `REQUEST_NS`, by an eventfd that the viewer holds. Without a request one frame a second is written: the first look at a
 bay shows a picture at once, and a look at a camera that was lost what it saw last.
 """
@@ -62,7 +62,7 @@ class RingSpec:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """A copy of a frame, for people to look at."""
+    """A copy of a frame, for display."""
 
     image: Image
     seq: int
@@ -72,7 +72,7 @@ class Snapshot:
 def create(max_megapixels: float) -> RingSpec:
     """New anonymous memory; the caller closes `fds`. Its size is sealed, so no process can shrink it under another.
 
-    The writer is given this descriptor: its mode lets nobody open the memory for writing by another way.
+    The writer is given this descriptor: its mode prevents that the memory is opened for writing by another way.
     """
     fd = os.memfd_create("gateway-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     spec = RingSpec(fd, max_megapixels, os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK))
@@ -83,7 +83,7 @@ def create(max_megapixels: float) -> RingSpec:
 
 
 def reader(spec: RingSpec) -> RingSpec:
-    """The same memory behind a descriptor of its own that can't be mapped for writing; the caller closes `fd`."""
+    """The same memory behind a separate descriptor that can't be mapped for writing; the caller closes `fd`."""
     fd = os.open(f"/proc/self/fd/{spec.fd}", os.O_RDONLY | os.O_CLOEXEC)
     return RingSpec(fd, spec.max_megapixels, spec.request_fd)
 
@@ -94,8 +94,8 @@ def close(spec: RingSpec) -> None:
 
 
 class Ring:
-    """One process's view of the memory. A reader's is read-only, and so is its descriptor: nobody who has got hold of a
-    web process can write into a frame."""
+    """One process's view of the memory. A reader's is read-only, and so is its descriptor: an intruder in
+    the web process can't write into a frame."""
 
     def __init__(self, spec: RingSpec, *, writable: bool) -> None:
         self._spec = spec
@@ -112,7 +112,7 @@ class Ring:
     # The vision process.
 
     def due(self, now_ns: int) -> bool:
-        """Whether the frame at hand is to be written: somebody looks, or the last one was written a second ago."""
+        """Whether the frame at hand is to be written: there is a viewer, or the last one was written a second ago."""
         if self._requested():
             self._requested_until_ns = now_ns + REQUEST_NS
         return now_ns < self._requested_until_ns or now_ns - self._written_ns >= UNREQUESTED_PERIOD_NS
@@ -145,7 +145,7 @@ class Ring:
 
         Requests the next frames, too.
         """
-        with suppress(BlockingIOError):  # there are 2**64 requests that nobody has read
+        with suppress(BlockingIOError):  # there are 2**64 unread requests
             os.eventfd_write(self._spec.request_fd, 1)
         complete = []
         for slot in range(SLOTS):

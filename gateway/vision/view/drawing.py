@@ -88,8 +88,8 @@ def stroke(panel: Image, start: NDArray[np.float64], end: NDArray[np.float64], c
 
 def curve(panel: Image, points: NDArray[np.float64], colour: Colour, wide: int) -> None:
     """A closed one through (n, 2) points."""
-    whole = np.rint(points * (1 << _SHIFT)).astype(np.int32)
-    cv2.polylines(panel, [whole.reshape(-1, 1, 2)], True, colour, wide, cv2.LINE_AA, _SHIFT)
+    fixed_point = np.rint(points * (1 << _SHIFT)).astype(np.int32)
+    cv2.polylines(panel, [fixed_point.reshape(-1, 1, 2)], True, colour, wide, cv2.LINE_AA, _SHIFT)
 
 
 def write(panel: Image, words: str, at: tuple[int, int], colour: Colour, font_px: int, weight: int = 400) -> None:

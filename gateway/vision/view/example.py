@@ -23,7 +23,7 @@ Plane = NDArray[np.float64]
 
 
 def scene(seed: int = 7) -> Image:
-    """(480, 640, 3) uint8 BGR, the same for the same seed; the disc is TRUTH whatever the seed."""
+    """(480, 640, 3) uint8 BGR, the same for the same seed; the disc is TRUTH for every seed."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
     stains = np.asarray(cv2.resize(rng.normal(0, 14, (12, 16)), (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC))

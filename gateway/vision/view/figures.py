@@ -1,7 +1,7 @@
-"""The paper's Figures 3 and 4, drawn from a Trace: single panels to measure in, and captioned sheets to look at.
+"""The paper's Figures 3 and 4, drawn from a Trace: single panels to measure in, and captioned sheets for display.
 
-Panels have the picture's own size and no caption (a small picture's annotated panels are enlarged by a whole factor, so
-that the text fits); sheets show them scaled. Pure.
+Panels have the picture's own size and no caption (a small picture's annotated panels are enlarged by an integer factor,
+so that the text fits); sheets show them scaled. Pure.
 """
 
 import math
@@ -118,7 +118,7 @@ def _choice(found: Detection) -> str:
 
 
 def _tile_scale(picture: Image) -> float:
-    """Fit into a sheet's tile; small pictures grow by a whole factor, so that a pixel stays a square."""
+    """Fit into a sheet's tile; small pictures grow by an integer factor, so that a pixel stays a square."""
     height, width = picture.shape[:2]
     scale = min(_TILE_W / width, _TILE_H / height)
     return float(math.floor(scale)) if scale >= 1 else float(scale)

@@ -29,7 +29,7 @@ _DASHES = 24  # of a predicted circle
 
 
 def overlay(image: Image, found: Detection) -> Image:
-    """A copy with everything in it that the detection says; a small picture is enlarged by a whole factor."""
+    """A copy with everything in it that the detection reports; a small picture is enlarged by an integer factor."""
     scale = panel_scale(image)
     return annotated(scaled(image, scale), found, scale)
 

@@ -26,10 +26,10 @@ def checks(rules: FrameRules, before: SizePx | None = None, *, may_repeat: bool 
 @pytest.mark.parametrize(
     ("rules", "words"),
     [
-        (FrameRules(128, 96), r"camera\.width_px and height_px ask for 128 x 96 px"),
-        (FrameRules(64, 50), r"camera\.width_px and height_px ask for 64 x 50 px"),
-        (FrameRules(width_px=32), r"camera\.width_px and height_px ask for 32 x any px"),
-        (FrameRules(height_px=96), r"camera\.width_px and height_px ask for any x 96 px"),
+        (FrameRules(128, 96), r"camera\.width_px and height_px require 128 x 96 px"),
+        (FrameRules(64, 50), r"camera\.width_px and height_px require 64 x 50 px"),
+        (FrameRules(width_px=32), r"camera\.width_px and height_px require 32 x any px"),
+        (FrameRules(height_px=96), r"camera\.width_px and height_px require any x 96 px"),
         (FrameRules(64, 48, lens_px=(1280, 720)), r"vision\.intrinsics hold for 1280 x 720 px"),
         (FrameRules(lens_px=(48, 64)), r"vision\.intrinsics hold for 48 x 64 px"),
     ],

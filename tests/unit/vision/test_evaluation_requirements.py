@@ -43,7 +43,7 @@ def measured() -> Result:
         ("acquired=0.8", ""),
         ("acquired=0.9", "acquired >= 0.9 share required, measured 0.8"),
         ("ms=2.9", "ms <= 2.9 ms required, measured 3"),
-        ("rz=1", "rz <= 1 % required, but nothing in this set tells it"),
+        ("rz=1", "rz <= 1 % required, but it can't be measured in this set"),
     ],
 )
 def test_each_figure(measured: Result, text: str, unmet: str) -> None:
@@ -58,9 +58,9 @@ def test_what_a_set_cannot_tell_is_not_met() -> None:
     for figure in requirements.GATES:
         if figure.name not in ("false", "ms"):
             limit = 0 if figure.at_least else 1e9
-            assert "nothing in this set" in requirements.Requirement(figure, limit).unmet(empty), figure.name
+            assert "can't be measured in this set" in requirements.Requirement(figure, limit).unmet(empty), figure.name
     marked = result("m", [picture(0, Detection(None), frame=0)], series_by(None), split=False, followed=True)
-    assert "nothing in this set" in requirements.parse(["false=0"])[0].unmet(marked)
+    assert "can't be measured in this set" in requirements.parse(["false=0"])[0].unmet(marked)
     assert requirements.parse(["acquired=0.5"])[0].unmet(marked) == "acquired >= 0.5 share required, measured 0"
 
 

@@ -440,7 +440,7 @@ def test_a_stream_that_stays_behind_is_lost_and_says_how_far(clock: StepClock) -
     driver = Driver(clock, [shade(1)] * 500, (15.0 * n for n in range(500)))
     source = live(driver, clock, PresentationTime())
     assert [source.read().t_capture_ns for _ in range(101)] == [n * 15_000_000 for n in range(101)]
-    with pytest.raises(LinkError, match=r"^cam: its frames come 1\.5 s late$"):
+    with pytest.raises(LinkError, match=r"^cam: its frames arrive 1\.5 s late$"):
         shades(source, 500)
     assert clock.now == 101 * 30_000_000
 

@@ -21,7 +21,7 @@ from gateway.vision.offline.tuning import exposure, histograms, proposal, report
 from gateway.vision.offline.tuning.exposure import Light, advice, measure, noise
 from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.study import study
-from gateway.vision.offline.tuning.thresholds import Red, admission, bound_that_cuts, current, propose, said, score
+from gateway.vision.offline.tuning.thresholds import Red, admission, bound_that_cuts, current, propose, remarks, score
 
 Picture = NDArray[np.uint8]
 PAPER = VisionConfig()
@@ -89,13 +89,13 @@ def test_wood_is_told_from_red_and_the_middle_is_taken() -> None:
     before = admission(TABLE_I, examples)
     assert before.ring > 0.8
     assert before.brown_of_background > 0.9
-    words = " / ".join(said(before, TABLE_I))
+    words = " / ".join(remarks(before, TABLE_I))
     assert "too broad: 9" in words or "too broad: 100" in words
     assert "S >= 43 admits wood, rust and warm light" in words
     red, margins = propose(examples)
     after = admission(red, examples)
     assert [after.marker_worst, after.ring, after.far_markers] == pytest.approx([1, 0, 0], abs=0.01)
-    assert said(after, red) == []
+    assert remarks(after, red) == []
     assert score(red, examples) == pytest.approx(1, abs=0.01)
     by_name = {margin.name: margin for margin in margins}
     for name, margin in by_name.items():
@@ -138,7 +138,7 @@ def test_too_narrow_names_the_picture_and_the_bound() -> None:
     found = admission(strict, examples)
     assert found.worst_name == "pale.png"
     assert found.marker_worst == pytest.approx(0, abs=0.01)
-    assert said(found, strict) == ["too narrow: only 0 % of the marker passes in pale.png"]
+    assert remarks(found, strict) == ["too narrow: only 0 % of the marker passes in pale.png"]
     assert bound_that_cuts(strict, examples[1]) == "S >= 120"
     assert bound_that_cuts(Red(20, 10, 20, 180), examples[1]) == "V >= 180"
     assert bound_that_cuts(Red(1, 10, 20, 20), example(bay(marker=(120, 40, 180)))) == "H >= 179"

@@ -54,7 +54,7 @@ def remarks(image: Image, tried: VisionConfig, found: Detection, reference: Dete
         seen = example("this picture", image, circle, tried)
         if seen.marked:
             red = exact_ranges(tried)
-            yield from (Remark(text, "red_low_1") for text in thresholds.said(_admission(red, seen), red))
+            yield from (Remark(text, "red_low_1") for text in thresholds.remarks(_admission(red, seen), red))
         yield from _eaten(trace, circle, tried)
     if found.circle is None:
         yield from _gated(trace, tried)

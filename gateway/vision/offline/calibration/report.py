@@ -55,8 +55,8 @@ def html(board: Board, found: Calibration, snippet: str, facts: Sequence[str], w
     body += [f'<p class="soft">{plain(fact)}</p>' for fact in (str(board), *facts)]
     body.append(f'<h2>In short</h2><div class="tiles">{"".join(tiles)}</div>')
     if found.warnings:
-        items = "".join(f"<li>{plain(said)}</li>" for said in found.warnings)
-        body.append(f'<p><strong class="warn">Look at this first:</strong></p><ul class="notes">{items}</ul>')
+        items = "".join(f"<li>{plain(warning)}</li>" for warning in found.warnings)
+        body.append(f'<p><strong class="warn">Check this first:</strong></p><ul class="notes">{items}</ul>')
     body.append(f"<h2>For the configuration</h2><pre>{plain(snippet)}</pre>")
     body.append("<h2>Coverage and residuals</h2>")
     body.append(figure(plots.frame_map(found), "Every point used, coloured by view; darker cells hold more points."))

@@ -1,4 +1,4 @@
-"""Points on a board and where they are seen -> intrinsics, their uncertainty, and what speaks against them. Pure."""
+"""Points on a board and where they are seen -> intrinsics, their uncertainty, and doubts about them. Pure."""
 
 import math
 from collections.abc import Sequence
@@ -72,7 +72,7 @@ class Calibration:
 def calibrate(
     board: Board, views: Sequence[View], size_px: tuple[int, int], coefficients: int | None = None
 ) -> Calibration:
-    """`coefficients` of distortion: 0, 4, 5 or 8; None: 5, or 4 where k3 cannot be told from 0.
+    """`coefficients` of distortion: 0, 4, 5 or 8; None: 5, or 4 where k3 cannot be distinguished from 0.
 
     Views that fit far worse than the others are left out, one at a time, the worst first. Raises ConfigError where
     there are too few, where no camera fits, and where the views leave the focal length open: a precise-looking number
@@ -127,13 +127,13 @@ def _determined(solved: "_Solved") -> None:
     steepest = max(fit.tilt_deg for fit in solved.fits)
     if steepest < FRONTAL_DEG:
         raise ConfigError(
-            f"the board was seen from the front alone (steepest view {steepest:.0f} degrees): the focal length can't "
-            "be told from that; tilt the board by 20 to 45 degrees, left, right, up and down"
+            f"the board was seen only from the front (steepest view {steepest:.0f} degrees): the focal length can't "
+            "be determined from that; tilt the board by 20 to 45 degrees, left, right, up and down"
         )
     for name, value, sigma in zip(NAMES[:2], solved.values, solved.sigmas, strict=False):
         if sigma > UNKNOWN * value:
             raise ConfigError(
-                f"{name} is {value:.0f} px, give or take {sigma:.0f}: these pictures are too few or too alike to tell"
+                f"{name} is {value:.0f} px, give or take {sigma:.0f}: these pictures are too few or too alike"
             )
 
 
@@ -206,33 +206,35 @@ def _warnings(
     coverage: NDArray[np.int64],
     size_px: tuple[int, int],
 ) -> list[str]:
-    said = []
+    doubts: list[str] = []
     if len(solved.fits) < GOOD_VIEWS:
-        said.append(f"only {len(solved.fits)} views: take {GOOD_VIEWS} or more, near and far, tilted each way")
+        doubts.append(f"only {len(solved.fits)} views: take {GOOD_VIEWS} or more, near and far, tilted each way")
     tilted = sum(fit.tilt_deg >= TILTED_DEG for fit in solved.fits)
     if tilted < FEWEST_VIEWS:
-        said.append(
-            f"{tilted} views are tilted by {TILTED_DEG:g} degrees or more: seen from the front alone, a short focal "
+        doubts.append(
+            f"{tilted} views are tilted by {TILTED_DEG:g} degrees or more: seen only from the front, a short focal "
             "length near by looks as a long one far away; tilt the board by 20 to 45 degrees, left, right, up and down"
         )
     covered = float((coverage > 0).mean())
     if covered < 0.6:
-        said.append(f"the board was seen in {100 * covered:.0f} % of the frame: the distortion elsewhere is a guess")
+        doubts.append(f"the board was seen in {100 * covered:.0f} % of the frame: the distortion elsewhere is a guess")
     if solved.rms_px > 1.0:
-        said.append(
+        doubts.append(
             f"reprojection error of {solved.rms_px:.2f} px: below 0.5 is usual; is the board flat, the lens fixed (no "
             "autofocus), the picture sharp, and the board's size right?"
         )
     for name in ("fx", "fy"):
         share = sigma[name] / getattr(lens, name)
         if share > 0.005:
-            said.append(f"{name} is uncertain by {100 * share:.1f} % (one standard deviation): more and steeper views")
+            doubts.append(
+                f"{name} is uncertain by {100 * share:.1f} % (one standard deviation): more and steeper views"
+            )
     if abs(lens.fx / lens.fy - 1) > 0.02:
-        said.append(
+        doubts.append(
             f"fx and fy differ by {100 * abs(lens.fx / lens.fy - 1):.1f} %: square pixels have none; wrong board?"
         )
     away = math.hypot(lens.cx - (size_px[0] - 1) / 2, lens.cy - (size_px[1] - 1) / 2)
     if away > 0.1 * max(size_px):
-        said.append(f"the principal point lies {away:.0f} px from the middle: were the pictures cropped or turned?")
-    said += [f"left out, it fits far worse than the others: {name} (rms {rms:.2f} px)" for name, rms in rejected]
-    return said
+        doubts.append(f"the principal point lies {away:.0f} px from the middle: were the pictures cropped or turned?")
+    doubts += [f"left out, it fits far worse than the others: {name} (rms {rms:.2f} px)" for name, rms in rejected]
+    return doubts

@@ -28,7 +28,7 @@ def card(outcome: Outcome, image: Image, reasons: Mapping[str, str]) -> str:
     marks = [f'<span class="mark {_LOOK.get(outcome.verdict, "bad")}">{outcome.verdict}</span>']
     if outcome.label.group:
         marks.append(f'<span class="mark plain">{plain(outcome.label.group)}</span>')
-    lines = "".join(f"<div>{line}</div>" for line in said(outcome))
+    lines = "".join(f"<div>{line}</div>" for line in caption(outcome))
     whys = "".join(
         f"<li>refused at ({r.circle.u_px:.0f}, {r.circle.v_px:.0f}), R {r.circle.radius_px:.0f}: "
         f"{plain(reasons.get(r.why, r.why))}</li>"
@@ -41,7 +41,7 @@ def card(outcome: Outcome, image: Image, reasons: Mapping[str, str]) -> str:
     )
 
 
-def said(outcome: Outcome) -> list[str]:
+def caption(outcome: Outcome) -> list[str]:
     """The caption: what is true, what was answered, how far off."""
     label, circle = outcome.label, outcome.detection.circle
     lines = []

@@ -1,8 +1,8 @@
 """R times Z over pictures of one marker from one camera at known distances: a pinhole keeps it constant. Pure.
 
-R = f r / Z, so R Z = f r in the same unit: how far single pictures stray from it says how good R is as a distance. The
-labels' own radius is put beside it, because a distance measured by tape has an error, too. A tape often starts at the
-lens or at a bumper and not at the centre of projection: `offset_cm` is the shift of Z, by at most half the shortest
+R = f r / Z, so R Z = f r in the same unit: the deviation of single pictures from it shows how good R is as a distance.
+The labels' own radius is put beside it, because a distance measured by tape has an error, too. A tape often starts at
+the lens or at a bumper and not at the centre of projection: `offset_cm` is the shift of Z, by at most half the shortest
 distance, that makes the largest deviation of R (Z + offset) smallest.
 """
 

@@ -59,8 +59,8 @@ class Label(Section):
 
     @property
     def tuning_half(self) -> bool:
-        """Which half of a split the picture is in: for tuning, or for reporting. By its name's hash alone, so that it
-        stays there whatever else is added, and nobody chooses."""
+        """Which half of a split the picture is in: for tuning, or for reporting. By its name's hash only, so that it
+        stays there when others are added, and is not chosen."""
         return hashlib.sha256(Path(self.file).as_posix().encode("utf-8", "surrogatepass")).digest()[0] % 2 == 0
 
 
@@ -90,7 +90,7 @@ def load(folder: Path) -> Labels:
 
 
 def load_file(path: Path) -> Labels:
-    """The same for a file of any name; its pictures are looked for beside it."""
+    """The same for a file of any name; its pictures are searched for beside it."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
@@ -121,7 +121,7 @@ def parse(text: str, *, folder: Path = Path(), source: str = FILE_NAME) -> Label
             data = _object(line)
             label = Label.model_validate(data)
         except ValidationError as error:
-            faults += [f"{where}: {said}" for said in _said(error)]
+            faults += [f"{where}: {text}" for text in _texts(error)]
             continue
         except ValueError as error:
             faults.append(f"{where}: {error}")
@@ -176,19 +176,19 @@ def _object(line: str) -> dict[str, Any]:
     return data
 
 
-def _said(error: ValidationError) -> Sequence[str]:
-    said = []
+def _texts(error: ValidationError) -> Sequence[str]:
+    texts = []
     for fault in error.errors():
         key = ".".join(str(part) for part in fault["loc"])
         words = {"missing": "is missing"}.get(fault["type"], fault["msg"].removeprefix("Value error, "))
         if not key:
-            said.append(words)
+            texts.append(words)
             continue
         value = "" if fault["type"] == "missing" else f" = {_shown(fault['input'])}"
         info = Label.model_fields.get(key)
         allowed = bounds_of(info) if info else ""
-        said.append(f"{key}{value}: {words}{f' (allowed: {allowed})' if allowed else ''}")
-    return said
+        texts.append(f"{key}{value}: {words}{f' (allowed: {allowed})' if allowed else ''}")
+    return texts
 
 
 def _shown(value: object) -> str:

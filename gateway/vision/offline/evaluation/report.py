@@ -20,7 +20,7 @@ SHOWN = frozenset((Verdict.FALSE, Verdict.WRONG, Verdict.MISSED, Verdict.LOOSE, 
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What stands above and below the figures, as plain text."""
+    """The text above and below the figures, as plain text."""
 
     title: str
     facts: tuple[str, ...]  # settings, date, version
@@ -38,7 +38,7 @@ def html(
     worst: int = 12,
     advance: Callable[[], None] = lambda: None,
 ) -> str:
-    """The whole page. `look` gives the picture of a label again; `worst` cases of each method are drawn."""
+    """The complete page. `look` reads the picture of a label again; `worst` cases of each method are drawn."""
     body = [f"<h1>{plain(about.title)}</h1>", *(f'<p class="soft">{plain(fact)}</p>' for fact in about.facts)]
     body += _verdict_of_gate(about.unmet)
     for result in results:
@@ -136,8 +136,8 @@ def _how_to_read(notes: Sequence[str]) -> str:
         "<li>“On the target” is within 25 % of the true radius, centre and radius each; “detected” counts these. "
         "Errors are those of answers on the target.</li>"
         "<li>R is the radius of the circle round the rim (equation 10). It is compared with the label's semi-major "
-        "axis a where it has one, else with r. Bias above 0: R is too large, and the stop comes early.</li>"
-        f"<li>The 95 % interval says how far the rate of other pictures of the same kind may lie off.</li>{more}"
+        "axis a where it has one, else with r. Bias above 0: R is too large, and the stop is early.</li>"
+        f"<li>The 95 % interval shows how far the rate of other pictures of the same kind may lie off.</li>{more}"
         "</ul></details>"
     )
 

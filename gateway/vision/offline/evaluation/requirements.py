@@ -1,4 +1,4 @@
-"""`--require`: the figures a plant insists on, as a table; each is checked, and what is not met is said. Pure."""
+"""`--require`: the figures a plant requires, as a table; each is checked, and those not met are reported. Pure."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ class Figure:
     at_least: bool  # else: at most
     unit: str
     meaning: str
-    read: Callable[[Result], float | None]  # None: this set can't tell, which does not meet any requirement
+    read: Callable[[Result], float | None]  # None: not measured in this set, which does not meet any requirement
 
 
 def _wrong(result: Result) -> float | None:
@@ -63,7 +63,7 @@ class Requirement:
         sign = ">=" if self.figure.at_least else "<="
         wanted = f"{self.figure.name} {sign} {self.limit:g} {self.figure.unit} required"
         if value is None:
-            return f"{wanted}, but nothing in this set tells it"
+            return f"{wanted}, but it can't be measured in this set"
         met = value >= self.limit if self.figure.at_least else value <= self.limit
         return "" if met else f"{wanted}, measured {value:.4g}"
 

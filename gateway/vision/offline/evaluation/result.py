@@ -1,4 +1,4 @@
-"""Everything that is reported of one method on one set: figures whole and by part, sequences, R times Z. Pure."""
+"""Everything that is reported of one method on one set: figures in total and by part, sequences, R times Z. Pure."""
 
 import re
 from collections import defaultdict

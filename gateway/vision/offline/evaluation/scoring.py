@@ -1,8 +1,8 @@
-"""What an answer is worth beside the truth, and the figures of many. Pure.
+"""The score of an answer against the truth, and the figures of many. Pure.
 
 An answer is *on the target* where its centre and its radius are within 25 % of the true radius; errors are those of
-such answers only, for the error of an answer that is elsewhere says nothing. An answer elsewhere is *wrong*, which is
-worse than none and counted by itself: a wrong circle can release or stop a loading.
+such answers only, for the error of an answer elsewhere has no meaning. An answer elsewhere is *wrong*, which is
+worse than none and counted separately: a wrong circle can release or stop a loading.
 """
 
 import math
@@ -47,7 +47,7 @@ def markdown() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One picture, its truth, and what a method said of it. Errors are None where there is nothing to compare."""
+    """One picture, its truth, and a method's answer. Errors are None where there is nothing to compare."""
 
     label: Label
     detection: Detection
@@ -97,7 +97,7 @@ class Figures:
     close: int
     wrong: int
     missed: int
-    coasted: int  # of the missed: the place was predicted, and said to be
+    coasted: int  # of the missed: the place was predicted, and reported so
     false: int  # answers where no marker is
     detected_share: float | None
     detected_low: float | None  # 95 % interval of it: few pictures prove little
@@ -194,5 +194,5 @@ def percentile(values: Sequence[float], percent: float) -> float | None:
     return float(np.percentile(values, percent)) if values else None
 
 
-def _share(part: int, whole: int) -> float | None:
-    return part / whole if whole else None
+def _share(part: int, total: int) -> float | None:
+    return part / total if total else None

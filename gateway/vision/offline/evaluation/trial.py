@@ -1,7 +1,8 @@
-"""Methods put to labelled pictures: decodes each picture once, gives it to every method in turn, judges the answers.
+"""Methods applied to labelled pictures: decodes each picture once, gives it to every method in turn, judges the
+answers.
 
-Pictures without a frame number are searched each by itself. Frames of a sequence are given in order, when following is
-asked for, to a detector of their own, with times that follow from their numbers.
+Pictures without a frame number are searched each by itself. Frames of a sequence are given in order, with tracking,
+to a separate detector, with times that follow from their numbers.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,7 +36,7 @@ def run(
     """Outcomes by method, in the order of `chosen`. `follow` names the sequence of a label; None: nothing is followed.
     `mean_radius`: radii are compared as geometric means of the semi-axes.
 
-    Raises ConfigError for a picture that can't be decoded, a label outside of it, and a frame that stands there twice.
+    Raises ConfigError for a picture that can't be decoded, a label outside of it, and a frame that is there twice.
     """
     found: dict[str, dict[int, Outcome]] = {name: {} for name in methods}
     sequences = in_sequence(chosen, follow) if follow else {}
@@ -64,7 +65,7 @@ def picture(labels: Labels, label: Label) -> Image:
         pictures = inputs.read(labels.path(label))
         image = next(pictures).image
         if next(pictures, None) is not None:
-            raise ConfigError(f"{where}: holds several frames; a label needs a picture of its own")
+            raise ConfigError(f"{where}: holds several frames; each label needs its own picture")
     except (inputs.InputError, MemoryError, cv2.error) as error:
         raise ConfigError(f"{where}: {error or 'not enough memory for it'}") from error
     if wrong := outside(label, image.shape[1], image.shape[0]):

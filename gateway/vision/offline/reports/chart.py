@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from html import escape
 from itertools import pairwise
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#595959")  # told apart by colour-blind eyes, too
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#595959")  # distinguishable by colour-blind eyes, too
 DASHES = ("", "6 3", "2 3", "9 3 2 3", "4 2")
 MARKS = ("circle", "diamond", "square", "triangle", "cross")
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 14, 28, 44

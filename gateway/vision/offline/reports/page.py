@@ -1,6 +1,6 @@
 """The frame of a report: one HTML text with its style inside, readable on a screen and on paper. Pure.
 
-`embed` turns a picture into a data URI, so that one file can be sent to somebody and opened without a network.
+`embed` turns a picture into a data URI, so that one file can be sent and opened without a network.
 """
 
 import base64
@@ -67,7 +67,7 @@ table{font-size:8.5pt}th,td{padding:2px 5px}tr{break-inside:avoid}}
 
 
 def page(title: str, body: Sequence[str], foot: str) -> str:
-    """The whole document; `title` and `foot` are plain text, `body` is HTML."""
+    """The complete document; `title` and `foot` are plain text, `body` is HTML."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width,initial-scale=1">\n'

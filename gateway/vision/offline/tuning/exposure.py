@@ -1,4 +1,4 @@
-"""What a picture says of the camera's settings: exposure, noise, blur, white balance. Pure."""
+"""The camera's settings judged by a picture: exposure, noise, blur, white balance. Pure."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -19,7 +19,7 @@ _REACH = (0.6, 1.4)  # of R: where a ray begins and ends
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Figures of one picture; None: cannot be told from it."""
+    """Figures of one picture; None: cannot be measured in it."""
 
     clipped: float  # share of the full frame that is white to the stop in all channels
     marker_clipped: float | None  # share of the marker whose red channel is at the stop
@@ -72,53 +72,53 @@ def noise(image: Image) -> float:
 
 
 def advice(lights: Sequence[Light]) -> list[str]:
-    """What to change at the camera, in words, the most harmful first; one line says so where nothing is to be done."""
-    said = []
+    """Changes to make at the camera, as text, the most harmful first; one line says so where nothing is to be done."""
+    advice = []
     clipped = _middle(light.marker_clipped for light in lights)
     v = _middle(light.marker_v for light in lights)
     if clipped is not None and clipped > 0.05:
-        said.append(
+        advice.append(
             f"over-exposed: the red channel is at its stop in {100 * clipped:.0f} % of the marker, its colour is lost "
             "there; shorten the exposure or lower the gain until the marker's red is about 200"
         )
     elif v is not None and v < 70:
-        said.append(
+        advice.append(
             f"too dark: the marker's brightest channel is {v:.0f} of 255; more light, or a longer exposure by "
             f"{math.log2(150 / max(v, 1)):.1f} stops if motion allows"
         )
     white = _middle(light.clipped for light in lights)
     if white is not None and white > 0.05:
-        said.append(
+        advice.append(
             f"{100 * white:.0f} % of the picture is white to the stop: expose for the marker, shade lamp or sky"
         )
     s = _middle(light.marker_s for light in lights)
     if s is not None and s < 80:
-        said.append(
+        advice.append(
             f"pale: the marker's saturation is {s:.0f} of 255; haze, dust on lens or marker, glare, or old paint"
         )
     grain = _middle(light.noise for light in lights)
     if grain is not None and grain > 6:
-        said.append(f"noisy: {grain:.0f} grey levels; lower the gain and give more light")
+        advice.append(f"noisy: {grain:.0f} grey levels; lower the gain and give more light")
     smears = [light for light in lights if light.smear_px is not None and light.smear_px > 2]
     if len(smears) * 2 > sum(light.smear_px is not None for light in lights):
         smear = _middle(light.smear_px for light in smears) or 0.0
         turns = [math.radians(2 * (light.smear_deg or 0.0)) for light in smears]  # 179 degrees are next to 0
         along = math.degrees(math.atan2(sum(map(math.sin, turns)), sum(map(math.cos, turns))) / 2) % 180
-        said.append(
+        advice.append(
             f"motion blur: about {smear:.0f} px, along {along:.0f} degrees (0: level); an exposure of "
             f"1/{smear:.0f} of today's would leave 1 px"
         )
     edge = _middle(light.edge_px for light in lights)
     if edge is not None and edge > 5:
-        said.append(f"out of focus: the rim is {edge:.0f} px wide in its sharpest direction; 2 to 4 is sharp")
+        advice.append(f"out of focus: the rim is {edge:.0f} px wide in its sharpest direction; 2 to 4 is sharp")
     warmth = _middle(light.warmth for light in lights)
     if warmth is not None and not 0.8 <= warmth <= 1.25:
         what = "warm (red over blue" if warmth > 1 else "cold (red over blue"
-        said.append(
+        advice.append(
             f"colour cast: {what} is {warmth:.2f} in what should be grey); set the white balance on grey concrete in "
             "the working light and lock it: an automatic one follows the truck"
         )
-    return said or ["exposure, noise, focus and white balance are fine in these pictures"]
+    return advice or ["exposure, noise, focus and white balance are fine in these pictures"]
 
 
 def _inside(image: Image, circle: Circle) -> NDArray[np.uint8]:
@@ -139,8 +139,8 @@ def _edges(image: Image, circle: Circle) -> tuple[float | None, float | None, fl
     profiles = cv2.remap(redness, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
     step_px = float(radius[1] - radius[0])
     by_ray: list[float | None] = []
-    for profile, whole in zip(np.asarray(profiles), inside.all(axis=1), strict=True):
-        by_ray.append(_width(profile, step_px) if whole else None)
+    for profile, complete in zip(np.asarray(profiles), inside.all(axis=1), strict=True):
+        by_ray.append(_width(profile, step_px) if complete else None)
     # Motion and focus blur both ends of a diameter; a shadow on a ball, one. So the sharper end counts.
     half = RAYS // 2
     spans = [[w for w in (by_ray[n], by_ray[n + half]) if w is not None] for n in range(half)]

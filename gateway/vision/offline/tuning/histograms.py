@@ -48,18 +48,18 @@ def charts(examples: Sequence[Example], now: Red, proposed: Red) -> list[str]:
 
 def lines(examples: Sequence[Example], proposed: Red, width: int = 64) -> list[str]:
     """The same for a terminal: a row of blocks for each class, and under it what the proposal lets in."""
-    said = []
+    lines = []
     for (_, column, low, high), name in zip(_AXES, ("hue", "S", "V"), strict=True):
         edges = np.linspace(low, high, width + 1)
         for title, colours in zip(("marker", "surroundings", "background"), pooled(examples), strict=True):
             share = _share(colours[:, column], edges)
             level = np.ceil(8 * share / share.max()).astype(int) if share.any() else np.zeros(width, int)
-            said.append(f"{name if title == 'marker' else '':4}{title:13}|{''.join(_BLOCKS[n] for n in level)}|")
+            lines.append(f"{name if title == 'marker' else '':4}{title:13}|{''.join(_BLOCKS[n] for n in level)}|")
         allowed = _allowed(proposed, column)
         passes = ((edges[1:] > allowed[0]) & (edges[:-1] <= allowed[1])).tolist()
-        said.append(f"{'':4}{'passes':13}|{''.join('=' if one else ' ' for one in passes)}|")
-        said.append(f"{'':17} {low:<{width - 4}}{high - (1 if column else 0):>4}")
-    return said
+        lines.append(f"{'':4}{'passes':13}|{''.join('=' if one else ' ' for one in passes)}|")
+        lines.append(f"{'':17} {low:<{width - 4}}{high - (1 if column else 0):>4}")
+    return lines
 
 
 def background_by_colour(examples: Sequence[Example]) -> NDArray[np.float64]:

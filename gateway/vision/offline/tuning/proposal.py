@@ -9,7 +9,7 @@ from gateway.vision.offline.tuning.thresholds import Margin, Red
 AREA_SHARE = 0.3  # of the smallest marker: half hidden, it still passes
 SHAPE_SHARE = 0.9  # of the least round marker that was found
 HIGHEST = 0.8  # a perfect disc has a circularity of 0.90; dirt and tilt take from it
-FEWEST = 3  # markers found; fewer say nothing of how round others will be
+FEWEST = 3  # markers found; fewer do not show how round others will be
 
 
 def gates(found: Sequence[Outcome]) -> dict[str, float]:

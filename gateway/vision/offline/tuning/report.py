@@ -28,7 +28,7 @@ def html(study: Study, snippet: str, facts: Sequence[str], notes: Sequence[str])
         ("The present setting", study.admits_now, study.now),
         ("The proposal", study.admits_proposed, study.proposed),
     ):
-        words = thresholds.said(admits, red) or ["fits the examples"]
+        words = thresholds.remarks(admits, red) or ["fits the examples"]
         body.append(f"<h3>{title}</h3><ul class='notes'>{''.join(f'<li>{plain(w)}</li>' for w in words)}</ul>")
     body.append(
         "<h2>Colours</h2><p>Shares of each class; shaded: what the proposal lets in; dotted: the present bounds</p>"

@@ -18,7 +18,7 @@ from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.thresholds import Admission, Margin, Red
 from gateway.vision.pixels import Image
 
-FEWEST_FOR_HALVES = 6  # markers; with fewer a half says nothing
+FEWEST_FOR_HALVES = 6  # markers; with fewer a half has no meaning
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ _CROSS = "thresholds from the other half"
 
 
 def circle_of(label: Label) -> Circle | None:
-    """Inside which a pixel surely belongs to the marker: the smaller semi-axis counts."""
+    """Inside this a pixel surely belongs to the marker: the smaller semi-axis counts."""
     if label.u is None or label.v is None or label.r is None:
         return None
     return Circle(label.u, label.v, label.r if label.b is None else label.b)
@@ -98,7 +98,7 @@ def circle_of(label: Label) -> Circle | None:
 def _halves(
     labels: Sequence[Label], examples: Sequence[Example], params: VisionConfig
 ) -> dict[bool, VisionConfig] | None:
-    """Settings from each half alone (True: the tuning half); None: too few markers in one of them."""
+    """Settings from each half by itself (True: the tuning half); None: too few markers in one of them."""
     found = {}
     for tuning in (True, False):
         half = [e for e, label in zip(examples, labels, strict=True) if label.tuning_half is tuning]

@@ -1,4 +1,4 @@
-"""Red thresholds: what a setting lets in of marker and background, and the setting that tells them apart best. Pure.
+"""Red thresholds: what a setting lets in of marker and background, and the setting that separates them best. Pure.
 
 A setting is Table I's shape with one S and one V for both ranges. It is scored on every example alike: the share of the
 marker that passes, less the share of its surroundings (what it would merge with), less half of the red area elsewhere,
@@ -119,7 +119,7 @@ def score(red: Red, examples: Sequence[Example]) -> float:
     return float(inside - ring - 0.5 * np.minimum(1.0, _elsewhere(red, examples)).mean())
 
 
-def said(found: Admission, red: Red) -> list[str]:
+def remarks(found: Admission, red: Red) -> list[str]:
     """What is wrong with a setting, in words; nothing: it fits the examples."""
     words = []
     if found.ring > 0.05:
