@@ -263,7 +263,11 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         Priority.HIGH,
         "the process that looks for the marker died, hung or failed, and starting it again does not help",
         _STOPS,
-        ("a picture that the software cannot cope with", "a machine that is overloaded or short of memory"),
+        (
+            "a picture that the software cannot cope with",
+            "a machine that is overloaded or short of memory",
+            "a camera's driver that hangs and holds up the process: the detail says `no sign of life`",
+        ),
         "look at the machine's load and the gateway's log; report the log",
         10,
         *_vision(Quality.PROCESS_FAULT),

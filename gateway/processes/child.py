@@ -56,8 +56,8 @@ def _name(name: str) -> None:
 
 
 def shown(text: str) -> str:
-    """Text fit for a message: a path in it need not be UTF-8, and a driver's text may be long."""
-    return text[:MAX_CHARACTERS].encode(errors="backslashreplace").decode()
+    """Text fit for a message and a log: a path in it need not be UTF-8, a driver's text may be long and of many lines."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:MAX_CHARACTERS])
 
 
 def _report_exceptions(link: Link[Any, Any]) -> None:

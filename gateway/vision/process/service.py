@@ -10,6 +10,7 @@ from gateway.config import CameraConfig, VisionConfig
 from gateway.core.model import VisionReading
 from gateway.errors import ConfigError
 from gateway.processes.channel import Failed, Gone
+from gateway.processes.child import shown
 from gateway.processes.pool import Pool, Role
 from gateway.vision.detect import registry
 from gateway.vision.detect.radii import MarkerRadii, Pace
@@ -240,9 +241,9 @@ def _report(to: ProcessMonitor, token: int, message: FromVision | Failed | Gone,
         case Opened(lossless, finite):
             to.opened(token, now_ns, lossless=lossless, finite=finite)
         case SourceLost(why, config):
-            to.source_lost(token, why, now_ns, config=config)
+            to.source_lost(token, shown(why), now_ns, config=config)
         case Failed(why, config):
-            to.failed(token, why, now_ns, config=config)
+            to.failed(token, shown(why), now_ns, config=config)
         case Gone(how, crashed):
             to.gone(token, how, now_ns, crashed=crashed)
 

@@ -13,6 +13,7 @@ import threading
 from dataclasses import dataclass, replace
 
 import cv2
+import numpy as np
 
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.processes.channel import Link
@@ -154,8 +155,14 @@ class Capture:
             source.read()
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
         seq = job.first_seq - 1
+        last: Image | None = None
         while True:
             frame = source.read()
+            if last is not None and np.may_share_memory(last, frame.image):
+                raise LinkError(
+                    f"{spec.label}: it has written into a frame that it had handed over; each needs an array of its own"
+                )
+            last = frame.image
             if frame.t_capture_ns > (now_ns := clock.now_ns()):  # of another clock: it would stay new for ever
                 frame = replace(frame, t_capture_ns=now_ns)
             changed_ns = checks.passed(frame)

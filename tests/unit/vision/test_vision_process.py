@@ -1,5 +1,6 @@
 """The capture thread of the vision process, without its process: in what order it reports, and what it hands over."""
 
+import random
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -8,8 +9,11 @@ import numpy as np
 import pytest
 
 from gateway.clock import Clock, SystemClock
-from gateway.config import VisionConfig
+from gateway.config import CameraConfig, VisionConfig
 from gateway.errors import LinkError
+from gateway.processes.channel import Failed
+from gateway.vision.process import service
+from gateway.vision.process.monitor import ProcessMonitor
 from gateway.vision.process.vision_process import Capture, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Frame, Source
@@ -27,6 +31,7 @@ class FewFrames:
 
     frames: int
     ahead_ns: int = 0
+    one_buffer: bool = False
     label: str = "few"
 
     def open(self, clock: Clock) -> Source:
@@ -38,12 +43,14 @@ class _Few(Source):
 
     def __init__(self, spec: FewFrames, clock: Clock) -> None:
         self._left, self._spec, self._clock = spec.frames, spec, clock
+        self._buffer = np.zeros((4, 4, 3), np.uint8)
 
     def read(self) -> Frame:
         if not self._left:
             raise LinkError("few: ended")
         self._left -= 1
-        return Frame(np.zeros((4, 4, 3), np.uint8), self._clock.now_ns() + self._spec.ahead_ns)
+        image = self._buffer if self._spec.one_buffer else np.zeros((4, 4, 3), np.uint8)
+        return Frame(image, self._clock.now_ns() + self._spec.ahead_ns)
 
     def close(self) -> None:
         pass
@@ -92,3 +99,23 @@ def test_a_frame_of_a_time_to_come_was_taken_by_the_time_it_was_read(ring: shm.R
     _, frame, _ = captured(FewFrames(1, ahead_ns=HOUR_NS), ring)
     assert frame.t_capture_ns <= CLOCK.now_ns()
     assert set(frame.changed_ns.flat) == {frame.t_capture_ns}
+
+
+def test_a_source_that_writes_into_a_frame_which_it_has_handed_over_is_refused(ring: shm.RingSpec) -> None:
+    """The detector works on that frame: it would see half of one picture and half of the next."""
+    _, first, lost = captured(FewFrames(3, one_buffer=True), ring)
+    assert first.seq == 5
+    assert lost == SourceLost(
+        "few: it has written into a frame that it had handed over; each needs an array of its own"
+    )
+
+
+@pytest.mark.parametrize("message", [SourceLost, Failed])
+def test_what_a_process_says_is_short_and_printable_in_every_log(message: type[SourceLost | Failed]) -> None:
+    monitor = ProcessMonitor("cam", CameraConfig(), VisionConfig(), random.Random(1))
+    monitor.settle(0)
+    monitor.ready(monitor.token, 0)
+    service._report(monitor, monitor.token, message("lost\n12:00 all is well\x1b[2J" + 60_000 * "x"), 0)
+    (reading,) = monitor.readings()
+    assert "lost\\n12:00 all is well\\x1b[2Jxxx" in reading.detail
+    assert len(reading.detail) < 600
