@@ -56,7 +56,7 @@ def _name(name: str) -> None:
 
 
 def shown(text: str) -> str:
-    """Text fit for a message and a log: a path in it need not be UTF-8, a driver's text may be long and of many lines."""
+    """Text fit for a message and a log: a path in it need not be UTF-8, a driver's text may have many lines."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:MAX_CHARACTERS])
 
 
