@@ -9,7 +9,7 @@ import os
 import re
 import secrets
 import socket
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -97,8 +97,27 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         except ConfigError as error:
             key, _, message = str(error).partition(": ")
             faults.append(located(tuple(key.split(".")), message, source=source, text=text))
+    if not faults:
+        faults = [
+            located(place, what, source=source, text=text, shared=SHARED_SECTIONS) for place, what in _shared(config)
+        ]
     if faults:
         raise ConfigError("\n".join(faults))
+
+
+def _shared(config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """What two bays or two servers would have to share: place and fault. A bay on another one's sensor would report
+    the wrong truck."""
+    for key, devices in (
+        ("camera.url", [str(bay.camera.url) for bay in config.bays]),
+        ("ranger.port", [bay.ranger.port for bay in config.bays]),
+    ):
+        for n, device in enumerate(devices):
+            if (first := devices.index(device)) != n:
+                owner = config.bays[first].name
+                yield ("bays", n, "name"), f"its {key}, {device}, is that of bay {owner!r}, too: each bay needs its own"
+    if config.hmi.enabled and config.modbus.plain and config.hmi.port == config.modbus.port != 0:
+        yield ("hmi", "port"), "the port of [modbus], too: the pages need their own"
 
 
 @dataclass(frozen=True, slots=True)

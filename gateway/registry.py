@@ -27,15 +27,17 @@ class Registry:
         return name in self._parts or any(point.name == name for point in self._offered())
 
     def load(self, name: str) -> Any:
-        """Raises ConfigError for an unknown name, one that two distributions offer, or one that isn't there."""
-        if name in self._parts:
+        """Raises ConfigError for an unknown name, one that is offered twice, or one that can't be imported."""
+        offered = [point for point in self._offered() if point.name == name]
+        places = dict.fromkeys([self._parts[name]] if name in self._parts else [])
+        places.update(dict.fromkeys(point.value for point in offered))
+        if not places:
+            raise ConfigError(f"no {self.kind} is called {name!r}; there is: {', '.join(self.names())}")
+        if len(places) > 1:
+            raise ConfigError(f"{self.kind} {name!r} is offered twice: {', '.join(places)}")
+        if not offered:
             module, _, attribute = self._parts[name].partition(":")
             return getattr(import_module(module), attribute)
-        offered = [point for point in self._offered() if point.name == name]
-        if not offered:
-            raise ConfigError(f"no {self.kind} is called {name!r}; there is: {', '.join(self.names())}")
-        if len({point.value for point in offered}) > 1:
-            raise ConfigError(f"{self.kind} {name!r} is offered twice: {', '.join(point.value for point in offered)}")
         try:
             return offered[0].load()
         except (ImportError, AttributeError) as error:

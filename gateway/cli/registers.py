@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
     default = Target()
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--format", metavar="FORMAT", help="one of the formats below (default: text)")
+    form.add_argument("--format", default="text", metavar="FORMAT", help="one of the formats below (default: text)")
     for name in TEXT_FORMS:
         form.add_argument(f"--{name}", dest="format", action="store_const", const=name, help=f"--format {name}")
     parser.add_argument(
@@ -77,10 +77,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Prints to stdout, or writes files and names them."""
-    from gateway.modbus.exports import tables
     from gateway.modbus.exports.registry import export
 
-    files = {"registers.txt": tables.plain_text()} if args.format is None else export(args.format, _targets(args))
+    files = export(args.format, _targets(args))
     if args.out is not None:
         _write(files, args.out)
     elif len(files) == 1:

@@ -91,6 +91,9 @@ def test_a_part_that_cannot_be_imported_or_is_offered_twice_is_an_error(name: st
     known = Registry("detection method", "gateway.detection_methods", {})
 
     assert known.names() == ("brightest-spot", "broken")
+    shipped = Registry("detection method", "gateway.detection_methods", {"broken": "tests.brightest_spot:METHOD"})
+    with pytest.raises(ConfigError, match=r"offered twice: tests\.brightest_spot:METHOD, tests\.nowhere:METHOD"):
+        shipped.load("broken")
     with pytest.raises(ConfigError, match=r"offered twice: tests\.brightest_spot:METHOD, tests\.nowhere:METHOD"):
         known.load(name)
     with pytest.raises(ConfigError, match=r"'broken': tests\.nowhere:METHOD cannot be imported: No module"):

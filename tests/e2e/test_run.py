@@ -240,6 +240,36 @@ def test_a_wrong_configuration_names_file_line_key_value_and_range(tmp_path: Pat
     assert any(line.startswith(f"{path}:4: vision.morf_kernel_px = 3: unknown key") for line in lines)
 
 
+def test_two_bays_on_one_sensor_and_two_servers_on_one_port_are_faults(tmp_path: Path) -> None:
+    path = tmp_path / "bay.toml"
+    path.write_text("""[camera]
+url = "rtsp://camera/stream"
+[hmi]
+enabled = true
+port = 502
+[[bays]]
+name = "a"
+ranger.port = "/dev/ttyACM0"
+[[bays]]
+name = "b"
+unit_id = 2
+ranger.port = "/dev/ttyACM0"
+[[bays]]
+name = "c"
+unit_id = 3
+camera.url = "rtsp://camera/other"
+ranger.port = "/dev/ttyACM1"
+""")
+    done = check(path)
+    assert done.returncode == 2
+    needs = "is that of bay 'a', too: each bay needs its own"
+    assert done.stderr.splitlines() == [
+        f"{path}:10: bays.1.name: its camera.url, rtsp://camera/stream, {needs}",
+        f"{path}:10: bays.1.name: its ranger.port, /dev/ttyACM0, {needs}",
+        f"{path}:5: hmi.port: the port of [modbus], too: the pages need their own",
+    ]
+
+
 def test_every_bad_address_is_told_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "bay.toml"
     path.write_text("""[camera]

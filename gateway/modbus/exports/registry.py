@@ -31,6 +31,7 @@ _FORMATS: dict[str, tuple[str, str]] = {
     "csv": ("tables:csv_files", "the table, one line a register"),
     "json": ("tables:json_files", "the table with all codes and bits"),
     "markdown": ("tables:markdown_files", "the table for people, as in docs/registers.md"),
+    "text": ("tables:text_files", "the table for reading in a terminal"),
 }
 SUMMARY: dict[str, str] = {name: summary for name, (_, summary) in _FORMATS.items()}
 """Format -> what it is and who opens it."""

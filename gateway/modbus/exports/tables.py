@@ -150,3 +150,4 @@ def _markdown_table(header: Iterable[str], lines: Iterable[tuple[str, ...]]) -> 
 csv_files = one_file("registers.csv", lambda _: csv_text())
 json_files = one_file("registers.json", lambda _: json_text())
 markdown_files = one_file("registers.md", lambda _: markdown())
+text_files = one_file("registers.txt", lambda _: plain_text())

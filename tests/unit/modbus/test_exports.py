@@ -681,6 +681,11 @@ def test_each_format_comes_out_of_the_command(name: str, tmp_path: Path, capsys:
         assert (tmp_path / "one").is_file()
 
 
+def test_without_a_format_it_is_text(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run() == 0
+    assert capsys.readouterr().out == export("text", (TARGET,))["registers.txt"]
+
+
 def test_two_files_need_a_folder() -> None:
     with pytest.raises(ConfigError, match=r"openplc makes 2 files \(loading_bay.st, mbconfig.cfg\): give --out DIR"):
         run("--format", "openplc")
