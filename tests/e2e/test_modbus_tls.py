@@ -217,8 +217,8 @@ async def test_a_client_that_trusts_another_authority_goes_away_and_the_log_says
         async with gateway(plant, Bay()) as listening:
             with pytest.raises(ssl.SSLCertVerificationError):
                 await threaded(ask, listening.tls, context_of(plant, "operator", trust=elsewhere), READ_STOP)
-            await logged(caplog, "it does not know the authority")
-    assert "it does not know the authority of the gateway's certificate" in caplog.text
+            await logged(caplog, "it does not trust the authority")
+    assert "it does not trust the authority of the gateway's certificate" in caplog.text
 
 
 async def openssl(port: int, plant: Plant, name: str, request: bytes, *options: str) -> tuple[bytes, str]:
@@ -267,7 +267,7 @@ async def test_tls_1_1_is_refused(plant: Plant, caplog: pytest.LogCaptureFixture
             answer, said = await openssl(listening.tls, plant, "operator", FRAME, *options)
             assert answer == b""
             assert "alert protocol version" in said
-    assert "it speaks no TLS version from 1.2 up" in caplog.text
+    assert "it supports no TLS version from 1.2 up" in caplog.text
 
 
 @played
@@ -284,7 +284,7 @@ async def test_plain_modbus_on_the_tls_port_is_cut(plant: Plant, caplog: pytest.
         async with gateway(plant, Bay()) as listening:
             answer = await threaded(plainly, listening.tls)
             assert b"\x03\x02\x03\xec" not in answer  # at most a TLS alert, no register
-    assert "it does not speak TLS" in caplog.text
+    assert "it does not use TLS" in caplog.text
 
 
 @played

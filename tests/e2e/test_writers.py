@@ -67,7 +67,7 @@ async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> No
         assert [told.exception_code for told in tries] == [ILLEGAL_FUNCTION] * 6
         seen = await image(stranger)
         assert (seen["plc_heartbeat"], seen["plc_control"], seen["plc_writes"]) == (0, 0, 0)
-    why = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles say who may)"
+    why = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles define who may)"
     assert bay.refused() == [f"{STRANGER}: {why}"] * 6
 
 

@@ -90,7 +90,7 @@ def twincat(targets: tuple[Target, ...]) -> Pou:
 
 
 def codesys(targets: tuple[Target, ...]) -> Pou:
-    """On the library ModbusFB. Raises ConfigError for a host name: the library wants the four numbers."""
+    """On the library ModbusFB. Raises ConfigError for a host name: the library takes the four numbers only."""
     return _program(
         targets,
         _CODESYS,

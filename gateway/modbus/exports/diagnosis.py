@@ -1,11 +1,11 @@
-"""The checks that every generated PLC program makes before it believes an image. Pure; one table for both outputs.
+"""The checks that every generated PLC program makes before it uses an image. Pure; one table for both outputs.
 
-An image names at most one of two outputs: the truck may move (`may_move`), or it stands in place (`in_place`). A check
+An image names at most one of two outputs: the truck may move (`may_move`), or it is in place (`in_place`). A check
 names the outputs that it can take away (`needs`); the first that fails is the diagnosis. The checks of SOUND are made
-first: only an image that passes them is looked at, and only there does a heartbeat count.
+first: only an image that passes them is evaluated, and only there does a heartbeat count.
 
 A condition is written in the subset that IEC 61131-3 structured text, Siemens SCL and Rockwell structured text share,
-with `#` before every local name (as SCL wants it); it is true when the check fails. `Raw` is the decoded block.
+with `#` before every local name (as in SCL); it is true when the check fails. `Raw` is the decoded block.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""How a register lands in a PLC: typed fields, a flag where it may hold no value, a flag for every bit. Pure.
+"""A register in a PLC: typed fields, a flag where it may hold no value, a flag for every bit. Pure.
 
-Measured values become REAL in their unit; codes, counters and ids stay whole numbers. 64-bit values become two 32-bit
-halves, because small PLCs know nothing longer.
+Measured values become REAL in their unit; codes, counters and ids stay integers. 64-bit values become two 32-bit
+halves, because small PLCs have no longer type.
 """
 
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ def of(register: Register) -> Iterator[Field]:
 
 
 def measured(register: Register) -> bool:
-    """A quantity with a unit or a fraction, for which a PLC wants a REAL."""
+    """A quantity with a unit or a fraction, for which a PLC uses a REAL."""
     return register.kind.is_float or register.scale != 1 or (register.kind.no_value is not None and bool(register.unit))
 
 

@@ -21,7 +21,7 @@ _TYPES = {
     "float32": ("HRF", "Float4"),
 }
 RAW = "raw"
-_EXPONENT = 0x7F80  # of a float32's high word: all of it set is no number
+_EXPONENT = 0x7F80  # of a float32's high word: all bits set: not a number
 _OUT_OF_RANGE = 524  # Ignition's subcode Bad_OutOfRange
 
 
@@ -53,7 +53,7 @@ def _tag(register: Register, target: Target) -> dict[str, Any]:
 
 
 def _raw(register: Register, target: Target) -> list[dict[str, Any]]:
-    """The register as it stands; of a float its high word, too, whose exponent tells a number from none."""
+    """The register unscaled; of a float its high word, too, whose exponent distinguishes a number from none."""
     designator, data_type = _TYPES[register.kind.name]
     tags = [_opc(register.name, f"{designator}{register.address + 1}", data_type, target)]
     if register.kind.is_float:
@@ -98,7 +98,7 @@ def _bits(register: Register, target: Target) -> dict[str, Any]:
     tags = []
     for bit, (name, meaning) in (register.bits or {}).items():
         tag = _opc(name, f"HR{register.address + 1}.{bit}", "Boolean", target)
-        tag |= {"documentation": meaning, "readOnly": True}  # a written bit would rewrite its whole word
+        tag |= {"documentation": meaning, "readOnly": True}  # a written bit would rewrite its complete word
         tags.append(tag)
     return {"name": f"{register.name} bits", "tagType": "Folder", "tags": tags}
 

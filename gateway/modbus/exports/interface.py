@@ -1,7 +1,7 @@
 """The function block's interface: its inputs, outputs and memory, once for every language. Pure.
 
-Neither output is called enable: MayMove is for the truck, InPlace for the spout, and a program that mixes them up
-has to write the wrong word itself.
+Neither output is called enable: MayMove is for the truck, InPlace for the spout, so that a program that mixes them up
+must name the wrong one explicitly.
 """
 
 from dataclasses import dataclass

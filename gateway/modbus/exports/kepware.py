@@ -3,7 +3,7 @@
 Six-digit addresses of holding registers: 400001 is register 0, as in the driver's own setting of zero-based addressing.
 
 The driver can scale a number but not recognise the one that means "no value". So an integer that may hold none
-is not scaled: it is exported as `NAME_raw`, in counts and without a unit, and nobody takes 65535 for a distance. For
+is not scaled: it is exported as `NAME_raw`, in counts and without a unit, and 65535 is not mistaken for a distance. For
 people there are the float mirrors, whose NaN is no number for any client, if the channel's "Non-Normalized Float
 Handling" is set to "Unmodified": by default the driver makes 0.0 of it.
 """

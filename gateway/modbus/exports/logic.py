@@ -1,6 +1,6 @@
 """The function block's body, once for IEC 61131-3 structured text, Siemens SCL and, but for the decoding, Logix. Pure.
 
-Written as SCL wants it, with `#` before local names and function names in quotes; `iec` takes both away, logix.py
+Written as SCL, with `#` before local names and function names in quotes; `iec` takes both away, logix.py
 translates. Only what every language and tool shares is used: no pointers, no unions, no shifts, no 64-bit numbers. A
 float is put together by arithmetic, which is exact because only powers of two are multiplied.
 """
@@ -156,7 +156,7 @@ def indented(text: str) -> str:
 def dead_fields() -> Iterator[tuple[str, str]]:
     """(field, value) of every code, flag and bit that is not 0 in the image of a gateway that has stopped deciding.
 
-    Without them an empty structure would say "quality good, no reason".
+    Without them an empty structure would mean "quality good, no reason".
     """
     image = dead_image(StateVector(""), 0, 0, "big")
     for field in fields():

@@ -1,11 +1,11 @@
 """OpenPLC Runtime 3: a program and the list of slave devices, both to upload. Pure.
 
 OpenPLC copies what it reads from slave devices into the input image, one device after the other from %IW100 on, and
-what it writes to them from %QW100 on. It does not report failed polls to a program, so the heartbeat alone shows
+what it writes to them from %QW100 on. It does not report failed polls to a program, so only the heartbeat shows
 whether the link works.
 
-%QX0.0 stays unused: it was the output of an earlier export that was on while the truck may move, and whatever is still
-wired to it must not find another meaning there.
+%QX0.0 stays unused: it was the output of an earlier export that was on while the truck may move, and anything still
+wired to it must not get another meaning.
 """
 
 from gateway.errors import ConfigError
@@ -18,7 +18,7 @@ from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 PROGRAM = "loading_bay.st"
 DEVICES = "mbconfig.cfg"
-FIRST_WORD = 100  # OpenPLC's own number: what belongs to slave devices begins at %IW100 and %QW100
+FIRST_WORD = 100  # OpenPLC's own number: the area of slave devices begins at %IW100 and %QW100
 MOST_BAYS = 4  # OpenPLC's own number: 400 words for all slave devices together
 POLL_MS = 100
 _TIMEOUT_MS = 1000

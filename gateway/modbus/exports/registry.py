@@ -34,7 +34,7 @@ _FORMATS: dict[str, tuple[str, str]] = {
     "text": ("tables:text_files", "the table for reading in a terminal"),
 }
 SUMMARY: dict[str, str] = {name: summary for name, (_, summary) in _FORMATS.items()}
-"""Format -> what it is and who opens it."""
+"""Format -> its description and the tool that opens it."""
 EXPORTS = Registry(
     "export format", "gateway.plc_exports", {name: f"{_PACKAGE}.{where}" for name, (where, _) in _FORMATS.items()}
 )

@@ -1,7 +1,7 @@
 """IEC 61131-3 structured text: its program organisation units, as records and as text. Pure.
 
 For CODESYS, WAGO, Schneider and OpenPLC: second edition of the standard and nothing vendors disagree on, so that old
-tools and matiec take it too. The files of TwinCAT and PLCopen come from the same records.
+tools and matiec take it too. The files of TwinCAT and PLCopen are made from the same records.
 """
 
 from collections.abc import Iterator
@@ -56,13 +56,13 @@ class Pou:
 
 
 def types() -> tuple[Words | Struct, ...]:
-    """In the order in which a compiler wants them."""
+    """In the order that a compiler requires."""
     members = tuple(Var(field.name, field.kind, field.comment) for field in fields())
     return Words(BLOCK, BLOCK_WORDS), Words(WRITE, len(WRITTEN)), Struct(DATA, members)
 
 
 def library(target: Target) -> tuple[Pou, ...]:
-    """Two functions and the function block; they depend on the target's word order alone."""
+    """Two functions and the function block; they depend on the target's word order only."""
     words = (Var("High", "WORD", ""), Var("Low", "WORD", ""))
     real = (Var("Exponent", "DINT", ""), Var("Value", "REAL", ""))
     sections: tuple[Section, ...] = (
@@ -160,7 +160,7 @@ def document(targets: tuple[Target, ...]) -> str:
 
 
 def declarations(targets: tuple[Target, ...]) -> str:
-    """All but the program, in the order in which a compiler wants it."""
+    """All but the program, in the order that a compiler requires."""
     made = (*map(type_text, types()), *map(text, library(targets[0])))
     return ascii_only("\n".join((_head(targets), *made)))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gateway.errors import ConfigError
 from gateway.modbus.registers.register import WordOrder
 
-# 192.0.2.0/24 is set aside for documentation: an address that nobody's plant can have.
+# 192.0.2.0/24 is set aside for documentation: an address that no plant can have.
 EXAMPLE_HOST = "192.0.2.10"
 
 
@@ -15,7 +15,7 @@ EXAMPLE_HOST = "192.0.2.10"
 class Target:
     """One bay as its PLC sees it: where to connect, and under which unit id and word order it answers.
 
-    `writes`: the gateway's [modbus] writes is on. Only tools that write whether they are answered or not ask for it.
+    `writes`: the gateway's [modbus] writes is on. Used only by tools that write whether they are answered or not.
     """
 
     bay: str = "bay1"

@@ -3,11 +3,11 @@
 A frame (ADU) is the MBAP header and a PDU: transaction id, protocol id (0 is Modbus), length of what follows (unit id
 and PDU), unit id; all in network order. MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 3.1.3 and 4.4.2.
 
-What is wrong with a frame is reported, never raised:
+Faults of a frame are reported, never raised:
 
-- another protocol id: the frame is discarded without an answer, as the guide says. Its length still tells where the
-  next one begins.
-- a length that no frame can have: where the next frame begins can't be known any more, so the connection must end.
+- another protocol id: the frame is discarded without an answer, as the guide says. Its length still gives the start of
+  the next one.
+- a length that no frame can have: the start of the next frame is unknown, so the connection must end.
 """
 
 import struct
@@ -41,12 +41,12 @@ class ModbusException(IntEnum):
 
 EXCEPTION_MEANING: dict[ModbusException, str] = {
     ModbusException.ILLEGAL_FUNCTION: "a function code (or MEI type of FC 43) that this server does not have, writes "
-    "where they are off, and whatever the peer's address or role does not allow",
-    ModbusException.ILLEGAL_ADDRESS: "part of what is asked for lies beyond the last register or bit, is written "
+    "where they are off, and all that the peer's address or role does not allow",
+    ModbusException.ILLEGAL_ADDRESS: "part of the request lies beyond the last register or bit, is written "
     "although it is read only, or is an object id that does not exist",
     ModbusException.ILLEGAL_VALUE: "a count of 0 or more than fits, a request that is shorter or longer than its own "
     "numbers say, a value out of its range, a control bit that has no meaning, or an unknown kind of identification",
-    ModbusException.DEVICE_FAILURE: "the gateway could not make an image; its log says why",
+    ModbusException.DEVICE_FAILURE: "the gateway could not make an image; its log has the reason",
     ModbusException.SERVER_BUSY: "a write to the handshake registers while another PLC owns them; nothing was written",
     ModbusException.TARGET_FAILED_TO_RESPOND: "no bay has this unit id, or something is written under unit id 0",
 }
@@ -69,9 +69,9 @@ class Framer:
         self._at = 0
 
     def next(self) -> bytes | Fault | None:
-        """The next complete frame with its header, or what is wrong with it; None: it is not complete yet.
+        """The next complete frame with its header, or its fault; None: it is not complete yet.
 
-        After BAD_LENGTH all that was fed is gone, and the connection must end.
+        After BAD_LENGTH all bytes are dropped, and the connection must end.
         """
         if self.held < 6:  # up to the length: what is wrong so far shows without waiting for more
             return None

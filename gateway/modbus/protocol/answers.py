@@ -1,6 +1,6 @@
 """One Modbus request in, one answer out: the complete behaviour of a unit as a pure function of bytes.
 
-A PDU is the function code and what belongs to it, without the header of the transport. The order of the checks is the
+A PDU is the function code and its data, without the header of the transport. The order of the checks is the
 one of the state diagrams in the Modbus Application Protocol V1.1b3, chapter 6: function code (01), structure and
 quantity (03), address range (02), then the work itself (04, or the result of `Unit.write`).
 
@@ -27,7 +27,7 @@ MAX_WRITE_WORDS = 123
 MAX_READ_WRITE_WORDS = 121  # what FC 23 may write
 COIL_VALUES = {0x0000: 0, 0xFF00: 1}  # what FC 5 may write
 READ_DEVICE_IDENTIFICATION = 14  # the only MEI type of FC 43 that is no transport for something else
-MAY_NOT_WRITE = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles say who may)"
+MAY_NOT_WRITE = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles define who may)"
 NOT_DECIDING = 1 << StatusBit.GATEWAY_FAULT | 1 << StatusBit.SHUTDOWN
 
 
@@ -41,7 +41,8 @@ class Access(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """Who asks. Plain TCP knows an address and no role; Modbus/TCP Security has the role of the certificate."""
+    """Who sent the request. Plain TCP gives an address and no role; Modbus/TCP Security has the role of the
+    certificate."""
 
     address: str
     access: Access = Access.WRITE
@@ -85,7 +86,7 @@ class RefusedError(Exception):
 def answer(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     """The PDU that answers `pdu`, which has at least its function code: a result or an exception.
 
-    Raises whatever `unit.read` or `unit.write` raise; the caller answers that with `exception(pdu[0], 04)`.
+    Raises all that `unit.read` or `unit.write` raise; the caller answers that with `exception(pdu[0], 04)`.
     """
     try:
         function = FUNCTIONS.get(pdu[0])

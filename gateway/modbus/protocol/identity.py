@@ -1,7 +1,7 @@
 """Identification: FC 43/14, read device identification, and FC 17, report server ID. Pure.
 
 Modbus Application Protocol V1.1b3, 6.21 and 6.13. Objects 0 to 2 are basic, 3 to 0x7F regular, 0x80 to 0xFF the
-product's own. An answer that is too short for the list says so (more follows) and names the next object.
+product's own. An answer that is too short for the list sets "more follows" and names the next object.
 """
 
 from collections.abc import Mapping

@@ -24,7 +24,7 @@ class RequestStats:
     """Counters since the handler was made."""
 
     requests: int = 0  # complete frames with protocol id 0
-    exceptions: int = 0  # of them, answered with a Modbus exception, whatever the reason
+    exceptions: int = 0  # of them, answered with a Modbus exception, for any reason
     image_faults: int = 0  # of these, because an image could not be had or was no image (exception 04)
 
 
@@ -60,7 +60,7 @@ class RequestHandler:
                 kept.keep(rest, pdu)
             else:
                 pdu = answer(kept.unit, frame[7:], peer)
-        except Exception as error:  # noqa: BLE001 - whatever a unit's own code raises: the PLC must get an 04
+        except Exception as error:  # noqa: BLE001 - any error of a unit's own code: the PLC must get an 04
             self._stats.image_faults += 1
             self._on_fault(error)
             return self._refused(frame, ModbusException.DEVICE_FAILURE)
@@ -94,7 +94,7 @@ class _UnitAnswers:
         self.answers: dict[bytes, bytes] = {}
 
     def renew(self, image: object) -> None:
-        # Only what can't change under our hands may stand for its answers.
+        # Only an object that can't change meanwhile may be the key of its answers.
         self.image = image if type(image) is tuple else _NO_IMAGE
         self.answers = {}
 

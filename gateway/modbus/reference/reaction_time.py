@@ -1,7 +1,7 @@
 """How long it takes at worst from a cause to the PLC's outputs: the tables of docs/reaction-time.md. Pure.
 
-A guaranteed bound rests on deadlines alone, which the gateway and the exported function block keep by themselves
-whatever the sensors do. The others also rest on how often a sensor speaks, at the rates as shipped; a new measurement
+A guaranteed bound rests only on deadlines, which the gateway and the exported function block keep by themselves
+whatever the sensors do. The others also rest on how often a sensor reports, at the rates as shipped; a new measurement
 is decided on at once, without waiting for a tick.
 """
 
@@ -16,7 +16,7 @@ POLL_MS = 100  # the slowest poll that the pages recommend
 SCAN_MS = 20  # of the PLC's task that calls the function block
 FRAME_MS = 34  # 30 pictures a second
 VISION_MS = 66  # capture to result: two frames, twice what the robust method takes on one core
-WIRE_MS = 32  # trigger to the whole line at 9600 baud, docs/ranger.md
+WIRE_MS = 32  # trigger to the complete line at 9600 baud, docs/ranger.md
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def shares(config: GatewayConfig, bay: BayConfig) -> tuple[Part, ...]:
     return (
         _s("the camera's deadline", fusion.vision_deadline_s, "`fusion.vision_deadline_s`"),
         _s("the ranger's deadline", fusion.range_deadline_s, "`fusion.range_deadline_s`"),
-        _s("a tick: ages are looked at so often", fusion.period_s, "`fusion.period_s`"),
+        _s("a tick: ages are checked so often", fusion.period_s, "`fusion.period_s`"),
         _s(
             "a dead decision: nothing is vouched for any more",
             Rules.of(bay).valid_for_ns / 1e9,
@@ -82,7 +82,7 @@ def guaranteed(config: GatewayConfig, bay: BayConfig) -> tuple[Bound, ...]:
             (_s("deadline", fusion.range_deadline_s), tick, *_tail()),
         ),
         Bound(
-            "the gateway's decision stands still, its server lives",
+            "the gateway's decision has stopped, its server runs",
             "MayMove, InPlace off",
             (_s("dead after", Rules.of(bay).valid_for_ns / 1e9), *_tail()),
         ),

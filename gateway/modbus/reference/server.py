@@ -1,4 +1,4 @@
-"""The generated parts of docs/modbus-server.md: what the code's own tables say. Pure."""
+"""The generated parts of docs/modbus-server.md: from the code's own tables. Pure."""
 
 from collections.abc import Callable, Iterable, Mapping
 

@@ -1,8 +1,8 @@
 """What a PLC reads in each situation of a truck's visit, and in each fault: played by the gateway itself. Pure.
 
-The table and the figure of docs/registers.md and docs/plc-integration.md. Every row is the end of a story that runs
-through gateway/core/interlock.py with the default configuration and writes on, so that the pages can't say anything
-else than the code does.
+The table and the figure of docs/registers.md and docs/plc-integration.md. Every row is the end of a sequence that runs
+through gateway/core/interlock.py with the default configuration and writes on, so that the pages can't differ
+from the code.
 """
 
 from collections.abc import Callable
@@ -37,7 +37,8 @@ FAR_MM, MARK_MM, CREPT_MM = 900.0, 280.0, 350.0
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What both sensors see for `for_ms`. None: no reading. `z_mm` and `to_mm`: where the truck is and goes."""
+    """What both sensors see for `for_ms`. None: no reading. `z_mm` and `to_mm`: where the truck is and where it
+    drives."""
 
     for_ms: int
     z_mm: float = MARK_MM

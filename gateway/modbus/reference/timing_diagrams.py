@@ -1,7 +1,7 @@
 """Timing diagrams for the PLC's pages, played by the gateway's own state machine: none is drawn by hand.
 
 Each is a short sequence (what the sensors see and what the PLC writes, at which millisecond) run through
-gateway/core/interlock.py; the signals that come out are drawn as SVG. Pure.
+gateway/core/interlock.py; the resulting signals are drawn as SVG. Pure.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,7 +34,7 @@ Seen = Callable[[int, int], tuple[Observation, ...]]
 
 @dataclass(frozen=True)
 class SignalSequence:
-    """`writes`: from that millisecond on. `seen`: what both sensors say at a time, ms and ns; before 0 as at 0.
+    """`writes`: from that millisecond on. `seen`: what both sensors report at a time, ms and ns; before 0 as at 0.
 
     Signals: name -> (whose, value). `grid_ms`: between two lines; every second one has its number, in `unit_ms`.
     """

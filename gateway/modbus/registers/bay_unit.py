@@ -54,7 +54,7 @@ class CurrentImage:
 
 
 def image_of(bay: BayControl, word_order: WordOrder, clock: Clock) -> ReadImage:
-    """Asks `bay` at every call, so that a dead one shows as dead; encodes when there is another state."""
+    """Reads `bay` at every call, so that a dead one shows as dead; encodes when there is another state."""
     image, ask = CurrentImage(word_order), bay.state
     last: StateVector | None = None
     shown: Sequence[int] = ()

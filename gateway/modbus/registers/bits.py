@@ -42,7 +42,7 @@ def coil_of(name: str, bit: int) -> int:
 
 def masked(address: int, count: int, bits: int) -> tuple[int, int, int] | None:
     """`count` coils from `address` on, `bits` their values (the first one the least significant), as a masked write:
-    register, word and mask. None: they do not lie in one register."""
+    register, word and mask. None: they are not in one register."""
     register, bit = divmod(address, 16)
     if address + count > BLOCK_BITS or bit + count > 16:
         return None

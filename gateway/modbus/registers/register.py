@@ -27,7 +27,7 @@ _FLOAT32_MAX = 3.4028234663852886e38
 _FLOAT32_NAN = 0x7FC0_0000
 _ONE_FLOAT, _TWO_WORDS = struct.Struct(">f"), struct.Struct(">HH")
 _INTEGERS = {2: (struct.Struct(">I"), _TWO_WORDS), 4: (struct.Struct(">Q"), struct.Struct(">HHHH"))}
-_WITHIN = 1e9  # no one-word register reaches so far at any scale
+_WITHIN = 1e9  # no one-word register extends so far at any scale
 _BEYOND = 1e30  # larger than any register at any scale, small enough to be divided by one
 
 
@@ -100,9 +100,10 @@ def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
 
 
 def pack(kind: WireType, value: float | None, scale: float, order: WordOrder) -> tuple[tuple[int, ...], bool]:
-    """The words of `value` (in its unit; the register counts in `scale`), and whether it had to be cut to fit.
+    """The words of `value` (in its unit; the register counts in `scale`), and whether it had to be limited.
 
-    None and whatever is not finite is "no value": the sentinel, or 0 in a type without one. Never raises on a number.
+    None and any number that is not finite is "no value": the sentinel, or 0 in a type without one. Never raises on a
+    number.
     """
     raw = _float_bits(value) if kind.is_float else _counts(value, scale)
     if raw is None:
@@ -167,7 +168,7 @@ def unpack(kind: WireType, words: Sequence[int], scale: float, order: WordOrder)
 
 
 def _counts(value: float | None, scale: float) -> int | None:
-    """Whole register counts, rounded to the nearest; may lie far outside of any register."""
+    """Integer register counts, rounded to the nearest; may be far outside of any register."""
     if value is None or not -math.inf < value < math.inf:  # false for NaN too
         return None
     if isinstance(value, int) and scale == 1:

@@ -1,4 +1,4 @@
-"""The register map is data: one table, from which the image, its decoding, docs/registers.md and the exports come.
+"""The register map is data: one table, from which the image, its decoding, docs/registers.md and the exports are made.
 
 One block of 100 registers from address 0, the same on function codes 3 and 4, encoded from one state. Addresses
 are never renumbered: a new register takes a reserved place and raises MAP_VERSION.

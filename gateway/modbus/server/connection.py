@@ -1,8 +1,8 @@
 """One Modbus/TCP client on an asyncio transport: bytes to frames to answers, with bounds on time and memory.
 
 What is read in one go is bounded by the socket's small receive buffer, what is answered in one go by TURN_FRAMES, so
-that a client that floods waits for its own answers and nobody else does. A client that does not read its answers is
-not read from. Deadlines are looked at by the listener's sweep (`limits.Limits.overdue`), not by a timer each.
+that only a client that floods waits for its answers. A client that does not read its answers is
+not read from. Deadlines are checked by the listener's sweep (`limits.Limits.overdue`), not by a timer each.
 """
 
 import asyncio
@@ -14,12 +14,12 @@ from gateway.modbus.protocol.answers import Access, Peer
 from gateway.modbus.protocol.request_handler import READ_FRAME_BYTES, READ_FRAME_HEAD, RequestHandler
 from gateway.modbus.server.limits import Refusal
 
-TURN_FRAMES = 16  # frames of one connection answered before the event loop looks at the others
+TURN_FRAMES = 16  # frames of one connection answered before the event loop serves the others
 WRITE_HIGH_BYTES = 16 * 1024  # answers waiting in the process beyond which a client counts as not reading
 
 
 class ConnectionOwner(Protocol):
-    """What a connection needs of the server it belongs to."""
+    """What a connection needs of its server."""
 
     request_handler: RequestHandler
     peer_of: Callable[[asyncio.Transport], Peer | None]
@@ -79,7 +79,7 @@ class Connection(asyncio.Protocol):
             self._owner.closed(tcp, self)
 
     def end(self, why: Refusal) -> None:
-        """Abort the connection, whatever it still has to send."""
+        """Abort the connection, without sending the rest."""
         self._owner.refused(self.address, why)
         self._fast = False
         if self._tcp is not None:
@@ -123,7 +123,7 @@ class Connection(asyncio.Protocol):
             if frame is None:
                 break
             if taken == 0:
-                self.half_since_s = None  # whatever is half from now on is another frame
+                self.half_since_s = None  # an incomplete frame from now on is another one
             if isinstance(frame, bytes):
                 answers.append(self._owner.request_handler.answer(frame, self.peer))
             elif frame is Fault.BAD_PROTOCOL:

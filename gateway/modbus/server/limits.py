@@ -1,8 +1,9 @@
-"""The connection policy: who may connect, who must make room, who is closed, and which writers are connected. Pure.
+"""The connection policy: which clients may connect, which connections are closed, and which writers are connected.
+Pure.
 
 The two pools of the MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 4.3.1: connections from the configured PLC
-addresses have room kept for them and are never closed for being quiet; the others share what is left, one address no
-more than its share, and where either is full the quietest makes room, unless all of them are busy.
+addresses have reserved places and are never closed for being idle; the others share the rest, one address no
+more than its share, and where either is full the longest idle one is closed, unless all of them are busy.
 """
 
 from collections import Counter
@@ -15,7 +16,7 @@ from typing import Protocol
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Access, Peer, Unit
 
-QUIET_S = 5.0  # a connection outside of plc_addresses without a request for so long makes room for a new one
+QUIET_S = 5.0  # a connection outside of plc_addresses without a request for so long is closed for a new one
 
 
 class Refusal(Enum):
@@ -25,7 +26,7 @@ class Refusal(Enum):
     SHARE = "its address has modbus.connections_per_address open already, and all of them are busy"
     FULL = "modbus.max_connections is reached (less what is kept for plc_addresses), and all of them are busy"
     MADE_ROOM = "it was the quietest, and a new connection needed its place"
-    IDLE = "it asked nothing for modbus.idle_timeout_s"
+    IDLE = "no request for modbus.idle_timeout_s"
     HALF_FRAME = "it began a frame and did not end it within modbus.frame_timeout_s"
     NOT_READING = "it did not read its answers for modbus.send_timeout_s"
     BAD_LENGTH = "its frame has a length that no frame can have, so that the next one can't be found"
@@ -37,7 +38,7 @@ class Refusal(Enum):
 
 
 class ConnectionInfo(Protocol):
-    """What the policy must know of a connection. Times in seconds of one monotonic clock."""
+    """A connection, as the policy sees it. Times in seconds of one monotonic clock."""
 
     @property
     def address(self) -> str: ...

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 CLOSE_TIMEOUT_S = 0.5
 ACCEPT_TURNS = 3  # of the event loop, from accept() to connection_made(); asyncio loses a socket closed in between
-ACCEPT_AT_ONCE = 8  # asyncio accepts as many before it serves anybody else
+ACCEPT_AT_ONCE = 8  # asyncio accepts as many before it serves other connections
 BACKLOG = 64  # connections that the kernel completes before they are accepted; a storm of them is taken in such bites
 RECEIVE_BYTES = 8 * 1024  # a Modbus request has at most 260 bytes; the kernel doubles this
 SEND_BYTES = 32 * 1024
@@ -38,7 +38,7 @@ SWEEP_S = 0.25  # how often deadlines are checked
 SUMMARY_S = 60.0  # how often the counters of refusals are logged, if they have grown
 
 PeerOf = Callable[[asyncio.Transport], Peer | None]
-"""Who is at the other end; None: nobody who may be answered, or it is closed already."""
+"""The peer; None: one that may not be answered, or the connection is closed already."""
 
 
 def plain_peer(transport: asyncio.Transport) -> Peer | None:
@@ -65,7 +65,7 @@ def ports_of(config: ModbusConfig) -> int:
 class ModbusServer:
     """`async with ModbusServer(config.modbus, {1: unit1}) as server:` listens until the block is left.
 
-    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `tls` it speaks TLS and reads the
+    `units`: unit id (0..255) -> Unit. `port`: instead of the configured one. With `tls` it uses TLS and reads the
     role from the certificate; without it `peer_of` identifies the client. Entering raises ConfigError where the
     operator must act (name, privilege, open files) and LinkError where waiting may help (port in use, address not yet
     there). Leaving aborts every connection within CLOSE_TIMEOUT_S. May be entered again.

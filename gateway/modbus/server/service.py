@@ -58,7 +58,7 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
 
 
 def plain_peers(config: ModbusConfig) -> PeerOf:
-    """Who is who on plain TCP: whoever may connect reads, and where there is no TLS, plc_addresses write."""
+    """Identification on plain TCP: a client that may connect reads, and where there is no TLS, plc_addresses write."""
     limits = Limits(config)
 
     def peer_of(transport: Transport) -> Peer | None:

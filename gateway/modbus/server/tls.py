@@ -91,10 +91,10 @@ def failure_reason(error: Exception) -> str:
 
 _REASONS = {
     "PEER_DID_NOT_RETURN_A_CERTIFICATE": "it showed no certificate",
-    "UNSUPPORTED_PROTOCOL": "it speaks no TLS version from 1.2 up",
-    "WRONG_VERSION_NUMBER": "it does not speak TLS (plain Modbus on the TLS port?)",
-    "HTTP_REQUEST": "it does not speak TLS (a web browser?)",
-    "TLSV1_ALERT_UNKNOWN_CA": "it does not know the authority of the gateway's certificate",
+    "UNSUPPORTED_PROTOCOL": "it supports no TLS version from 1.2 up",
+    "WRONG_VERSION_NUMBER": "it does not use TLS (plain Modbus on the TLS port?)",
+    "HTTP_REQUEST": "it does not use TLS (a web browser?)",
+    "TLSV1_ALERT_UNKNOWN_CA": "it does not trust the authority of the gateway's certificate",
     "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it reports that the gateway's certificate has expired",
     "SSLV3_ALERT_BAD_CERTIFICATE": "it refuses the gateway's certificate",
     "NO_SHARED_CIPHER": "it has no cipher with forward secrecy and authenticated encryption",

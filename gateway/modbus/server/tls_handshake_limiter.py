@@ -1,9 +1,9 @@
 """TLS handshakes in progress: bounded in number, in rate and in time.
 
-A handshake costs a hundred times what an answer costs, and it runs on the event loop. So strangers may begin only a
-few of them at once and a few a second, and one address no more than its share of these; the configured PLCs are not
-delayed by that. A failure is reported with its reason and the address. After its handshake a connection is handled as
-if it had just been made.
+A handshake costs a hundred times what an answer costs, and it runs on the event loop. So unknown addresses may begin
+only a few of them at once and a few a second, and one address no more than its share of these; the configured PLCs are
+not delayed by that. A failure is reported with its reason and the address. After its handshake a connection is handled
+as if it had just been made.
 """
 
 import asyncio
@@ -17,9 +17,9 @@ from gateway.modbus.server.tls import failure_reason
 from gateway.modbus.server.tls_stream import TlsStream
 from gateway.net.rate_limit import NS_PER_S, KeyedBuckets, Rate, plain_address
 
-AT_ONCE = 16  # handshakes of strangers, unfinished
-BURST = 20  # of strangers, at once
-PER_S = 5.0  # of strangers, for ever
+AT_ONCE = 16  # unfinished handshakes of unknown addresses
+BURST = 20  # of unknown addresses, at once
+PER_S = 5.0  # of unknown addresses, continuously
 REFILL_S = BURST / PER_S  # after which a burst is possible again
 PLC_AT_ONCE = 64  # with those of the PLCs
 MAX_ADDRESSES = 1024  # remembered; one that is forgotten has its share anew

@@ -87,7 +87,7 @@ def worst_ms(z_mm: float, dead: Dead, output: str) -> int:
 CASES: dict[str, tuple[Dead, tuple[str, ...], Callable[[], float]]] = {
     "camera dead": (frozenset({"camera"}), ("may_move", "in_place"), lambda: BAY.fusion.vision_deadline_s),
     "ranger dead": (frozenset({"ranger"}), ("may_move", "in_place"), lambda: BAY.fusion.range_deadline_s),
-    "the gateway's decision stands still, its server lives": (
+    "the gateway's decision has stopped, its server runs": (
         frozenset({"decision"}), ("may_move", "in_place"), lambda: RULES.valid_for_ns / 1e9,
     ),
     "gateway killed, frozen, or cut off from the PLC": (
@@ -120,7 +120,7 @@ def test_the_defaults_of_the_page() -> None:
     assert {cause: bound.ms for cause, bound in GUARANTEED.items()} == {
         "camera dead": 440,
         "ranger dead": 540,
-        "the gateway's decision stands still, its server lives": 370,
+        "the gateway's decision has stopped, its server runs": 370,
         "gateway killed, frozen, or cut off from the PLC": 520,
         "PLC's heartbeat lost (writes on)": 1140,
         "in place, and the sensors contradict each other from then on": 640,
@@ -132,7 +132,7 @@ def test_a_longer_deadline_makes_a_longer_bound() -> None:
     slow = parse({"fusion": {"vision_deadline_s": 0.5, "period_s": 0.2}})
     by_cause = {bound.cause: bound.ms for bound in reaction_time.guaranteed(slow, slow.bays[0])}
     assert by_cause["camera dead: unplugged, hung, its process killed"] == 820
-    assert by_cause["the gateway's decision stands still, its server lives"] == 520
+    assert by_cause["the gateway's decision has stopped, its server runs"] == 520
 
 
 def test_the_tables_name_every_share() -> None:
