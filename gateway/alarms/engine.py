@@ -37,7 +37,7 @@ from gateway.core.model import StateVector
 NS_PER_S = 1_000_000_000
 HISTORY = 1000  # changes kept, of all alarms
 MAX_DETAIL = 120
-# What an operator must look at first.
+# What an operator must see first.
 _ORDER = (
     AlarmState.UNACKNOWLEDGED,
     AlarmState.LATCHED_UNACKNOWLEDGED,
@@ -92,7 +92,7 @@ class AlarmEngine:
         if invalid := _invalid(action):
             return ActionReply(ActionOutcome.INVALID, invalid), []
         if action.occurrence not in (None, instance.alarm.occurrences):
-            return ActionReply(ActionOutcome.REFUSED, f"{action.id} has occurred again since: look at it first"), []
+            return ActionReply(ActionOutcome.REFUSED, f"{action.id} has occurred again since: read it first"), []
         if changes := instance.transition(action.event, now_ns, action):
             return ActionReply(), [self._number(change) for change in changes]
         state = instance.alarm.state.value
@@ -208,5 +208,5 @@ def _invalid(action: OperatorAction) -> str:
 
 
 def _display_order(instance: _AlarmInstance[BayInputs] | _AlarmInstance[GatewayInputs]) -> tuple[int, int, int]:
-    """Sorts the most important first: what nobody has looked at, then by priority, then the newest."""
+    """Sorts the most important first: unacknowledged ones, then by priority, then the newest."""
     return _ORDER.index(instance.alarm.state), -instance.kind.priority, -(instance.alarm.raised_ns or 0)

@@ -1,4 +1,4 @@
-"""What is reported of alarms and asked of them, as records: they cross a process boundary. Pure."""
+"""Reports of alarms and actions on them, as records: they cross a process boundary. Pure."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -55,7 +55,7 @@ class AlarmChange:
 
     @property
     def by_design(self) -> bool:
-        """Suppressed or unsuppressed by design while nobody had to act: of no interest but for debugging."""
+        """Suppressed or unsuppressed by design while no action was needed: for debugging only."""
         return {self.before, self.after} == {AlarmState.SUPPRESSED, AlarmState.NORMAL}
 
     def __str__(self) -> str:
@@ -65,7 +65,7 @@ class AlarmChange:
 
 
 class OperatorAction(Message, frozen=True):
-    """What a person wants done. `occurrence`: what they saw (Alarm.occurrences); None: whatever there is."""
+    """An operator's action. `occurrence`: the one that was shown (Alarm.occurrences); None: any."""
 
     id: str
     event: AlarmEvent
@@ -79,7 +79,7 @@ class ActionOutcome(StrEnum):
     DONE = "done"
     UNKNOWN = "unknown"  # no such alarm
     REFUSED = "refused"  # not in this state
-    INVALID = "invalid"  # what is asked for is never possible
+    INVALID = "invalid"  # the action is never possible
 
 
 @dataclass(frozen=True, slots=True)

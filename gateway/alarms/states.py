@@ -1,7 +1,7 @@
-"""How one alarm lives: the states of ISA-18.2 / IEC 62682 and what leads from one to the next. Pure.
+"""One alarm's states of ISA-18.2 / IEC 62682 and their transitions. Pure.
 
 The letters are those of the standards' state diagram. What it leaves to the designer is decided here: no alarm is
-announced again by a timer; a latched one must be acknowledged before it can be reset; and whatever was hidden on
+announced again by a timer; a latched one must be acknowledged before it can be reset; and an alarm that was hidden on
 purpose is announced as new where its cause is still active.
 """
 
@@ -24,14 +24,14 @@ class AlarmState(StrEnum):
 
 
 STATE_MEANING: dict[AlarmState, tuple[str, str]] = {
-    AlarmState.NORMAL: ("A", "its cause does not hold, and nobody has to take notice of it"),
-    AlarmState.UNACKNOWLEDGED: ("B", "its cause holds, and nobody has taken notice yet"),
-    AlarmState.ACKNOWLEDGED: ("C", "its cause holds, and somebody has taken notice"),
-    AlarmState.RETURNED: ("D", "its cause came and went, and nobody has taken notice yet"),
+    AlarmState.NORMAL: ("A", "its cause is not active, and no operator action is needed"),
+    AlarmState.UNACKNOWLEDGED: ("B", "its cause is active, and no operator has acknowledged it yet"),
+    AlarmState.ACKNOWLEDGED: ("C", "its cause is active, and an operator has acknowledged it"),
+    AlarmState.RETURNED: ("D", "its cause is no longer active, and no operator has acknowledged it yet"),
     AlarmState.LATCHED_UNACKNOWLEDGED: ("E", "its cause came and went; it must be acknowledged, then reset"),
-    AlarmState.LATCHED_ACKNOWLEDGED: ("F", "its cause went; it stays until somebody resets it"),
+    AlarmState.LATCHED_ACKNOWLEDGED: ("F", "its cause is no longer active; it stays until an operator resets it"),
     AlarmState.SHELVED: ("G", "put aside by a person for a limited time"),
-    AlarmState.SUPPRESSED: ("H", "meaningless for the moment, by design: its row says when"),
+    AlarmState.SUPPRESSED: ("H", "meaningless for the moment, by design: its row defines when"),
     AlarmState.OUT_OF_SERVICE: ("I", "taken out of service by a person, until they put it back"),
 }
 
@@ -54,9 +54,9 @@ class AlarmEvent(StrEnum):
 
 EVENT_MEANING: dict[AlarmEvent, str] = {
     AlarmEvent.OCCURS: "its cause holds for its on-delay",
-    AlarmEvent.RETURNS: "its cause is gone for its off-delay",
+    AlarmEvent.RETURNS: "its cause has not been active for its off-delay",
     AlarmEvent.ACKNOWLEDGE: "a person takes notice; changes nothing but the alarm",
-    AlarmEvent.RESET: "a person ends a latched alarm whose cause is gone",
+    AlarmEvent.RESET: "an operator ends a latched alarm whose cause is no longer active",
     AlarmEvent.SHELVE: "a person puts it aside for a while",
     AlarmEvent.UNSHELVE: "that while is over, or a person takes it back",
     AlarmEvent.SUPPRESS: "it means nothing for the moment, by design",

@@ -43,7 +43,7 @@ SUPPRESSION_MEANING: dict[Suppression, str] = {
 
 @dataclass(frozen=True, slots=True)
 class BayInputs:
-    """What the alarms of one bay look at. The thresholds are those of the bay's configuration."""
+    """The input of the alarms of one bay. The thresholds are those of the bay's configuration."""
 
     state: StateVector
     radius_threshold_px: float
@@ -63,16 +63,16 @@ class BayInputs:
 
 @dataclass(frozen=True, slots=True)
 class GatewayConditions:
-    """What the alarms of the gateway look at. None: there is no such part."""
+    """The input of the gateway's alarms. None: there is no such part."""
 
     sinks_connected: Mapping[str, bool] = field(default_factory=dict)  # by name, of the configured ones
-    plc_reads: bool | None = None  # does one of modbus.plc_addresses ask? None: none is configured
+    plc_reads: bool | None = None  # does one of modbus.plc_addresses send requests? None: none is configured
     store_fault: str = ""  # of the file that keeps events
     events_lost: int = 0  # counter
-    crashes: int = 0  # counter: tasks that failed in a way nobody foresaw
+    crashes: int = 0  # counter: tasks that failed with an unexpected error
     crashed: str = ""  # the newest of them
     bay_file_fault: str = ""  # why a bay's file can't be written
-    bay_file_damaged: str = ""  # bays whose file could not be read, until somebody has had a look
+    bay_file_damaged: str = ""  # bays whose file could not be read, until a technician has checked them
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +92,8 @@ Inputs = TypeVar("Inputs", BayInputs, GatewayInputs)
 
 @dataclass(frozen=True, slots=True)
 class AlarmDefinition(Generic[Inputs]):
-    """One row. `condition`: is its cause active? It must be for `on_delay_s` to be raised, and be gone for
-    `off_delay_s` to return to normal. `suppressed_by`: when it means nothing; the gateway's own are never suppressed.
+    """One row. `condition`: is its cause active? It must be for `on_delay_s` to be raised, and inactive for
+    `off_delay_s` to return to normal. `suppressed_by`: when it has no meaning; the gateway's own are never suppressed.
     """
 
     id: str
@@ -153,7 +153,7 @@ def _disagree_detail(inputs: BayInputs) -> str:
 
 
 def _truck_moved(inputs: BayInputs) -> bool:
-    """Where nobody can release a truck, every one that leaves has moved: only one under the spout is news."""
+    """Where no PLC can release a truck, every one that leaves has moved: only one under the spout is reported."""
     visit = inputs.state.visit
     return visit.moved is not Moved.NO and (visit.moved_covered or inputs.state.plc.link is not PlcLink.UNUSED)
 
@@ -287,7 +287,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "ranger_stale",
         "Ranger silent",
         Priority.HIGH,
-        "the port is open, but no distance has come before its deadline",
+        "the port is open, but no distance has arrived before its deadline",
         _STOPS,
         ("the Arduino hangs or runs another sketch", "wrong ranger.baud", "a damaged cable"),
         "press the Arduino's reset; look at docs/ranger.md",
@@ -309,7 +309,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "ranger_version",
         "Ranger with other firmware",
         Priority.HIGH,
-        "the ranger speaks another protocol version than the gateway",
+        "the ranger uses another protocol version than the gateway",
         _STOPS,
         ("the gateway was updated and the Arduino was not, or the other way round",),
         "flash the firmware that belongs to this gateway (docs/firmware.md)",
@@ -379,8 +379,8 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "picture_blind",
         "Camera sees nothing",
         Priority.MEDIUM,
-        "pictures come, but they are dark, over-exposed or without any contrast",
-        "no marker can be found: stop is on, and no truck can come to be in place",
+        "pictures arrive, but they are dark, over-exposed or without any contrast",
+        "no marker can be found: stop is on, and no truck can be in place",
         ("the light is off or failed", "something covers the lens", "the sun or a lamp shines into the lens", "fog"),
         "look at the live picture; switch the light on, clean the lens, take away what covers it; set the exposure",
         30,
@@ -406,7 +406,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         Priority.MEDIUM,
         "the fixed background is not where it was when the gateway learned it",
         "aim point, offset and the distance seen by the camera are wrong by as much",
-        ("something hit the camera or its mount", "a loose screw", "somebody turned or zoomed it"),
+        ("something hit the camera or its mount", "a loose screw", "it was turned or zoomed"),
         "put the camera back or align it anew (docs/commissioning-vision.md), then restart the gateway: it learns the "
         "background again",
         60,
@@ -453,7 +453,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
             "the driver drove off",
             "the PLC's program does not set release before the truck leaves (docs/visit.md)",
         ),
-        "stop loading and raise the spout; see that nobody is hurt; bring the truck into place again or let it leave",
+        "stop loading and raise the spout; check that no person is hurt; bring the truck into place or let it leave",
         1,
         _truck_moved,
         _truck_moved_detail,
@@ -489,7 +489,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
             "the camera or the ranger was moved or exchanged",
             "zoom or focus of the lens was changed",
         ),
-        "measure where the truck stands; put marker, camera or lens right. Where the change is meant to stay: set the "
+        "measure where the truck is; put marker, camera or lens right. Where the change is meant to stay: set the "
         "thresholds anew (docs/wiring.md), then stop the gateway, delete the bay's file in state_dir and start it, "
         "with no function check on: what was learned is forgotten",
         60,
@@ -510,7 +510,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "plc_not_reading",
         "PLC does not read",
         Priority.HIGH,
-        "none of modbus.plc_addresses has asked for registers for a while (only where they are configured)",
+        "none of modbus.plc_addresses has requested registers for a while (only where they are configured)",
         "the PLC decides on old registers, or on none",
         ("the PLC is in stop or was restarted", "network or cable", "the PLC has another address now"),
         "look at the PLC and at its network; look at modbus.plc_addresses",
@@ -588,7 +588,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "task_crashed",
         "Software fault",
         Priority.LOW,
-        "a part of the gateway failed in a way nobody foresaw, and was started again",
+        "a part of the gateway failed with an unexpected error, and was restarted",
         "it may fail again",
         ("a fault in the software",),
         "report the gateway's log to its maker; reset this alarm",
@@ -622,7 +622,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "may_move off; the learned R x Z of this bay is lost",
         "no truck may move in this bay",
         ("a disk that fails", "a file edited by hand, or written by a newer gateway"),
-        "see that nobody works on the bay, then end its function check on the technician's page; look at the disk",
+        "check that no person works on the bay, then end its function check on the technician's page; look at the disk",
         30,
         lambda inputs: bool(inputs.now.bay_file_damaged),
         lambda inputs: inputs.now.bay_file_damaged,

@@ -13,7 +13,7 @@ from cryptography.x509.oid import NameOID
 NS_PER_S = 1_000_000_000
 ROLE_OID = x509.ObjectIdentifier("1.3.6.1.4.1.50316.802.1")
 _UTF8_STRING = 0x0C
-MAX_ROLE_BYTES = 127  # the short form of a length; a longer name is no role anybody configured
+MAX_ROLE_BYTES = 127  # the short form of a length; a longer name is no configured role
 MAX_SHOWN = 200  # characters of a subject or a role
 _CRL = re.compile(rb"-----BEGIN X509 CRL-----.*?-----END X509 CRL-----", re.DOTALL)
 Serial = tuple[x509.Name, int]
@@ -79,5 +79,5 @@ def _revoked(pem: bytes) -> Iterator[Serial]:
 
 
 def printable(text: str) -> str:
-    """One line of bearable length: text of a certificate goes into the log, and must not look like a record."""
+    """One line of limited length: text of a certificate goes into the log, and must not look like a record."""
     return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text[:MAX_SHOWN])

@@ -37,7 +37,7 @@ class Folder:
         return self.path / "crl.pem"
 
     def create(self) -> None:
-        """Make the folder, readable by its owner alone; it may exist."""
+        """Make the folder, readable by its owner only; it may exist."""
         try:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
@@ -94,7 +94,7 @@ class Folder:
 
 
 def days_left(certificate: x509.Certificate, now: datetime) -> int:
-    """Whole days until it expires; negative: it has."""
+    """Full days until it expires; negative: it has."""
     return (certificate.not_valid_after_utc - now).days
 
 

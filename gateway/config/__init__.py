@@ -1,7 +1,7 @@
-"""One TOML file, checked strictly: an unknown key or a value out of range is an error that names where it stands.
+"""One TOML file, checked strictly: an unknown key or a value out of range is an error that names its place.
 
 Top-level `[camera] [vision] [ranger] [fusion]` hold for every bay; a `[[bays]]` entry overrides what differs. Without
-any `[[bays]]` there is one bay, `bay1`. The sections themselves stand in gateway/config/sections.
+any `[[bays]]` there is one bay, `bay1`. The sections are in gateway/config/sections.
 """
 
 from collections.abc import Mapping
@@ -96,7 +96,7 @@ class BayConfig(Section):
 
 class GatewayConfig(Section):
     site: Name = Field("site1", description="in topics")
-    instance: Name = Field("gateway", description="tells two gateways on one machine apart")
+    instance: Name = Field("gateway", description="distinguishes two gateways on one machine")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     state_dir: str = Field(
         "auto",

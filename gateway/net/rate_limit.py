@@ -50,7 +50,8 @@ def take(bucket: Bucket, now_ns: int) -> tuple[Bucket, int | None]:
 
 
 class KeyedBuckets:
-    """One bucket for each key, at most `most` of them. A full bucket needs no entry; the longest unused goes first."""
+    """One bucket for each key, at most `most` of them. A full bucket needs no entry; the longest unused is dropped
+    first."""
 
     def __init__(self, rate: Rate, most: int) -> None:
         self._rate = rate

@@ -17,7 +17,7 @@ from gateway.errors import ConfigError
 log = logging.getLogger(__name__)
 
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
-LOOK_NS = NS_PER_S  # between two looks at the files, at least
+LOOK_NS = NS_PER_S  # between two checks of the files, at least
 DAY_NS = 24 * 3600 * NS_PER_S
 WARN_NS = DAY_NS  # warnings are repeated: a gateway runs for years
 WARN_DAYS = 30
@@ -71,7 +71,7 @@ def server_context(files: TlsFiles) -> ssl.SSLContext:
 def _load_certificate(context: ssl.SSLContext, files: TlsFiles) -> None:
     try:
         context.load_cert_chain(files.cert, files.key, password=_no_passphrase)
-    except (OSError, ValueError) as error:  # OSError: an SSLError, or somebody has taken the file away just now
+    except (OSError, ValueError) as error:  # OSError: an SSLError, or the file was just removed
         raise ConfigError(
             f"{files.keys}cert: {files.cert} and {files.keys}key {files.key}: not a certificate and its private key, "
             f"in PEM form, without a passphrase: {_reason(error)}"
@@ -80,7 +80,7 @@ def _load_certificate(context: ssl.SSLContext, files: TlsFiles) -> None:
 
 def _demand_certificates(context: ssl.SSLContext, files: TlsFiles) -> None:
     context.verify_mode = ssl.CERT_REQUIRED
-    # A resumed session would not look at the certificate again, which may have expired or been revoked since.
+    # A resumed session would not check the certificate again, which may have expired or been revoked since.
     context.options |= ssl.OP_NO_TICKET
     context.num_tickets = 0
     for key, path in files.named():
@@ -156,7 +156,7 @@ class ReloadingContext:
         return self._context
 
     async def keep_current(self, period_s: float = 60.0) -> None:
-        """For ever; for a server that takes `initial` and calls nothing else here."""
+        """Runs until cancelled; for a server that takes `initial` and calls nothing else here."""
         while True:
             await self._clock.sleep(period_s)
             self.current()
@@ -215,4 +215,4 @@ def _reason(error: Exception) -> str:
 
 
 def _no_passphrase() -> str:
-    raise ValueError("the key has a passphrase, and nobody would be there to type it")
+    raise ValueError("the key has a passphrase, and the gateway can't enter one")

@@ -1,16 +1,16 @@
-"""What a sink is: it passes the states and events of every bay on to another system. Pure.
+"""The interface of a sink: it passes the states and events of every bay on to another system. Pure.
 
 A sink gets a `SinkContext` and reports a `LinkStatus`; `gateway/sinks/registry.py` finds it. It must not hold up the
 control path:
 
-- `deliver` runs as a supervised task of its own. It ends with LinkError when the link breaks, and is started again
+- `deliver` runs as a separate supervised task. It ends with LinkError when the link breaks, and is started again
   after the backoff in `reconnect`; it returns only after `farewell`.
-- States are pulled (`newer`, `shown`): a slow sink skips states. It shows a bay through `shown` alone, so that an old
+- States are pulled (`newer`, `shown`): a slow sink skips states. It shows a bay through `shown` only, so that an old
   state never looks valid.
 - Events come from a bounded queue (`subscribe`), which drops and counts what a slow sink does not fetch. A sink that
   must have an event before anything else happens registers a listener (`listen`): it must return within microseconds
   and must not raise.
-- `link` is asked about once a second by the alarms and the pages, and must not wait.
+- `link` is read about once a second by the alarms and the pages, and must not wait.
 """
 
 from collections.abc import Callable, Sequence
@@ -71,7 +71,7 @@ class LinkStatus:
 
     sink: str  # name of its type
     connected: bool  # what is delivered now reaches the other system
-    detail: str  # of `connected`, in words, for people; without addresses, because /healthz shows it to anybody
+    detail: str  # of `connected`, as text for display; without addresses, because /healthz is public
     peer: str = ""  # address of the other system, without a password
     events_lost: int = 0  # given up before the other system had them
     figures: dict[str, int] = field(default_factory=dict)  # counters and gauges by name, for /metrics
@@ -116,9 +116,9 @@ class SettingError(ConfigError):
 
 @dataclass(frozen=True, slots=True)
 class SinkType:
-    """The record that a kind of sink exports.
+    """The record that a type of sink exports.
 
-    `section`: the model of its table `[sinks.<name>]`. A sink with a top-level section of its own has `settings`
+    `section`: the model of its table `[sinks.<name>]`. A sink with its own top-level section has `settings`
     instead, which reads it; None there: not configured. `checks`: what can be checked without connecting; each raises
     SettingError.
     """

@@ -1,7 +1,7 @@
-"""Which sinks there are, and the configured ones of them.
+"""The registered sinks, and the configured ones of them.
 
-MQTT and Sparkplug have sections of their own; any other sink is configured by a table `[sinks.<name>]`, and comes
-from the list below or from an entry point of the group `gateway.sinks` in another distribution.
+MQTT and Sparkplug have their own sections; any other sink is configured by a table `[sinks.<name>]`, and is
+found in the list below or from an entry point of the group `gateway.sinks` in another distribution.
 """
 
 from collections.abc import Callable, Iterator
@@ -47,7 +47,7 @@ def _settings(config: GatewayConfig, name: str) -> tuple[SinkType, object]:
     """The type of sink that `[sinks.<name>]` configures, and its settings."""
     kind = _named(name)
     if kind.section is None:
-        raise SettingError(f"sinks.{name}", "has a section of its own (docs/config.md)")
+        raise SettingError(f"sinks.{name}", "has its own section (docs/config.md)")
     try:
         return kind, kind.section.model_validate(config.sinks[name])
     except ValidationError as error:

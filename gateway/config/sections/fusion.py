@@ -20,7 +20,7 @@ class CrossCheck(Section):
 
 
 class FusionConfig(Section):
-    """Equation 14 and what surrounds it. Stop comes on as the paper says; by default it goes off more slowly."""
+    """Equation 14 and its conditions. Stop comes on as in the paper; by default it goes off later."""
 
     radius_threshold_px: float = Field(180.0, gt=0, le=20_000, description="R_th")
     distance_threshold_mm: float = Field(300.0, gt=0, le=4000, description="Z_th; the paper's 30 cm")
@@ -33,11 +33,11 @@ class FusionConfig(Section):
     )
     period_s: float = Field(0.02, ge=0.005, le=1, description="fusion tick: ages, heartbeat, registers")
     fail_safe: bool = Field(
-        True, description="stop is on whenever D is unknowable; false: a blind gateway does NOT say stop"
+        True, description="stop is on whenever D is unknowable; false: a blind gateway does NOT report stop"
     )
     decision: Literal["held", "plain"] = Field(
         "held",
-        description="held: D = 1 ends only when both sensors show that the truck moved away, and stop goes off only "
+        description="held: D = 1 ends only when both sensors show that the truck moved away, and stop ends only "
         "after clear_hold_s; plain: equation 14 at every step, as in the paper",
     )
     radius_hysteresis_px: float = Field(0.0, ge=0, le=1000, description="an R that ends D = 1 is below R_th minus this")
@@ -47,7 +47,7 @@ class FusionConfig(Section):
     )
     away_mm: float = Field(15.0, ge=0, le=1000, description="held: and Z larger by this; only then D = 1 ends")
     clear_hold_s: float = Field(
-        0.3, ge=0, le=60, description="held: every cause of a stop must be gone for so long before stop goes off"
+        0.3, ge=0, le=60, description="held: every cause of a stop must have ended for so long before stop ends"
     )
     recovery_s: float = Field(
         1.0, ge=0, le=60, description="a sensor that was dead must be good for so long before its values count again"
@@ -62,7 +62,7 @@ class FusionConfig(Section):
     scale_lasting_s: float = Field(0.3, ge=0, le=60, description="such a change must last so long to be a fault")
     arrive_by_camera: bool = Field(
         False,
-        description="a truck beyond the ranger may move, if the learned R x Z says that it is beyond; else it waits",
+        description="a truck beyond the ranger may move, if it is beyond by the learned R x Z; else it waits",
     )
     raise_debounce_s: float = Field(0.0, ge=0, le=5, description="D must be 1 for so long before stop: it delays stop")
     clear_debounce_s: float = Field(0.0, ge=0, le=60, description="D must be 0 for so long before a stop by D ends")
@@ -80,7 +80,7 @@ class FusionConfig(Section):
     @model_validator(mode="after")
     def _ages_in_time(self) -> Self:
         shorter_s = min(self.vision_deadline_s, self.range_deadline_s)
-        if self.period_s > shorter_s:  # ages are looked at once a tick: a value would stand after its deadline
+        if self.period_s > shorter_s:  # ages are checked once a tick: a value would be shown after its deadline
             raise FieldError(f"must not be longer than the shorter deadline, {shorter_s:g} s", "period_s")
         return self
 
@@ -110,7 +110,7 @@ class VisitConfig(Section):
 
 
 class GuidanceConfig(Section):
-    """What the driver is told, and when. Decides nothing: stop and may_move come from [fusion]."""
+    """The instructions for the driver. Decides nothing: stop and may_move are decided by [fusion]."""
 
     aim_u_px: float | None = Field(
         None, ge=-20_000, le=20_000, description="where the marker should be, u; absent: no guidance to the side"
@@ -124,7 +124,7 @@ class GuidanceConfig(Section):
     slow_mm: float = Field(500.0, ge=0, le=4000, description="SLOW when no more than this is to go")
     slow_s: float = Field(2.0, ge=0, le=60, description="SLOW when it is to go within this time at the present speed")
     overshoot_mm: float = Field(100.0, ge=1, le=4000, description="so far past the stopping place is TOO_FAR or BACK")
-    still_mm_s: float = Field(20.0, gt=0, le=1000, description="a truck slower than this stands still")
+    still_mm_s: float = Field(20.0, gt=0, le=1000, description="a truck slower than this is at rest")
 
 
 class RecipeFusion(Section):

@@ -25,13 +25,13 @@ _LABELS = re.compile(r"(?!-)[a-z0-9_-]{1,63}(?<!-)(\.(?!-)[a-z0-9_-]{1,63}(?<!-)
 
 
 def hash_text(text: str) -> str:
-    """`text` as it is, if a login can be checked against it. Raises ValueError that says what to write."""
+    """`text` as it is, if a login can be checked against it. Raises ValueError with the form required."""
     found = _HASH.fullmatch(text)
     if found is None:
         raise ValueError('should be what `gateway password` prints, "$argon2id$v=19$m=..."')
     memory, passes, lanes = map(int, found.groups())
     if not MIN_MEMORY_KIB <= memory <= MAX_MEMORY_KIB:
-        raise ValueError(f"asks for m={memory} KiB of memory; {MIN_MEMORY_KIB} to {MAX_MEMORY_KIB} are taken")
+        raise ValueError(f"needs m={memory} KiB of memory; {MIN_MEMORY_KIB} to {MAX_MEMORY_KIB} are taken")
     if passes > MAX_PASSES or lanes > MAX_LANES:
         raise ValueError(f"t={passes}, p={lanes}; t up to {MAX_PASSES} and p up to {MAX_LANES} are taken")
     return text
@@ -69,10 +69,10 @@ class HmiUser(Section):
 
 class HmiConfig(Section):
     enabled: bool = Field(False, description="serve the pages")
-    host: HostName = Field("127.0.0.1", description="address to listen on; loopback: nobody from outside")
+    host: HostName = Field("127.0.0.1", description="address to listen on; loopback: no access from outside")
     port: int = Field(8080, ge=0, le=65535, description="0 picks a free one")
     without_login: Literal["none", "driver", "viewer", "technician"] = Field(
-        "driver", description="what everybody may do; `technician` only where host is loopback"
+        "driver", description="what anybody may do without a login; `technician` only where host is loopback"
     )
     users: tuple[HmiUser, ...] = Field((), max_length=64, description="who may log in")
     run_as: str | None = Field(
@@ -90,11 +90,11 @@ class HmiConfig(Section):
         max_length=64,
         description="names and addresses by which the pages are called; empty: host, on loopback also localhost",
     )
-    session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after so long, whatever happens")
+    session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after so long in any case")
     session_idle_minutes: float = Field(60.0, ge=1, le=10_080, description="and after so long without an open page")
     max_viewers: int = Field(64, ge=1, le=1000, description="live pages at the same time")
     viewers_per_address: int = Field(
-        16, ge=1, le=1000, description="of max_viewers, for one address; more where all come through one proxy"
+        16, ge=1, le=1000, description="of max_viewers, for one address; more where all connect through one proxy"
     )
     picture_max_hz: float = Field(10.0, ge=0.5, le=60, description="of one bay's picture, for all viewers together")
     picture_max_width_px: int = Field(1280, ge=160, le=4096, description="wider pictures are made smaller")
@@ -109,15 +109,15 @@ class HmiConfig(Section):
         return self
 
     @model_validator(mode="after")
-    def _somebody(self) -> Self:
+    def _login(self) -> Self:
         if self.without_login == "technician" and not self.loopback:
             raise FieldError(
-                f'"technician" opens tuning to everybody who reaches {self.host}; only loopback may have it so. '
+                f'"technician" opens tuning to anybody who reaches {self.host}; it is allowed for loopback only. '
                 'Make users (gateway password), and set "none", "driver" or "viewer"',
                 "without_login",
             )
         if self.without_login == "none" and not self.users:
-            raise FieldError('"none" needs [[hmi.users]]: nobody could log in (gateway password)', "without_login")
+            raise FieldError('"none" needs [[hmi.users]]: no user could log in (gateway password)', "without_login")
         return self
 
     @model_validator(mode="after")
@@ -128,10 +128,10 @@ class HmiConfig(Section):
         return self
 
     @model_validator(mode="after")
-    def _called(self) -> Self:
+    def _named(self) -> Self:
         if not self.allowed_hosts and self.host in ("0.0.0.0", "::"):
             raise FieldError(
-                f"must name what the pages are called by: nobody calls them {self.host}, and pages that answer to any "
+                f"must name the host in the pages' URL: {self.host} is no such name, and pages that answer to any "
                 "name let a foreign web site read them (DNS rebinding)",
                 "allowed_hosts",
             )
@@ -159,6 +159,6 @@ class HmiConfig(Section):
         if self.enabled and self.users and not self.loopback and not self.tls:
             warnings.append(
                 f"hmi.tls_cert: is missing, and host = {self.host} is no loopback address: passwords and sessions "
-                "travel unencrypted, and whoever listens on the network can take them (docs/hmi-security.md)"
+                "travel unencrypted, and anybody who listens on the network can read them (docs/hmi-security.md)"
             )
         return warnings

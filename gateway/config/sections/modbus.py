@@ -12,7 +12,7 @@ Network = Annotated[str, AfterValidator(network)]
 
 
 class HandshakeConfig(Section):
-    """What the gateway asks of the PLC. In force only with modbus.writes = true."""
+    """The gateway's requirements of the PLC. In force only with modbus.writes = true."""
 
     heartbeat_required: bool = Field(
         True, description="no heartbeat from the PLC is a fault: may_move off, and stop on (fusion.fail_safe)"
@@ -28,7 +28,7 @@ class HandshakeConfig(Section):
     def _watched(self) -> Self:
         for key in ("enable_required", "truck_required"):
             if getattr(self, key) and not self.heartbeat_required:
-                raise FieldError("needs heartbeat_required: the bit of a dead PLC would stand for ever", key)
+                raise FieldError("needs heartbeat_required: the bit of a dead PLC would stay on", key)
         return self
 
 
@@ -55,7 +55,7 @@ class ModbusConfig(Section):
     host: str = Field("127.0.0.1", min_length=1, description="address to listen on; the PLC's network in a plant")
     port: int = Field(502, ge=0, le=65535, description="0 picks a free one")
     word_order: Literal["big", "little"] = Field("big", description="of 32 and 64 bit values: high word first or last")
-    max_connections: int = Field(64, ge=1, le=4096, description="at the same time; the quietest makes room")
+    max_connections: int = Field(64, ge=1, le=4096, description="at the same time; the longest idle makes way")
     connections_per_address: int = Field(
         16, ge=1, le=4096, description="of max_connections, for one address; not for plc_addresses"
     )
@@ -70,9 +70,9 @@ class ModbusConfig(Section):
         (), max_length=256, description="addresses or networks that may connect; plc_addresses always may; empty: all"
     )
     idle_timeout_s: float = Field(
-        120.0, ge=1, le=86_400, description="a connection asked nothing for so long is closed; not one of plc_addresses"
+        120.0, ge=1, le=86_400, description="without a request for so long: closed; not one of plc_addresses"
     )
-    frame_timeout_s: float = Field(2.0, ge=0.1, le=60, description="a request begun must be whole within this")
+    frame_timeout_s: float = Field(2.0, ge=0.1, le=60, description="a request begun must be complete within this")
     send_timeout_s: float = Field(5.0, ge=0.1, le=60, description="answers not taken for so long: closed")
     keepalive_s: int = Field(10, ge=1, le=3600, description="a peer that vanished is noticed after about twice this")
     writes: bool = Field(
@@ -91,10 +91,10 @@ class ModbusConfig(Section):
         return self
 
     @model_validator(mode="after")
-    def _written_by_somebody(self) -> Self:
+    def _has_writers(self) -> Self:
         if self.writes and not self.plc_addresses and self.tls is None:
             raise FieldError(
-                "needs to know who may write: set modbus.plc_addresses to the PLC's address, such as "
+                "needs the permitted writers: set modbus.plc_addresses to the PLC's address, such as "
                 '["10.20.0.10"] (in a simulation ["127.0.0.1"]), or [modbus.tls] with write_roles',
                 "writes",
             )
@@ -105,7 +105,7 @@ class ModbusConfig(Section):
         for key in ("enable_required", "truck_required"):
             if getattr(self.handshake, key) and not self.writes:
                 raise FieldError(
-                    "needs modbus.writes = true: nobody could set the bit, and may_move would not wait for it",
+                    "needs modbus.writes = true: no PLC could set the bit, and may_move would not wait for it",
                     "handshake",
                     key,
                 )
@@ -125,5 +125,5 @@ class ModbusConfig(Section):
             return []
         return [
             f"modbus.plc_addresses: is empty, and host = {self.host} is no loopback address: no connection is kept for "
-            "the PLC, and whoever reaches the port is treated as it is; name the PLC's address (docs/modbus-server.md)"
+            "the PLC, and all clients of the port are treated alike; name the PLC's address (docs/modbus-server.md)"
         ]

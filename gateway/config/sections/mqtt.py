@@ -10,7 +10,7 @@ from gateway.config.strict.section import Section
 
 
 class SparkplugConfig(Section):
-    """The gateway as a Sparkplug B 3.0 edge node, on a connection of its own beside the plain topics."""
+    """The gateway as a Sparkplug B 3.0 edge node, on a separate connection beside that of the plain topics."""
 
     group_id: str | None = Field(
         None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="first level after the namespace; default: `site`"
@@ -22,7 +22,7 @@ class SparkplugConfig(Section):
         None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="births wait until this host is online; absent: for none"
     )
     period_s: float = Field(0.5, ge=0.05, le=60, description="data at most so often; changes of stop at once")
-    history: int = Field(1000, ge=0, le=100_000, description="changes of stop kept while nobody can be told")
+    history: int = Field(1000, ge=0, le=100_000, description="changes of stop kept while there is no session")
 
 
 class MqttTls(Section):
@@ -37,7 +37,7 @@ class MqttTls(Section):
     def _paired(self) -> Self:
         if (self.cert_file is None) != (self.key_file is None):
             missing = "key_file" if self.key_file is None else "cert_file"
-            raise FieldError("is missing; cert_file and key_file belong together", missing)
+            raise FieldError("is missing; cert_file and key_file must be set together", missing)
         return self
 
 
@@ -54,7 +54,7 @@ class MqttConfig(Section):
     )
     protocol: Literal["auto", "5", "3.1.1"] = Field("auto", description="auto: MQTT 5, and 3.1.1 where 5 is refused")
     event_expiry_h: float = Field(
-        168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event that nobody fetched for so long"
+        168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event not fetched for so long"
     )
     home_assistant: bool = Field(False, description="every bay appears in Home Assistant by itself (MQTT discovery)")
     home_assistant_prefix: str = Field(

@@ -1,4 +1,4 @@
-"""`[camera]` and `[vision]`: where frames come from, and how the marker is found in them. Pure."""
+"""`[camera]` and `[vision]`: the source of frames, and how the marker is found in them. Pure."""
 
 from typing import Annotated, Literal, Self
 
@@ -58,7 +58,7 @@ class Intrinsics(Section):
 
 
 class PictureConfig(Section):
-    """When the picture itself needs somebody: it goes into NE 107 and alarms, and never into the decision."""
+    """When the picture itself needs maintenance: part of NE 107 and alarms, and never of the decision."""
 
     brightness_min: float = Field(0.04, ge=0, lt=1, description="mean grey level, share of white; 0: off")
     clipped_max: float = Field(0.6, ge=0, lt=1, description="share of the pixels that are burnt out; 0: off")
@@ -87,10 +87,10 @@ class CameraConfig(Section):
         None,
         ge=16,
         le=16384,
-        description="width of the pictures: asked of a camera, required of any source; default: the first frame's",
+        description="width of the pictures: requested from cameras, required of any source; default: the first frame's",
     )
     height_px: int | None = Field(None, ge=16, le=16384, description="height of the pictures, likewise")
-    fps: float | None = Field(None, ge=0.1, le=1000, description="asked of a camera; pace of an image folder")
+    fps: float | None = Field(None, ge=0.1, le=1000, description="requested from a camera; pace of an image folder")
     pace: Literal["realtime", "fast"] = Field(
         "realtime", description="files: at their own pace, or every frame as fast as vision can"
     )
@@ -105,7 +105,7 @@ class CameraConfig(Section):
         le=60,
         description="cameras and streams: a picture that repeats itself for so long is a lost source; "
         "until then it only ages; "
-        "0: equal pictures are never looked for",
+        "0: equal pictures are not checked for",
     )
     repeats_age: bool = Field(
         True,
@@ -132,7 +132,7 @@ class VisionConfig(Section):
     )
     tracking: bool = Field(
         True,
-        description="follow the marker from frame to frame: the same answers, sooner; and say how each was come by",
+        description="follow the marker from frame to frame: the same results, sooner; and report how each was obtained",
     )
     coast_s: float = Field(
         0.3,

@@ -31,9 +31,9 @@ class FieldError(ValueError):
 def explain(
     error: ValidationError, *, source: str, text: str, model: type[BaseModel], shared: tuple[str, ...] = ()
 ) -> list[str]:
-    """One line per fault, in the words of the file rather than of the checker.
+    """One line per fault, in the terms of the file rather than of the checker.
 
-    `model` is what was checked; `shared` are sections that stand at the top of the file and hold for every bay.
+    `model` is what was checked; `shared` are sections at the top of the file, which hold for every bay.
     """
     document = tomllib.loads(text)
     faults = error.errors()
@@ -73,7 +73,7 @@ def located(place: tuple[str | int, ...], message: str, *, source: str, text: st
 
 
 def _follow(tree: Any, place: Sequence[str | int]) -> tuple[int, object]:
-    """How far `place` leads into a parsed document, and what stands there."""
+    """How far `place` leads into a parsed document, and the value there."""
     for depth, part in enumerate(place):
         if isinstance(tree, Mapping):
             inside = part in tree
@@ -102,7 +102,7 @@ def _is_table(value: object) -> bool:
 
 
 def _shown(value: object) -> str:
-    """As it would stand in the file, on one line; the password of a URL is nobody's business."""
+    """As it would be in the file, on one line; the password of a URL is removed."""
     if isinstance(value, str):
         shown = json.dumps(without_password(value), ensure_ascii=False)
         return shown if len(shown) <= 120 else f"{shown[:120]}..."
@@ -114,7 +114,7 @@ def _shown(value: object) -> str:
 def _repr(value: object) -> str:
     try:
         return repr(value)
-    except ValueError:  # Python writes no whole number of more than 4300 digits, but reads it where it is hexadecimal
+    except ValueError:  # Python writes no integer of more than 4300 digits, but reads it where it is hexadecimal
         return "(a number of thousands of digits)"
 
 

@@ -1,4 +1,4 @@
-"""The base of every section of every file of ours, and what a section says of itself."""
+"""The base of every section of every file of ours, and its own description."""
 
 import math
 from dataclasses import dataclass

@@ -23,7 +23,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`over` wins; tables are merged key by key, everything else is replaced whole."""
+    """`over` wins; tables are merged key by key, everything else is replaced."""
     merged = dict(base)
     for key, value in over.items():
         below = merged.get(key)
@@ -59,7 +59,7 @@ def _index(text: str) -> dict[KeyPath, int]:
     arrays: dict[KeyPath, int] = {}
     table: KeyPath = ()
     fence: str | None = None  # inside a multi-line string
-    depth = 0  # inside an array that goes on over several lines
+    depth = 0  # inside an array that continues over several lines
     for number, line in enumerate(text.split("\n"), start=1):
         if fence is not None or depth > 0:
             fence, depth = _scan(line, fence, depth)

@@ -109,7 +109,7 @@ def tls_context(config: MqttConfig, broker: Broker) -> ssl.SSLContext | None:
             None if tls.key_password_file is None else _one_line("mqtt.tls.key_password_file", tls.key_password_file)
         )
         try:
-            # Without a password of ours OpenSSL would ask the terminal for one, and the gateway would hang there.
+            # Without a configured password OpenSSL would read one from the terminal, and the gateway would hang there.
             context.load_cert_chain(tls.cert_file, tls.key_file, password=secret or "")
         except (OSError, ssl.SSLError) as error:
             fault = f"with key_file {tls.key_file}: {_reason(error)}"

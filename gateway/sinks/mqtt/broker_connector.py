@@ -1,7 +1,7 @@
-"""How a connection to the configured broker is opened: its certificates, and a version of MQTT that it knows. IO.
+"""How a connection to the configured broker is opened: its certificates, and a version of MQTT that it supports. IO.
 
-MQTT 5 is tried first. A broker that does not know it answers so, or closes the connection without an answer; 3.1.1 is
-tried then. After a timeout the next attempt uses the other version, because the broker may only have been slow. A
+MQTT 5 is tried first. A broker that does not support it replies so, or closes the connection without an answer; 3.1.1
+is tried then. After a timeout the next attempt uses the other version, because the broker may only have been slow. A
 version that was accepted is kept.
 """
 
@@ -32,7 +32,7 @@ class VersionChoice:
         self._accepted = True
 
     def failed(self, *, certain: bool) -> None:
-        """It has not. `certain`: because it does not know that version."""
+        """It has not. `certain`: because it does not support that version."""
         if self._fixed or (self._accepted and not certain):
             return
         self._accepted = False

@@ -58,7 +58,8 @@ _VERSIONS = {
 
 
 class NotAcceptedError(LinkError):
-    """A peer is there, but did not accept the connection. `certain`: because it does not speak this version of MQTT."""
+    """A peer is there, but did not accept the connection. `certain`: because it does not support this version of
+    MQTT."""
 
     def __init__(self, text: str, *, certain: bool) -> None:
         super().__init__(text)
@@ -86,7 +87,7 @@ class Incoming:
 
 
 class BrokerLink:
-    """A live connection. Real seconds, not the gateway's clock: the broker knows no simulated time."""
+    """A live connection. Real seconds, not the gateway's clock: the broker has no simulated time."""
 
     def __init__(self, client: aiomqtt.Client, broker: Broker, acknowledge_s: float, version: ProtocolVersion) -> None:
         self.version = version
@@ -124,7 +125,7 @@ class BrokerLink:
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
     async def incoming(self) -> AsyncIterator[Incoming]:
-        """Messages received, until the connection is gone: then LinkError. What is not fetched in time is dropped."""
+        """Messages received, until the connection is lost: then LinkError. What is not fetched in time is dropped."""
         try:
             async for message in self._client.messages:
                 payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
@@ -134,9 +135,9 @@ class BrokerLink:
         raise LinkError(f"{self._broker}: connection lost")
 
     async def lost(self) -> NoReturn:
-        """Waits until the connection is gone, then raises LinkError."""
+        """Waits until the connection is lost, then raises LinkError."""
         try:
-            async for _ in self._client.messages:  # nothing is subscribed to, so nothing should come
+            async for _ in self._client.messages:  # without subscriptions no message should arrive
                 pass
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: connection lost: {error.__cause__ or error}") from error
@@ -219,13 +220,13 @@ class _Client(aiomqtt.Client):
             identifier=client_id,
             protocol=_VERSIONS[version],
             will=aiomqtt.Will(will.topic, will.payload, qos=will.qos, retain=will.retain),
-            # Its own time limits lose a cancellation that comes together with an answer (Python 3.11's wait_for).
+            # Its own time limits lose a cancellation that arrives together with a reply (Python 3.11's wait_for).
             timeout=math.inf,
             keepalive=keepalive_s,
             max_queued_incoming_messages=MAX_INCOMING,
             logger=_log,
         )
-        for future in (self._connected, self._disconnected):  # perhaps nobody is left who asks how it ended
+        for future in (self._connected, self._disconnected):  # its result may not be needed any more
             future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         self._client._create_socket_connection = lambda: sock  # type: ignore[method-assign]  # it would open its own
         # Nothing in it blocks on an open socket, so it needs no thread; it only queues the CONNECT.
@@ -282,6 +283,6 @@ class _Client(aiomqtt.Client):
         if self._connected.cancelled():  # aiomqtt's callbacks fail on it
             self._connected = self._loop.create_future()
         try:
-            await asyncio.sleep(0)  # what aiomqtt has asked the loop to watch is watched by now
+            await asyncio.sleep(0)  # the loop has begun to watch aiomqtt's socket by now
         finally:
             self._client._sock_close()

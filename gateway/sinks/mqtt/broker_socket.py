@@ -1,7 +1,7 @@
 """An open socket to the broker, TLS handshake done, without a thread that could hold up the end of the process. IO.
 
 Name servers may take half a minute to give up, and the standard executor's threads are waited for at exit: the lookup
-runs in a thread of its own that nobody waits for. Everything else is awaited on the event loop and can be cancelled.
+runs in a separate thread that is not waited for. Everything else is awaited on the event loop and can be cancelled.
 """
 
 import asyncio
@@ -42,7 +42,7 @@ async def _resolve(host: str, port: int) -> Sequence[AddressInfo]:
     answer: asyncio.Future[Sequence[AddressInfo]] = loop.create_future()
 
     def report(result: Callable[[], None]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits for it
+        with contextlib.suppress(RuntimeError):  # the loop is closed: it is not waited for
             loop.call_soon_threadsafe(lambda: None if answer.done() else result())
 
     def look_up() -> None:

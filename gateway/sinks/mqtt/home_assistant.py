@@ -1,8 +1,8 @@
-"""Home Assistant's MQTT discovery: each bay appears as one device, without anybody writing YAML. Pure.
+"""Home Assistant's MQTT discovery: each bay appears as one device, without any YAML. Pure.
 
 One retained message a bay states which entities there are and how they are read from the state topic (device discovery,
 Home Assistant 2024.12 and later). A dead bay never looks alive: every entity is unavailable while the gateway's status
-does not say online, and expires when no state has come for `stale_after_ms`.
+is not online, and expires when no state has arrived for `stale_after_ms`.
 """
 
 import json

@@ -1,7 +1,7 @@
-"""What the messages say: one model per topic kind. Pure.
+"""The content of the messages: one model per kind of topic. Pure.
 
 The models are the contract; docs/schemas holds them as JSON Schema. A field that is added keeps SCHEMA_VERSION, a field
-that goes or changes its meaning raises it. No value is published that is not good: it is null, and a quality says why.
+that is removed or changes its meaning raises it. A value that is not good is null, with the reason in a quality.
 """
 
 from enum import StrEnum
@@ -16,28 +16,28 @@ from gateway.core.plc import PlcLink
 SCHEMA_VERSION = 1
 EVENT_MEANING: dict[EventKind, str] = {
     EventKind.START: "the gateway has begun to serve this bay; `stop` is on",
-    EventKind.SHUTDOWN: "the gateway ends as asked; `stop` stays on",
-    EventKind.STOP_RAISED: "`stop` went from off to on; `reason` says why",
+    EventKind.SHUTDOWN: "the gateway ends as requested; `stop` stays on",
+    EventKind.STOP_RAISED: "`stop` changed from off to on; `reason` has the reason",
     EventKind.STOP_CLEARED: "`stop` went from on to off",
     EventKind.TARGET_FOUND: "the marker came into sight",
     EventKind.TARGET_LOST: "the marker went out of sight",
-    EventKind.IN_PLACE: "the truck has come to stand in place; `detail` says where",
-    EventKind.IN_PLACE_ENDED: "the truck is not in place any more, or can't be vouched for; `detail` says why",
+    EventKind.IN_PLACE: "the truck is now in place; `detail` has the position",
+    EventKind.IN_PLACE_ENDED: "the truck is not in place any more, or it can't be confirmed; `detail` has the reason",
     EventKind.MOVED: "a truck that was in place has moved without release; `detail` has the values before and after",
     EventKind.RELEASED: "the PLC has released the truck: loading is over",
     EventKind.VISIT_ENDED: "the truck that was in place has left the bay",
-    EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` say how",
+    EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` describe it",
     EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
     EventKind.PLC_LOST: "the PLC's heartbeat has stood still for longer than its deadline",
     EventKind.PLC_RETURNED: "the PLC's heartbeat came for the first time, or again",
-    EventKind.PLC_WRITE: "the PLC changed a register of the handshake block; `write` says who, and from what to what",
-    EventKind.WRITE_REFUSED: "something was written, or tried to be, that had no effect; `detail` says why",
-    EventKind.OWNER_CHANGED: "another PLC writes the handshake block from now on; `detail` says which",
-    EventKind.LATCH_RELEASED: "the latched stop was ended; `detail` says by what",
+    EventKind.PLC_WRITE: "the PLC changed a register of the handshake block; `write` has the writer and both values",
+    EventKind.WRITE_REFUSED: "a write had no effect; `detail` has the reason",
+    EventKind.OWNER_CHANGED: "another PLC writes the handshake block from now on; `detail` names it",
+    EventKind.LATCH_RELEASED: "the latched stop was ended; `detail` has the cause",
     EventKind.RECIPE_CHANGED: "another recipe is in force",
     EventKind.FUNCTION_CHECK_BEGUN: "a technician works on the bay",
     EventKind.FUNCTION_CHECK_ENDED: "the technician has finished",
-    EventKind.SETTINGS_CHANGED: "other settings went live; `detail` says who changed what",
+    EventKind.SETTINGS_CHANGED: "other settings are in force; `detail` has the user and the changes",
 }
 SENSORS = ("vision", "range", "cross_check")
 
@@ -77,24 +77,24 @@ class Measured(BaseModel):
     """The decision and what it rests on; the same fields in a state and in an event."""
 
     model_config = FROZEN
-    schema_version: Literal[1] = Field(description="raised when a field goes or changes its meaning")
+    schema_version: Literal[1] = Field(description="raised when a field is removed or changes its meaning")
     site: str
     bay: str
-    instance: str = Field(description="the gateway that speaks for this bay")
+    instance: str = Field(description="the gateway that reports for this bay")
     seq: Count = Field(description="number of the state in this bay; begins again when the gateway starts")
     timestamp_ms: Count = Field(description="when the state was computed, Unix time, ms")
     timestamp: str = Field(description="the same, ISO 8601, UTC", json_schema_extra={"format": "date-time"})
-    stop: bool = Field(description="the truck must stop; also on whenever the gateway can't know")
+    stop: bool = Field(description="the truck must stop; also on whenever D is unknown")
     may_move: bool = Field(
         description="the truck may move: stop is off, nothing withholds it; no condition for loading"
     )
     permit: bool = Field(description="old name of may_move, for one version")
-    in_place: bool = Field(description="the truck stands in place: the only condition for loading")
+    in_place: bool = Field(description="the truck is in place: the only condition for loading")
     held: bool = Field(description="in_place is held by the ranger alone: the marker is covered")
     moved: Literal["NO", "DISTANCE", "MARKER"] = Field(
         description="since it was in place, the truck left it without release: how"
     )
-    phase: str = Field(description="where the visit stands: a name of VisitPhase (docs/registers.md); for people")
+    phase: str = Field(description="phase of the visit: a name of VisitPhase (docs/registers.md); for people")
     reason: ReasonPayload
     d: bool | None = Field(description="D(t), equation 14; null: unknowable")
     u: float | None = Field(description="centre of the marker, px from the left; null unless vision is GOOD")
@@ -150,17 +150,17 @@ class Ne107Payload(BaseModel):
 
 
 class GuidancePayload(BaseModel):
-    """What the driver is told, and the numbers behind it."""
+    """The instruction for the driver and its numbers."""
 
     model_config = FROZEN
     name: str = Field(json_schema_extra={"enum": [code.name for code in GuidanceCode]})
     code: int = Field(json_schema_extra={"enum": [int(code) for code in GuidanceCode]})
     text: str = Field(description="in words, for people; never to be parsed")
-    amount_mm: float | None = Field(description="how much of what `name` says; null: not known")
+    amount_mm: float | None = Field(description="amount for the instruction `name`; null: not known")
     offset_u_px: float | None = Field(description="marker minus aim point, to the right; null: no marker or no aim")
     offset_v_px: float | None = Field(description="marker minus aim point, downwards; null: no marker or no aim")
     offset_mm: float | None = Field(description="offset_u_px at the marker's distance; null: size not known")
-    closing_mm_s: float | None = Field(description="positive: the truck comes nearer; null: not known")
+    closing_mm_s: float | None = Field(description="positive: the truck approaches; null: not known")
     to_go_mm: float | None = Field(description="until D = 1; negative: past it; null: not known")
 
 
@@ -192,14 +192,14 @@ class ScalePayload(BaseModel):
 
 
 class PicturePayload(BaseModel):
-    """What the camera's picture itself is like, whatever is in it. Shares are 0 to 1."""
+    """Figures of the camera's picture itself. Shares are 0 to 1."""
 
     model_config = FROZEN
     brightness: float = Field(description="mean grey level, share of white")
     clipped: float = Field(description="share of the pixels that are burnt out")
     contrast: float = Field(description="from the 5th to the 95th percentile of the grey levels")
     sharpness: float | None = Field(description="of the strongest edges, 0.6 in focus; null: too few edges")
-    veil: float | None = Field(description="share of dust or haze; null: too dark to tell")
+    veil: float | None = Field(description="share of dust or haze; null: too dark to measure")
     shift_px: float | None = Field(description="how far the fixed background has moved; null: hidden, or not learned")
     faults: tuple[str, ...] = Field(
         description="what is wrong for some time now; empty: nothing",
@@ -208,16 +208,16 @@ class PicturePayload(BaseModel):
 
 
 class StatePayload(Measured):
-    """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic says online and it keeps coming."""
+    """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic is online and it keeps arriving."""
 
-    status_topic: str = Field(description="whether this bay's gateway lives is said there")
+    status_topic: str = Field(description="topic with the status of this bay's gateway")
     stale_after_ms: Count = Field(description="no newer state for so long: treat the bay as dead, stop on")
     heartbeat: Count = Field(description="+1 with every tick of fusion")
     frame_id: Count = Field(description="of the newest observation of the camera")
     x_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
     y_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
     tracking: str | None = Field(
-        description="how the position was come by; null: no fresh frame",
+        description="how the position was obtained; null: no fresh frame",
         json_schema_extra={"enum": [*(tracking.name for tracking in Tracking), None]},
     )
     confidence: float | None = Field(description="0 to 1; null unless vision is GOOD and the method gives one")
@@ -254,7 +254,7 @@ class EventPayload(Measured):
     """`<root>/<site>/<bay>/event`, never retained. A redelivery is the same bytes under the same id."""
 
     id: str = Field(
-        description="unique for ever: <random number of this start>-<count of events since>",
+        description="unique: <random number of this start>-<count of events since>",
         json_schema_extra={"pattern": "^[0-9a-f]{16}-[1-9][0-9]*$"},
     )
     kind: EventKind
@@ -300,14 +300,14 @@ class StatusPayload(BaseModel):
     """`<root>/<site>/<instance>/status`, retained; the last will of the gateway."""
 
     model_config = FROZEN
-    schema_version: Literal[1] = Field(description="raised when a field goes or changes its meaning")
+    schema_version: Literal[1] = Field(description="raised when a field is removed or changes its meaning")
     site: str
     instance: str
     status: Life
     cause: Cause
     version: str = Field(description="of the gateway's software")
     boot: str = Field(description="random number of this start: the first part of its event ids")
-    bays: tuple[str, ...] = Field(description="the bays this gateway speaks for")
+    bays: tuple[str, ...] = Field(description="the bays this gateway reports for")
     timestamp_ms: Count | None = Field(description="Unix time, ms; null in the will, which the broker sends later")
     timestamp: str | None = Field(
         description="the same, ISO 8601, UTC", json_schema_extra={"anyOf": [{"format": "date-time"}, {"type": "null"}]}

@@ -1,4 +1,4 @@
-"""How a state or an event becomes a message of gateway.sinks.mqtt.messages. Pure.
+"""Converts states and events to the messages of gateway.sinks.mqtt.messages. Pure.
 
 Times are Unix time; `offset_ns` is what turns the monotonic clock into it (wall minus monotonic, ns).
 """
@@ -295,7 +295,7 @@ def _quality(quality: Quality) -> QualityPayload:
 
 
 def _number(value: float | None, digits: int) -> float | None:
-    """JSON knows no NaN and no infinity."""
+    """JSON has no NaN and no infinity."""
     return None if value is None or not math.isfinite(value) else round(value, digits)
 
 

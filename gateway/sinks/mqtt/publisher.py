@@ -1,7 +1,7 @@
 """The MQTT sink: the states and events of every bay to the broker, for as long as there is one. IO.
 
-An event is rendered and put into the outbox in the moment it happens, so that it outlives the gateway; that takes
-microseconds and waits for nobody. `deliver` is the life of one connection. What must outlive a connection (outbox,
+An event is rendered and put into the outbox when it happens, so that it outlives the gateway; that takes
+microseconds and never waits. `deliver` is the life of one connection. What must outlive a connection (outbox,
 counters) is kept here.
 """
 
@@ -260,7 +260,7 @@ class MqttPublisher:
 
     async def _publish_final(self, link: Link) -> None:
         now_ns = self._clock.now_ns()
-        for bay in self._hub.bays:  # first: a dead bay must not look alive, whatever else there is time for
+        for bay in self._hub.bays:  # first: a dead bay must not look alive, if there is time for nothing else
             await self._publish_all(link, self._state_messages(payloads.final(self._hub.shown(bay, now_ns), now_ns)))
         await self._publish_queued_events(link)
         await self._publish(link, self._status_message("shutdown"))

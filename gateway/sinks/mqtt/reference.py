@@ -32,7 +32,7 @@ WALL_NS = 1_795_000_000_000 * MS  # 2026-11-18T09:46:40Z
 
 
 def schemas() -> dict[str, str]:
-    """File name under docs/schemas -> text. Open on purpose: a reader must bear fields it does not know."""
+    """File name under docs/schemas -> text. Open on purpose: a reader must accept unknown fields."""
     return {kind.schema: _schema(kind.schema, kind.model) for kind in topic_plan.PLAN}
 
 

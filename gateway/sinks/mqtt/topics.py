@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from gateway.sinks.contract import SettingError
 
-MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a whole topic
+MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a complete topic
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ def _fault_of(root: str) -> str:
     if "" in root.split("/"):
         return "no empty topic level: no / at its beginning or end, no //"
     if root.startswith("$"):
-        return "topics that begin with $ belong to the broker"
+        return "topics that begin with $ are the broker's own"
     if re.search(r"[#+\x00-\x1f\x7f]", root):
         return "no wildcards (# +) and no control characters"
     if len(root.encode()) > MAX_ROOT_BYTES:

@@ -6,7 +6,7 @@
 A put takes some 30 microseconds and never waits for the disk, and the disk has no influence on what is delivered:
 memory holds the events while the gateway runs. When the file can't be written (full, read-only, locked, corrupt) the
 thread reports it, keeps trying, and makes the file equal to memory as soon as it can.
-docs/decisions/0023-event-journal-is-sqlite.md says why there is a journal.
+docs/decisions/0023-event-journal-is-sqlite.md has the reason for the journal.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ def limits(config: MqttConfig) -> Limits:
 
 
 def path_of(config: MqttConfig, site: str, instance: str) -> Path | None:
-    """Where the configured outbox lies; None: in memory only."""
+    """Path of the configured outbox; None: in memory only."""
     if config.outbox_file != "auto":
         return Path(config.outbox_file) if config.outbox_file else None
     return default_folder() / f"outbox-{site}-{instance}.sqlite"
@@ -72,7 +72,7 @@ class Journal:
         self.overflowed = 0
 
     def __enter__(self) -> Self:
-        # Everybody may write into the folder above; in this one SQLite's files are the gateway's alone.
+        # Any user may write into the parent folder; in this one only the gateway has access to SQLite's files.
         private = self._path.parent
         with contextlib.suppress(OSError):
             private.mkdir(mode=0o700)
@@ -120,7 +120,7 @@ class Journal:
         self.overflowed += 1
 
     def release(self, ids: Iterable[str]) -> None:
-        """The disk has them, or nobody needs them any more."""
+        """They are on disk, or not needed any more."""
         if gone := [one for one in ids if one in self._held]:
             with contextlib.suppress(StoreError):
                 self._file.write((), gone)

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from gateway.sinks.contract import StoreStatus
 
-CLOCK_SET_MS = 1_577_836_800_000  # 2020-01-01: an earlier stamp comes from a clock that was not set yet
+CLOCK_SET_MS = 1_577_836_800_000  # 2020-01-01: an earlier stamp is of a clock that was not set yet
 OVERHEAD_BYTES = 200  # of an entry beyond its topic and payload, roughly
 
 
@@ -45,7 +45,7 @@ class Limits:
 
 
 class Outbox(Protocol):
-    """In order of `put`, whatever the entries are. No call waits, none raises."""
+    """In order of `put`, for any entries. No call waits, none raises."""
 
     @property
     def dropped(self) -> int:
@@ -99,7 +99,7 @@ class MemoryOutbox:
         return gone
 
     def prepend(self, entries: Iterable[Entry]) -> list[Entry]:
-        """Entries, oldest first, that come before everything here. Returns what had to be dropped."""
+        """Entries, oldest first, that are older than all in here. Returns those dropped."""
         waiting, dropped = self.waiting(), self._dropped
         self._last.clear()
         self._first.clear()

@@ -21,7 +21,7 @@ _CREATE = """CREATE TABLE IF NOT EXISTS events (
 
 
 class StoreError(Exception):
-    """The file can't be used now; the text says why. `corrupt`: not a database of ours. `locked`: another gateway
+    """The file can't be used now; the text has the reason. `corrupt`: not a database of ours. `locked`: another gateway
     uses it."""
 
     def __init__(self, text: str, *, corrupt: bool = False, locked: bool = False) -> None:
@@ -44,7 +44,7 @@ class EventFile:
         try:
             while not self._locked(path.with_name(path.name + ".lock")):
                 self._unlock()
-            os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600))  # events are not for everybody
+            os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600))  # only for the gateway's user
             if os.fstat(self._lock).st_uid != os.geteuid() or path.stat().st_uid != os.geteuid():
                 raise PermissionError(0, "belongs to another user")
         except BlockingIOError:
@@ -82,7 +82,7 @@ class EventFile:
     def entries(self) -> list[Entry]:
         """Everything in it, oldest first. A row that is no event makes the file a corrupt one."""
         with self._errors() as db:
-            # Text as bytes: what is not UTF-8 must not look like a disk that fails.
+            # Text as bytes: invalid UTF-8 must not look like a failing disk.
             rows = db.execute(
                 "SELECT CAST(id AS BLOB), CAST(topic AS BLOB), payload, precious, unix_ms FROM events ORDER BY place"
             ).fetchall()
@@ -137,7 +137,7 @@ class EventFile:
 
 
 def _entry(name: object, topic: object, payload: object, drop_last: object, unix_ms: object) -> Entry:
-    """SQLite keeps whatever type a damaged row has. Raises ValueError."""
+    """SQLite keeps any type of a damaged row. Raises ValueError."""
     match name, topic, payload, drop_last, unix_ms:
         case bytes(), bytes(), bytes(), 0 | 1, int():
             return Entry(name.decode(), topic.decode(), payload, bool(drop_last), unix_ms)

@@ -1,8 +1,8 @@
 """The bdSeq of a gateway's next CONNECT: one more than the last one's, also after the gateway was killed. IO.
 
 It is kept in shared memory, which outlives the process and costs no disk; after a start of the machine it begins at
-zero, as the specification has it. Everybody may write into that folder, and this is called on the event loop: whatever
-lies there under our name (a pipe, a link, gigabytes) is looked at without waiting, or not at all.
+zero, as specified. Any user may write into that folder, and this is called on the event loop: any other
+file of our name (a pipe, a link, gigabytes) is read without waiting, or not at all.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ class BdSeq:
 
     def __init__(self, instance: str) -> None:
         self._instance = instance
-        self._last: int | None = None  # of this process; goes on where the file can't be written
+        self._last: int | None = None  # of this process; continues where the file can't be written
 
     def __call__(self) -> int:
         self._last = next_bd_seq(self._instance, self._last)

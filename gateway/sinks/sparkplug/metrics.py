@@ -1,4 +1,4 @@
-"""The metrics of a bay and of the gateway: one table, from which births, data and docs/sparkplug.md come. Pure."""
+"""The metrics of a bay and of the gateway: one table, from which births, data and docs/sparkplug.md are made. Pure."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ def _always(read: Callable[[StateVector], Value]) -> Callable[[StateVector], tup
 
 
 def quality_code(quality: Quality) -> QualityCode:
-    """STALE: was good, and is too old or gone; BAD: never was, or is known to be wrong."""
+    """STALE: was good, and is too old or lost; BAD: never was, or is known to be wrong."""
     if quality is Quality.GOOD:
         return QualityCode.GOOD
     return QualityCode.STALE if quality in (Quality.STALE, Quality.LINK_DOWN) else QualityCode.BAD
@@ -73,13 +73,13 @@ def _d(state: StateVector) -> tuple[Value, QualityCode]:
 _B, _D, _S, _U = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.UINT32
 
 DEVICE: tuple[Row, ...] = (
-    Row("Stop", _B, "the truck must stop; also on whenever the gateway can't know", _always(lambda s: s.stop)),
+    Row("Stop", _B, "the truck must stop; also on whenever D is unknown", _always(lambda s: s.stop)),
     Row("May Move", _B, "the truck may move: stop is off and nothing withholds it", _always(lambda s: s.may_move)),
-    Row("In Place", _B, "the truck stands in place: the only condition for loading", _always(lambda s: s.in_place)),
+    Row("In Place", _B, "the truck is in place: the only condition for loading", _always(lambda s: s.in_place)),
     Row("Held", _B, "in place by the ranger alone: the marker is covered", _always(lambda s: s.visit.held)),
     Row("Moved", _S, "since it was in place, the truck left it: NO, DISTANCE, MARKER",
         _always(lambda s: s.visit.moved.name)),
-    Row("Visit/Phase", _S, "where the visit stands", _always(lambda s: s.visit.phase.name)),
+    Row("Visit/Phase", _S, "phase of the visit", _always(lambda s: s.visit.phase.name)),
     Row("Permit", _B, "old name of `May Move`, for one version", _always(lambda s: s.may_move)),
     Row("D", _B, "D(t), equation 14; null: unknowable", _d),
     Row("Reason/Code", _U, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
@@ -90,7 +90,7 @@ DEVICE: tuple[Row, ...] = (
     Row("Marker/Radius", _D, "marker radius R", _of_vision(lambda s, c: c.radius_px), "px", 1),
     Row("Marker/Confidence", _D, "0 to 1; null where the method gives none",
         _of_vision(lambda s, c: s.vision.confidence), digits=2),
-    Row("Marker/Tracking", _S, "how the position was come by; null: no fresh frame", _tracking),
+    Row("Marker/Tracking", _S, "how the position was obtained; null: no fresh frame", _tracking),
     Row("Distance", _D, "distance Z from the ranger", _distance, "mm", 0),
     Row("Distance Vision", _D, "distance from the camera, where configured",
         _of_vision(lambda s, c: s.z_vision_mm), "mm", 0),

@@ -1,9 +1,9 @@
-"""One Sparkplug edge node and its devices, without a socket: what happened goes in, messages come out. Pure.
+"""One Sparkplug edge node and its devices, without a socket: observations in, messages out. Pure.
 
 Sparkplug Specification 3.0.0, sections 4 to 6. A session begins with a connection whose last will is the NDEATH; births
-go out as soon as the primary host is online (at once, where none is configured); data follows by exception, and every
+are sent as soon as the primary host is online (at once, where none is configured); data follows by exception, and every
 message carries the next sequence number. What changed while there was no session is sent afterwards as historical, and
-so is what was sent shortly before a session was lost: at QoS 0 nobody knows how much of it arrived.
+so is what was sent shortly before a session was lost: at QoS 0 its arrival is not confirmed.
 """
 
 import json
@@ -23,7 +23,7 @@ HISTORY_PER_MESSAGE = 50  # changes
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Section 4: every message of an edge node goes out unretained; QoS 0, but for NDEATH (1)."""
+    """Section 4: every message of an edge node is sent unretained; QoS 0, but for NDEATH (1)."""
 
     topic: str
     payload: bytes
@@ -32,7 +32,7 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """`primary_host`: births wait for it; empty: for nobody."""
+    """`primary_host`: births wait for it; empty: they don't wait."""
 
     group: str
     node: str
@@ -56,7 +56,7 @@ class Identity:
 class Stats:
     births: int = 0
     data: int = 0
-    rebirths: int = 0  # asked for by a host
+    rebirths: int = 0  # requested by a host
     refused: int = 0  # commands that were none, or that nothing here obeys
     history_dropped: int = 0
 
@@ -85,7 +85,7 @@ class EdgeNode:
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _sent_values: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
     _history: deque[StopChange] = field(default_factory=deque)
-    _since: list[StopChange] = field(default_factory=list)  # since `states` was asked; a slow link may miss some
+    _since: list[StopChange] = field(default_factory=list)  # since `states` was read; a slow link may miss some
     _recent: deque[tuple[int, StopChange]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
 
     @property
@@ -110,7 +110,7 @@ class EdgeNode:
         return self.death(now_ms)
 
     def death(self, now_ms: int) -> Publish:
-        """NDEATH: the bdSeq alone, and no sequence number."""
+        """NDEATH: only the bdSeq, and no sequence number."""
         self._born = False
         metric = Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq)
         return Publish(self.identity.topic("NDEATH"), encode(Payload(now_ms, (metric,))), qos=1)
@@ -120,7 +120,7 @@ class EdgeNode:
         return [] if self.identity.primary_host else self._birth(states, now_ms)
 
     def lost(self) -> None:
-        """The connection is gone; the broker publishes the NDEATH."""
+        """The connection is lost; the broker publishes the NDEATH."""
         self._born = False
         self._sent_values.clear()
         self._since.clear()
@@ -135,7 +135,7 @@ class EdgeNode:
     def received(
         self, topic: str, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
     ) -> tuple[list[Publish], bool]:
-        """A message that came: what to send, and whether this session must end (the primary host has gone offline)."""
+        """A received message: what to send, and whether this session must end (the primary host is offline)."""
         if self.identity.primary_host and topic == self.identity.state_topic:
             return self._host_state(payload, states, now_ms)
         if topic == self.identity.topic("NCMD") and self._is_rebirth(payload):
@@ -212,7 +212,7 @@ class EdgeNode:
         self._forget(timestamp_ms)
 
     def _forget(self, now_ms: int) -> None:
-        """What has certainly arrived, or is too much to tell twice."""
+        """Drops what has certainly arrived, or is too much to send twice."""
         while self._recent and (len(self._recent) > self.history_limit or now_ms - self._recent[0][0] > self.doubt_ms):
             self._recent.popleft()
 

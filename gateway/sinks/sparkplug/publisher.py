@@ -1,6 +1,7 @@
-"""The Sparkplug sink: the edge node's connection with births, data, commands and a proper end. IO.
+"""The Sparkplug sink: the edge node's connection with births, data, commands and a regular end. IO.
 
-A connection of its own beside the plain topics', because a connection has one last will, and here that is the NDEATH.
+A separate connection beside that of the plain topics, because a connection has one last will, and here that is the
+NDEATH.
 """
 
 import asyncio
@@ -27,7 +28,7 @@ from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish
 log = logging.getLogger(__name__)
 
 NS_PER_MS = 1_000_000
-POLL_S = 0.1  # how often changes that are not a change of stop are looked for
+POLL_S = 0.1  # how often changes other than of stop are checked for
 
 
 class Link(Protocol):
@@ -44,7 +45,7 @@ Connect = Callable[[Message], AbstractAsyncContextManager[Link]]
 
 
 class HostOfflineError(LinkError):
-    """The primary host has gone; the session ends, and the next one waits for it."""
+    """The primary host is offline; the session ends, and the next one waits for it."""
 
 
 class SparkplugPublisher:
@@ -148,7 +149,7 @@ class SparkplugPublisher:
             raise offline
 
     async def _receive(self, link: Link) -> None:
-        """Commands and the primary host's state, for ever."""
+        """Receives commands and the primary host's state until cancelled."""
         async for message in link.incoming():
             ends = False
 

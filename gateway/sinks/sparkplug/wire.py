@@ -35,7 +35,7 @@ class QualityCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One value with its time (Unix, ms). `value` None: null. `unit` goes out as the property `engUnit`."""
+    """One value with its time (Unix, ms). `value` None: null. `unit` is sent as the property `engUnit`."""
 
     name: str
     timestamp_ms: int
@@ -61,7 +61,7 @@ class WireError(ValueError):
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _INT, _LONG, _FLOAT, _DOUBLE, _BOOL, _STRING = 10, 11, 12, 13, 14, 15  # fields of Metric.value
-_MAX_METRICS = 1000  # of a payload that somebody sends to us
+_MAX_METRICS = 1000  # of a received payload
 
 
 # Out.

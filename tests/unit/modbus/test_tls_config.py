@@ -111,7 +111,7 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
         ),
         (
             {"handshake": {"enable_required": True}},
-            "modbus.handshake.enable_required = true: needs modbus.writes = true: nobody could set the bit",
+            "modbus.handshake.enable_required = true: needs modbus.writes = true: no PLC could set the bit",
         ),
         (
             {"handshake": {"truck_required": True}, "writes": False},
@@ -119,7 +119,7 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
         ),
         (
             {"writes": True},
-            "modbus.writes = true: needs to know who may write: set modbus.plc_addresses to the PLC's address, such as "
+            "modbus.writes = true: needs the permitted writers: set modbus.plc_addresses to the PLC's address, such as "
             '["10.20.0.10"] (in a simulation ["127.0.0.1"]), or [modbus.tls] with write_roles',
         ),
         ({"plain": False}, "modbus.plain = false: nothing would be served: plain = false needs [modbus.tls]"),
@@ -203,7 +203,7 @@ def test_writes_by_nobody_in_particular_are_a_fault_of_the_file(tmp_path: Path) 
     path.write_text("[modbus]\nhost = '10.20.0.5'\nwrites = true\n")
     with pytest.raises(ConfigError) as caught:
         load(path)
-    assert str(caught.value).startswith(f"{path}:3: modbus.writes = true: needs to know who may write: set modbus.plc")
+    assert str(caught.value).startswith(f"{path}:3: modbus.writes = true: needs the permitted writers: set modbus.plc")
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(m
     [
         ({"historien": {}}, "sinks.historien: no such sink; known here: historian, wrong"),
         ({"wrong": {}}, "sinks.wrong: the entry point tests.historian_sink:TABLES is not a SinkType"),
-        ({"mqtt": {}}, "sinks.mqtt: has a section of its own (docs/config.md)"),
+        ({"mqtt": {}}, "sinks.mqtt: has its own section (docs/config.md)"),
         ({"historian": {"tabel": "x"}}, "sinks.historian: tabel: Extra inputs are not permitted"),
         ({"historian": {"table": ""}}, "sinks.historian: table: String should have at least 1 character"),
     ],
