@@ -163,8 +163,9 @@ class Capture:
                     f"{spec.label}: it has written into a frame that it had handed over; each needs an array of its own"
                 )
             last = frame.image
-            if frame.t_capture_ns > (now_ns := clock.now_ns()):  # of another clock: it would stay new for ever
-                frame = replace(frame, t_capture_ns=now_ns)
+            t_capture_ns = max(0, min(frame.t_capture_ns, clock.now_ns()))  # by another clock it would be new for ever
+            if t_capture_ns != frame.t_capture_ns:
+                frame = replace(frame, t_capture_ns=t_capture_ns)
             changed_ns = checks.passed(frame)
             if changed_ns is None:
                 continue

@@ -1,5 +1,6 @@
 """The capture thread of the vision process, without its process: in what order it reports, and what it hands over."""
 
+import dataclasses
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,19 +11,19 @@ import pytest
 
 from gateway.clock import Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
+from gateway.core.model import Circle, Detection, Quality, VisionReading
 from gateway.errors import LinkError
-from gateway.processes.channel import Failed
+from gateway.processes.channel import Failed, Gone
 from gateway.vision.process import service
-from gateway.vision.process.monitor import ProcessMonitor
+from gateway.vision.process.monitor import Action, Emit, ProcessMonitor
 from gateway.vision.process.vision_process import Capture, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.transport import ring as shm
-from gateway.vision.transport.messages import DetectorSpec, Opened, SourceLost, SourceRecord, VisionJob
-from gateway.vision.transport.progress import ProgressPage
+from gateway.vision.transport.messages import DetectorSpec, Opened, Ready, Result, SourceLost, SourceRecord, VisionJob
+from gateway.vision.transport.progress import Progress, ProgressPage
 
 CLOCK = SystemClock()
-HOUR_NS = 3600 * 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,10 @@ class Diary:
         self.entries.append(frame)
 
 
+HOUR_NS = 3600 * 1_000_000_000
+MS = 1_000_000
+
+
 @pytest.fixture
 def ring() -> Iterator[shm.RingSpec]:
     spec = shm.create(max_megapixels=0.02)
@@ -94,10 +99,15 @@ def test_the_source_is_open_before_the_first_frame_can_be_looked_at(ring: shm.Ri
     assert lost == SourceLost("few: ended")
 
 
-def test_a_frame_of_a_time_to_come_was_taken_by_the_time_it_was_read(ring: shm.RingSpec) -> None:
-    """Else it would be new however long the detector takes, and the newest one in the ring for ever."""
-    _, frame, _ = captured(FewFrames(1, ahead_ns=HOUR_NS), ring)
-    assert frame.t_capture_ns <= CLOCK.now_ns()
+@pytest.mark.parametrize("ahead_ns", [HOUR_NS, 1 << 62, -1 << 62])
+def test_a_frame_of_a_time_that_cannot_be(ring: shm.RingSpec, ahead_ns: int) -> None:
+    """One of a time to come would be new however long the detector takes, and the newest one in the ring for ever."""
+    before_ns = CLOCK.now_ns()
+    _, frame, _ = captured(FewFrames(1, ahead_ns=ahead_ns), ring)
+    if ahead_ns > 0:
+        assert before_ns <= frame.t_capture_ns <= CLOCK.now_ns()
+    else:
+        assert frame.t_capture_ns == 0
     assert set(frame.changed_ns.flat) == {frame.t_capture_ns}
 
 
@@ -119,3 +129,107 @@ def test_what_a_process_says_is_short_and_printable_in_every_log(message: type[S
     (reading,) = monitor.readings()
     assert "lost\\n12:00 all is well\\x1b[2Jxxx" in reading.detail
     assert len(reading.detail) < 600
+
+
+# The main process's side: what it reads, and in what order, before it judges.
+
+
+@dataclass
+class MainSide:
+    """`_Turns` with a process that is played by the test: its messages, its notes, the time."""
+
+    now: int = MS
+    notes: Progress = field(default_factory=Progress)
+    arrived: list[tuple[int, Any]] = field(default_factory=list)
+    readings: list[VisionReading] = field(default_factory=list)
+    waked: int = 0
+
+    def __post_init__(self) -> None:
+        vision = VisionConfig(deadline_s=0.5)
+        self.monitor = ProcessMonitor("cam", CameraConfig(deadline_s=1.0), vision, random.Random(1))
+        self.turns = service._Turns(self.monitor, cast("Any", self), cast("Any", self), self.carry_out)
+        self.turns._pool = cast("Any", self)
+        self.turns.on_news()
+        self.arrive(Ready(), Opened(lossless=False))
+        self.turns.on_news()
+        self.waked = 0
+
+    def now_ns(self) -> int:
+        return self.now
+
+    def read(self) -> Progress:
+        return self.notes
+
+    def carry_out(self, action: Action, pool: Any) -> None:
+        if isinstance(action, Emit):
+            self.readings.append(action.reading)
+
+    def messages(self, *, everybody: bool) -> Iterator[tuple[int, Any]]:
+        """Without `everybody` the oldest one, as the pool does."""
+        most = len(self.arrived) if everybody else 1
+        taken, self.arrived = self.arrived[:most], self.arrived[most:]
+        yield from taken
+
+    def wake(self) -> None:
+        self.waked += 1
+
+    def arrive(self, *messages: Any) -> None:
+        self.arrived += [(self.monitor.token, message) for message in messages]
+        self.turns.on_news()
+
+    def works(self, seq: int, began_ms: int) -> None:
+        t_ns = began_ms * MS
+        self.notes = Progress(self.monitor.token, seq, t_ns, seq, t_ns, t_ns, t_ns)
+
+
+SEEN = Detection(Circle(1.0, 2.0, 3.0))
+
+
+@pytest.fixture
+def main_side() -> MainSide:
+    return MainSide()
+
+
+def test_when_a_deadline_has_passed_all_that_has_arrived_is_read_before_anything_is_judged(main_side: MainSide) -> None:
+    """The main process was held up for longer than the deadline; the results came in time."""
+    main_side.now = 20 * MS
+    main_side.works(1, began_ms=10)
+    main_side.arrive(Result(1, 10 * MS, SEEN, 10 * MS))
+    main_side.works(3, began_ms=100)
+    main_side.now = 700 * MS
+    main_side.notes = dataclasses.replace(main_side.notes, work_began_ns=0, captured_ns=690 * MS, detector_ns=690 * MS)
+    main_side.arrive(Result(2, 50 * MS, SEEN, 50 * MS), Result(3, 100 * MS, SEEN, 100 * MS))
+    assert [reading.frame_id for reading in main_side.readings] == [1, 2, 3]
+    assert {reading.quality for reading in main_side.readings} == {Quality.GOOD}
+
+
+@pytest.mark.parametrize("end", [Gone("was killed by SIGKILL"), Failed("ValueError: no"), SourceLost("cam: lost")])
+def test_the_frame_that_a_process_ended_on_is_known(main_side: MainSide, end: Any) -> None:
+    """Its last notes are read before its end is reported."""
+    main_side.now = 20 * MS
+    main_side.works(7, began_ms=10)
+    main_side.arrive(end)
+    (reading,) = main_side.readings
+    lost = not isinstance(end, SourceLost)
+    assert (reading.frame_id, reading.stats.lost, reading.stats.skipped) == (7, int(lost), 7 - lost)
+
+
+def test_a_deadline_that_comes_sooner_wakes_the_task(main_side: MainSide) -> None:
+    main_side.turns._armed_ns = 400 * MS
+    main_side.arrive()
+    assert main_side.waked == 0
+    main_side.turns._armed_ns = 600 * MS
+    main_side.arrive()
+    assert main_side.waked == 1
+
+
+def test_what_goes_wrong_while_messages_are_read_is_the_task_s_failure(main_side: MainSide) -> None:
+    def fails(action: Action, pool: Any) -> None:
+        raise ZeroDivisionError
+
+    main_side.turns._carry_out = fails
+    main_side.arrive(Result(1, 0, SEEN, 0))
+    assert isinstance(main_side.turns._failure, ZeroDivisionError)
+    assert main_side.waked == 1
+    main_side.arrive(Result(2, 0, SEEN, 0))  # nothing is read any more
+    assert len(main_side.arrived) == 1
