@@ -645,7 +645,7 @@ def test_an_echo_with_the_marker_covered_can_only_be_taken_for_a_move() -> None:
 
 
 def test_an_echo_of_the_spout_within_the_band_hides_a_truck_that_goes() -> None:
-    """What it can't know (docs/visit.md): the marker covered, and an echo from where the truck stood. stop stays."""
+    """Limits (docs/visit.md): the marker covered, and an echo from where the truck stood. stop stays."""
     echo = {"kind": "ranger_echo", "distance_cm": 27, "at_s": 4, "for_s": 20}
     away = {"distance_cm": 60, "speed_cm_s": 30, "hold_s": 60}
     bench = held(stands(away, for_s=6.0, faults=(spout(1, 30), echo)))
