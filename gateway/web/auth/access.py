@@ -1,6 +1,6 @@
 """Who may call what: the rule of each address, and which rule holds for a request. Pure.
 
-A request without a rule is answered to nobody. The rules are registered with their routes: see `addresses`.
+A request without a rule is never answered. The rules are registered with their routes: see `addresses`.
 """
 
 import re
@@ -20,7 +20,7 @@ LOGIN_BYTES = 4 * 1024
 class Level(IntEnum):
     """A role as a level; each may do what the ones before it may."""
 
-    OPEN = 0  # everybody
+    OPEN = 0  # without a login
     DRIVER = 1
     VIEWER = 2
     TECHNICIAN = 3
@@ -41,7 +41,8 @@ Method = Literal["GET", "POST", "WS"]
 
 @dataclass(frozen=True)
 class Rule:
-    """`path` as a route writes it. POST needs a login, too, unless its level is OPEN (or everybody is technician)."""
+    """`path` as a route writes it. POST needs a login, too, unless its level is OPEN (or all are technicians without a
+    login)."""
 
     method: Method
     path: str
@@ -56,12 +57,12 @@ class Rule:
 
     @property
     def page(self) -> bool:
-        """Looked at by a person, who is shown the way to the login rather than an error."""
+        """A page for a person, who is redirected to the login instead of getting an error."""
         return self.method == "GET" and not self.path.startswith(("/api/", "/static/", "/healthz", "/metrics"))
 
     @property
     def for_programs(self) -> bool:
-        """May be asked for with HTTP Basic."""
+        """May be requested with HTTP Basic."""
         return self.method == "GET" and self.path.startswith(("/api/", "/metrics"))
 
 
@@ -75,11 +76,11 @@ class Match:
 
 def find(method: str, path: str, rules: Iterable[Rule]) -> Match:
     """The first rule that matches. HEAD is a GET whose answer is not read."""
-    wanted = "GET" if method == "HEAD" else method
+    method_name = "GET" if method == "HEAD" else method
     others: list[Method] = []
     for rule in rules:
         if rule.pattern.fullmatch(path):
-            if rule.method == wanted:
+            if rule.method == method_name:
                 return Match(rule)
             others.append(rule.method)
     return Match(None, tuple(others))

@@ -8,7 +8,7 @@ class AuditKind(StrEnum):
     LOGIN = "login"
     LOGOUT = "logout"
     LOGIN_FAILED = "login_failed"
-    LOGIN_THROTTLED = "login_throttled"  # too many failures; the password was not even looked at
+    LOGIN_THROTTLED = "login_throttled"  # too many failures; the password was not checked
     REFUSED = "refused"  # a forged, foreign or forbidden request
     CHANGED = "changed"  # a request that changes something was answered
 
@@ -21,17 +21,17 @@ class AuditRecord:
     """One action or attempt of a person. It fits on one line and can't imitate another record."""
 
     kind: AuditKind
-    who: str  # name as logged in or as tried; empty: nobody
+    who: str  # name as logged in or as tried; empty: none
     address: str  # of the peer, without port
     detail: str = ""
     unreported: int = 0  # so many records before this one were only counted
 
     def __str__(self) -> str:
         more = f" ({self.unreported} more were not reported)" if self.unreported else ""
-        return f"{self.kind.value.replace('_', ' ')}: {self.who or 'nobody'} at {self.address}: {self.detail}{more}"
+        return f"{self.kind.value.replace('_', ' ')}: {self.who or 'no user'} at {self.address}: {self.detail}{more}"
 
 
 def printable(text: str, most: int = 80) -> str:
-    """Text of a stranger's, made fit for one line of a log."""
+    """Text of unknown origin as one line of a log."""
     kept = "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text[:most])
     return kept + "…" if len(text) > most else kept

@@ -36,7 +36,7 @@ async def complete_body(scope: Scope, receive: Receive, rule: Rule, clock: Clock
     except TimeoutError:
         text = f"the request was not there within {BODY_S:g} s"
         raise RefusalError(408, "slow", text, headers=CLOSE) from None
-    raise RefusalError(400, "gone", "the caller went away")
+    raise RefusalError(400, "gone", "the caller has disconnected")
 
 
 def _replayed(body: bytes, receive: Receive) -> Receive:

@@ -1,7 +1,7 @@
-"""Headers: Host and Origin of a request, and what every answer tells the browser. Pure.
+"""Headers: Host and Origin of a request, and the security headers of every answer. Pure.
 
 Host is checked against DNS rebinding: a foreign site whose name points to the gateway's address would be same-origin.
-Origin is checked against foreign sites that let the browser of a person who is logged in ask for something.
+Origin is checked against foreign sites that send requests through the browser of a logged-in person.
 """
 
 from collections.abc import Collection, Iterable
@@ -48,7 +48,7 @@ def host_and_port(authority: str, scheme: str) -> tuple[str, int]:
 
 
 def host_allowed(authority: str | None, hosts: Collection[str], scheme: str) -> bool:
-    """Is this Host header one of ours? Its port is not looked at: people come through tunnels."""
+    """Is this Host header one of ours? Its port is ignored: clients may use tunnels."""
     try:
         return authority is not None and host_and_port(authority, scheme)[0] in hosts
     except ValueError:
@@ -56,7 +56,7 @@ def host_allowed(authority: str | None, hosts: Collection[str], scheme: str) -> 
 
 
 def same_origin(origin: str | None, authority: str, scheme: str) -> bool:
-    """Is the page that asks one of those that the server at `authority` (a right Host header) has served?"""
+    """Is the requesting page one of those that the server at `authority` (a right Host header) has served?"""
     if origin is None or len(origin) > MAX_HEADER:
         return False
     try:
@@ -68,17 +68,17 @@ def same_origin(origin: str | None, authority: str, scheme: str) -> bool:
         return False
 
 
-def safe_next(wanted: object) -> str:
+def safe_next(target: object) -> str:
     """Where to go after a login: a path of this server, or the start page. Never another site."""
-    if not isinstance(wanted, str) or not wanted.startswith("/") or len(wanted) > MAX_HEADER:
+    if not isinstance(target, str) or not target.startswith("/") or len(target) > MAX_HEADER:
         return "/"
-    foreign = wanted.startswith(("//", "/\\")) or "\\" in wanted or not wanted.isprintable()
-    return "/" if foreign else wanted
+    foreign = target.startswith(("//", "/\\")) or "\\" in target or not target.isprintable()
+    return "/" if foreign else target
 
 
 # Of the answers.
 
-# Nothing from elsewhere, nothing inline, in nobody's frame. blob: are the pages' own pictures.
+# Nothing from elsewhere, nothing inline, in no frame. blob: are the pages' own pictures.
 CONTENT_SECURITY_POLICY = "; ".join(
     (
         "default-src 'self'",

@@ -21,7 +21,7 @@ class LoginBody(BaseModel):
 
     name: str = Field(max_length=64, description="as in hmi.users")
     password: str = Field(max_length=MAX_LENGTH, repr=False)
-    next: str | None = Field(None, max_length=2048, description="the page that was asked for before the login")
+    next: str | None = Field(None, max_length=2048, description="the page that was requested before the login")
 
 
 class SessionView(BaseModel):
@@ -31,7 +31,7 @@ class SessionView(BaseModel):
     role: str = Field(description="none, driver, viewer or technician: the most that the caller may do")
     can_login: bool = Field(description="there are users")
     csrf: str
-    expires_in_s: int | None = Field(description="until the login ends whatever happens; null without a login")
+    expires_in_s: int | None = Field(description="until the login ends in any case; null without a login")
     bays: list[str] = Field(description="names, in the configuration's order; empty for role none")
     next: str | None = Field(None, description="after a login: where to go")
 
@@ -68,7 +68,7 @@ async def _login(request: Request) -> JSONResponse:
         body = LoginBody.model_validate_json(await request.body())
     except ValidationError as error:
         places = sorted({".".join(map(str, fault["loc"])) or "body" for fault in error.errors()})
-        raise RefusalError(400, "json", f"name and password, as text; look at {', '.join(places)}") from None
+        raise RefusalError(400, "json", f"name and password, as text; see {', '.join(places)}") from None
     identity, session = await logins.login(caller.address, body.name, body.password, caller.session)
     new = Caller(session.user, session.level, caller.address, session.csrf, session)
     response = JSONResponse(_view(request, new, safe_next(body.next)))

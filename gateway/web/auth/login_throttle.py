@@ -2,7 +2,7 @@
 
 An attempt takes a token from each of the three buckets before the password is checked, so that a hundred attempts at
 once are no better than one after another; a right password gives them back. An address from which a user has logged in
-before does not depend on the bucket of the name, nor on the one for all: a stranger who hammers at a name does not
+before does not depend on the bucket of the name, nor on the one for all: repeated attempts by others at a name do not
 lock its owner out.
 """
 
@@ -59,7 +59,7 @@ class LoginThrottle:
 
 
 def spelled(address: str) -> str:
-    """One spelling for one address: the same peer may come over IPv4 and over IPv4 in IPv6."""
+    """One spelling for one address: the same peer may connect over IPv4 and over IPv4 in IPv6."""
     try:
         return plain_address(address)
     except ValueError:

@@ -47,7 +47,7 @@ class Logins:
         self._clock = clock
         self._audit = audit
         self._buckets: dict[AuditKind, rate_limit.Bucket] = {}
-        self._anonymous_csrf = secrets.token_urlsafe(32)  # no secret between strangers; foreign pages can't read it
+        self._anonymous_csrf = secrets.token_urlsafe(32)  # no secret: the same for all; foreign pages can't read it
         self._secret = secrets.token_bytes(32)
         self._basic_cache: OrderedDict[bytes, tuple[HmiUser, int]] = OrderedDict()
 
@@ -70,7 +70,7 @@ class Logins:
             self.record(AuditRecord(AuditKind.LOGOUT, caller.name, caller.address, "by itself"))
 
     async def caller(self, headers: Headers, rule: Rule, address: str) -> Caller:
-        """Who asks. A cookie that is no good (any more) is none. Raises RefusalError for HTTP Basic that is no good."""
+        """The caller. A cookie that is not valid (any more) is ignored. Raises RefusalError for invalid HTTP Basic."""
         session = self._by_cookie(headers)
         if session is not None:
             return Caller(session.user, session.level, address, session.csrf, session)
@@ -81,7 +81,7 @@ class Logins:
         return anonymous if user is None else replace(anonymous, name=user.name, level=self._level(user))
 
     def remaining_s(self, session: Session) -> float:
-        """Until the session is over, whatever happens."""
+        """Until the session ends in any case."""
         return self.sessions.remaining_ns(session, self._clock.now_ns()) / NS_PER_S
 
     def keep_alive(self, session: Session) -> None:
@@ -103,7 +103,7 @@ class Logins:
         return max(self._anonymous, Level.of(user.role))
 
     def _by_cookie(self, headers: Headers) -> Session | None:
-        """Looks at every cookie of our name: another one planted beside ours must not hide it."""
+        """Checks every cookie of our name: another one planted beside ours must not hide it."""
         now_ns = self._clock.now_ns()
         for key, line in headers:
             if key != b"cookie" or len(line) > MAX_COOKIES:

@@ -1,8 +1,8 @@
 """Passwords of the pages' users: argon2id hashes, made by `gateway password` and checked at login. IO: a thread.
 
 The memory and passes are the smallest that OWASP recommends (m=19 MiB, t=2, p=1): a check takes some tens of
-milliseconds of one core, on a thread of its own, one at a time, so that a crowd at the login takes nothing away from
-the pictures. A user that there is not costs the same check as one that there is.
+milliseconds of one core, on a separate thread, one at a time, so that many logins take nothing away from
+the pictures. An unknown user costs the same check as a known one.
 """
 
 import asyncio
@@ -83,7 +83,8 @@ class Passwords:
         self._thread.shutdown(cancel_futures=True)
 
     def _done(self, job: Future[bool], loop: asyncio.AbstractEventLoop) -> None:
-        """Counted when the thread is done with it, not when the asking page has gone. Called on either thread."""
+        """Counted when the thread is done with it, not when the requesting page has disconnected. Called on either
+        thread."""
         if not loop.is_closed():
             loop.call_soon_threadsafe(self._one_less)
 

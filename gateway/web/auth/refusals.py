@@ -20,7 +20,7 @@ class Problem(BaseModel):
     """What went wrong: problem details after RFC 9457."""
 
     model_config = ConfigDict(frozen=True)
-    type: str = Field("about:blank", description="`about:blank`: the status says it all")
+    type: str = Field("about:blank", description="`about:blank`: the status has the full meaning")
     title: str = Field(description="of the status")
     status: int
     detail: str = Field(description="in words, for people")
@@ -47,10 +47,10 @@ def problem(status: int, error: str, detail: str, headers: Mapping[str, str] | N
 
 
 def to_login(scope: Scope, *, need: str) -> Response:
-    """A person who wants to see a page is shown where to log in; `need` is the role that it takes."""
+    """A person who requests a page is redirected to the login; `need` is the required role."""
     query = scope.get("query_string", b"").decode("latin-1")
-    wanted = scope["path"] + (f"?{query}" if query else "")
-    return RedirectResponse(f"/login?next={quote(wanted, safe='/')}&need={need}", 303)
+    target = scope["path"] + (f"?{query}" if query else "")
+    return RedirectResponse(f"/login?next={quote(target, safe='/')}&need={need}", 303)
 
 
 def answer_to(scope: Scope, refusal: RefusalError) -> Response | WebSocketClose:

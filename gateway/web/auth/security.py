@@ -109,7 +109,7 @@ class SecurityMiddleware:
             except ValueError:
                 origin = None
             if not same_origin(origin, authority, self._scheme):
-                text = "only the gateway's own pages may ask for this (Origin)"
+                text = "only the gateway's own pages may request this (Origin)"
                 raise RefusalError(403, "origin", text, audited=True)
         elif not rule.page:
             fetched = {name: value for name, value in headers if name in (b"sec-fetch-site", b"sec-fetch-dest")}
@@ -177,7 +177,7 @@ class SecurityMiddleware:
             if not until.expired():
                 raise
             await self._abort(scope, receive, outgoing, over=session is not None)
-        finally:  # whatever went wrong: it may have been done before that
+        finally:  # in every case: it may have been done before the error
             changes = rule.method == "POST" and rule.least > Level.OPEN and rule.audited
             if changes and not 400 <= outgoing.status < 500:
                 what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
@@ -241,5 +241,5 @@ class _Outgoing:
 
 
 def _challenge(rule: Rule) -> dict[str, str]:
-    """Programs learn how; a page's script must not make the browser ask for a password in its own window."""
+    """Programs get the challenge; a page's script must not make the browser open its own password dialog."""
     return {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'} if rule.path == "/metrics" else {}

@@ -1,7 +1,7 @@
 """Sessions and callers. Ids are random and made here, never taken from a browser; nothing is kept on disk. Pure.
 
 A session ends after its lifetime, after its idle time, by logging out, or when the same user opens too many others.
-Kept are hashes of the ids: whoever reads this memory can't use what is in it.
+Only hashes of the ids are kept: from a copy of this memory no session can be used.
 """
 
 import secrets
@@ -21,7 +21,7 @@ MAX_ID_LENGTH = 64  # characters of a cookie worth looking at
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """`key` names the session without opening it; `csrf` must come back in a header with all that changes anything."""
+    """`key` names the session without opening it; `csrf` must be sent in a header with every change."""
 
     key: str
     user: str
@@ -32,7 +32,7 @@ class Session:
 
 
 class Sessions:
-    """At most MAX_SESSIONS; `ended(key)` is called for each that ends, for whatever reason."""
+    """At most MAX_SESSIONS; `ended(key)` is called for each that ends, for any reason."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Sessions:
         return identity, session
 
     def find(self, identity: str, now_ns: int) -> Session | None:
-        """The session of this id, if it goes on; it counts as seen."""
+        """The session of this id, if it is valid; it counts as seen."""
         return self.keep_alive(_key(identity), now_ns) if 0 < len(identity) <= MAX_ID_LENGTH else None
 
     def keep_alive(self, key: str, now_ns: int) -> Session | None:
@@ -81,7 +81,7 @@ class Sessions:
         return session
 
     def remaining_ns(self, session: Session, now_ns: int) -> int:
-        """Until its lifetime is over, whatever happens."""
+        """Until its lifetime ends."""
         return max(0, session.opened_ns + self._lifetime_ns - now_ns)
 
     def close(self, key: str) -> None:
@@ -110,7 +110,7 @@ NOBODY = "without login"
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """`name` is empty without a login. `csrf` must come back in X-CSRF-Token with all that changes anything."""
+    """`name` is empty without a login. `csrf` must be sent in X-CSRF-Token with every change."""
 
     name: str
     level: Level

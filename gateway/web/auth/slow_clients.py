@@ -1,8 +1,8 @@
-"""How long a connection to the pages may take to ask, and how many there may be. Uses uvicorn.
+"""Time limits for requests to the pages, and the number of connections. Uses uvicorn.
 
 uvicorn bounds the size of a request but not the time it takes: a client that opens connections and is silent,
 or sends one letter a minute, would hold them all. Here a connection that is not working on a request must have sent a
-whole head within HEAD_S, and one address never has them all. (Of more than `limit_concurrency` connections uvicorn
+complete head within HEAD_S, and one address never has them all. (Of more than `limit_concurrency` connections uvicorn
 answers the newest with 503; of many more than that they are closed without an answer.)
 
 uvicorn has no public interface for this: H11Protocol's methods are overridden, and `cycle`, `client`, `connections` and
@@ -73,10 +73,10 @@ def settings(context: Any) -> dict[str, Any]:
         "http": HeadDeadlineProtocol,
         "ws": "websockets-sansio",  # the others are legacy, or wait for wsproto
         "access_log": False,
-        "log_level": "error",  # a stranger's bad requests must not fill the log
+        "log_level": "error",  # bad requests must not fill the log
         "lifespan": "off",
         "server_header": False,
-        "proxy_headers": False,  # an address in a header is anybody's word
+        "proxy_headers": False,  # an address in a header can be forged
         "ws_per_message_deflate": False,
         **({} if context is None else {"ssl_context_factory": lambda *_: context}),
     }

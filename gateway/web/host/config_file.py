@@ -55,11 +55,11 @@ def named(path: Path | None) -> Path:
 def same(loaded: Loaded, digest: str) -> None:
     """Raises ChangedOnDiskError where the file is not the one of this digest."""
     if loaded.digest != digest:
-        raise ChangedOnDiskError(f"{loaded.path}: was changed by somebody else since it was shown; nothing was written")
+        raise ChangedOnDiskError(f"{loaded.path}: was changed elsewhere since it was shown; nothing was written")
 
 
 def why_not_writable(path: Path | None) -> str:
-    """Why `save` would fail, in words; empty: nothing known speaks against it."""
+    """Why `save` would fail, as text; empty: no known reason."""
     if path is None:
         return NO_FILE
     try:
@@ -77,7 +77,7 @@ def why_not_writable(path: Path | None) -> str:
         ),
         (
             os.geteuid() in (0, info.st_uid),
-            f"{path}: belongs to another user, and would not any more if the gateway replaced it",
+            f"{path}: belongs to another user, and would be the gateway's if it replaced it",
         ),
     )
     return next((reason for holds, reason in checks if not holds), "")
@@ -98,9 +98,7 @@ def save(former: Loaded, text: str) -> Path:
         backup = real.with_name(f"{real.name}.bak")
         with _beside(real, former.text, info) as kept, _beside(real, text, info) as fresh:
             if _digest(_bytes(former.path)) != former.digest:
-                raise ChangedOnDiskError(
-                    f"{former.path}: was changed by somebody else since it was read; nothing was written"
-                )
+                raise ChangedOnDiskError(f"{former.path}: was changed elsewhere since it was read; nothing was written")
             kept.replace(backup)
             fresh.replace(real)
         _sync_folder(real.parent)

@@ -85,18 +85,18 @@ def _read(path: Path, bay: str) -> FileSettings:
     return FileSettings(profile.in_file(loaded.text, bay, source=str(path)), config_file.why_not_writable(path))
 
 
-def _plan(path: Path, wanted: PreviewFile) -> FilePreview:
+def _plan(path: Path, requested: PreviewFile) -> FilePreview:
     loaded = config_file.load(path)
-    proposal = profile.propose(loaded.text, wanted.bay, wanted.vision, source=str(path))
+    proposal = profile.propose(loaded.text, requested.bay, requested.vision, source=str(path))
     diff = proposal.diff if len(proposal.diff) <= MAX_DIFF else f"{proposal.diff[:MAX_DIFF]}\n(and more)\n"
     return FilePreview(diff, tuple(proposal.changes), loaded.digest, config_file.why_not_writable(path))
 
 
-def _save(path: Path, wanted: SaveFile, who: Writer) -> FileSaved:
+def _save(path: Path, requested: SaveFile, who: Writer) -> FileSaved:
     loaded = config_file.load(path)
-    config_file.same(loaded, wanted.digest)
-    proposal = profile.propose(loaded.text, wanted.bay, wanted.vision, source=str(path))
+    config_file.same(loaded, requested.digest)
+    proposal = profile.propose(loaded.text, requested.bay, requested.vision, source=str(path))
     backup = config_file.save(loaded, proposal.text)
     keys = ", ".join(proposal.changes) or "nothing new"
-    log.info("%s: %s of %s saved by %s", path, keys, wanted.bay, printable(str(who)))
+    log.info("%s: %s of %s saved by %s", path, keys, requested.bay, printable(str(who)))
     return FileSaved(tuple(proposal.changes), str(backup))

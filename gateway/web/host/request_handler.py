@@ -40,7 +40,7 @@ from gateway.web.ipc.messages import (
 log = logging.getLogger(__name__)
 
 KEPT_EVENTS = 1000
-MAX_NAME = 120  # of somebody, or of something asked for
+MAX_NAME = 120  # of a user, or of a requested object
 MAX_REPORTED = 1000  # of what has changed
 
 
@@ -68,7 +68,7 @@ class EventHistory:
 
 @dataclass(frozen=True, slots=True)
 class BayParts:
-    """The parts of one bay that the pages show or may ask something of."""
+    """The parts of one bay that the pages show or send commands to."""
 
     control: BayControl
     image: ReadImage
@@ -109,7 +109,7 @@ class RequestHandler:
         return BayStatus(bay.control.state(), tuple(bay.image()), bay.vision.settings)
 
     def execute(self, command: Command) -> CommandReply:
-        """Invalid commands are refused whatever the web process has checked: strangers connect to it."""
+        """Invalid commands are refused whatever the web process has checked: any network client can connect to it."""
         if isinstance(command.action, OperatorAction):
             return CommandReply(
                 command.number, self._alarms(replace(command.action, who=command.action.who[:MAX_NAME])).why

@@ -1,6 +1,6 @@
 """The web process's life, seen from the main process: started by the first visitor, answered, watched, replaced. IO.
 
-As long as nobody calls, there is no such process: a connection waits in the listening socket until it has come up.
+Without clients there is no such process: a connection waits in the listening socket until it has started.
 """
 
 import asyncio
@@ -22,7 +22,7 @@ from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.request_handler import RequestHandler
 from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
 
-SILENT_S = 15.0  # real time; the web process asks at least once a second
+SILENT_S = 15.0  # real time; the web process sends a request at least once a second
 PAUSE_S = 0.01  # between two turns: a web process is not served more often
 MAX_MESSAGES = 8  # read in one turn; a web process in order has one request pending, and now and then a command
 MAX_FULL_TURNS = 100  # in a row with more messages than that, more than a second: it is out of control
@@ -104,7 +104,7 @@ class WebProcessService:
 
 
 def _check_certificate(config: HmiConfig, sockets: tuple[socket.socket, ...]) -> None:
-    """Raises ConfigError where the web process would not come up; then the connections that wait for it are closed."""
+    """Raises ConfigError where the web process would not start; then the connections that wait for it are closed."""
     try:
         tls.check(tls.TlsFiles.of_pages(config))
     except ConfigError:
@@ -119,7 +119,7 @@ async def _first_connection(sockets: tuple[socket.socket, ...]) -> None:
     """Waits for a connection, and leaves it to the web process to take it."""
     loop = asyncio.get_running_loop()
     called = asyncio.Event()
-    copies = [os.dup(sock.fileno()) for sock in sockets]  # an event loop wants a descriptor to be its own
+    copies = [os.dup(sock.fileno()) for sock in sockets]  # an event loop must own its descriptor
     try:
         for fd in copies:
             loop.add_reader(fd, called.set)

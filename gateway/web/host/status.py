@@ -18,7 +18,7 @@ from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, Sys
 NS_PER_S = 1_000_000_000
 _BOUNDS_NS = tuple(round(bound_s * NS_PER_S) for bound_s in BOUNDS_S)
 MAX_STAGES = 32  # of one bay; a method has a dozen
-PLC_QUIET_S = 5.0  # ten times the slowest poll that is any use; the alarm's own on-delay comes on top
+PLC_QUIET_S = 5.0  # ten times the slowest useful poll; the alarm's own on-delay is added
 MAX_ALARMS = 100  # listed; the rest is counted
 MAX_ERROR = 120
 

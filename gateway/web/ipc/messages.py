@@ -1,7 +1,7 @@
 """The messages between the main process and the web process. Pure.
 
 The web process pulls: it requests the newest state and gets one reply. So nothing ever queues up; a page that is slow,
-stalled or hostile costs the main process nothing. Commands are the few things that a signed-in person may ask for.
+stalled or hostile costs the main process nothing. Commands are the few actions that a signed-in person may request.
 """
 
 from dataclasses import dataclass, field
@@ -48,7 +48,7 @@ class StateRequest(Message, frozen=True):
     number: int
     bays: Annotated[tuple[str, ...], Meta(max_length=MAX_STATES)]
     after: int = 0
-    links: bool = True  # are the links wanted, too?
+    links: bool = True  # are the links requested, too?
 
 
 class SetFunctionCheck(Message, frozen=True):
@@ -61,7 +61,7 @@ class SetFunctionCheck(Message, frozen=True):
 class ApplySettings(Message, frozen=True):
     """Apply these settings; only while a function check is on.
 
-    `over`: the settings that the sender assumes to be in force; refused where others are. None: whatever is in force.
+    `over`: the settings that the sender assumes to be in force; refused where others are. None: any.
     """
 
     bay: str
@@ -70,7 +70,7 @@ class ApplySettings(Message, frozen=True):
 
 
 class Command(Message, frozen=True):
-    """Something that a person wants done. `who` has been checked; the main process reports it as an event."""
+    """An action of a person. `who` has been checked; the main process reports it as an event."""
 
     number: int
     who: Writer
@@ -172,13 +172,13 @@ class StateReply(Message, frozen=True):
     now_ns: int
     wall_ns: int
     bays: tuple[BayStatus, ...]
-    links: SystemStatus | None = None  # None: not asked for
+    links: SystemStatus | None = None  # None: not requested
     events: tuple[NumberedEvent, ...] = ()
     newest_event: int = 0
 
 
 class FileSettings(Message, frozen=True):
-    """To `ReadFile`. `why_not`: why saving would fail, in words; empty: nothing known speaks against it."""
+    """To `ReadFile`. `why_not`: why saving would fail, as text; empty: no known reason."""
 
     vision: VisionConfig
     why_not: str
@@ -201,15 +201,15 @@ class FileSaved(Message, frozen=True):
 
 
 class ChangedOnDiskError(ConfigError):
-    """Somebody else has changed the file since it was read: look at it again before writing over it."""
+    """Another program has changed the file since it was read: read it again before overwriting it."""
 
 
 class FileErrorKind(StrEnum):
     """What kind of thing is wrong with a `FileRequest`."""
 
     NONE = "none"
-    WRONG = "wrong"  # the file, or what is wanted of it
-    CHANGED = "changed"  # by somebody else, since it was shown
+    WRONG = "wrong"  # the file, or the requested change
+    CHANGED = "changed"  # by another program, since it was shown
 
 
 class CommandReply(Message, frozen=True):
@@ -225,6 +225,6 @@ FromWeb = StateRequest | Command | FileRequest
 ToWeb = WebSetup | StateReply | CommandReply
 
 FROM_WEB = Codec(FromWeb | Failed)
-"""Whoever takes over the web process, which serves strangers' browsers, can send no more than these few records.
+"""An intruder in the web process, which serves any browser, can send no more than these few records.
 `RequestHandler` checks their contents."""
 TO_WEB = Codec(ToWeb, compressed=True)

@@ -1,4 +1,4 @@
-"""Which keys of `[vision]` a technician tunes, and what the page must know of each: read off the model itself. Pure.
+"""Which keys of `[vision]` a technician tunes, and what the page needs of each: read from the model itself. Pure.
 
 Unit, range and meaning are defined once, in gateway/config/sections/vision.py; the page draws its controls from it.
 """
@@ -44,7 +44,7 @@ class Parameter:
     default: Any
     low: float | None = None
     high: float | None = None
-    step: int | None = None  # whole numbers only: 2 where the value must be odd
+    step: int | None = None  # integers only: 2 where the value must be odd
     choices: tuple[str, ...] = ()
 
 
@@ -127,7 +127,7 @@ def _bounds(info: FieldInfo) -> tuple[float | None, float | None]:
 
 
 def _step(name: str, low: float) -> int:
-    """2 where the model takes `low` and `low` + 2 and refuses what lies between: asked of the model itself."""
+    """2 where the model takes `low` and `low` + 2 and refuses the value between: tried with the model itself."""
     return 1 if _takes({name: int(low) + 1}) else 2
 
 

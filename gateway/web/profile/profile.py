@@ -1,6 +1,6 @@
-"""`[vision]` of one bay in the configuration's file: what a change makes of the file, and profiles to carry. Pure.
+"""`[vision]` of one bay in the configuration's file: changes of the file, and portable profiles. Pure.
 
-A key is changed where its value comes from: in the bay's own table, or in the shared `[vision]`. Where several bays
+A key is changed where its value is set: in the bay's own table, or in the shared `[vision]`. Where several bays
 share `[vision]` and one of them is to differ, its own table gets the key.
 """
 
@@ -39,14 +39,14 @@ def in_file(text: str, bay: str, *, source: str) -> VisionConfig:
     return found.bays[index].vision
 
 
-def propose(text: str, bay: str, wanted: VisionConfig, *, source: str) -> Proposal:
-    """The file's text with `wanted` for `bay`, and no other meaning changed. Raises ConfigError.
+def propose(text: str, bay: str, requested: VisionConfig, *, source: str) -> Proposal:
+    """The file's text with `requested` for `bay`, and no other meaning changed. Raises ConfigError.
 
     `text`: that of the file, its line ends and byte order mark included.
     """
     document = _document(text, source)
     before, index = _bay_of(_parsed(text, source), bay, source)
-    changes = tuned.changes(before.bays[index].vision, wanted)
+    changes = tuned.changes(before.bays[index].vision, requested)
     changed, expected = text, document
     for place, keys in _places(document, index, changes):
         changed = with_keys(changed, place, keys, source=source)
@@ -56,7 +56,7 @@ def propose(text: str, bay: str, wanted: VisionConfig, *, source: str) -> Propos
 
 
 def export(bay: str, settings: VisionConfig, *, site: str, wall_ns: int) -> str:
-    """A profile: the tuned keys of `[vision]` with a word on where they come from."""
+    """A profile: the tuned keys of `[vision]` with a note on their origin."""
     at = datetime.fromtimestamp(wall_ns // NS_PER_S, UTC).strftime("%Y-%m-%d %H:%M:%S")
     head = (
         f"# Vision profile of {site}, bay {bay}, exported {at} UTC.\n"
@@ -110,7 +110,7 @@ def _with(document: Mapping[str, Any], place: tuple[str | int, ...], keys: Mappi
 def _check(
     text: str, expected: Mapping[str, Any], before: GatewayConfig, index: int, changes: Mapping[str, Any], source: str
 ) -> None:
-    """Reads the changed text with the gateway's own reader: it must have the wanted values and no other change."""
+    """Reads the changed text with the gateway's own reader: it must have the requested values and no other change."""
     after = _parsed(text, source)
     bays = list(before.bays)
     bays[index] = bays[index].model_copy(update={"vision": bays[index].vision.model_copy(update=dict(changes))})
@@ -137,7 +137,7 @@ def _bay_of(config: GatewayConfig, bay: str, source: str) -> tuple[GatewayConfig
 
 
 def _diff(former: str, text: str, source: str) -> str:
-    """Unified, as people read it. Lines near the change may hold a password; nobody needs it here."""
+    """Unified, as people read it. Lines near the change may hold a password, which is not needed here."""
     try:
         old, new = (redacted(side.removeprefix("\ufeff"), source=source) for side in (former, text))
     except ConfigError:

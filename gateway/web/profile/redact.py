@@ -19,8 +19,8 @@ from gateway.config.strict.section import inner_model
 from gateway.errors import ConfigError
 
 HIDDEN = "***"
-_FIELDS = {**BayConfig.model_fields, **GatewayConfig.model_fields}  # the shared sections stand at the top
-# In a comment nothing has a name that the sections know.
+_FIELDS = {**BayConfig.model_fields, **GatewayConfig.model_fields}  # the shared sections are at the top
+# In a comment nothing has a name of the sections.
 _REMARK = re.compile(r"(?i)(#.*?(?:pass|pwd|secret|token|hash)[^=:]*[=:]).*$")
 _LOGIN = re.compile(r"://[^\s]*@")
 _QUERY = re.compile(r"(?i)([?&][^=&\s]*(?:pass|pwd|secret|token|key)[^=&\s]*=)[^&#\"'\s]*")
@@ -60,7 +60,7 @@ def _hide(table: MutableMapping[str, Any], fields: Mapping[str, FieldInfo]) -> N
 
 
 def _plainly(value: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> dict[str, Any]:
-    """The same of the values alone: what the shown text must contain."""
+    """The same of the values only: what the shown text must contain."""
 
     def shown(one: Any, info: FieldInfo) -> Any:
         match one:

@@ -1,6 +1,6 @@
 """The addresses for programs: state, events, registers, alarms, snapshots, health and metrics. IO.
 
-Every answer is made from what the gateway client knows; only actions on alarms go to the main process.
+Every answer is made from the gateway client's data; only actions on alarms go to the main process.
 """
 
 import asyncio
@@ -96,7 +96,7 @@ def _snapshot(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
     @ADDRESSES.get(f"{BAY}/snapshot.{ending}", Level.VIEWER, summary, described)
     async def snapshot(services: WebServices, bay: Bay) -> Response:
         """The newest frame, unscaled, without anything painted on it."""
-        async with services.encoding:  # one at a time: whoever asks for many waits for their own
+        async with services.encoding:  # one at a time: a client with many requests waits for its own
             frame = services.client.snapshot(bay.name)
             if frame is None:
                 raise RefusalError(503, "no_frame", f"the camera of {bay.name} has shown nothing yet")
@@ -191,7 +191,7 @@ _VERBOSE = {
     "/healthz",
     Level.OPEN,
     "does the gateway work, and if not, why",
-    Description("health", HealthView, failing={503: "a restart may help; the reasons say why"}, query=(_VERBOSE,)),
+    Description("health", HealthView, failing={503: "a restart may help; the reasons are listed"}, query=(_VERBOSE,)),
 )
 async def _healthz(services: WebServices, request: Request, response: Response) -> HealthView:
     await services.client.fresh(*services.client.bays)

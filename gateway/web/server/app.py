@@ -85,7 +85,7 @@ async def of_gateway(_: Request, error: Exception) -> Response:
 
 async def of_fault(_: Request, error: Exception) -> Response:
     """An unexpected exception; its text is not shown."""
-    return problem(500, "fault", "a fault in the software; the gateway's log says more")
+    return problem(500, "fault", "a fault in the software; see the gateway's log")
 
 
 HANDLERS = {

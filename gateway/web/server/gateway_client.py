@@ -50,10 +50,10 @@ WATCHED_S = 0.1
 IDLE_S = 1.0
 ANSWER_S = 5.0  # the main process answers within milliseconds; after this it is taken for hung
 ORDER_S = 5.0
-YOUNG_S = 1.5  # what a program asks for is at most so old, where the main process answers
+YOUNG_S = 1.5  # data for a program is at most so old, where the main process answers
 FRESH_WAIT_S = 3.0
 KEPT_EVENTS = 1000
-URGENT_SHARE = MAX_STATES - 2  # of one answer; the rest goes round among all bays
+URGENT_SHARE = MAX_STATES - 2  # of one answer; the rest is taken from all bays in turn
 
 
 class RefusedError(GatewayError):
@@ -98,8 +98,8 @@ class GatewayClient:
         self._reports: dict[str, BayReport] = {}
         self._changed = asyncio.Event()
         self._watched: Counter[str] = Counter()
-        self._wanted = asyncio.Event()  # a viewer has come
-        self._heard = asyncio.Event()
+        self._wanted = asyncio.Event()  # there is a viewer
+        self._answered = asyncio.Event()
         self._urgent: Counter[str] = Counter()
         self._turn = 0
         self._orders: dict[int, asyncio.Future[CommandReply]] = {}
@@ -211,7 +211,7 @@ class GatewayClient:
         return done
 
     async def links_anew(self) -> None:
-        """Ask for links and alarms now, and wait for them for a while: who has just changed one wants to see it."""
+        """Request links and alarms now, and wait for them for a while, so that a change is seen at once."""
         told_ns, self._links_ns = self.links_ns, 0
         self._wanted.set()
         with contextlib.suppress(TimeoutError):
@@ -231,7 +231,7 @@ class GatewayClient:
         return report is not None and self.clock.now_ns() - report.now_ns <= YOUNG_S * NS_PER_S
 
     async def keep(self) -> None:
-        """Pull for ever. Raises LinkError when the main process is gone or answers no more."""
+        """Pull until cancelled. Raises LinkError when the main process has ended or does not answer any more."""
         loop = asyncio.get_running_loop()
         self._link.sock.setblocking(False)
         loop.add_reader(self._link.sock, self._receive)
@@ -251,14 +251,14 @@ class GatewayClient:
         return self.events[-1].number if self.events else 0
 
     async def _pull(self, number: int) -> None:
-        self._heard.clear()
+        self._answered.clear()
         if not self._link.offer(StateRequest(number, self._due(), self._last_event, self._links_due())):
             raise LinkError("the gateway is gone")
         try:
             async with asyncio.timeout(ANSWER_S):
                 while self.answers < number:
-                    await self._heard.wait()
-                    self._heard.clear()
+                    await self._answered.wait()
+                    self._answered.clear()
         except TimeoutError:
             raise LinkError(f"the gateway has not answered within {ANSWER_S:g} s") from None
 
@@ -297,7 +297,7 @@ class GatewayClient:
                 case CommandReply(number=number) if (waiting := self._orders.get(number)) and not waiting.done():
                     waiting.set_result(message)
         if self._link.ended:
-            raise SystemExit(0)  # the main process is gone, and the pages with it
+            raise SystemExit(0)  # the main process has ended, and the pages with it
 
     def _take(self, answer: StateReply) -> None:
         for now in answer.bays:
@@ -313,7 +313,7 @@ class GatewayClient:
         self.newest_event = answer.newest_event
         self.answered_ns = answer.now_ns
         self.answers = answer.number
-        self._heard.set()
+        self._answered.set()
         self._changed.set()
         self._changed = asyncio.Event()
 

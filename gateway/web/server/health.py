@@ -1,8 +1,8 @@
-"""The health of the gateway for a watchdog, made from what the gateway client knows. Pure.
+"""The health of the gateway for a watchdog, made from the gateway client's data. Pure.
 
-`failing` means that restarting the gateway may help: a bay's control task does not tick, nobody serves registers, or
-the main process does not answer. Everything else that is broken is `degraded`: the gateway does what it is there for,
-it reports stop and the reason. A restart because of an unplugged camera would only add an outage to the fault.
+`failing` means that restarting the gateway may help: a bay's control task does not tick, no server for the registers,
+or the main process does not answer. Everything else that is broken is `degraded`: the gateway does its work, it reports
+stop and the reason. A restart because of an unplugged camera would only add an outage to the fault.
 
 No login is needed, so an answer contains no address, no path and no detail.
 """
@@ -58,7 +58,7 @@ def _bay(client: GatewayClient, bay: str, report: BayReport | None) -> Iterator[
     if client.clock.now_ns() - report.now_ns > FRESH_S * NS_PER_S:
         yield _reason(f"{bay}.control", "failing", "nothing new is known of this bay")
     elif state.reason is Reason.GATEWAY_FAULT:
-        yield _reason(f"{bay}.control", "failing", "the control task does not tick; the registers say stop")
+        yield _reason(f"{bay}.control", "failing", "the control task does not tick; the registers report stop")
         return
     else:
         yield _reason(f"{bay}.control", "ok", "the control task ticks")
@@ -71,7 +71,7 @@ def _parts_of_a_bay(bay: str, state: StateVector) -> Iterator[HealthReason]:
     if state.memory.disagree:
         yield _reason(f"{bay}.cross_check", "degraded", "camera and ranger contradict each other")
     if state.plc.missed:
-        yield _reason(f"{bay}.plc", "degraded", "the PLC's heartbeat is required and does not come")
+        yield _reason(f"{bay}.plc", "degraded", "the PLC's heartbeat is required and missing")
     if Ne107.MAINTENANCE_REQUIRED in active(state):
         yield _reason(f"{bay}.maintenance", "degraded", NE107_MEANING[Ne107.MAINTENANCE_REQUIRED])
 

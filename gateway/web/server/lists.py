@@ -1,4 +1,4 @@
-"""Alarms, links, events and registers, made from what the gateway client knows. Pure."""
+"""Alarms, links, events and registers, made from the gateway client's data. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -215,7 +215,7 @@ def events_view(client: GatewayClient, gateway: Gateway, bay: str | None, after:
 
 
 def registers_view(client: GatewayClient, config: BayConfig) -> RegistersView | None:
-    """None: nothing known yet, or only an image that is none. Words and values come from one image."""
+    """None: nothing known yet, or only an invalid image. Words and values are of one image."""
     report = client.report(config.name)
     if report is None:
         return None

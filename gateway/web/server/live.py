@@ -18,7 +18,7 @@ WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages o
 SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
 ANSWER_S = 30.0  # a page that has not answered for so long is disconnected
 TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
-MAX_ANSWER = 64  # characters: "next", or whatever else is as short
+MAX_ANSWER = 64  # characters: "next", or any other text as short
 
 Render = Callable[[GatewayClient, tuple[str, ...]], str]
 
@@ -53,9 +53,9 @@ class Live:
             await self._accept(page)
 
     async def _accept(self, page: WebSocket) -> None:
-        asked = tuple(dict.fromkeys(page.query_params.getlist("bay")))
+        requested = tuple(dict.fromkeys(page.query_params.getlist("bay")))
         await page.accept()
-        if any(bay not in self.client.bays for bay in asked):
+        if any(bay not in self.client.bays for bay in requested):
             await page.close(UNKNOWN_BAY, "no such bay")
             return
         address = page.client.host if page.client is not None else ""
@@ -66,7 +66,7 @@ class Live:
         self.counts.open += 1
         self.counts.opened += 1
         self._open[address] += 1
-        bays = asked or self.client.bays
+        bays = requested or self.client.bays
         try:
             with self.client.watching(*bays, urgent=self.urgent and len(bays) == 1):
                 await self._serve(page, bays)
@@ -80,7 +80,7 @@ class Live:
                 del self._open[address]
 
     def _full(self, address: str) -> str | None:
-        """The key of the limit that is reached; None: one more may come from there."""
+        """The key of the limit that is reached; None: one more is allowed from there."""
         if self.counts.open >= self.limit:
             return "hmi.max_viewers"
         return "hmi.viewers_per_address" if self._open[address] >= self.limit_per_address else None
@@ -96,7 +96,7 @@ class Live:
             if message["type"] == "websocket.disconnect":
                 raise WebSocketDisconnect(message.get("code", 1005))
             text = message.get("text")
-            if text is None or len(text) > MAX_ANSWER:  # anybody may send anything, binary frames too
+            if text is None or len(text) > MAX_ANSWER:  # a client may send anything, binary frames too
                 await page.close(BAD_ANSWER, "not an answer")
                 return
 
@@ -104,7 +104,7 @@ class Live:
         number, made_ns, text = self._made.get(bays, (-1, 0, ""))
         now_ns = self.client.clock.now_ns()
         if number != self.client.answers or now_ns - made_ns > SHARED_NS:
-            if len(self._made) > 2 * len(self.client.bays) + 16:  # anybody may ask for any mixture
+            if len(self._made) > 2 * len(self.client.bays) + 16:  # a client may request any combination
                 self._made.clear()
             text = self.render(self.client, bays)
             self._made[bays] = (self.client.answers, now_ns, text)

@@ -1,7 +1,7 @@
 """The models of the JSON for pages and programs. Pure.
 
-State and events are those of MQTT (sinks/mqtt/messages), so that a field has one name in the whole product. Units
-in the names; null: not known now. Ages are those at sending: who shows them adds the time since.
+State and events are those of MQTT (sinks/mqtt/messages), so that a field has one name in the product. Units
+in the names; null: not known now. Ages are those at sending: a display adds the time since.
 """
 
 from typing import Literal
@@ -65,7 +65,7 @@ class BayView(BaseModel):
     aim: AimView
     deadlines: DeadlinesView
     function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
-    method: str | None = Field(description="how the marker is looked for; null: nothing known yet")
+    method: str | None = Field(description="how the marker is searched for; null: nothing known yet")
     stage_ms: dict[str, float] = Field(description="time of each stage of vision in the newest frame; empty: no result")
 
 
@@ -131,7 +131,7 @@ class SparkplugView(BaseModel):
     connected: bool
     born: bool = Field(description="false: waiting for the primary host, or not connected")
     births: Count
-    rebirths: Count = Field(description="asked for by a host")
+    rebirths: Count = Field(description="requested by a host")
     data: Count = Field(description="DDATA and NDATA made")
     refused: Count = Field(description="commands that were none, or that nothing obeys")
     history_dropped: Count
@@ -139,7 +139,7 @@ class SparkplugView(BaseModel):
 
 
 class SinkView(BaseModel):
-    """The link of one sink, whatever its kind."""
+    """The link of one sink of any kind."""
 
     model_config = FROZEN
     name: str
@@ -199,7 +199,7 @@ class AlarmView(BaseModel):
 
 
 class AlarmSummary(BaseModel):
-    """How many alarms of the whole gateway there are, and which one to look at first."""
+    """Number of the gateway's alarms, and the one to see first."""
 
     model_config = FROZEN
     unacknowledged: Count = Field(description="states unacknowledged, returned and latched_unacknowledged")
@@ -237,7 +237,7 @@ class AlarmsView(BaseModel):
     server_time_ms: Count
     summary: AlarmSummary
     alarms: tuple[AlarmView, ...]
-    omitted: Count = Field(description="so many more stand that had no room here")
+    omitted: Count = Field(description="number of further active ones not listed here")
     changes: tuple[AlarmChangeView, ...] = Field(description="the newest, the oldest of them first")
 
 
@@ -295,7 +295,7 @@ class RegisterView(BaseModel):
 
 
 class RegistersView(BaseModel):
-    """The whole block of one bay, from one image."""
+    """The complete block of one bay, from one image."""
 
     model_config = FROZEN
     bay: str
@@ -323,7 +323,7 @@ class HealthView(BaseModel):
     model_config = FROZEN
     status: HealthStatus
     reasons: tuple[HealthReason, ...] = Field(description="what is not ok; empty where all is")
-    parts: tuple[HealthReason, ...] | None = Field(description="every part; null unless asked for with ?verbose")
+    parts: tuple[HealthReason, ...] | None = Field(description="every part; null unless requested with ?verbose")
 
 
 class CircleView(BaseModel):
@@ -370,4 +370,4 @@ class AcknowledgeBody(BaseModel):
 class ShelveBody(AcknowledgeBody):
     """Put an alarm aside for a while."""
 
-    minutes: float = Field(ge=1, le=MAX_SHELVE_MIN, description="then it comes back by itself")
+    minutes: float = Field(ge=1, le=MAX_SHELVE_MIN, description="then it returns by itself")

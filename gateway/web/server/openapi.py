@@ -29,7 +29,7 @@ Every caller needs the role that the operation names (`x-role`), by HTTP Basic o
 without_login` of the configuration says what is open to everybody. What changes something needs a session and its token
 in `X-CSRF-Token`, which `GET /api/session` returns. Nothing here can end a stop.
 
-Ages are those at sending. Numbers that are not known are null. docs/hmi-api.md says more."""
+Ages are those at sending. Numbers that are not known are null. See docs/hmi-api.md."""
 
 
 @ADDRESSES.get("/api/openapi.json", Level.VIEWER, "this description", Description("openapi", media="application/json"))

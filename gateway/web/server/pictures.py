@@ -1,7 +1,8 @@
 """Pictures of a bay's camera for the pages: encoded on request, once for all viewers. IO.
 
-The frame and its reading belong together: as soon as the newest reading is known, its own frame is copied out of the
-ring, by number. Where it has gone meanwhile, the newest frame is shown without a reading rather than with a wrong one.
+A frame is shown with its own reading: as soon as the newest reading is known, its own frame is copied out of the
+ring, by number. Where it was overwritten meanwhile, the newest frame is shown without a reading rather than with a
+wrong one.
 """
 
 import asyncio
@@ -17,7 +18,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.server.gateway_client import GatewayClient
 
-WAIT_S = 5.0  # for a newer frame; then the answer is 204, and the page asks again
+WAIT_S = 5.0  # for a newer frame; then the answer is 204, and the page requests again
 JPEG_QUALITY = 80
 PAUSE_S = 0.01
 MIN_WIDTH_PX = 16
@@ -50,7 +51,7 @@ class _CachedFrame:
 
 
 class Pictures:
-    """Encodes on one thread of its own; every size of a frame is encoded once. `pace` is real time."""
+    """Encodes on one separate thread; every size of a frame is encoded once. `pace` is real time."""
 
     def __init__(
         self, client: GatewayClient, pace: Clock, *, max_hz: float, max_width_px: int, thread: Executor | None = None
@@ -80,7 +81,7 @@ class Pictures:
             return None
 
     async def _fresh(self, bay: str, after: int | None) -> _CachedFrame:
-        number = self._client.answers  # what was known before is of no use: its frame has gone
+        number = self._client.answers  # earlier data is of no use: its frame was overwritten
         while True:
             cached = self._cached.get(bay)
             young = cached is not None and self._pace.now_ns() - cached.copied_ns < self._min_ns

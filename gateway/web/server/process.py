@@ -1,6 +1,6 @@
 """The web process: the client that pulls, and the server that answers. Ends when the main process does. IO.
 
-Strangers talk to it, so it gives away what it does not need before it hears the first of them: see `sandbox`.
+It serves any network client, so it gives up all rights that it does not need before the first request: see `sandbox`.
 """
 
 import asyncio
@@ -34,7 +34,7 @@ MAX_TEXT = 4096  # of one WebSocket message from a page
 
 
 def run(link: Link[FromWeb, ToWeb], about: WebSetup) -> None:
-    """Until the main process is gone. Raises LinkError when it answers no more."""
+    """Until the main process has ended. Raises LinkError when it does not answer any more."""
     os.nice(NICE)
     cv2.setNumThreads(1)
     logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")

@@ -52,7 +52,7 @@ def services_of(client: GatewayClient, pace: Clock, thread: Executor | None = No
     )
 
 
-# What a route may ask for. All are coroutines: FastAPI would run plain functions on threads.
+# Dependencies of the routes. All are coroutines: FastAPI would run plain functions on threads.
 
 
 async def _services(connection: HTTPConnection) -> Services:

@@ -1,4 +1,4 @@
-"""The live views, made from what the gateway client knows: operator's page, driver's display, frame. Pure."""
+"""The live views, made from the gateway client's data: operator's page, driver's display, frame. Pure."""
 
 from gateway import __version__
 from gateway.clock import NS_PER_MS

@@ -58,9 +58,9 @@ class ColourPick:
 def pick(
     image: Image, u_px: float, v_px: float, size_px: int, params: VisionConfig, mode: Mode = "replace"
 ) -> ColourPick:
-    """A square of side `size_px` round (u, v), as far as it lies in the picture.
+    """A square of side `size_px` round (u, v), as far as it is in the picture.
 
-    "replace": ranges for this patch alone; "widen": the present ranges, widened as far as needed. Raises ValueError for
+    "replace": ranges for this patch only; "widen": the present ranges, widened as far as needed. Raises ValueError for
     a click beside the picture.
     """
     hsv = stages.bgr_to_hsv(stages.gaussian(image, params.gaussian_kernel_px, params.gaussian_sigma_px))

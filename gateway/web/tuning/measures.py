@@ -16,7 +16,7 @@ _SIGMA = 1.4826  # from the median of absolute values to sigma, for a Gaussian
 
 @dataclass(frozen=True, slots=True)
 class Jitter:
-    """Robust sigma of what is not smooth motion, px; frame to frame."""
+    """Robust sigma of the motion that is not smooth, px; frame to frame."""
 
     u_px: float
     v_px: float
@@ -47,9 +47,9 @@ def found_share(found: Sequence[Detection]) -> float:
 
 
 def jitter(times_ns: Sequence[int], found: Sequence[Detection]) -> Jitter | None:
-    """Each of five frames in a row against the cubic through its four neighbours. None: too few to say.
+    """Each of five frames in a row against the cubic through its four neighbours. None: too few to compute.
 
-    What a truck does in five frames is as good as a cubic, sway and brakes included; what is left is the method's own
+    A truck's motion in five frames is nearly a cubic, sway and brakes included; the rest is the method's own
     noise, sqrt(1 + the sum of the squared weights of the neighbours) times.
     """
     left: list[NDArray[np.float64]] = []

@@ -1,4 +1,4 @@
-"""What a technician should know about tried settings, in words, with the key that the words are about. Pure."""
+"""Remarks for the technician on tried settings, with the key that each is about. Pure."""
 
 from collections.abc import Iterator, Sequence
 
@@ -14,7 +14,7 @@ from gateway.web.profile.parameter_schema import changes
 from gateway.web.tuning.trial import TrialResult
 
 LOOKED_AT = 3  # frames of a recording, spread over it
-SLOWER = 1.25  # times the time in force is worth a word
+SLOWER = 1.25  # times the time in force is worth a remark
 
 
 def remarks(
@@ -47,7 +47,7 @@ def _against_others(result: TrialResult) -> Iterator[Remark]:
     if missed and ours >= theirs:
         yield Remark(f"misses a marker that the robust method sees: in {missed} of {sure} frames")
     if result.cut_short:
-        yield Remark(f"the time ran out: only {result.frames} frames were looked at", warning=False)
+        yield Remark(f"the time ran out: only {result.frames} frames were processed", warning=False)
 
 
 def _idle(tried: VisionConfig, in_force: VisionConfig) -> Iterator[Remark]:
@@ -66,7 +66,7 @@ def _speed(frames: Sequence[Snapshot], result: TrialResult) -> Iterator[Remark]:
     gaps = np.diff([frame.t_capture_ns for frame in frames]) / NS_PER_MS
     seqs = np.diff([frame.seq for frame in frames])
     every_ms = float(np.median(gaps / np.maximum(seqs, 1)))
-    # Where those in force are too slow here, too, this process has too little of the machine to tell.
+    # Where those in force are too slow here, too, this process has too little of the machine to judge.
     if result.in_force.times.total_ms <= every_ms < result.tried.times.total_ms:
         yield Remark(
             f"slower than the camera: {result.tried.times.total_ms:.0f} ms a frame here, a frame every {every_ms:.0f} "

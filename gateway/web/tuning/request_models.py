@@ -1,4 +1,4 @@
-"""What the tuning page may ask for: the bodies of its POSTs, checked strictly. Pure."""
+"""The requests of the tuning page: the bodies of its POSTs, checked strictly. Pure."""
 
 from typing import Annotated, Any, Literal
 
@@ -49,7 +49,7 @@ class TrialBody(FrameBody):
     """Try these settings; keys that are left out are as in force."""
 
     vision: Vision
-    timed: bool = Field(False, description="often enough to tell the time, and with a look at the exposure")
+    timed: bool = Field(False, description="often enough to measure the time, and with a check of the exposure")
     width_px: int = Field(WIDTH_PX, ge=80, le=LARGEST_PX)
 
 

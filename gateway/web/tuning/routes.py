@@ -32,7 +32,7 @@ from gateway.web.tuning.request_models import (
 from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.snapshots import Capture, listing
 
-PICTURE_PX = 1280  # width of a kept frame's picture, unless asked otherwise
+PICTURE_PX = 1280  # width of a kept frame's picture, unless requested otherwise
 MIN_PX, MAX_PX = 80, 4096
 ADDRESSES = Addresses("/api/bays/{bay}")
 
@@ -55,7 +55,7 @@ class TuningRequest:
         return taken
 
     async def frames(self, body: FrameBody) -> tuple[Sequence[Snapshot], int]:
-        """Frames, and which of them is looked at. No frames: live, and there is none to be had at this moment."""
+        """Frames, and which of them is used. No frames: live, and none is available at this moment."""
         if body.live:
             newest = await self.service.newest(self.bay)
             return ([] if newest is None else [newest]), 0
@@ -126,7 +126,7 @@ async def _frame(request: Tuning, name: str, frame: Number, width: WidthPx = PIC
 async def _trial(request: Tuning, body: TrialBody) -> Response:
     frames, shown = await request.frames(body)
     if not frames:
-        return Response(status_code=204)  # a page with the live picture asks again
+        return Response(status_code=204)  # a page with the live picture requests again
     made = await request.service.try_(
         request.who(body.tab),
         request.bay,
@@ -204,7 +204,7 @@ def _exported(request: TuningRequest, settings: VisionConfig) -> Response:
 
 @_try("/profile/import", "read settings from a file", PROFILE_BYTES)
 async def _import(request: Tuning, body: ImportBody) -> JSONResponse:
-    """Checked and returned: nothing goes live, nothing is written."""
+    """Checked and returned: nothing is applied, nothing is written."""
     in_force = await request.service.in_force(request.bay)
     settings = await request.service.imported(request.bay, body.text, body.name)
     return JSONResponse(

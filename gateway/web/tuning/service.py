@@ -40,8 +40,8 @@ NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
 TRIES = 10  # to copy the newest frame
 NO_FRAME = "there is no frame: the camera has given none"
-RECORDERS = 2  # at the same time: each fills memory of its own
-LIGHTS = 5  # frames of a recording that are looked at for exposure
+RECORDERS = 2  # at the same time: each fills its own memory
+LIGHTS = 5  # frames of a recording that are checked for exposure
 
 
 T = TypeVar("T")
@@ -80,7 +80,7 @@ class CompletedTrial:
     in_force: VisionConfig  # what it was compared with
     remarks: tuple[Remark, ...]
     panels: tuple[Panel, ...]
-    lights: tuple[Light, ...]  # empty: not asked for
+    lights: tuple[Light, ...]  # empty: not requested
     shown: int  # the panels are of this frame of those that were given
     width_px: int
     height_px: int
@@ -139,7 +139,7 @@ class TuningService:
         return self.store.still(bay, frame, self.client.clock.wall_ns())
 
     async def newest(self, bay: str) -> Snapshot | None:
-        """Asked for a few times: a copy fails where the camera writes over the frame meanwhile."""
+        """Tried a few times: a copy fails where the camera writes over the frame meanwhile."""
         for _ in range(TRIES):
             if (frame := self.client.snapshot(bay)) is not None:
                 return frame
@@ -147,7 +147,7 @@ class TuningService:
         return None
 
     async def record(self, bay: str, seconds: float) -> Capture:
-        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none comes, BusyError."""
+        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none arrives, BusyError."""
         if self._recorders >= RECORDERS:
             raise BusyError("others are recording just now; try again in a moment")
         self._recorders += 1
@@ -189,8 +189,8 @@ class TuningService:
     ) -> CompletedTrial:
         """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError.
 
-        Not `timed`: a look at the one frame, for a slider that is being moved. `whole`: the frame itself is among the
-        pictures, for who can't fetch it otherwise.
+        Not `timed`: one run on the frame, for a slider that is being moved. `whole`: the frame itself is among the
+        pictures, for a page that can't fetch it otherwise.
         """
         in_force = await self.in_force(bay)
         if not timed:
@@ -202,7 +202,7 @@ class TuningService:
             result = trial.run(frames, *sides, wanted=wanted) if timed else trial.look(frames[0], *sides, wanted)
             at = min(shown, result.frames - 1) if timed else 0
             image = frames[at].image
-            # The whole frame's candidates, even where a tracked search looked at a window of it only.
+            # The full frame's candidates, even where a tracked search used a window of it only.
             found = self._known.of(frames[at], settings)
             panels = stages.panels(image, settings, found, width_px)
             if whole:
@@ -245,7 +245,7 @@ class TuningService:
     async def apply(
         self, bay: str, settings: VisionConfig, who: Writer, over: VisionConfig | None = None
     ) -> VisionConfig:
-        """Let settings go live, `over` those that are taken to be in force. What was can still be gone back to.
+        """Apply settings, `over` those that are assumed to be in force. The former ones can be restored.
 
         Raises RefusedError, where something else is in force, too; LinkError.
         """
@@ -258,7 +258,7 @@ class TuningService:
 
     async def undo(self, bay: str, who: Writer) -> VisionConfig | None:
         """Back to what was in force before the newest `apply`. None: there was none. Of two at the same time the second
-        goes one step further back."""
+        restores one step further."""
         async with self._changing[bay]:
             kept = self._undo.get(bay)
             if not kept:

@@ -16,7 +16,7 @@ LONGEST_S = 5.0
 RATE_HZ = 10.0  # of a recording, at most
 STORE_BYTES = 256 << 20  # of all bays
 RECORDING_BYTES = 96 << 20
-_AHEAD = 0.1  # of the period: a frame that comes so much early is on time
+_AHEAD = 0.1  # of the period: a frame that is so much early is on time
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from gateway.vision.detect.method import Panel
 from gateway.vision.pixels import Image
 from gateway.vision.view.drawing import scaled
 
-WIDTH_PX = 480  # of a panel, unless asked otherwise
+WIDTH_PX = 480  # of a panel, unless requested otherwise
 LARGEST_PX = 1920
 
 

@@ -1,8 +1,8 @@
 """Settings tried on frozen frames, beside the settings in force and the robust method as it is shipped. Pure.
 
-The clock and the question whether to go on are handed in. A trial runs the very detectors that the bay's vision
+The clock and the check whether to continue are parameters. A trial runs the very detectors that the bay's vision
 process runs, the tried and those in force in turn, so that the ratio of their times holds on a busy machine, too. In a
-recording each follows the marker as it would live; a single frame is looked at by itself, a few times.
+recording each follows the marker as it would live; a single frame is processed by itself, a few times.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,13 +19,13 @@ from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures
 from gateway.web.tuning.measures import Deviation, Jitter, StageTimes
 
-REPEATS = 9  # of a single frame, where the time is asked for
+REPEATS = 9  # of a single frame, where the time is requested
 LIMIT_S = 12.0
-LIKELY = 0.5  # confidence from which on the robust method's answer may stand as a reference
+LIKELY = 0.5  # confidence from which on the robust method's answer may be a reference
 
 
 class EndedError(GatewayError):
-    """The trial was given up: somebody wants another one, or nobody this one any more."""
+    """The trial was given up: another one was requested, or this one is not needed any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class SideResult:
 class TrialResult:
     """`reference`: the robust method with its shipped gates; without a circle where it is not sure."""
 
-    frames: int  # looked at: fewer than given where the time ran out
+    frames: int  # processed: fewer than given where the time ran out
     tried: SideResult
     in_force: SideResult
     reference: tuple[Detection, ...]
@@ -54,7 +54,7 @@ class TrialResult:
 
 
 class DetectionCache:
-    """Answers about single frames, kept for the frames at hand: a slider asks for the same ones again and again."""
+    """Answers about single frames, kept for the frames at hand: a slider requests the same ones repeatedly."""
 
     KEPT = 512
 
@@ -63,12 +63,12 @@ class DetectionCache:
 
     def of(self, frame: Snapshot, settings: VisionConfig, now_ns: NowNs = lambda: 0) -> Detection:
         """By itself: without tracking."""
-        alone = settings.model_copy(update={"tracking": False})
-        key = (frame.seq, frame.t_capture_ns, alone)
+        single = settings.model_copy(update={"tracking": False})
+        key = (frame.seq, frame.t_capture_ns, single)
         if key not in self._known:
             while len(self._known) >= self.KEPT:
                 del self._known[next(iter(self._known))]
-            self._known[key] = registry.once(alone, now_ns)(frame.image)
+            self._known[key] = registry.once(single, now_ns)(frame.image)
         return self._known[key]
 
     def reference(self, frame: Snapshot, lens: VisionConfig) -> Detection:
@@ -95,9 +95,9 @@ def look(
     now_ns: NowNs,
     wanted: Callable[[], bool] = lambda: True,
 ) -> TrialResult:
-    """One frame, once: for a slider that is being moved. Its times are those of single looks, perhaps long ago.
+    """One frame, once: for a slider that is being moved. Its times are those of single runs, perhaps old ones.
 
-    Raises EndedError as soon as `wanted` says no.
+    Raises EndedError as soon as `wanted` is false.
     """
     found: list[Detection] = []
     for settings in (tried, in_force, shipped(tried)):
@@ -118,12 +118,12 @@ def run(
     wanted: Callable[[], bool] = lambda: True,
     limit_s: float = LIMIT_S,
 ) -> TrialResult:
-    """At least one frame; a single one is looked at REPEATS times. Raises EndedError as soon as `wanted` says no."""
+    """At least one frame; a single one is processed REPEATS times. Raises EndedError as soon as `wanted` is false."""
     until_ns = now_ns() + round(limit_s * NS_PER_S)
-    alone = len(frames) == 1
-    runs = [frames[0]] * REPEATS if alone else list(frames)
-    ours, theirs = (_detector(settings, now_ns, alone=alone) for settings in (tried, in_force))
-    if alone:  # tables are made and memory is fetched in the first run
+    single = len(frames) == 1
+    runs = [frames[0]] * REPEATS if single else list(frames)
+    ours, theirs = (_detector(settings, now_ns, single=single) for settings in (tried, in_force))
+    if single:  # tables are made and memory is fetched in the first run
         ours(frames[0].image, 0), theirs(frames[0].image, 0)
     left: list[Detection] = []
     right: list[Detection] = []
@@ -134,7 +134,7 @@ def run(
         pair = (left, ours), (right, theirs)
         for found, detector in pair if n % 2 == 0 else reversed(pair):
             found.append(detector(frame.image, frame.t_capture_ns))
-        if not alone or n == 0:
+        if not single or n == 0:
             references.append(known.reference(frame, tried))
         if now_ns() > until_ns:
             break
@@ -166,11 +166,11 @@ def _result(
     )
 
 
-def _detector(settings: VisionConfig, now_ns: NowNs, *, alone: bool) -> Callable[[Image, int], Detection]:
-    return registry.detector(settings.model_copy(update={"tracking": settings.tracking and not alone}), now_ns)
+def _detector(settings: VisionConfig, now_ns: NowNs, *, single: bool) -> Callable[[Image, int], Detection]:
+    return registry.detector(settings.model_copy(update={"tracking": settings.tracking and not single}), now_ns)
 
 
 def _side(found: Sequence[Detection], frames: int, times_ns: Sequence[int]) -> SideResult:
-    """`found` has more entries than there are frames where a single one was looked at several times."""
+    """`found` has more entries than there are frames where a single one was processed several times."""
     first = tuple(found[:frames])
     return SideResult(first, measures.found_share(first), measures.jitter(times_ns, first), measures.times(found))

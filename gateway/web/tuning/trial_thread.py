@@ -45,9 +45,9 @@ class TrialThread:
         self.withdrawn = 0
 
     async def work(self, who: str, what: Callable[[Callable[[], bool]], T]) -> T:
-        """Do `what` on the thread; it is handed a question that it asks now and then: is this still wanted?
+        """Do `what` on the thread; its argument is a function that it calls now and then: is this still wanted?
 
-        Raises EndedError when `who` asked for something newer meanwhile, BusyError when too many others wait.
+        Raises EndedError when `who` requested something newer meanwhile, BusyError when too many others wait.
         """
         if who in self._items:
             self._items.pop(who).withdraw()
@@ -58,7 +58,8 @@ class TrialThread:
             async with self._turn:
                 if not item.wanted():
                     raise EndedError("given up for a newer one")
-                # If the waiting is cancelled, the thread hears below that nobody wants it; the next queues behind it.
+                # If the waiting is cancelled, the thread gets to know below that it is not wanted; the next queues
+                # behind it.
                 result = await asyncio.get_running_loop().run_in_executor(self._thread, what, item.wanted)
             if not item.wanted():
                 raise EndedError("given up for a newer one")
@@ -78,7 +79,7 @@ class TrialThread:
             self._items.pop(who).withdraw()
 
     def close(self) -> None:
-        """Takes back what runs or waits, and ends the thread, which may take as long as one look at a picture."""
+        """Takes back what runs or waits, and ends the thread, which may take as long as one run on a picture."""
         for item in self._items.values():
             item.withdraw()
         self._thread.shutdown(wait=True, cancel_futures=True)

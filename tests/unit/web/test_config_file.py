@@ -39,7 +39,7 @@ def test_a_second_save_needs_a_second_look(plant: Path) -> None:
     loaded = config_file.load(plant)
     config_file.save(loaded, "a = 1\n")
 
-    with pytest.raises(ChangedOnDiskError, match=r"plant\.toml: was changed by somebody else"):
+    with pytest.raises(ChangedOnDiskError, match=r"plant\.toml: was changed elsewhere"):
         config_file.save(loaded, "b = 1\n")
 
     assert plant.read_text() == "a = 1\n"

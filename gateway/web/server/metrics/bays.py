@@ -1,4 +1,4 @@
-"""The families of which every bay has a row of its own. Pure."""
+"""The families with one row for every bay. Pure."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -102,10 +102,10 @@ def _picture_faults(source: MetricsSource) -> Iterator[Labelled]:
 BAYS: tuple[Family, ...] = (
     _gauge("stop", "1: stop is on", lambda b: b.state.stop),
     _gauge("may_move", "1: the truck may move", lambda b: b.state.may_move),
-    _gauge("in_place", "1: the truck stands in place, the only condition for loading", lambda b: b.state.in_place),
+    _gauge("in_place", "1: the truck is in place, the only condition for loading", lambda b: b.state.in_place),
     _gauge("in_place_held", "1: in place by the ranger alone", lambda b: b.state.visit.held),
     _states("moved", "since it was in place, has the truck moved?", Moved, lambda s: s.visit.moved),
-    _states("visit_phase", "where the visit stands", VisitPhase, lambda s: s.visit.phase),
+    _states("visit_phase", "phase of the visit", VisitPhase, lambda s: s.visit.phase),
     _gauge("permit", "old name of may_move, for one version", lambda b: b.state.may_move),
     _gauge("decision", "D of equation 14; no sample: unknowable", lambda b: b.state.d),
     _gauge("stop_latched", "1: stop is latched", lambda b: b.state.memory.latched),
@@ -113,7 +113,7 @@ BAYS: tuple[Family, ...] = (
     _states("reason", "why stop is on", Reason, lambda s: s.reason),
     _states("vision_quality", "of the camera's reading", Quality, lambda s: s.vision.quality),
     _states("range_quality", "of the ranger's reading", Quality, lambda s: s.range.quality),
-    _states("tracking", "how the position was come by", Tracking,
+    _states("tracking", "how the position was obtained", Tracking,
             lambda s: s.vision.tracking if s.vision.quality in FRESH_FRAME else None),
     _states("ne107", "NAMUR NE 107: the signal that counts most", Ne107, status),
     _states("guidance", "the guidance to the driver", GuidanceCode, lambda s: s.guidance.code),
@@ -134,7 +134,7 @@ BAYS: tuple[Family, ...] = (
     _gauge("scale_jump_ratio", "how much the newest visit differs; no sample: by no more than a tenth",
            lambda b: _scale(b, lambda s: s.jump)),
     _gauge("to_go_meters", "until D = 1; negative: past it", lambda b: _meters(b.state.guidance.to_go_mm)),
-    _gauge("closing_speed_meters_per_second", "positive: the truck comes nearer",
+    _gauge("closing_speed_meters_per_second", "positive: the truck approaches",
            lambda b: _meters(b.state.guidance.closing_mm_s)),
     _gauge("picture_brightness_ratio", "mean grey level of the picture, of white; no sample: no fresh picture",
            _picture(lambda p: p.brightness)),

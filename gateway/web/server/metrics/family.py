@@ -25,7 +25,7 @@ class PageStatistics:
 
 @dataclass(frozen=True, slots=True)
 class MetricsSource:
-    """All there is to tell."""
+    """All there is to report."""
 
     client: GatewayClient
     pages: PageStatistics

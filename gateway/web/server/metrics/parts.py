@@ -109,11 +109,11 @@ def _links_age(source: MetricsSource) -> Value:
 
 
 PARTS: tuple[Family, ...] = (
-    Family("health", "state set", "as /healthz says", _health, (), STATUSES),
+    Family("health", "state set", "as in /healthz", _health, (), STATUSES),
     _whole("links_age_seconds", "gauge", "of what is reported here of links, tasks and alarms", _links_age),
     _modbus("connections_open", "gauge", "clients connected now", lambda s: s.open),
     _modbus("connections", "counter", "clients let in", lambda s: s.connections),
-    _modbus("requests", "counter", "whole frames", lambda s: s.requests),
+    _modbus("requests", "counter", "complete frames", lambda s: s.requests),
     _modbus("exceptions", "counter", "requests answered with a Modbus exception", lambda s: s.exceptions),
     _modbus("image_faults", "counter", "of the exceptions: no registers could be had", lambda s: s.image_faults),
     Family("modbus_refusals", "counter", "connections not let in or cut, frames discarded", _refusals,
@@ -134,7 +134,7 @@ PARTS: tuple[Family, ...] = (
     _figure("sparkplug_connected", "gauge", "1: connected and subscribed"),
     _figure("sparkplug_born", "gauge", "1: births were sent in this session"),
     _figure("sparkplug_births", "counter", "NBIRTHs"),
-    _figure("sparkplug_rebirths", "counter", "births that a host asked for"),
+    _figure("sparkplug_rebirths", "counter", "births that a host requested"),
     _figure("sparkplug_data_messages", "counter", "DDATA and NDATA"),
     _figure("sparkplug_commands_refused", "counter", "commands that nothing obeys"),
     _figure("sparkplug_history_dropped", "counter", "changes of stop given up"),
@@ -148,7 +148,7 @@ PARTS: tuple[Family, ...] = (
     _task("running", "gauge", "1: the task runs", lambda t: t.running),
     _task("starts", "counter", "its starts; the first one is one", lambda t: t.starts),
     _task("link_errors", "counter", "starts that ended with a lost link", lambda t: t.link_errors),
-    _task("crashes", "counter", "starts that ended with an error nobody foresaw", lambda t: t.crashes),
+    _task("crashes", "counter", "starts that ended with an unexpected error", lambda t: t.crashes),
     Family("alarms", "gauge", "alarms by their state (docs/alarms.md)", _alarms, ("state",)),
     Family("alarm_announcements", "counter", "times an alarm was announced, by kind", _announced, ("kind",)),
     _viewers("viewers", "gauge", "live pages open now", lambda c: c.open),

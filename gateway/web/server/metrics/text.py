@@ -42,7 +42,7 @@ class Gateway(Collector):
 
 
 def text(source: MetricsSource, accept: str = "") -> tuple[bytes, str]:
-    """Body and content type; `accept` is the request's header: OpenMetrics for those who ask for it."""
+    """Body and content type; `accept` is the request's header: OpenMetrics on request."""
     encode, content_type = choose_encoder(accept)
     return encode(Gateway(source)), content_type
 
@@ -70,16 +70,16 @@ def _metric(family: Family, source: MetricsSource) -> Metric:
 
 
 def _histograms(source: MetricsSource) -> Iterator[Metric]:
-    whole = HistogramMetricFamily(PREFIX + LATENCY[0], LATENCY[1], labels=["bay"])
+    total = HistogramMetricFamily(PREFIX + LATENCY[0], LATENCY[1], labels=["bay"])
     stages = HistogramMetricFamily(PREFIX + STAGE[0], STAGE[1], labels=["bay", "stage"])
     bounds = [f"{bound_s:g}" for bound_s in BOUNDS_S] + ["+Inf"]
     for row in source.client.links.latencies:
         buckets = list(zip(bounds, map(float, accumulate(row.counts)), strict=True))
         if row.stage == CAPTURE_TO_RESULT:
-            whole.add_metric([row.bay], buckets, row.sum_s)
+            total.add_metric([row.bay], buckets, row.sum_s)
         else:
             stages.add_metric([row.bay, row.stage], buckets, row.sum_s)
-    return iter((whole, stages))
+    return iter((total, stages))
 
 
 def markdown() -> str:
