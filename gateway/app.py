@@ -45,7 +45,7 @@ from gateway.web.ipc.messages import WebSetup
 
 log = logging.getLogger(__name__)
 
-FAREWELL_S = 1.0  # for the final messages of the sinks; the whole exit stays under 2 s
+FAREWELL_S = 1.0  # for the final messages of the sinks; the complete exit stays under 2 s
 LAST_WORD_S = 0.5  # at least so long a PLC can read that the gateway leaves; five polls at 100 ms
 
 

@@ -13,7 +13,7 @@ from gateway.core.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, Pictur
 from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
 
-OWN_ALARM = ("mqtt", "sparkplug")  # sinks whose loss is an alarm of its own
+OWN_ALARM = ("mqtt", "sparkplug")  # sinks whose loss is a separate alarm
 ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
 MINUTE_S = 60.0
 

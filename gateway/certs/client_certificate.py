@@ -79,5 +79,5 @@ def _revoked(pem: bytes) -> Iterator[Serial]:
 
 
 def printable(text: str) -> str:
-    """One line of limited length: text of a certificate goes into the log, and must not look like a record."""
+    """One line of limited length: text of a certificate is written to the log, and must not look like a record."""
     return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text[:MAX_SHOWN])

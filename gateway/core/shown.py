@@ -1,6 +1,6 @@
 """What may be shown of a bay now: the one rule of every output, so that all of them show the same. Pure.
 
-A state is valid until `valid_until_ns`, which every tick of the control task extends. Readings alone do not: without
+A state is valid until `valid_until_ns`, which every tick of the control task extends. Readings do not: without
 ticks nothing is decided, and good values must not be shown beside a heartbeat that no longer counts.
 """
 

@@ -24,7 +24,7 @@ class Gone:
     """From the pool: the process of a child has ended."""
 
     how: str
-    crashed: bool = False  # by a fault of its own code: SIGSEGV, SIGABRT and their like
+    crashed: bool = False  # by a fault of the child's code: SIGSEGV, SIGABRT and their like
 
 
 class Link(Generic[Out, In]):

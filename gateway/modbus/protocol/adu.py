@@ -5,7 +5,7 @@ and PDU), unit id; all in network order. MODBUS Messaging on TCP/IP Implementati
 
 Faults of a frame are reported, never raised:
 
-- another protocol id: the frame is discarded without an answer, as the guide says. Its length still gives the start of
+- another protocol id: the frame is discarded without an answer, as in the guide. Its length still gives the start of
   the next one.
 - a length that no frame can have: the start of the next frame is unknown, so the connection must end.
 """

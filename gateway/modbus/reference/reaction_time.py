@@ -30,7 +30,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """From `cause` to both outputs off (`effect` says which counts), at most the sum of `parts`."""
+    """From `cause` to both outputs off (`effect` defines which counts), at most the sum of `parts`."""
 
     cause: str
     effect: str

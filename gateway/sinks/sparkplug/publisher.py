@@ -108,7 +108,7 @@ class SparkplugPublisher:
         return LinkStatus("sparkplug", born, detail, without_password(self._config.url), stats.history_dropped, figures)
 
     async def deliver(self) -> None:
-        """One session, until the link breaks or the primary host goes offline (LinkError), or after `farewell`."""
+        """One session, until the link breaks or the primary host is offline (LinkError), or after `farewell`."""
         async with self._connection_lock:
             if self._closing.is_set():
                 return

@@ -108,7 +108,7 @@ def read(path: Path) -> Iterator[Picture]:
 
 
 def decode(data: bytes) -> Image:
-    """The (first) picture in a file's bytes, as the module says. Raises InputError."""
+    """The (first) picture in a file's bytes, by the rules of the module. Raises InputError."""
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if data else None
     except cv2.error as error:

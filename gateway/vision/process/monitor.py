@@ -409,7 +409,7 @@ class ProcessMonitor:
 
     def _emit_fault(self, quality: Quality, t_ns: int, seq: int, why: str, now_ns: int) -> None:
         self.stats = replace(self.stats, rate_hz=self._rate_hz(now_ns))
-        self._reported_ns = max(t_ns, self._reported_ns)  # whoever keeps the newest reading must not miss it
+        self._reported_ns = max(t_ns, self._reported_ns)  # a reader of the newest reading must not miss it
         self._readings.append(VisionReading(self._reported_ns, quality, frame_id=seq, detail=why, stats=self.stats))
 
 

@@ -160,7 +160,7 @@ class Capture:
             frame = source.read()
             if last is not None and np.may_share_memory(last, frame.image):
                 raise LinkError(
-                    f"{spec.label}: it has written into a frame that it had handed over; each needs an array of its own"
+                    f"{spec.label}: it has written into a frame that it had handed over; each needs its own array"
                 )
             last = frame.image
             t_capture_ns = max(0, min(frame.t_capture_ns, clock.now_ns()))  # by another clock it would be new for ever

@@ -76,7 +76,7 @@ class PresentationTime:
 
 
 class BufferTime:
-    """A V4L2 buffer's stamp: of the clock that the gateway reads, as nearly every driver gives it, else of its own."""
+    """A V4L2 buffer's stamp: of the clock that the gateway reads, as nearly every driver gives it, else of another."""
 
     def __init__(self) -> None:
         self._own_clock = PresentationTime()

@@ -118,7 +118,7 @@ class Ring:
         return now_ns < self._requested_until_ns or now_ns - self._written_ns >= UNREQUESTED_PERIOD_NS
 
     def _requested(self) -> bool:
-        """Never waits, not even for whoever has got hold of a web process and made the eventfd one that does."""
+        """Never waits, not even if an intruder in a web process has made the eventfd blocking."""
         try:
             return os.preadv(self._spec.request_fd, (self._requests,), -1, os.RWF_NOWAIT) > 0
         except BlockingIOError:

@@ -32,7 +32,7 @@ def save(folder: Path, stem: str, pictures: Mapping[str, NDArray[np.uint8]]) -> 
     for name, picture in pictures.items():
         path = folder / f"{stem}-{name}.png"
         try:
-            # Encoded first: OpenCV's own writer says only "false", and crashes on names that are not UTF-8.
+            # Encoded first: OpenCV's own writer returns only "false", and crashes on names that are not UTF-8.
             path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
         except OSError as error:
             raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error

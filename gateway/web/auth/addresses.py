@@ -97,7 +97,7 @@ def whole_number(least: int, most: int) -> BeforeValidator:
 
 
 class _JsonRequest(Request):
-    """Its body is JSON, whatever Content-Type says, and no body is an empty object."""
+    """Its body is JSON, regardless of Content-Type, and no body is an empty object."""
 
     @property
     def headers(self) -> Headers:

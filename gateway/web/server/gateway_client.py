@@ -57,7 +57,7 @@ URGENT_SHARE = MAX_STATES - 2  # of one answer; the rest is taken from all bays 
 
 
 class RefusedError(GatewayError):
-    """The main process did not carry out an order; the text says why."""
+    """The main process did not carry out a command; the text has the reason."""
 
 
 _RAISED = {

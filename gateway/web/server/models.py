@@ -318,7 +318,7 @@ class HealthReason(BaseModel):
 
 
 class HealthView(BaseModel):
-    """`/healthz`. `failing` comes with 503: a restart may help. `degraded` with 200: it does not."""
+    """`/healthz`. `failing` is sent with 503: a restart may help. `degraded` with 200: it does not."""
 
     model_config = FROZEN
     status: HealthStatus

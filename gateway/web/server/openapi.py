@@ -26,8 +26,8 @@ COOKIE = "gateway-session"  # with the default instance; __Host-... with TLS
 ABOUT = """State, events, registers, alarms and pictures of a bulk loading gateway, for programs.
 
 Every caller needs the role that the operation names (`x-role`), by HTTP Basic or by the session of a login; `[hmi]
-without_login` of the configuration says what is open to everybody. What changes something needs a session and its token
-in `X-CSRF-Token`, which `GET /api/session` returns. Nothing here can end a stop.
+without_login` of the configuration defines what is open to everybody. What changes something needs a session and its
+token in `X-CSRF-Token`, which `GET /api/session` returns. Nothing here can end a stop.
 
 Ages are those at sending. Numbers that are not known are null. See docs/hmi-api.md."""
 

@@ -90,7 +90,7 @@ def deviation(found: Sequence[Detection], other: Sequence[Detection]) -> Deviati
 
 
 def times(found: Sequence[Detection]) -> StageTimes:
-    """At least one detection. A stage that a frame did without took no time in it: the stages add up to the whole."""
+    """At least one detection. A stage that a frame did without took no time in it: the stages add up to the total."""
     names = dict.fromkeys(stage for one in found for stage, _ in one.stage_ns)
     rows = [dict(one.stage_ns) for one in found]
     medians = ((name, float(np.median([row.get(name, 0) for row in rows])) / NS_PER_MS) for name in names)

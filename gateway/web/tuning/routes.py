@@ -135,7 +135,7 @@ async def _trial(request: Tuning, body: TrialBody) -> Response:
         shown=shown,
         timed=body.timed,
         width_px=body.width_px,
-        whole=body.live,
+        with_frame=body.live,
     )
     return JSONResponse(response_models.tried(request.bay, made))
 

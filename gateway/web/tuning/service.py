@@ -185,11 +185,11 @@ class TuningService:
         shown: int,
         timed: bool,
         width_px: int,
-        whole: bool = False,
+        with_frame: bool = False,
     ) -> CompletedTrial:
         """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError.
 
-        Not `timed`: one run on the frame, for a slider that is being moved. `whole`: the frame itself is among the
+        Not `timed`: one run on the frame, for a slider that is being moved. `with_frame`: the frame itself is among the
         pictures, for a page that can't fetch it otherwise.
         """
         in_force = await self.in_force(bay)
@@ -205,8 +205,8 @@ class TuningService:
             # The full frame's candidates, even where a tracked search used a window of it only.
             found = self._known.of(frames[at], settings)
             panels = stages.panels(image, settings, found, width_px)
-            if whole:
-                panels = (stages.whole(image, width_px), *panels)
+            if with_frame:
+                panels = (stages.full_frame(image, width_px), *panels)
             found_remarks = remarks(frames, settings, in_force, result)
             lights = _lights(frames, result) if timed else ()
             height, width = image.shape[:2]

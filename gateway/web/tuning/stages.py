@@ -20,7 +20,7 @@ def panels(image: Image, settings: VisionConfig, found: Detection, width_px: int
     return registry.method(settings.method).panels(image, settings, found, _scale(image, width_px))
 
 
-def whole(image: Image, width_px: int) -> Panel:
+def full_frame(image: Image, width_px: int) -> Panel:
     """The picture itself."""
     return Panel("picture", "Picture", "as the camera gave it", scaled(image, _scale(image, width_px)))
 

@@ -94,9 +94,9 @@ def test_a_blob_at_every_distance_from_an_edge(turns: int, kernel_of: KernelOf) 
 
 
 def test_without_an_opening_there_is_no_shortcut() -> None:
-    assert ExactSearch.knows(PAPER)
-    assert not ExactSearch.knows(PAPER.model_copy(update={"morph_iterations": 0}))
-    assert not ExactSearch.knows(PAPER.model_copy(update={"morph_kernel_px": 1}))
+    assert ExactSearch.supports(PAPER)
+    assert not ExactSearch.supports(PAPER.model_copy(update={"morph_iterations": 0}))
+    assert not ExactSearch.supports(PAPER.model_copy(update={"morph_kernel_px": 1}))
 
 
 @pytest.mark.parametrize("image", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((0, 4, 3), np.uint8)])

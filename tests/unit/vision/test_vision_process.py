@@ -115,9 +115,7 @@ def test_a_source_that_writes_into_a_frame_which_it_has_handed_over_is_refused(r
     """The detector works on that frame: it would see half of one picture and half of the next."""
     _, first, lost = captured(FewFrames(3, one_buffer=True), ring)
     assert first.seq == 5
-    assert lost == SourceLost(
-        "few: it has written into a frame that it had handed over; each needs an array of its own"
-    )
+    assert lost == SourceLost("few: it has written into a frame that it had handed over; each needs its own array")
 
 
 @pytest.mark.parametrize("message", [SourceLost, Failed])

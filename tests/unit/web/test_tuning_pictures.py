@@ -70,7 +70,7 @@ def test_panels_are_as_wide_as_asked_and_enlarged_by_whole_factors(width_px: int
     for params in (PAPER, ROBUST):
         for panel in panels(params, width_px=width_px).values():
             assert panel.image.shape[:2] == (expected * HEIGHT // WIDTH, expected)
-    assert stages.whole(picture(), width_px).image.shape[1] == expected
+    assert stages.full_frame(picture(), width_px).image.shape[1] == expected
 
 
 def test_masks_are_encoded_without_loss() -> None:

@@ -1,4 +1,4 @@
-"""The paper's detection stages, equations 1 to 10: each one a pure function that can be examined alone.
+"""The paper's detection stages, equations 1 to 10: each one a pure function that can be examined by itself.
 
 Pictures are (H, W, 3) uint8, BGR; masks are (H, W) uint8 with 255 for the paper's 1 and 0 for its 0; contours are
 (m, 1, 2) int32, (x, y) px of border pixels, closed (the last point joins the first). Pixel centres lie at integers.

@@ -32,7 +32,7 @@ def quality(rim: Rim) -> float:
 
 
 def even(rim: Rim) -> bool:
-    """Do the edges lie on the ellipse but for their noise, rather than off it for whole sectors?"""
+    """Do the edges lie on the ellipse but for their noise, rather than off it for complete sectors?"""
     return rim.wave_px <= max(EVEN_PX, BY_CHANCE * rim.rms_px * math.sqrt(SECTORS / rim.inliers))
 
 

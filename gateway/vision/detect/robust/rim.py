@@ -92,7 +92,7 @@ def refine(
     `search_px`: how far off the seed's rim may be, along its normals; default: a sixth of its radius, at least 4 px;
     0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `rays`: at most so many
     in the fine stage. `doubt`: see `support.fit`. `least_visible`: fewer of the entire rim's rays are no rim.
-    `opponent`: the rim of red against green alone, see `rays.sample`.
+    `opponent`: the rim of red against green only, see `rays.sample`.
     """
     outline = from_ellipse(seed)
     if not _sane(outline, image):
@@ -270,7 +270,7 @@ def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
     """Shift, height and variance of the step along every ray, all channels together.
 
     Channels are weighed by the height of the step in them: that of the neighbourhood, not the ray's own. The ray's own
-    goes wrong by the same grain of the background as its shift does, which would bias the product of the two outward.
+    errs by the same grain of the background as its shift does, which would bias the product of the two outward.
     """
     count, channels, colours = rays.count, rays.channels, rays.colours
     steps = len(colours)

@@ -72,7 +72,7 @@ def noise(image: Image) -> float:
 
 
 def advice(lights: Sequence[Light]) -> list[str]:
-    """Changes to make at the camera, as text, the most harmful first; one line says so where nothing is to be done."""
+    """Changes to make at the camera, as text, the most harmful first; one line where nothing is to be changed."""
     advice = []
     clipped = _middle(light.marker_clipped for light in lights)
     v = _middle(light.marker_v for light in lights)

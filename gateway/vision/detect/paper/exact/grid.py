@@ -55,7 +55,7 @@ class PyramidScanner:
         self._blur = BlurScanner(params, opening)
 
     @staticmethod
-    def knows(params: VisionConfig) -> bool:
+    def supports(params: VisionConfig) -> bool:
         return params.gaussian_kernel_px == 5 and not params.gaussian_sigma_px
 
     def axis(self, size: int) -> Axis:
@@ -94,10 +94,10 @@ class BlurScanner:
 
 
 def scanner(params: VisionConfig, opening: Opening, kernel: Kernel | None) -> Scanner:
-    """The fastest that knows the blur of these parameters."""
+    """The fastest that supports the blur of these parameters."""
     if kernel is not None:
         return KernelScanner(kernel, opening)
-    return PyramidScanner(params, opening) if PyramidScanner.knows(params) else BlurScanner(params, opening)
+    return PyramidScanner(params, opening) if PyramidScanner.supports(params) else BlurScanner(params, opening)
 
 
 class ScanGrid:

@@ -48,7 +48,7 @@ class ExactSearch:
         self._grid: ScanGrid | None = None
 
     @staticmethod
-    def knows(params: VisionConfig) -> bool:
+    def supports(params: VisionConfig) -> bool:
         """Without an opening every red pixel survives: there is nothing to be gained."""
         return Opening.of(params).side_px > 1
 
@@ -105,7 +105,8 @@ def packed(image: Image) -> Image:
 
 
 def in_plain_order(found: list[Contour]) -> list[Contour]:
-    """As OpenCV lists those of a full frame: a contour begins with its first pixel, and the last one comes first."""
+    """As OpenCV lists those of a full frame: a contour begins with its first pixel, and the last one is listed
+    first."""
     return sorted(found, key=lambda contour: (int(contour[0, 0, 1]), int(contour[0, 0, 0])), reverse=True)
 
 

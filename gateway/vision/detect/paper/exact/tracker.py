@@ -193,10 +193,10 @@ def of(params: VisionConfig, now_ns: NowNs = lambda: 0) -> ExactTracker:
 
 def detector(params: VisionConfig, now_ns: NowNs) -> Detector:
     """On full frames: by the shortcuts that change no bit, where they hold."""
-    return search.of(params, now_ns) if ExactSearch.knows(params) else pipeline.detector(params, now_ns)
+    return search.of(params, now_ns) if ExactSearch.supports(params) else pipeline.detector(params, now_ns)
 
 
 def tracked(params: VisionConfig, now_ns: NowNs) -> Search:
     """For a Follower, whose prediction it does not need: it keeps the marker's motion itself."""
-    find = of(params, now_ns) if ExactSearch.knows(params) else pipeline.detector(params, now_ns)
+    find = of(params, now_ns) if ExactSearch.supports(params) else pipeline.detector(params, now_ns)
     return lambda image, t_ns, *_: find(image, t_ns)

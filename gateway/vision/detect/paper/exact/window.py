@@ -34,7 +34,7 @@ class WindowStages:
         return stages.red_mask(stages.bgr_to_hsv(inner), *self._ranges)
 
     def cleaned(self, image: Image, window: Box) -> Mask:
-        """M_c in the window: exact for components as far inside as `geometry` says."""
+        """M_c in the window: exact for components as far inside as `geometry` requires."""
         if self._kernel is not None and self._opening.side_px <= LARGEST_SIDE_PX:
             return self._kernel.cleaned(image, window, self._opening.side_px)
         how = (self._params.morph_kernel_px, self._params.morph_iterations)
