@@ -51,7 +51,7 @@ LAST_WORD_S = 0.5  # at least so long a PLC can read that the gateway leaves; fi
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Where each bay's frames and distances come from, by bay name."""
+    """The sources of each bay's frames and distances, by bay name."""
 
     camera: Mapping[str, SourceSpec]
     ranger: Mapping[str, str]  # pyserial URLs
@@ -78,7 +78,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         except ConfigError as error:
             message = re.sub(r"^(modbus\.tls\.|camera\.url|ranger port)\b[:= ]*", "", str(error))
             line = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
-            if line not in faults:  # a shared section is looked at once per bay
+            if line not in faults:  # a shared section is checked once per bay
                 faults.append(line)
 
     for n, bay in enumerate(config.bays):
@@ -236,7 +236,7 @@ async def run(
 
 
 def _on_range(control: BayControl, vision: VisionService, reading: RangeReading) -> None:
-    """A distance is also what tells the search how large the marker can be."""
+    """A distance also gives the search the marker's possible size."""
     control.on_range(reading)
     vision.expect(control.marker_radii_px())
 

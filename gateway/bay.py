@@ -134,7 +134,7 @@ class BayControl:
         self._publish(new, self._rate_limited([*written, *happened]))
 
     def _rate_limited(self, happened: list[Event]) -> list[Event]:
-        """Without those about writes that arrive faster than anybody could read them; these are counted."""
+        """Without those about writes that arrive too fast to be read; these are counted."""
         kept: list[Event] = []
         for event in happened:
             if event.kind not in WRITE_EVENTS:

@@ -1,9 +1,9 @@
 """Equation 13's shared state vector x = [u, v, R, Z, tau]: any local process can attach and read it consistently.
 
 One file per bay in shared memory. The gateway holds an exclusive lock on it while it lives; the kernel drops the lock
-when the gateway dies, however it dies, so a reader can tell a live vector from an abandoned one, and the next gateway
-removes abandoned files. Reading and writing never wait for each other: the writer fills one of two slots and then
-points to it, a reader takes that slot and accepts it only if it is still pointed to and its checksum matches
+when the gateway dies, however it dies, so a reader can distinguish a live vector from an abandoned one, and the next
+gateway removes abandoned files. Reading and writing never wait for each other: the writer fills one of two slots and
+then points to it, a reader takes that slot and accepts it only if it is still pointed to and its checksum matches
 (docs/decisions/0003). A gateway that is alive but not running (stopped, hung, its control task dead) holds its lock,
 too: each state carries the time up to which it is valid, and a reader withdraws an old one (gateway/core/shown.py).
 """
@@ -43,7 +43,7 @@ _COUNT_AT = _HEAD.size - _COUNT.size
 # Any user may write into the folder: a file of our name may be a pipe, or a link to another place.
 _LOOK = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
 _TRIES = 100
-_PAUSE_S = 0.002  # between two looks at another's lock; a gateway that only sweeps is done by then
+_PAUSE_S = 0.002  # between two checks of another's lock; a gateway that only sweeps is done by then
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ Z_vision: with the intrinsics and the marker's true radius the radius in the pic
 * marker_radius_mm / R. --marker-radius-mm prints [fusion.cross_check] as well: the gateway then compares it with the
 ranger's Z, and stops where they disagree.
 
-exit codes: 0 done (look at the warnings), 2 an argument, or the pictures, must be changed
+exit codes: 0 done (check the warnings), 2 an argument, or the pictures, must be changed
 """
 
 import argparse
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 NAME = "calibrate"
 HELP = "camera intrinsics from pictures of a board"
-_HINTS = 3  # pictures looked at for a board of another size
+_HINTS = 3  # pictures checked for a board of another size
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -138,13 +138,11 @@ def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[in
     return views, size_px, [name for view, name, _ in seen if view is None]
 
 
-def _no_board(board: "Board", looked_at: int, kept: Sequence["Image"]) -> str:
+def _no_board(board: "Board", checked: int, kept: Sequence["Image"]) -> str:
     from gateway.vision.offline.calibration.boards import other_size
 
-    text = (
-        f"gateway calibrate: no {board} in any of {looked_at} pictures; the whole board must be seen, with a light rim"
-    )
-    if not looked_at:
+    text = f"gateway calibrate: no {board} in any of {checked} pictures; the whole board must be seen, with a light rim"
+    if not checked:
         return "gateway calibrate: no picture could be read"
     for image in kept:
         if size := other_size(board, image):

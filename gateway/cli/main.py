@@ -27,7 +27,7 @@ VERBS = (
 EPILOG = """\
 first steps:
   gateway simulate                  a loading bay with no hardware at all; poll it with any Modbus client
-  gateway check config/gateway.toml tell what is wrong with a configuration
+  gateway check config/gateway.toml check a configuration, list its faults
   gateway run config/gateway.toml   the real thing
 exit codes: 0 done, 1 failed, 2 a file or an argument must be edited
 """

@@ -1,4 +1,4 @@
-"""What the verbs that look at pictures share: the decoders' limits, a bay's settings, a progress bar."""
+"""Shared by the verbs that process pictures: the decoders' limits, a bay's settings, a progress bar."""
 
 import os
 import sys

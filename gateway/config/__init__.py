@@ -142,7 +142,7 @@ def load(path: Path, overrides: Mapping[str, Any] | None = None) -> GatewayConfi
 
 
 def parse(data: Mapping[str, Any], *, source: str = "config", text: str = "") -> GatewayConfig:
-    """Check a parsed document. `text` is the TOML it came from, for line numbers. Raises ConfigError."""
+    """Check a parsed document. `text` is its TOML, for line numbers. Raises ConfigError."""
     try:
         return GatewayConfig.model_validate(_with_shared_sections(data))
     except ValidationError as error:

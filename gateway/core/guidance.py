@@ -1,6 +1,6 @@
 """The instruction for the driver: (state, configuration) -> guidance code and the numbers behind it. Pure.
 
-It decides nothing: it follows `stop`. While stop is on, no code ever tells the truck to come nearer.
+It decides nothing: it follows `stop`. While stop is on, no code ever instructs the truck to approach.
 
 Distance to go, until D = 1. Z falls to Z_th, and R, which for a pinhole grows as 1 / Z, reaches R_th at Z R / R_th:
 
@@ -53,7 +53,7 @@ def tracked(track: Track, reading: RangeReading, now_ns: int) -> Track:
 
 
 def closing_mm_s(track: Sequence[tuple[int, float]]) -> float | None:
-    """Speed of approach; None while there are too few readings to tell."""
+    """Speed of approach; None while there are too few readings."""
     if len(track) < TRACK_MIN or track[-1][0] - track[0][0] < TRACK_MIN_NS:
         return None
     slopes = [
@@ -66,7 +66,7 @@ def closing_mm_s(track: Sequence[tuple[int, float]]) -> float | None:
 
 
 def to_go_mm(radius_px: float, distance_mm: float, config: FusionConfig) -> float:
-    """How much nearer the truck must come until D = 1; negative: it is past that place. Hysteresis left out."""
+    """Remaining distance until D = 1; negative: it is past that place. Hysteresis left out."""
     by_radius = distance_mm - distance_mm * radius_px / config.radius_threshold_px
     return max(distance_mm - config.distance_threshold_mm, by_radius)
 

@@ -155,7 +155,7 @@ def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int
 def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: HandshakeConfig) -> Handshake:
     """The block after `write` (None: no write, time has passed), with `state` as the sensors have it now.
 
-    The writer owns the block (`claim`). `recipe` of a write is not looked at here: `select` runs before the sensors'
+    The writer owns the block (`claim`). `recipe` of a write is not processed here: `select` runs before the sensors'
     values are judged.
     """
     before = plc

@@ -109,7 +109,7 @@ REASON_MEANING: dict[Reason, str] = {
 
 
 class Tracking(IntEnum):
-    """How the position of this frame was come by. The numbers are on the wire: never renumber, only add."""
+    """How the position of this frame was obtained. The numbers are on the wire: never renumber, only add."""
 
     OFF = 0
     MEASURED = 1
@@ -157,7 +157,7 @@ class Ellipse:
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """A candidate that was looked at and not taken, and why: a short code that the method's table explains."""
+    """A candidate that was measured and rejected, and why: a short code that the method's table explains."""
 
     circle: Circle
     why: str
@@ -176,8 +176,8 @@ class Detection:
     y_n: float | None = None
     stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage, in pipeline order
     ellipse: Ellipse | None = None  # the rim, where the method fits one; `circle` is the one round it
-    confidence: float | None = None  # 0 to 1; None: the method can't tell
-    visible: float | None = None  # share of the rim that was seen; None: the method can't tell
+    confidence: float | None = None  # 0 to 1; None: the method doesn't report it
+    visible: float | None = None  # share of the rim that was seen; None: the method doesn't report it
     rejected: tuple[Rejection, ...] = ()  # the best few of the candidates not taken
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # where the marker should be; only while it coasts
@@ -262,8 +262,8 @@ class VisionReading:
     stats: VisionStats = field(default_factory=VisionStats)
     stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage of this frame, in pipeline order; empty: no result
     ellipse: Ellipse | None = None  # of the circle, where the method fits one
-    confidence: float | None = None  # 0 to 1; None: no circle, or the method can't tell
-    visible: float | None = None  # share of the rim that was seen; None: no circle, or the method can't tell
+    confidence: float | None = None  # 0 to 1; None: no circle, or the method doesn't report it
+    visible: float | None = None  # share of the rim that was seen; None: no circle, or the method doesn't report it
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
     wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only

@@ -71,7 +71,7 @@ def restarts(state: StateVector) -> int:
 
 
 def degraded(state: StateVector) -> bool:
-    """Has something had to be restarted lately, or do many lines come damaged?"""
+    """Was something restarted lately, or do many damaged lines arrive?"""
     since_ns = state.memory.restarted_ns
     if since_ns is not None and state.t_ns - since_ns < MAINTENANCE_NS:
         return True

@@ -126,7 +126,7 @@ RESET_MEANING: dict[ResetVerdict, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Writer:
-    """Who wrote. `subject` and `role` come from the certificate and are empty on plain TCP."""
+    """Who wrote. `subject` and `role` are those of the certificate, empty on plain TCP."""
 
     address: str
     subject: str = ""

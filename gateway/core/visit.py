@@ -188,7 +188,7 @@ def _monitored(visit: Visit, place: TruckPosition, state: StateVector, limits: L
     moved, contradicts = _compared(place, state, limits.visit)
     covered = contradicts or (state.vision.circle is None and state.vision.quality not in NOT_MEASURING)
     if moved is not Moved.NO and visit.moved is Moved.NO:
-        # One frame without the marker, or with it again, is not enough to tell.
+        # One frame without the marker, or with it again, is not enough to decide.
         lasts = _lasts(visit.covered_since_ns, state, limits.visit.hold_grace_s)
         visit = replace(visit, moved=moved, moved_covered=lasts)
     covered_since_ns = _since(visit.covered_since_ns, state, on=covered)

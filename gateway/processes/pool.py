@@ -127,10 +127,10 @@ class Pool(Generic[Out, In]):
         where.add(token)
         self._on_news()
 
-    def messages(self, *, everybody: bool = True, most: int = MAX_MESSAGES) -> Iterator[tuple[int, In | Failed | Gone]]:
+    def messages(self, *, every: bool = True, most: int = MAX_MESSAGES) -> Iterator[tuple[int, In | Failed | Gone]]:
         """All that has arrived; `Gone` is the last message of each process, once. Never waits.
 
-        Without `everybody` only from those that the event loop has seen send or end, and only the oldest of each that
+        Without `every` only from those that the event loop has seen send or end, and only the oldest of each that
         has not ended: it will see the others, too. That spares some system calls. Of one that sends faster than it is
         read no more than `most` are taken at once; the event loop sees the rest.
         """
@@ -139,11 +139,13 @@ class Pool(Generic[Out, In]):
         self._ended.clear()
         found: list[tuple[int, Child[Out, In], int | None, list[In | Failed]]] = []
         for token, child in self._children.items():
-            if not everybody and token not in active:
+            if not every and token not in active:
                 continue
-            asked = everybody or token in ended
-            status = child.process.poll() if asked else None  # before reading, so that the last messages are not missed
-            limit = MAX_MESSAGES if status is not None else most if asked else 1
+            polled = every or token in ended
+            status = (
+                child.process.poll() if polled else None
+            )  # before reading, so that the last messages are not missed
+            limit = MAX_MESSAGES if status is not None else most if polled else 1
             found.append((token, child, status, child.link.received(limit)))
         for token, child, status, arrived in found:
             for message in arrived:

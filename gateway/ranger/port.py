@@ -12,7 +12,7 @@ import serial
 from gateway.errors import ConfigError, LinkError
 
 READ_S = 0.05
-"""A read that finds nothing returns after so long; the reader then looks at the clock and at its stop flag."""
+"""A read that finds nothing returns after so long; the reader then checks the clock and its stop flag."""
 READ_BYTES = 4096
 WRITE_S = 0.2
 

@@ -190,7 +190,7 @@ class EmulatedRanger:
     async def _tell(self, lines: Iterator[str] | list[str]) -> None:
         assert self._process is not None
         assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # it ended: `run` looks at the return code
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # it ended: `run` checks the return code
             self._process.stdin.write("".join(f"{line}\n" for line in lines).encode())
             await self._process.stdin.drain()
 

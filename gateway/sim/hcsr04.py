@@ -11,7 +11,7 @@ from gateway.ranger.hcsr04.protocol import BURST_NS, NO_FLAGS, Flags
 from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM, speed_of_sound_m_s
 
 NO_ECHO_NS = 38_000_000
-"""Width of the ECHO pulse when nothing came back (datasheet)."""
+"""Width of the ECHO pulse without an echo (datasheet)."""
 JITTER_LIMIT = 4.0
 """In standard deviations: a module does not stray without bound."""
 
@@ -21,7 +21,7 @@ class SensorErrors:
     """How imperfect the module is. All zero: exact to the timer tick."""
 
     jitter_mm: float = 2.5  # standard deviation
-    step_mm: float = 4.0  # readings come in such steps
+    step_mm: float = 4.0  # readings have such steps
     dropout: float = 0.005  # probability of a lost echo
 
     @property

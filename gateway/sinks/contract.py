@@ -7,9 +7,9 @@ control path:
   after the backoff in `reconnect`; it returns only after `farewell`.
 - States are pulled (`newer`, `shown`): a slow sink skips states. It shows a bay through `shown` only, so that an old
   state never looks valid.
-- Events come from a bounded queue (`subscribe`), which drops and counts what a slow sink does not fetch. A sink that
-  must have an event before anything else happens registers a listener (`listen`): it must return within microseconds
-  and must not raise.
+- Events are read from a bounded queue (`subscribe`), which drops and counts what a slow sink does not fetch. A sink
+  that must have an event before anything else happens registers a listener (`listen`): it must return within
+  microseconds and must not raise.
 - `link` is read about once a second by the alarms and the pages, and must not wait.
 """
 

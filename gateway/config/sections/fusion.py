@@ -92,7 +92,7 @@ class VisitConfig(Section):
         1.0, ge=0.1, le=60, description="in_place needs D = 1 and a standing truck (guidance.still_mm_s) for so long"
     )
     band_mm: float = Field(
-        40.0, ge=5, le=1000, description="a Z that differs more from its value when in place came about: moved"
+        40.0, ge=5, le=1000, description="a Z that differs more from its value when in place began: moved"
     )
     band_share: float = Field(
         0.35, ge=0.05, le=2, description="a centre or radius that differs more, as a share of R: the marker has moved"

@@ -3,8 +3,8 @@
 Four rules:
 
 1. After opening, lines are a backlog until they have kept the sensor's own pace (at least half a cycle per sequence
-   number) across two pauses. A serial server hands out what it had stored in bursts; nothing in them shows how old they
-   are, and the pause before a burst makes its first line look live. Lines that always come in twos are no backlog.
+   number) across two pauses. A serial server delivers what it had stored in bursts; nothing in them shows how old they
+   are, and the pause before a burst makes its first line look live. Lines that always arrive in pairs are no backlog.
 2. Later, a line that arrives much later than its sequence number allows was held up on the way (a network, a stopped
    process): its content is old and is not used, and the next one is expected by the number. If the late lines keep
    the sensor's own pace, it was the sensor that paused, and they are live again.
@@ -71,7 +71,7 @@ class ArrivalTracker:
     def judge(self, seq: int, arrived_ns: int, end_ns: int, *, after_hello: bool) -> TimedLine:
         """The next line: `arrived_ns` as delivered, `end_ns` as reckoned from its place in the delivery.
 
-        `after_hello`: a hello came since the line before.
+        `after_hello`: a hello arrived since the line before.
         """
         last = self._last
         if last is None:

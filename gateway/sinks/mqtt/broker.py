@@ -36,7 +36,7 @@ class Broker:
 def parse(url: str) -> Broker:
     """Raises SettingError, which never quotes the URL: a password may be anywhere in a damaged one."""
     try:
-        url.encode()  # what came over the command line may not be text
+        url.encode()  # an argument of the command line may not be text
         parts = urlsplit(url)
         scheme, host, port = parts.scheme, parts.hostname or "", parts.port
     except ValueError:  # its text may quote the password, as may its chained form

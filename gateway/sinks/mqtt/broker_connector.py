@@ -20,7 +20,7 @@ ACKNOWLEDGE_SHARE = 0.75
 
 
 class VersionChoice:
-    """`next` is the version to connect with; report what came of it."""
+    """`next` is the version to connect with; report its result."""
 
     def __init__(self, configured: Literal["auto", "5", "3.1.1"]) -> None:
         self._fixed = configured != "auto"

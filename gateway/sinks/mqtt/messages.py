@@ -29,7 +29,7 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` describe it",
     EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
     EventKind.PLC_LOST: "the PLC's heartbeat has stood still for longer than its deadline",
-    EventKind.PLC_RETURNED: "the PLC's heartbeat came for the first time, or again",
+    EventKind.PLC_RETURNED: "the PLC's heartbeat arrived for the first time, or again",
     EventKind.PLC_WRITE: "the PLC changed a register of the handshake block; `write` has the writer and both values",
     EventKind.WRITE_REFUSED: "a write had no effect; `detail` has the reason",
     EventKind.OWNER_CHANGED: "another PLC writes the handshake block from now on; `detail` names it",
@@ -169,7 +169,7 @@ class PlcPayload(BaseModel):
 
     model_config = FROZEN
     link: str = Field(json_schema_extra={"enum": [link.name for link in PlcLink]})
-    age_ms: float | None = Field(description="since its heartbeat last changed; null: never came")
+    age_ms: float | None = Field(description="since its heartbeat last changed; null: never received")
     stop_latched: bool
     recipe: Count = Field(description="id of the recipe in force; 0: the configuration as it is")
     acquisition_id: Count = Field(description="number of the newest trigger taken; 0: none")

@@ -263,10 +263,10 @@ def _guidance(guidance: Guidance) -> GuidancePayload:
 
 def _plc(state: StateVector) -> PlcPayload:
     plc = state.plc
-    came = plc.link not in (PlcLink.UNUSED, PlcLink.WAITING)
+    received = plc.link not in (PlcLink.UNUSED, PlcLink.WAITING)
     return PlcPayload(
         link=plc.link.name,
-        age_ms=round(max(0, state.t_ns - plc.beat_ns) / NS_PER_MS, 1) if came else None,
+        age_ms=round(max(0, state.t_ns - plc.beat_ns) / NS_PER_MS, 1) if received else None,
         stop_latched=state.memory.latched,
         recipe=plc.recipe,
         acquisition_id=plc.acquisition,

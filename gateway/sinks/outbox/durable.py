@@ -275,7 +275,7 @@ class DurableOutbox:
             self._read = self._stale = True
 
     def _take_over(self, found: list[Entry]) -> None:
-        """Long work where much is found, so that the lock is held only for what came meanwhile."""
+        """Long work where much is found, so that the lock is held only for what was added meanwhile."""
         # What the journal had may have been delivered already, where the file could be opened only now.
         old = [entry for entry in found if entry.id not in self._journaled]
         memory = MemoryOutbox(self._limits)

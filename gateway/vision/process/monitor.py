@@ -41,7 +41,7 @@ NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for so long
 MOST_PATIENCE = 4  # times as long may the next build of a detector take that was not ready in time
-MOST_SKIPPED = 1_000_000  # frames between two that are looked at; a number beyond that is nonsense
+MOST_SKIPPED = 1_000_000  # frames between two that are processed; a number beyond that is nonsense
 PROCESS_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
 
 
@@ -105,7 +105,7 @@ class ProcessMonitor:
     _link_failures: int = 0  # in a row
     _process_failures: int = 0
     _opened_ns: int = 0  # the first frame was captured; 0: not yet
-    _result_ns: int = 0  # when the newest result came
+    _result_ns: int = 0  # when the newest result arrived
     _reported_ns: int = 0  # the time of the newest reading
     _lossless: bool = False
     _film_begun: bool = False  # a finite source has given a frame

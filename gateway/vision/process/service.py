@@ -218,7 +218,7 @@ class _Turns:
         now_ns, deadline_ns = self._clock.now_ns(), self._deadline_ns
         # A result that was not read is not late: when a deadline has passed, all that has arrived is reported first.
         late = deadline_ns is not None and now_ns >= deadline_ns
-        for token, message in pool.messages(everybody=everything or late):
+        for token, message in pool.messages(every=everything or late):
             if isinstance(message, (Gone, Failed, SourceLost)):
                 self._monitor.progress(
                     self._progress.read(), self._clock.now_ns()

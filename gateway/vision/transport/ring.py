@@ -10,8 +10,8 @@ generation is odd while the slot is being written and even when it is complete (
 holds no slot: it copies, and the generation shows whether the copy is of one frame.
 
 A copy costs 0.9 ms at 1080p, so frames are written only while there is a viewer: each `snapshot` requests them for
-`REQUEST_NS`, by an eventfd that the viewer holds. Without a request one frame a second is written: the first look at a
-bay shows a picture at once, and a look at a camera that was lost what it saw last.
+`REQUEST_NS`, by an eventfd that the viewer holds. Without a request one frame a second is written: the first view of a
+bay shows a picture at once, and that of a lost camera its last one.
 """
 
 import fcntl

@@ -1,6 +1,7 @@
 """Registers the addresses of the web process: one entry holds an address's path, role, limits and OpenAPI description.
 
-FastAPI's routes and the security middleware's rules both come from these entries, so no route exists without a rule.
+FastAPI's routes and the security middleware's rules are both made from these entries, so no route exists without a
+rule.
 """
 
 from collections.abc import Awaitable, Callable, Mapping

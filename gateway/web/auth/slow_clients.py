@@ -18,7 +18,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 HEAD_S = 15.0  # longer than uvicorn keeps an idle connection (5 s)
 CHECK_S = 2.5
 BEYOND = 64  # connections more than uvicorn's limit, to be answered 503
-SHARE_OF_ONE = 0.75  # of the limit, for one address; a wall of tablets may come through one
+SHARE_OF_ONE = 0.75  # of the limit, for one address; many tablets may share one
 
 
 class HeadDeadlineProtocol(H11Protocol):

@@ -60,7 +60,7 @@ class EventHistory:
         self._kept.append(NumberedEvent(self.newest, event))
 
     def after(self, number: int) -> tuple[NumberedEvent, ...]:
-        """The oldest few of those kept that came after `number`."""
+        """The oldest few of those kept after `number`."""
         missing = max(0, min(self.newest - number, len(self._kept)))
         first = len(self._kept) - missing
         return tuple(islice(self._kept, first, first + MAX_EVENTS))

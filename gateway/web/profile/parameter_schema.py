@@ -68,7 +68,7 @@ def validated(
 ) -> VisionConfig:
     """`base` with the `given` keys of a profile over it, checked as the configuration's file is.
 
-    `text`: the TOML that the keys come from, for line numbers. Raises ConfigError, one line a fault.
+    `text`: the TOML of the keys, for line numbers. Raises ConfigError, one line a fault.
     """
     strange = [f"{source}: vision.{key}: {why}; leave it out" for key, why in _NOT_TUNED.items() if key in given]
     if strange:

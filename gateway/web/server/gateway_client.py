@@ -145,7 +145,7 @@ class GatewayClient:
                 counter.subtract(bays)
 
     async def newer(self, bay: str, number: int, seconds: float) -> BayReport | None:
-        """The newest of `bay` from an answer after `number`; waits at most so long. None: none came."""
+        """The newest of `bay` from an answer after `number`; waits at most so long. None: none arrived."""
         try:
             async with asyncio.timeout(seconds):
                 while (report := self.report(bay)) is None or report.number <= number:

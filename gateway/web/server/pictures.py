@@ -66,7 +66,7 @@ class Pictures:
         self.encoded = 0
 
     async def newer(self, bay: str, after: int | None, width_px: int) -> Picture | None:
-        """The newest frame, if it is another than `after`; waits for one. None: none came in time.
+        """The newest frame, if it is another than `after`; waits for one. None: none arrived in time.
 
         A frame is shown as long as it is the newest one copied within the pace; never one from before a silence.
         """

@@ -27,7 +27,7 @@ class RaySamples:
 
 
 def sample_rays(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes, shares: Plane) -> RaySamples:
-    """Samples of K ellipses, each on the level `which` (K,) says, at `shares` (S,) of the way from centre to rim.
+    """Samples of K ellipses, each on the level `which` (K,), at `shares` (S,) of the way from centre to rim.
 
     A ray's angle is the parameter of the ellipse, so that each ray meets the rim at share 1.
     """

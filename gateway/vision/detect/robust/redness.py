@@ -1,4 +1,4 @@
-"""How red a pixel is: log(R + k) - log(G + k), and the pyramid of reduced pictures it is looked at on.
+"""How red a pixel is: log(R + k) - log(G + k), and the pyramid of reduced pictures for it.
 
 A ratio, not a difference: light and shade on a ball change R and G by the same factor, so a dark red ball stands out
 from bright brown wood (where R - G is the same) and its dark side from nothing. Wood, rust and skin have R/G of 1.2 to

@@ -24,7 +24,7 @@ from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image
 
-Rejected = tuple[float, Circle, str]  # how near a rejected candidate came, where it is, why it was not taken
+Rejected = tuple[float, Circle, str]  # how near to acceptance it was, where it is, why it was not taken
 
 SEEDS = 24  # measured
 RIMS = 5  # whose rim is refined

@@ -11,7 +11,7 @@ from gateway.vision.offline.tuning.study import Study
 
 
 def html(study: Study, snippet: str, facts: Sequence[str], notes: Sequence[str]) -> str:
-    """`notes`: how the examples came about, where that matters."""
+    """`notes`: the origin of the examples, where that matters."""
     marked = sum(e.marked for e in study.examples)
     now, then = study.effect["now"], study.effect["proposed thresholds and gates"]
     tiles = [

@@ -150,7 +150,7 @@ BAYS: tuple[Family, ...] = (
            lambda b: _seconds(b, b.state.vision.t_ns, source=b.state.vision.quality is not Quality.WAITING)),
     _gauge("range_age_seconds", "of the newest distance or fault",
            lambda b: _seconds(b, b.state.range.t_ns, source=b.state.range.quality is not Quality.WAITING)),
-    _gauge("plc_heartbeat_age_seconds", "since the PLC's heartbeat changed; no sample: it never came",
+    _gauge("plc_heartbeat_age_seconds", "since the PLC's heartbeat changed; no sample: never received",
            lambda b: _seconds(b, b.state.plc.beat_ns, source=b.state.plc.link in (PlcLink.ALIVE, PlcLink.LOST))),
     _gauge("vision_rate_hertz", "vision results a second", lambda b: b.state.vision.stats.rate_hz),
     _gauge("range_rate_hertz", "distances a second", lambda b: b.state.range.stats.rate_hz),

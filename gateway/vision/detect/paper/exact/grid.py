@@ -18,7 +18,7 @@ SMALLEST_PYRAMID_PX = 8  # below, nothing is gained, and pyrDown's own border ru
 
 
 class Scanner(Protocol):
-    """Looks at the points of a grid."""
+    """Samples the points of a grid."""
 
     step_px: int
 

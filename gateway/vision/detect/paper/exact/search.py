@@ -23,7 +23,7 @@ from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image, check_bgr8
 
 FEW = 10  # boxes are compared one by one in less time than numpy's calls take
-WINDOW_COST_PX = 20_000  # what a further window costs, in pixels looked at: the price of some ten calls
+WINDOW_COST_PX = 20_000  # what a further window costs, in processed pixels: the price of some ten calls
 
 
 @dataclass(frozen=True, slots=True)
