@@ -142,9 +142,8 @@ class Pool(Generic[Out, In]):
             if not every and token not in active:
                 continue
             polled = every or token in ended
-            status = (
-                child.process.poll() if polled else None
-            )  # before reading, so that the last messages are not missed
+            # Before reading, so that the last messages are not missed.
+            status = child.process.poll() if polled else None
             limit = MAX_MESSAGES if status is not None else most if polled else 1
             found.append((token, child, status, child.link.received(limit)))
         for token, child, status, arrived in found:
