@@ -2,6 +2,7 @@
 
 import dataclasses
 import random
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -33,6 +34,7 @@ class FewFrames:
     frames: int
     ahead_ns: int = 0
     one_buffer: bool = False
+    lossless: bool = False
     label: str = "few"
 
     def open(self, clock: Clock) -> Source:
@@ -44,6 +46,7 @@ class _Few(Source):
 
     def __init__(self, spec: FewFrames, clock: Clock) -> None:
         self._left, self._spec, self._clock = spec.frames, spec, clock
+        self.lossless = spec.lossless
         self._buffer = np.zeros((4, 4, 3), np.uint8)
 
     def read(self) -> Frame:
@@ -116,6 +119,22 @@ def test_a_source_that_writes_into_a_frame_which_it_has_handed_over_is_refused(r
     _, first, lost = captured(FewFrames(3, one_buffer=True), ring)
     assert first.seq == 5
     assert lost == SourceLost("few: it has written into a frame that it had handed over; each needs its own array")
+
+
+def test_every_frame_of_a_source_that_wants_it_is_looked_at_before_its_end_is_reported(ring: shm.RingSpec) -> None:
+    spec = FewFrames(20, lossless=True)
+    job = VisionJob(1, SourceRecord.of(spec), DetectorSpec(VisionConfig()), CLOCK, ring, FrameRules(), first_seq=1)
+    diary, progress, newest = Diary(), ProgressPage(ring, writable=True), NewestFrame()
+    thread = threading.Thread(target=Capture(cast("Any", diary), job, progress, newest).run)
+    thread.start()
+    while diary.entries[-1:] != [SourceLost("few: ended")]:
+        if (frame := newest.take(0.01)) is not None:
+            assert not frame.image.flags.writeable
+            thread.join(0.002)  # the detector works
+            diary.entries.append(frame.seq)
+    thread.join()
+    progress.close()
+    assert diary.entries == [Opened(lossless=True), *range(1, 21), SourceLost("few: ended")]
 
 
 @pytest.mark.parametrize("message", [SourceLost, Failed])
@@ -210,6 +229,15 @@ def test_the_frame_that_a_process_ended_on_is_known(main_side: MainSide, end: An
     (reading,) = main_side.readings
     lost = not isinstance(end, SourceLost)
     assert (reading.frame_id, reading.stats.lost, reading.stats.skipped) == (7, int(lost), 7 - lost)
+
+
+def test_at_a_deadline_the_notes_are_read_before_anything_is_judged(main_side: MainSide) -> None:
+    main_side.works(1, began_ms=10)
+    for main_side.now in (500 * MS, 509 * MS, 511 * MS):
+        assert main_side.readings == []
+        main_side.turns._take(cast("Any", main_side), everything=True)
+    (reading,) = main_side.readings
+    assert (reading.quality, reading.t_ns) == (Quality.PROCESS_FAULT, 10 * MS)
 
 
 def test_a_deadline_that_comes_sooner_wakes_the_task(main_side: MainSide) -> None:
