@@ -181,9 +181,9 @@ class MainSide:
         if isinstance(action, Emit):
             self.readings.append(action.reading)
 
-    def messages(self, *, everybody: bool) -> Iterator[tuple[int, Any]]:
-        """Without `everybody` the oldest one, as the pool does."""
-        most = len(self.arrived) if everybody else 1
+    def messages(self, *, every: bool) -> Iterator[tuple[int, Any]]:
+        """Without `every` the oldest one, as the pool does."""
+        most = len(self.arrived) if every else 1
         taken, self.arrived = self.arrived[:most], self.arrived[most:]
         yield from taken
 
