@@ -11,11 +11,11 @@ from typing import Any
 
 from gateway.ranger.hcsr04.protocol import Decoder, Event, Flags, Hello, Measurement
 from gateway.sim.emulator import BENCH, ELF, FIRMWARE
+from tests.firmware.builds import PACKAGES, make
 
 Row = dict[str, Any]
 PERIOD_MS = 60
 BOOTLOADER = FIRMWARE / "bench" / "build" / "bootloader.hex"
-PACKAGES = "make gcc gcc-avr avr-libc arduino-core-avr libsimavr-dev libelf-dev"
 
 
 @cache
@@ -24,8 +24,7 @@ def built() -> Path:
     missing = [tool for tool in ("make", "gcc", "avr-gcc") if shutil.which(tool) is None]
     assert not missing, f"{missing} not found: apt-get install {PACKAGES}"
     for folder in (FIRMWARE, FIRMWARE / "bench"):
-        done = subprocess.run(["make", "-C", str(folder)], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{done.stderr[-3000:]}\napt-get install {PACKAGES}"
+        make(folder=folder)
     return BENCH
 
 
@@ -34,10 +33,7 @@ def with_thermometer() -> Path:
     """The firmware built with the optional TMP36."""
     built()
     folder = FIRMWARE / "build" / "thermometer"
-    done = subprocess.run(
-        ["make", "-C", str(FIRMWARE), "THERMOMETER=1", f"BUILD={folder}"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
+    make("THERMOMETER=1", f"BUILD={folder}")
     return folder / "ranger.elf"
 
 

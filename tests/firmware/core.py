@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from gateway.ranger.hcsr04.protocol import TICK_NS, Decoder, Event, Hello, Measurement
+from tests.firmware.builds import make
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 BUILD = FIRMWARE / "build"
@@ -24,13 +25,6 @@ MS = 1_000_000 // TICK_NS
 RISE = 900
 """ECHO rises 0.45 ms after the trigger, in ticks."""
 CYCLE = 60 * MS
-
-
-def make(*targets: str) -> str:
-    """Run the firmware's Makefile; what it printed. Fails with the compiler's words."""
-    done = subprocess.run(["make", "-C", str(FIRMWARE), *targets], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @cache

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from gateway.ranger.hcsr04.c_header import header
-from tests.firmware.core import BUILD, COVERED, FIRMWARE, LIBRARY_VARIABLE, make
+from tests.firmware.builds import make
+from tests.firmware.core import BUILD, COVERED, FIRMWARE, LIBRARY_VARIABLE
 
 ROOT = FIRMWARE.parent
 SOURCES = FIRMWARE / "ranger" / "src"
