@@ -4,7 +4,6 @@ A registry maps a name to `module:attribute` and imports nothing until a part is
 """
 
 from collections.abc import Mapping
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -26,22 +25,26 @@ class Registry:
     def __contains__(self, name: object) -> bool:
         return name in self._parts or any(point.name == name for point in self._offered())
 
-    def load(self, name: str) -> Any:
-        """Raises ConfigError for an unknown name, one that is offered twice, or one that can't be imported."""
-        offered = [point for point in self._offered() if point.name == name]
+    def place(self, name: str) -> str:
+        """`module:attribute`. Raises ConfigError for an unknown name, and for one that is offered twice."""
         places = dict.fromkeys([self._parts[name]] if name in self._parts else [])
-        places.update(dict.fromkeys(point.value for point in offered))
+        places.update(dict.fromkeys(point.value for point in self._offered() if point.name == name))
         if not places:
             raise ConfigError(f"no {self.kind} is called {name!r}; there is: {', '.join(self.names())}")
         if len(places) > 1:
             raise ConfigError(f"{self.kind} {name!r} is offered twice: {', '.join(places)}")
-        if not offered:
-            module, _, attribute = self._parts[name].partition(":")
-            return getattr(import_module(module), attribute)
+        return next(iter(places))
+
+    def load(self, name: str) -> Any:
+        """Raises ConfigError like `place`, and for another distribution's part that can't be imported."""
+        place = self.place(name)
+        part = EntryPoint(name, place, self.group)
+        if name in self._parts:
+            return part.load()
         try:
-            return offered[0].load()
+            return part.load()
         except (ImportError, AttributeError) as error:
-            raise ConfigError(f"{self.kind} {name!r}: {offered[0].value} cannot be imported: {error}") from error
+            raise ConfigError(f"{self.kind} {name!r}: {place} cannot be imported: {error}") from error
 
     def _offered(self) -> tuple[EntryPoint, ...]:
         return tuple(entry_points(group=self.group))

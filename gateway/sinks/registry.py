@@ -7,18 +7,20 @@ found in the list below or from an entry point of the group `gateway.sinks` in a
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
-from importlib.metadata import entry_points
 
 from pydantic import ValidationError
 
 from gateway.clock import Clock
 from gateway.config import GatewayConfig
+from gateway.errors import ConfigError
+from gateway.registry import Registry
 from gateway.sinks.contract import Bays, SettingError, Sink, SinkContext, SinkType
 from gateway.sinks.mqtt.publisher import MQTT
 from gateway.sinks.sparkplug.publisher import SPARKPLUG
 
-GROUP = "gateway.sinks"
 TYPES: tuple[SinkType, ...] = (MQTT, SPARKPLUG)
+GROUP = "gateway.sinks"
+OTHERS = Registry("sink", GROUP, {})
 
 
 def opened(config: GatewayConfig, bays: Bays, clock: Clock, boot: str, resources: ExitStack) -> list[Sink]:
@@ -61,11 +63,13 @@ def _named(name: str) -> SinkType:
     known = {kind.name: kind for kind in TYPES}
     if name in known:
         return known[name]
-    others = entry_points(group=GROUP)
-    if name in others.names:
-        found: object = others[name].load()
+    if name in OTHERS:
+        try:
+            found: object = OTHERS.load(name)
+        except ConfigError as error:
+            raise SettingError(f"sinks.{name}", str(error)) from error
         if isinstance(found, SinkType):
             return found
-        raise SettingError(f"sinks.{name}", f"the entry point {others[name].value} is not a SinkType")
-    names = sorted({kind.name for kind in TYPES if kind.section is not None} | others.names)
+        raise SettingError(f"sinks.{name}", f"the entry point {OTHERS.place(name)} is not a SinkType")
+    names = sorted({kind.name for kind in TYPES if kind.section is not None} | {*OTHERS.names()})
     raise SettingError(f"sinks.{name}", f"no such sink; known here: {', '.join(names) or 'none'}")

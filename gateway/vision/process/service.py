@@ -219,10 +219,8 @@ class _Turns:
         # A result that was not read is not late: when a deadline has passed, all that has arrived is reported first.
         late = deadline_ns is not None and now_ns >= deadline_ns
         for token, message in pool.messages(every=everything or late):
-            if isinstance(message, (Gone, Failed, SourceLost)):
-                self._monitor.progress(
-                    self._progress.read(), self._clock.now_ns()
-                )  # the frame that was being worked on
+            if isinstance(message, (Gone, Failed, SourceLost)):  # the notes name the frame that was being worked on
+                self._monitor.progress(self._progress.read(), self._clock.now_ns())
             _report(self._monitor, token, message, self._clock.now_ns())
         for reading in self._monitor.readings():
             self._carry_out(monitor.Emit(reading), pool)
