@@ -20,7 +20,7 @@ from bench.floor import floor
 from bench.pose import pose_error, table_pose
 from bench.scene import BEYOND, RECIPES, Truth, draw
 from gateway.config import VisionConfig
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.robust.colours import clearest_rim
 from gateway.vision.detect.robust.rim import Rim, refine

@@ -39,7 +39,8 @@ from gateway import event_loop
 from gateway.bay import BayControl
 from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from gateway.config import BayConfig, CameraConfig, VisionConfig
-from gateway.core.model import Detection, Quality, VisionReading
+from gateway.core.detection import Detection
+from gateway.core.readings import Quality, VisionReading
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import CurrentImage
 from gateway.modbus.registers.register_map import decode

@@ -27,7 +27,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from gateway.clock import SystemClock
 from gateway.config import MqttConfig, Reconnect
 from gateway.core import events, fusion
-from gateway.core.model import Reason
+from gateway.core.state import Reason
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task

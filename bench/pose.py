@@ -7,7 +7,7 @@ import numpy as np
 
 from bench.scene import Recipe, draw
 from gateway.config import Intrinsics
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.perspective import disc_pose
 from gateway.vision.detect.robust.rim import refine
 

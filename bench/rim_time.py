@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from bench.scene import RECIPES, draw
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.normal_profiles import profile, sample
 from gateway.vision.detect.robust.rim import refine

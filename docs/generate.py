@@ -16,7 +16,7 @@ from gateway.alarms import states as alarm_states
 from gateway.alarms import table as alarm_table
 from gateway.config import VisitConfig
 from gateway.config import reference as configdoc
-from gateway.core.model import VISIT_PHASE_MEANING, VisitPhase
+from gateway.core.state import VISIT_PHASE_MEANING, VisitPhase
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports import tables
 from gateway.modbus.exports.registry import export

@@ -21,7 +21,7 @@ from gateway.bay_file import BayFiles
 from gateway.clock import SystemClock
 from gateway.config import SHARED_SECTIONS, GatewayConfig
 from gateway.config.strict.errors import located
-from gateway.core.model import RangeReading
+from gateway.core.readings import RangeReading
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import unit_of

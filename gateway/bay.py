@@ -7,10 +7,12 @@ from dataclasses import replace
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core import events, fusion, interlock
-from gateway.core.model import Event, EventKind, FunctionCheck, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.core.events import Event, EventKind
 from gateway.core.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
+from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.scale import possible_radii_px
 from gateway.core.shown import valid
+from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.hub import Hub
 from gateway.net import rate_limit
 

@@ -24,8 +24,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.interlock import RetainedState
-from gateway.core.model import FunctionCheck, StateVector
 from gateway.core.scale import MAX_VISITS, ScaleSample
+from gateway.core.state import FunctionCheck, StateVector
 from gateway.errors import LinkError
 
 log = logging.getLogger(__name__)

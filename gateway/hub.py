@@ -7,8 +7,9 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
-from gateway.core.model import Event, StateVector
+from gateway.core.events import Event
 from gateway.core.shown import shown
+from gateway.core.state import StateVector
 
 
 class EventQueue:

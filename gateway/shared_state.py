@@ -26,8 +26,9 @@ from typing import Self
 
 from gateway.clock import Clock, SystemClock
 from gateway.core.fusion import not_good
-from gateway.core.model import Moved, Quality, Reason, StateVector
+from gateway.core.readings import Quality
 from gateway.core.shown import valid
+from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import ConfigError, LinkError
 
 MAGIC = b"LOADBAY2"

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection, Rejection
+from gateway.core.detection import Circle, Detection, Rejection
 from gateway.vision.detect.method import Detector, Method, NowNs, Panel, Remark, Search, Stage
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image

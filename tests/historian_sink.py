@@ -7,7 +7,8 @@ from pydantic import Field
 
 from gateway.config import Reconnect
 from gateway.config.strict.section import Section
-from gateway.core.model import Event, StateVector
+from gateway.core.events import Event
+from gateway.core.state import StateVector
 from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
 
 

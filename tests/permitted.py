@@ -3,17 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from gateway.core.model import (
-    Circle,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    TruckPosition,
-    VisionReading,
-    Visit,
-    VisitPhase,
-)
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector, TruckPosition, Visit, VisitPhase
 
 FOREVER_NS = 2**62
 

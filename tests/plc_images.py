@@ -3,8 +3,9 @@
 import random
 from typing import Any
 
-from gateway.core.model import Quality, RangeReading, Reason, StateVector, VisionReading, Visit
 from gateway.core.plc import Acquired, Handshake, Outcome, Phase, PlcLink
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector, Visit
 from gateway.modbus.registers.register_map import REGISTERS, encode
 from tests.permitted import permitted, standing
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact.tracker import ROUND, ExactTracker
 from tests.vision_frames import PAPER, Things

@@ -13,10 +13,12 @@ from typing import Any
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, parse
 from gateway.core import interlock
-from gateway.core.events import diff
+from gateway.core.detection import Circle
+from gateway.core.events import Event, diff
 from gateway.core.interlock import RetainedState, Rules
-from gateway.core.model import Circle, Event, FunctionCheck, Quality, RangeReading, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FunctionCheck, StateVector, Tick
 from gateway.ranger.hcsr04.session import Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of

@@ -10,7 +10,8 @@ from itertools import pairwise
 from typing import Any
 
 from gateway.config import GatewayConfig
-from gateway.core.model import Quality, Reason, StateVector
+from gateway.core.readings import Quality
+from gateway.core.state import Reason, StateVector
 from gateway.sim.world import Truth
 
 SENSOR_MM = 17.0

@@ -4,8 +4,9 @@ import random
 from typing import Any
 
 from gateway.config import GatewayConfig
-from gateway.core.model import DEAD, FunctionCheck, Quality, StateVector
 from gateway.core.plc import Control, PlcWrite
+from gateway.core.readings import DEAD, Quality
+from gateway.core.state import FunctionCheck, StateVector
 from gateway.sim.scenario import Scenario, parse
 from tests.visit_bench import PLC, Bench, gateway
 

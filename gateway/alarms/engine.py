@@ -32,7 +32,7 @@ from gateway.alarms.table import (
     alarm_id,
 )
 from gateway.config import FusionConfig
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 
 NS_PER_S = 1_000_000_000
 HISTORY = 1000  # changes kept, of all alarms

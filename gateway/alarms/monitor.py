@@ -9,7 +9,7 @@ from gateway.alarms.records import ActionReply, AlarmChange, AlarmSummary, Opera
 from gateway.alarms.table import GatewayConditions
 from gateway.clock import Clock
 from gateway.config import FusionConfig
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 
 PERIOD_S = 1.0
 REPORTED_CHANGES = 20

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Generic, TypeVar
 
-from gateway.core.model import DEAD, MOVED_MEANING, FunctionCheck, Moved, PictureFault, Quality, Reason, StateVector
 from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
+from gateway.core.readings import DEAD, PictureFault, Quality
+from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason, StateVector
 
 OWN_ALARM = ("mqtt", "sparkplug")  # sinks whose loss is a separate alarm
 ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m

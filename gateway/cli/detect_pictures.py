@@ -12,7 +12,7 @@ from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
     from gateway.config import VisionConfig
-    from gateway.core.model import Circle, Detection
+    from gateway.core.detection import Circle, Detection
     from gateway.vision.offline.inputs import Picture
 
 Row = dict[str, Any]

@@ -14,7 +14,9 @@ from typing import Any, TextIO
 from gateway.cli.output import LossyOutput
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import FusionConfig
-from gateway.core.model import FRESH_FRAME, EventKind, Quality, StateVector
+from gateway.core.events import EventKind
+from gateway.core.readings import FRESH_FRAME, Quality
+from gateway.core.state import StateVector
 from gateway.hub import EventQueue, Hub
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import TruckHold, Truth, World

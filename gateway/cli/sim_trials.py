@@ -10,7 +10,7 @@ from rich.table import Table
 from gateway.cli import sim_json
 from gateway.cli.sim_json import Bay
 from gateway.clock import Clock
-from gateway.core.model import Reason
+from gateway.core.state import Reason
 from gateway.hub import Hub
 from gateway.sim import trials
 

@@ -14,17 +14,10 @@ from rich.text import Text
 from gateway.cli.output import LossyOutput
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core.model import (
-    PICTURE_MEANING,
-    QUALITY_MEANING,
-    REASON_MEANING,
-    Event,
-    EventKind,
-    Quality,
-    Reason,
-    StateVector,
-    Tracking,
-)
+from gateway.core.detection import Tracking
+from gateway.core.events import Event, EventKind
+from gateway.core.readings import PICTURE_MEANING, QUALITY_MEANING, Quality
+from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.hub import EventQueue, Hub
 
 REFRESH_S = 0.1

@@ -16,8 +16,9 @@ from dataclasses import replace
 from statistics import median
 
 from gateway.config import CrossCheck, FusionConfig
-from gateway.core.model import FusionMemory, RangeReading, VisionReading
+from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.scale import expected_radius_px
+from gateway.core.state import FusionMemory
 
 NS_PER_S = 1_000_000_000
 LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it

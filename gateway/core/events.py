@@ -1,17 +1,55 @@
-"""What happened between two states. Pure: (old, new) -> events, in a fixed order."""
+"""Events, and what happened between two states. Pure: (old, new) -> events, in a fixed order."""
 
-from gateway.core.model import (
-    MOVED_MEANING,
-    RANGE_FINE,
-    VISION_FINE,
-    Circle,
-    Event,
-    EventKind,
-    Moved,
-    Quality,
-    StateVector,
-)
+from dataclasses import dataclass
+from enum import StrEnum
+
+from gateway.core.detection import Circle
 from gateway.core.plc import Change, Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
+from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality
+from gateway.core.state import MOVED_MEANING, Moved, StateVector
+
+
+class EventKind(StrEnum):
+    """What happened. The names are on the wire."""
+
+    START = "start"
+    SHUTDOWN = "shutdown"
+    STOP_RAISED = "stop_raised"
+    STOP_CLEARED = "stop_cleared"
+    TARGET_FOUND = "target_found"
+    TARGET_LOST = "target_lost"
+    IN_PLACE = "in_place"
+    IN_PLACE_ENDED = "in_place_ended"
+    MOVED = "moved"
+    RELEASED = "released"
+    VISIT_ENDED = "visit_ended"
+    SENSOR_FAULT = "sensor_fault"
+    SENSOR_RECOVERED = "sensor_recovered"
+    PLC_LOST = "plc_lost"
+    PLC_RETURNED = "plc_returned"
+    PLC_WRITE = "plc_write"
+    WRITE_REFUSED = "write_refused"
+    OWNER_CHANGED = "owner_changed"
+    LATCH_RELEASED = "latch_released"
+    RECIPE_CHANGED = "recipe_changed"
+    FUNCTION_CHECK_BEGUN = "function_check_begun"
+    FUNCTION_CHECK_ENDED = "function_check_ended"
+    SETTINGS_CHANGED = "settings_changed"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened in one bay. Identity (a unique id) is given where it is published."""
+
+    kind: EventKind
+    bay: str
+    t_ns: int
+    state: StateVector
+    sensor: str = ""  # "vision", "range" or "cross_check", for the sensor events
+    quality: Quality = Quality.GOOD  # of that sensor
+    detail: str = ""
+    writer: Writer | None = None  # who wrote, for the events about writes
+    change: Change | None = None  # what a write has changed
 
 
 def diff(old: StateVector, new: StateVector) -> list[Event]:

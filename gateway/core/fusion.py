@@ -22,25 +22,20 @@ from typing import NamedTuple
 from gateway.config import FusionConfig
 from gateway.core import agreement
 from gateway.core.agreement import FAR_SHARE, in_range
-from gateway.core.model import (
-    DEAD,
-    FRESH_FRAME,
-    VISION_FINE,
-    Circle,
+from gateway.core.detection import Circle
+from gateway.core.plc import PlcConnection, PlcWrite
+from gateway.core.readings import DEAD, FRESH_FRAME, VISION_FINE, Quality, RangeReading, VisionReading
+from gateway.core.scale import distance_of
+from gateway.core.state import (
     FunctionCheck,
     FusionMemory,
     Guidance,
     GuidanceCode,
-    Quality,
-    RangeReading,
     Reason,
     StateVector,
     Tick,
     TruckPosition,
-    VisionReading,
 )
-from gateway.core.plc import PlcConnection, PlcWrite
-from gateway.core.scale import distance_of
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
 NS_PER_S = 1_000_000_000

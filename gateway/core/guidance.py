@@ -13,7 +13,8 @@ from collections.abc import Sequence
 from statistics import median
 
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
-from gateway.core.model import FunctionCheck, Guidance, GuidanceCode, Quality, RangeReading, StateVector, VisitPhase
+from gateway.core.readings import Quality, RangeReading
+from gateway.core.state import FunctionCheck, Guidance, GuidanceCode, StateVector, VisitPhase
 
 NS_PER_S = 1_000_000_000
 TRACK_NS = 1_000_000_000  # readings older than this say nothing about the speed now

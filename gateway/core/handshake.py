@@ -14,7 +14,6 @@ from dataclasses import replace
 from enum import Enum, auto
 
 from gateway.config import HandshakeConfig
-from gateway.core.model import Quality, StateVector
 from gateway.core.plc import (
     Acquired,
     Control,
@@ -27,6 +26,8 @@ from gateway.core.plc import (
     RecipeVerdict,
     Writer,
 )
+from gateway.core.readings import Quality
+from gateway.core.state import StateVector
 
 NS_PER_S = 1_000_000_000
 WRITABLE = ("plc_heartbeat", "plc_control", "recipe_select")  # in the order of their registers

@@ -19,19 +19,10 @@ from gateway.config import (
     VisitConfig,
 )
 from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, visit
-from gateway.core.model import (
-    FunctionCheck,
-    FusionMemory,
-    Moved,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    Tick,
-    Visit,
-)
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict
+from gateway.core.readings import Quality, RangeReading
 from gateway.core.scale import ScaleSample
+from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, Tick, Visit
 
 NS_PER_S = 1_000_000_000
 VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it

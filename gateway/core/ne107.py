@@ -6,7 +6,8 @@ maintenance required (M). Several may hold at once; the register names the one t
 
 from enum import IntEnum
 
-from gateway.core.model import DEAD, FunctionCheck, Quality, Reason, StateVector
+from gateway.core.readings import DEAD, Quality
+from gateway.core.state import FunctionCheck, Reason, StateVector
 
 MAINTENANCE_NS = 600 * 1_000_000_000  # a repair by itself is worth a look for so long
 

@@ -7,7 +7,7 @@ ticks nothing is decided, and good values must not be shown beside a heartbeat t
 from typing import Protocol
 
 from gateway.core import fusion
-from gateway.core.model import Reason, StateVector
+from gateway.core.state import Reason, StateVector
 
 
 class Dated(Protocol):

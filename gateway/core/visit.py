@@ -14,18 +14,10 @@ from dataclasses import dataclass, replace
 
 from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
 from gateway.core.agreement import FAR_SHARE
+from gateway.core.detection import Circle
 from gateway.core.guidance import to_go_mm
-from gateway.core.model import (
-    DEAD,
-    Circle,
-    FunctionCheck,
-    Moved,
-    Quality,
-    StateVector,
-    TruckPosition,
-    Visit,
-    VisitPhase,
-)
+from gateway.core.readings import DEAD, Quality
+from gateway.core.state import FunctionCheck, Moved, StateVector, TruckPosition, Visit, VisitPhase
 
 NS_PER_S = 1_000_000_000
 LEFT_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured

@@ -13,7 +13,7 @@ from enum import Enum, auto
 from statistics import median, median_high, median_low
 
 from gateway.config import RangerConfig
-from gateway.core.model import Quality, RangeReading, RangeStats
+from gateway.core.readings import Quality, RangeReading, RangeStats
 
 NS_PER_S = 1_000_000_000
 HISTORY = 8

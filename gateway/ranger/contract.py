@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gateway.config import RangerConfig
-from gateway.core.model import RangeReading, RangeStats
+from gateway.core.readings import RangeReading, RangeStats
 
 
 class RangerSession(Protocol):

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from gateway.clock import Clock
 from gateway.config import RangerConfig
 from gateway.config.sections.ranger import RANGERS
-from gateway.core.model import RangeReading
+from gateway.core.readings import RangeReading
 from gateway.errors import LinkError
 from gateway.ranger.contract import Connection, RangerType
 from gateway.ranger.port import READ_BYTES, Port, check_url

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.pixels import Image
 
 SUPER = 4

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.sim.canvas import u8
 from gateway.sim.render import render
 from gateway.sim.scenario import Scenario, parse

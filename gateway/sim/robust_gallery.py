@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.sim import decoys
 from gateway.sim.decoys import Drawing
 from gateway.vision.detect.robust.detect import detect

@@ -21,7 +21,8 @@ from typing import Any, Protocol
 from gateway.clock import Clock
 from gateway.config import GatewayConfig, Reconnect
 from gateway.config.strict.section import Section
-from gateway.core.model import Event, StateVector
+from gateway.core.events import Event
+from gateway.core.state import StateVector
 from gateway.errors import ConfigError
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page, expect
 
-from gateway.core.model import Reason
+from gateway.core.state import Reason
 from gateway.modbus.registers.register_map import REGISTERS
 from tests.browser import judgements
 from tests.browser.chromium import PATIENCE_MS

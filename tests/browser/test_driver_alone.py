@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from gateway.core.model import GuidanceCode
+from gateway.core.state import GuidanceCode
 from tests.browser.alone import HOST, SOCKET, from_disk, say
 from tests.browser.chromium import Watch, until
 

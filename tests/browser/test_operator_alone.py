@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page, Route, expect
 
 from gateway.alarms.states import AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
-from gateway.core.model import REASON_MEANING, Reason
+from gateway.core.state import REASON_MEANING, Reason
 from gateway.sinks.mqtt import reference
 from gateway.sinks.mqtt.messages import StatePayload
 from gateway.web.server import models

@@ -10,7 +10,8 @@ from typing import Any
 from gateway.clock import SystemClock
 from gateway.config import FusionConfig, MqttConfig, Reconnect
 from gateway.core import fusion
-from gateway.core.model import Event, EventKind, StateVector, Tick
+from gateway.core.events import Event, EventKind
+from gateway.core.state import StateVector, Tick
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gateway.clock import SystemClock
-from gateway.core.model import RangeReading
+from gateway.core.readings import RangeReading
 from gateway.ranger.hcsr04.arrival_times import LATE_NS
 
 FLIGHT_NS = 12_000_000  # a date is of the echo; the sound to a target at 4 m takes 12 ms

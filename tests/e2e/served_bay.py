@@ -8,7 +8,9 @@ from typing import Any
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import parse
-from gateway.core.model import Circle, EventKind, Quality, RangeReading, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.events import EventKind
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import unit_of
 from gateway.modbus.server.service import Listening, serving

@@ -15,7 +15,10 @@ from typing import Any
 from gateway.clock import SystemClock
 from gateway.config import MqttConfig, Reconnect, SparkplugConfig
 from gateway.core import fusion
-from gateway.core.model import Circle, Event, EventKind, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.events import Event, EventKind
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector
 from gateway.hub import Hub
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.supervisor import Supervisor, Task

@@ -31,7 +31,8 @@ from gateway import shared_state
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, MqttConfig, Reconnect
-from gateway.core.model import Circle, Quality, RangeReading, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.sinks.outbox.durable import DurableOutbox, limits

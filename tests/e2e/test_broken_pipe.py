@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.core.model import Reason
+from gateway.core.state import Reason
 from tests.e2e.plc import Plc
 
 STANDING = "seed = 3\nstart = { distance_cm = 45 }\n"

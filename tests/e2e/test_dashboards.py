@@ -6,7 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gateway.core.model import Circle, EventKind, Quality, RangeReading, Reason, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.events import EventKind
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason
 from tests.e2e.brokers import Mosquitto, Received, Subscriber
 from tests.e2e.mqtt_plant import Plant
 from tests.node_function import run_function

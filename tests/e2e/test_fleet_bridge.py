@@ -11,7 +11,7 @@ import paho.mqtt.client as mqtt
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
-from gateway.core.model import EventKind
+from gateway.core.events import EventKind
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.mqtt_plant import Plant
 from tests.e2e.sparkplug_plant import SparkPlant, host_state, rebirth_request

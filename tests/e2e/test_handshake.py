@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from gateway.core.model import EventKind, GuidanceCode, Reason
+from gateway.core.events import EventKind
 from gateway.core.plc import Control, Outcome, RecipeVerdict, ResetVerdict
+from gateway.core.state import GuidanceCode, Reason
 from gateway.modbus.registers.handshake import HandshakeBit
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Plc

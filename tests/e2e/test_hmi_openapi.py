@@ -17,7 +17,7 @@ from schemathesis.specs.openapi.checks import ignored_auth
 
 from gateway.clock import SystemClock
 from gateway.config.sections.hmi import HmiConfig
-from gateway.core.model import Quality, VisionReading
+from gateway.core.readings import Quality, VisionReading
 from gateway.web.auth.logins import Logins
 from gateway.web.server import openapi
 from gateway.web.server.app import app

@@ -20,7 +20,7 @@ import psutil
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
 
-from gateway.core.model import Reason
+from gateway.core.state import Reason
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway, Row, survivors
 

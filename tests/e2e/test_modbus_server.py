@@ -19,7 +19,9 @@ from pymodbus.pdu.mei_message import ReadDeviceInformationRequest
 
 from gateway import __version__, event_loop
 from gateway.config import ModbusConfig
-from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector
 from gateway.errors import ConfigError, LinkError
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.answers import Unit

@@ -22,7 +22,8 @@ import psutil
 import pytest
 
 from gateway.config import Reconnect
-from gateway.core.model import EventKind, Reason
+from gateway.core.events import EventKind
+from gateway.core.state import Reason
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import parse

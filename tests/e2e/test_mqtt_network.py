@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from gateway.config import MqttTls
-from gateway.core.model import EventKind
+from gateway.core.events import EventKind
 from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
 from tests.e2e.tcp_proxy import NetworkConditions, Proxy

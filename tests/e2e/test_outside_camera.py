@@ -9,7 +9,7 @@ import pytest
 from gateway.app import check
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, Reconnect, VisionConfig, load
-from gateway.core.model import Quality, VisionReading
+from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError
 from gateway.vision.process.service import VisionService
 from gateway.vision.source.specs import source_spec

@@ -13,7 +13,8 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, VisionConfig, load
-from gateway.core.model import Detection, Quality, Tracking, VisionReading
+from gateway.core.detection import Detection, Tracking
+from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError
 from gateway.registry import Registry
 from gateway.vision.detect import registry

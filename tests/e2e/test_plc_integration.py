@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gateway.core.model import Reason, VisitPhase
+from gateway.core.state import Reason, VisitPhase
 from gateway.modbus.registers.register_map import REGISTERS
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway

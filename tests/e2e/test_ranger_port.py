@@ -19,7 +19,7 @@ import serial.rfc2217
 
 from gateway.clock import Clock, SystemClock
 from gateway.config import RangerConfig, Reconnect
-from gateway.core.model import Quality, RangeReading
+from gateway.core.readings import Quality, RangeReading
 from gateway.errors import LinkError
 from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import Hello, Measurement, encode_hello, encode_measurement

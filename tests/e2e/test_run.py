@@ -15,8 +15,9 @@ import cv2
 import pytest
 
 from gateway.clock import SystemClock
-from gateway.core.model import Quality, Reason
 from gateway.core.ne107 import Ne107
+from gateway.core.readings import Quality
+from gateway.core.state import Reason
 from gateway.sim import scenario as scenarios
 from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.ranger_board import RangerFault

@@ -14,7 +14,7 @@ from typing import Self
 import pytest
 
 from gateway.clock import SystemClock
-from gateway.core.model import Quality
+from gateway.core.readings import Quality
 from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import Hello
 from gateway.sim.emulator import EmulatedRanger

@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from gateway.core.model import Quality, Reason
+from gateway.core.readings import Quality
+from gateway.core.state import Reason
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 from gateway.shared_state import folder
 from tests.e2e.brokers import Mosquitto, Subscriber
@@ -178,7 +179,7 @@ def test_nothing_survives_a_sigkill_and_the_next_start_is_clean(tmp_path: Path) 
         gateway.wait_for(lambda row: row["type"] == "state" and row["may_move"])
         family = gateway.family()
         assert len(family) == 1  # the vision process
-        left = shared_files()  # read before the kill: any gateway that starts on this machine removes what dead ones left
+        left = shared_files()  # read before the kill: any gateway that starts removes what dead ones left
         assert len(left) == 1
         os.kill(gateway.process.pid, signal.SIGKILL)
         gateway.process.wait(10)

@@ -11,7 +11,7 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-from gateway.core.model import Reason
+from gateway.core.state import Reason
 from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.diagnosis import Diagnosis
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK

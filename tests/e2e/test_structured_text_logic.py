@@ -12,19 +12,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.core.model import (
-    FRESH_FRAME,
-    Circle,
-    Moved,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    VisionReading,
-    Visit,
-    VisitPhase,
-)
+from gateway.core.detection import Circle
 from gateway.core.plc import Phase
+from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
+from gateway.core.state import Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.modbus.exports import node_red_function, openplc, structured_text
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
 from gateway.modbus.exports.fields import fields

@@ -12,8 +12,9 @@ from gateway.config import parse
 from gateway.core import interlock
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
-from gateway.core.model import Quality, Tick
 from gateway.core.plc import Outcome, PlcWrite, Writer
+from gateway.core.readings import Quality
+from gateway.core.state import Tick
 from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target

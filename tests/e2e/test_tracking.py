@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.core.model import Quality, Reason, Tracking
+from gateway.core.detection import Tracking
+from gateway.core.readings import Quality
+from gateway.core.state import Reason
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 

@@ -23,7 +23,8 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, Reconnect, VisionConfig
-from gateway.core.model import Quality, Tracking, VisionReading
+from gateway.core.detection import Tracking
+from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError
 from gateway.vision.process import service
 from gateway.vision.process.service import VisionService

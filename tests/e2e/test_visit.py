@@ -11,8 +11,8 @@ from typing import Self
 from pymodbus.client import ModbusTcpClient
 
 from gateway.config import GatewayConfig, load
-from gateway.core.model import Moved, Reason, VisitPhase
 from gateway.core.plc import Control
+from gateway.core.state import Moved, Reason, VisitPhase
 from gateway.modbus.registers.position import PositionBit
 from gateway.modbus.registers.register_map import REGISTERS
 from tests.e2e.plc import Image, Plc, Poll

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gateway.clock import Clock
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError, LinkError
 from gateway.vision.pixels import Image
 from gateway.vision.source.contract import Frame

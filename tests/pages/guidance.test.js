@@ -7,7 +7,7 @@ import { PATHS } from '../static/lib/symbols.js';
 
 const GOOD = { bay: 'bay1', code: 'WAIT', text: '', stop: true, amount_mm: null, closing_mm_s: -3.5, to_go_mm: 10, age_ms: 20 };
 const told = (change) => driverView(JSON.stringify({ ...GOOD, ...change }), 'bay1');
-// Written by the test that runs this: the names of gateway.core.model.GuidanceCode.
+// Written by the test that runs this: the names of gateway.core.state.GuidanceCode.
 const NAMES = JSON.parse(readFileSync(new URL('../codes.json', import.meta.url), 'utf8'));
 
 test('every code of the gateway has a sign, a kind, and a word in every language', () => {

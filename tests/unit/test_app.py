@@ -11,7 +11,9 @@ import pytest
 from gateway import app
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, Reconnect
-from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.sinks import registry

@@ -8,7 +8,10 @@ import pytest
 
 from gateway.bay import BayControl
 from gateway.config import BayConfig, FusionConfig
-from gateway.core.model import Circle, EventKind, Quality, RangeReading, Reason, StateVector, Tracking, VisionReading
+from gateway.core.detection import Circle, Tracking
+from gateway.core.events import EventKind
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector
 from gateway.hub import EventQueue, Hub
 from gateway.modbus.registers.register_map import decode, encode
 from tests import virtual_time

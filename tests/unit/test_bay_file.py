@@ -19,10 +19,13 @@ from gateway import bay_file
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles, decoded, default_folder, encoded, path_of, write_file
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
+from gateway.core.detection import Circle
+from gateway.core.events import EventKind
 from gateway.core.interlock import RetainedState
-from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
 from gateway.core.plc import Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.scale import MAX_VISITS, ScaleSample
+from gateway.core.state import FunctionCheck
 from gateway.hub import Hub
 from gateway.supervisor import Supervisor, Task
 from tests.virtual_time import LoopClock, run

@@ -6,19 +6,11 @@ import pytest
 
 from gateway.bay import BayControl
 from gateway.config import parse
-from gateway.core.model import (
-    Circle,
-    Event,
-    EventKind,
-    FunctionCheck,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    Tick,
-    VisionReading,
-)
+from gateway.core.detection import Circle
+from gateway.core.events import Event, EventKind
 from gateway.core.plc import Change, Control, PlcConnection, PlcLink, PlcWrite, Writer, WriteVerdict
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.hub import EventQueue, Hub
 from gateway.net.rate_limit import BURST
 from tests import virtual_time

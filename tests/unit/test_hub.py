@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.core.model import Event, EventKind, Quality, StateVector
+from gateway.core.events import Event, EventKind
+from gateway.core.readings import Quality
+from gateway.core.state import StateVector
 from gateway.hub import EventQueue, Hub
 from tests import virtual_time
 

@@ -22,8 +22,10 @@ import pytest
 
 from gateway import shared_state
 from gateway.clock import SystemClock
+from gateway.core.detection import Circle
 from gateway.core.fusion import initial
-from gateway.core.model import Circle, Moved, Quality, RangeReading, Reason, StateVector, VisionReading
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import ConfigError, LinkError
 from gateway.shared_state import SharedStateReader, SharedStateWriter, attachable, path_of
 
@@ -46,7 +48,7 @@ from pathlib import Path
 from gateway import shared_state
 shared_state.folder = lambda: Path(sys.argv[1])
 from gateway.errors import LinkError
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 from gateway.shared_state import SharedStateReader, SharedStateWriter, attachable
 """
 

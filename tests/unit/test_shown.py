@@ -15,9 +15,11 @@ import gateway
 from gateway import shared_state
 from gateway.bay import BayControl
 from gateway.config import GatewayConfig, MqttConfig, SparkplugConfig, parse
-from gateway.core.model import Circle, FunctionCheck, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.core.detection import Circle
 from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import shown
+from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register_map import decode
 from gateway.shared_state import SharedStateReader, SharedStateWriter

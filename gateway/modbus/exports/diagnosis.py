@@ -11,7 +11,7 @@ with `#` before every local name (as in SCL); it is true when the check fails. `
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from gateway.core.model import FRESH_FRAME, Quality
+from gateway.core.readings import FRESH_FRAME, Quality
 from gateway.modbus.registers.register_map import KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION
 
 HEARTBEAT_TIMEOUT_MS = 500

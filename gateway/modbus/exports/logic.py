@@ -8,7 +8,7 @@ float is put together by arithmetic, which is exact because only powers of two a
 import re
 from collections.abc import Iterator, Sequence
 
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 from gateway.modbus.exports.decode import decode
 from gateway.modbus.exports.diagnosis import ALIVE, FIRST_ALIVE, HEARTBEAT_CHANGES, SOUND, VALUES, Check
 from gateway.modbus.exports.fields import fields

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from gateway.core.model import REASON_MEANING, Reason
+from gateway.core.state import REASON_MEANING, Reason
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.registry import SUMMARY, export

@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 
 from gateway.config import parse
 from gateway.core import interlock
+from gateway.core.detection import Circle
 from gateway.core.fusion import Observation, forced_stop
 from gateway.core.interlock import Rules
-from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading, VisitPhase
 from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector, Tick, VisitPhase
 from gateway.modbus.reference.timing_diagrams import (
     BIT,
     MS,

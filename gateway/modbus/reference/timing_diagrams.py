@@ -11,10 +11,12 @@ from typing import Any
 
 from gateway.config import parse
 from gateway.core import interlock
+from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
-from gateway.core.model import Circle, Quality, RangeReading, Tick, VisionReading
 from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Tick
 from gateway.modbus.registers.handshake import HandshakeBit
 from gateway.modbus.registers.register_map import decode, encode
 

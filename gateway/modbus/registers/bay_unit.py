@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import ModbusConfig
-from gateway.core.model import Reason, StateVector
 from gateway.core.plc import CONTROL_BITS, PlcConnection, PlcWrite, Writer, WriteVerdict
+from gateway.core.state import Reason, StateVector
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Peer, ReadImage, Unit, Write

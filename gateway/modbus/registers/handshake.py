@@ -2,8 +2,8 @@
 
 from enum import IntEnum
 
-from gateway.core.model import StateVector
 from gateway.core.plc import CONTROL_MEANING, OUTCOME_MEANING, RECIPE_MEANING, RESET_MEANING, Acquired, Phase, PlcLink
+from gateway.core.state import StateVector
 from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named, part
 
 NS_PER_MS = 1_000_000

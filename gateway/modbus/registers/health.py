@@ -1,8 +1,9 @@
 """Rows 60 to 68: the gateway's own health after NAMUR NE 107, and the driver's guidance; and, where there was room, 58,
 59, 69, 78, 79 and 97: the health of the picture. Pure."""
 
-from gateway.core.model import GUIDANCE_MEANING, PICTURE_MEANING, PictureHealth, StateVector
 from gateway.core.ne107 import NE107_MEANING, Ne107, active, status
+from gateway.core.readings import PICTURE_MEANING, PictureHealth
+from gateway.core.state import GUIDANCE_MEANING, StateVector
 from gateway.modbus.registers.register import (
     MEASURED_INT16,
     MEASURED_UINT16,

@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from gateway.core.model import MOVED_MEANING, VISIT_PHASE_MEANING, Moved, StateVector
+from gateway.core.state import MOVED_MEANING, VISIT_PHASE_MEANING, Moved, StateVector
 from gateway.modbus.registers.register import MEASURED_UINT16, UINT16, Register, Value, named
 
 NS_PER_S = 1_000_000_000

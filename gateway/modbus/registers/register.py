@@ -13,7 +13,7 @@ from enum import IntEnum
 from operator import attrgetter
 from typing import Literal, TypeVar
 
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 
 WordOrder = Literal["big", "little"]
 """`big`: the high word has the lowest address. `little`: the low word has it."""

@@ -11,21 +11,10 @@ Equal numbers therefore mean one image, however many reads fetched it.
 from collections.abc import Sequence
 from enum import IntEnum
 
-from gateway.core.model import (
-    FRESH_FRAME,
-    QUALITY_MEANING,
-    RANGE_FINE,
-    REASON_MEANING,
-    TRACKING_MEANING,
-    VISION_FINE,
-    Circle,
-    Ellipse,
-    Quality,
-    Reason,
-    StateVector,
-    VisionReading,
-)
+from gateway.core.detection import TRACKING_MEANING, Circle, Ellipse
+from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, VisionReading
 from gateway.core.shown import withdrawn
+from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.handshake import HANDSHAKE
 from gateway.modbus.registers.health import HEALTH, PICTURE

@@ -7,7 +7,7 @@ methods are described in gateway/ranger/contract.py.
 from collections import Counter
 
 from gateway.config import RangerConfig
-from gateway.core.model import Quality, RangeReading, RangeStats
+from gateway.core.readings import Quality, RangeReading, RangeStats
 from gateway.ranger.conditioning import Conditioner
 from gateway.ranger.contract import RangerType
 from gateway.ranger.hcsr04.arrival_times import Arrival, ArrivalTracker

@@ -10,7 +10,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from gateway.core.model import Moved, Quality, Reason, Tracking, VisitPhase
+from gateway.core.detection import Tracking
+from gateway.core.readings import Quality
+from gateway.core.state import Moved, Reason, VisitPhase
 from gateway.sinks.mqtt.topics import Gateway
 
 QOS = 1

@@ -9,9 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gateway.core.model import EventKind, GuidanceCode, PictureFault, Quality, Reason, Tracking
+from gateway.core.detection import Tracking
+from gateway.core.events import EventKind
 from gateway.core.ne107 import Ne107
 from gateway.core.plc import PlcLink
+from gateway.core.readings import PictureFault, Quality
+from gateway.core.state import GuidanceCode, Reason
 
 SCHEMA_VERSION = 1
 EVENT_MEANING: dict[EventKind, str] = {

@@ -9,21 +9,11 @@ from datetime import UTC, datetime, timedelta
 from pydantic import BaseModel
 
 from gateway.core import fusion, ne107
-from gateway.core.model import (
-    FRESH_FRAME,
-    GUIDANCE_MEANING,
-    REASON_MEANING,
-    Event,
-    EventKind,
-    Guidance,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    VisionReading,
-)
+from gateway.core.events import Event, EventKind
 from gateway.core.ne107 import Ne107
 from gateway.core.plc import Phase, PlcLink
+from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
+from gateway.core.state import GUIDANCE_MEANING, REASON_MEANING, Guidance, Reason, StateVector
 from gateway.sinks.contract import StoreStatus
 from gateway.sinks.mqtt.messages import (
     SCHEMA_VERSION,

@@ -20,7 +20,9 @@ from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import GatewayConfig, MqttConfig
 from gateway.config.strict.errors import without_password
-from gateway.core.model import Event, Moved, Quality, Reason, StateVector
+from gateway.core.events import Event
+from gateway.core.readings import Quality
+from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import home_assistant, messages, payloads

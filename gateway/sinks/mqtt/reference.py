@@ -9,20 +9,11 @@ from functools import partial
 
 from pydantic import BaseModel
 
-from gateway.core.model import (
-    Circle,
-    Event,
-    EventKind,
-    FusionMemory,
-    Quality,
-    RangeReading,
-    RangeStats,
-    Reason,
-    StateVector,
-    VisionReading,
-    VisionStats,
-)
+from gateway.core.detection import Circle
+from gateway.core.events import Event, EventKind
+from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.core.state import FusionMemory, Reason, StateVector
 from gateway.sinks.mqtt import home_assistant, messages, payloads, topic_plan
 from gateway.sinks.mqtt.topics import Gateway, Topics
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel
 
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.messages import EventPayload, StatePayload, StatusPayload
 from gateway.sinks.mqtt.topics import Gateway

@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gateway.core.model import FRESH_FRAME, REASON_MEANING, Circle, PictureHealth, Quality, StateVector
+from gateway.core.detection import Circle
+from gateway.core.readings import FRESH_FRAME, PictureHealth, Quality
+from gateway.core.state import REASON_MEANING, StateVector
 from gateway.sinks.sparkplug.wire import DataType, Metric, QualityCode, Value
 
 NODE_REBIRTH = "Node Control/Rebirth"

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, decode, encode

@@ -15,7 +15,8 @@ from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import MqttConfig
 from gateway.config.strict.errors import without_password
-from gateway.core.model import Event, Reason, StateVector
+from gateway.core.events import Event
+from gateway.core.state import Reason, StateVector
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import payloads

@@ -3,7 +3,7 @@
 import math
 from typing import Protocol
 
-from gateway.core.model import Circle, Ellipse
+from gateway.core.detection import Circle, Ellipse
 
 SAME_PLACE = 0.5  # of the larger radius: two circles whose centres are closer are at the same place
 SAME_SIZE = 1.4  # so much larger or smaller is about the same size

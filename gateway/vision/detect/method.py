@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from gateway.config import VisionConfig
 from gateway.config.sections.vision import DETECTION_METHODS, keys_of
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.radii import MarkerRadii
 
 if TYPE_CHECKING:

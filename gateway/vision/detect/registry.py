@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from gateway.config import VisionConfig
 from gateway.config.sections.vision import DETECTION_METHODS
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.method import Detector, Method, NowNs
 from gateway.vision.track.follower import Follower
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from gateway.config import PictureConfig
-from gateway.core.model import PictureFault, PictureHealth
+from gateway.core.readings import PictureFault, PictureHealth
 
 NS_PER_S = 1_000_000_000
 CLEARS = 0.1  # beyond its limit by this share of it, on the good side, a fault ends

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import PictureHealth
+from gateway.core.readings import PictureHealth
 from gateway.vision.picture.background import Background
 from gateway.vision.pixels import Image
 

@@ -31,7 +31,8 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
-from gateway.core.model import Detection, PictureHealth, Quality, VisionReading, VisionStats
+from gateway.core.detection import Detection
+from gateway.core.readings import PictureHealth, Quality, VisionReading, VisionStats
 from gateway.supervisor import delay_s
 from gateway.vision.picture.judge import PictureJudge
 from gateway.vision.transport.messages import Result

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from gateway.clock import NS_PER_S, Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
-from gateway.core.model import VisionReading
+from gateway.core.readings import VisionReading
 from gateway.errors import ConfigError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.child import shown

@@ -11,7 +11,7 @@ from enum import Enum, auto
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.pixels import Image
 
 TILES = (12, 16)  # rows and columns of tiles

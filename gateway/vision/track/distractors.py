@@ -15,7 +15,7 @@ With the radii that the ranger allows, a disc of another radius is not the marke
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gateway.core.model import Circle, Rejection
+from gateway.core.detection import Circle, Rejection
 from gateway.vision.detect.geometry import same_circle
 
 HELD_NS = 10_000_000_000

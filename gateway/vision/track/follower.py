@@ -23,7 +23,7 @@ distractor.
 
 from dataclasses import replace
 
-from gateway.core.model import Circle, Detection, Rejection, Tracking
+from gateway.core.detection import Circle, Detection, Rejection, Tracking
 from gateway.vision.detect.geometry import same_circle
 from gateway.vision.detect.method import Search
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii

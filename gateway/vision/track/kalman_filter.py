@@ -15,7 +15,7 @@ uncertainty grows with the interval in either direction. No input gives NaN or a
 import math
 from dataclasses import dataclass
 
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 
 NS_PER_S = 1_000_000_000
 

@@ -12,7 +12,8 @@ from msgspec import Struct
 
 from gateway.clock import SystemClock
 from gateway.config import VisionConfig
-from gateway.core.model import Detection, PictureHealth
+from gateway.core.detection import Detection
+from gateway.core.readings import PictureHealth
 from gateway.errors import ProtocolError
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message, record_of, record_packed

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
 from gateway.vision.view.figures import figure3, figure4

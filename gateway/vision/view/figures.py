@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.pipeline import Trace
 from gateway.vision.pixels import Image

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import Circle, Detection, Ellipse
+from gateway.core.detection import Circle, Detection, Ellipse
 from gateway.vision.pixels import Image
 from gateway.vision.view.drawing import (
     CENTRE,

@@ -16,8 +16,9 @@ from gateway.alarms.records import ActionReply, OperatorAction
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import VisionConfig
-from gateway.core.model import Event, FunctionCheck
+from gateway.core.events import Event
 from gateway.core.plc import Writer
+from gateway.core.state import FunctionCheck
 from gateway.errors import GatewayError
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage

@@ -8,7 +8,7 @@ from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.table import GatewayConditions
 from gateway.bay_file import BayFiles
 from gateway.config import GatewayConfig
-from gateway.core.model import FRESH_FRAME, VisionReading
+from gateway.core.readings import FRESH_FRAME, VisionReading
 from gateway.hub import Hub
 from gateway.modbus.server.traffic import ServerNow
 from gateway.sinks.contract import Sink

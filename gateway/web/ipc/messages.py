@@ -13,8 +13,9 @@ from msgspec import Meta
 from gateway.alarms.records import AlarmChange, AlarmSummary, OperatorAction
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, VisionConfig
-from gateway.core.model import Event, FunctionCheck, StateVector
+from gateway.core.events import Event
 from gateway.core.plc import Writer
+from gateway.core.state import FunctionCheck, StateVector
 from gateway.errors import ConfigError
 from gateway.modbus.server.traffic import ServerNow
 from gateway.processes.channel import Failed

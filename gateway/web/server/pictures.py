@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import cv2
 
 from gateway.clock import NS_PER_S, Clock
-from gateway.core.model import VisionReading
+from gateway.core.readings import VisionReading
 from gateway.errors import GatewayError
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot

@@ -3,8 +3,10 @@
 from gateway import __version__
 from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig, GatewayConfig
+from gateway.core.detection import Circle, Ellipse
 from gateway.core.interlock import Recipe
-from gateway.core.model import GUIDANCE_MEANING, Circle, Ellipse, GuidanceCode, VisionReading
+from gateway.core.readings import VisionReading
+from gateway.core.state import GUIDANCE_MEANING, GuidanceCode
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.web.server import lists

@@ -5,7 +5,8 @@ from typing import Any
 from urllib.parse import quote
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection, FunctionCheck
+from gateway.core.detection import Detection
+from gateway.core.state import FunctionCheck
 from gateway.vision.offline.tuning import exposure
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning.eyedropper import ColourPick

@@ -7,7 +7,7 @@ from fastapi import Depends, Query
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from gateway.config import VisionConfig
-from gateway.core.model import FunctionCheck
+from gateway.core.state import FunctionCheck
 from gateway.errors import ConfigError
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.auth.access import BODY_BYTES, PROFILE_BYTES, Level

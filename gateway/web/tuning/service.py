@@ -15,8 +15,8 @@ from typing import Protocol, Self, TypeVar, TypeVarTuple
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
-from gateway.core.model import FunctionCheck
 from gateway.core.plc import Writer
+from gateway.core.state import FunctionCheck
 from gateway.errors import LinkError
 from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.offline.tuning import exposure

@@ -5,7 +5,7 @@ import math
 import cv2
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import Panel
 from gateway.vision.pixels import Image

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from gateway.clock import NS_PER_S
 from gateway.config import VisionConfig
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.errors import GatewayError
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import NowNs

@@ -22,23 +22,11 @@ from gateway.alarms.records import (
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
 from gateway.alarms.table import GatewayConditions, Priority, Suppression
 from gateway.config import FusionConfig
-from gateway.core.model import (
-    Circle,
-    FunctionCheck,
-    FusionMemory,
-    Moved,
-    PictureFault,
-    PictureHealth,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    TruckPosition,
-    VisionReading,
-    Visit,
-)
+from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
+from gateway.core.readings import PictureFault, PictureHealth, Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, TruckPosition, Visit
 from tests.permitted import permitted
 
 S = 1_000_000_000

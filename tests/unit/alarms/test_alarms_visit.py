@@ -10,11 +10,13 @@ from gateway.alarms.records import AlarmChange
 from gateway.alarms.states import AlarmState
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, VisitConfig
 from gateway.core import interlock
+from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
 from gateway.core.interlock import RetainedState
-from gateway.core.model import Circle, FunctionCheck, Moved, Quality, RangeReading, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.scale import ScaleSample
+from gateway.core.state import FunctionCheck, Moved, StateVector, Tick
 
 MS = 1_000_000
 STEP_MS = 50

@@ -5,7 +5,8 @@ from gateway.alarms.records import ActionReply, OperatorAction
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.alarms.table import BAY_ALARMS, AlarmDefinition, BayInputs, Priority
 from gateway.config import FusionConfig
-from gateway.core.model import Circle, Quality, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, VisionReading
 from tests.permitted import permitted
 
 S = 1_000_000_000

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from gateway.cli.state import _line, _row
-from gateway.core.model import Moved, Quality, Reason
+from gateway.core.readings import Quality
+from gateway.core.state import Moved, Reason
 from gateway.shared_state import SharedVector
 
 GOOD = SharedVector(

@@ -10,18 +10,10 @@ from rich.console import Console, RenderableType
 from gateway import config
 from gateway.cli import view
 from gateway.core import fusion
-from gateway.core.model import (
-    Circle,
-    Ellipse,
-    Event,
-    EventKind,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    Tracking,
-    VisionReading,
-)
+from gateway.core.detection import Circle, Ellipse, Tracking
+from gateway.core.events import Event, EventKind
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector
 from gateway.hub import Hub
 from tests.virtual_time import LoopClock, run
 

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from gateway.config import CrossCheck, FusionConfig
 from gateway.core import agreement
 from gateway.core.agreement import checked, without_marker
-from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.core.state import FusionMemory
 
 MS = 1_000_000
 CONFIG = FusionConfig()

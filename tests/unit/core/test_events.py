@@ -7,19 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.config import CrossCheck, FusionConfig
-from gateway.core.events import diff
+from gateway.core.detection import Circle
+from gateway.core.events import Event, EventKind, diff
 from gateway.core.fusion import initial, step
-from gateway.core.model import (
-    Circle,
-    Event,
-    EventKind,
-    FusionMemory,
-    Quality,
-    RangeReading,
-    StateVector,
-    Tick,
-    VisionReading,
-)
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FusionMemory, StateVector, Tick
 
 CALM = StateVector(bay="bay3", t_ns=77, stop=False, may_move=True)
 

@@ -10,20 +10,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from gateway.config import CrossCheck, FusionConfig
 from gateway.core.agreement import LARGEST
+from gateway.core.detection import Circle
 from gateway.core.fusion import RANGE_REASON, VISION_REASON, Observation, forced_stop, initial, step
-from gateway.core.model import (
-    Circle,
-    Guidance,
-    GuidanceCode,
-    Quality,
-    RangeReading,
-    RangeStats,
-    Reason,
-    StateVector,
-    Tick,
-    VisionReading,
-    VisionStats,
-)
+from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
+from gateway.core.state import Guidance, GuidanceCode, Reason, StateVector, Tick
 
 MS = 1_000_000
 S = 1_000 * MS

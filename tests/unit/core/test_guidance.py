@@ -9,17 +9,10 @@ from hypothesis import strategies as st
 
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
 from gateway.core import guidance
+from gateway.core.detection import Circle
 from gateway.core.guidance import TRACK_MAX, closing_mm_s, to_go_mm, tracked
-from gateway.core.model import (
-    Circle,
-    FusionMemory,
-    Guidance,
-    GuidanceCode,
-    Quality,
-    RangeReading,
-    StateVector,
-    VisionReading,
-)
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FusionMemory, Guidance, GuidanceCode, StateVector
 
 MS = 1_000_000
 S = 1000 * MS

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from gateway.config import HandshakeConfig
 from gateway.core import events, handshake
+from gateway.core.detection import Circle
 from gateway.core.handshake import TRANSITIONS, Signal
-from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, StateVector, VisionReading
 from gateway.core.plc import (
     Acquired,
     Change,
@@ -23,6 +23,8 @@ from gateway.core.plc import (
     RecipeVerdict,
     Writer,
 )
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FusionMemory, StateVector
 
 MS = 1_000_000
 S = 1000 * MS

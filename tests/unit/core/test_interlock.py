@@ -9,21 +9,12 @@ from hypothesis import strategies as st
 
 from gateway.config import GatewayConfig, parse
 from gateway.core import fusion, interlock
+from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
-from gateway.core.model import (
-    Circle,
-    FunctionCheck,
-    GuidanceCode,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    Tick,
-    VisionReading,
-    VisionStats,
-)
 from gateway.core.plc import Control, PlcWrite, RecipeVerdict, ResetVerdict, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading, VisionStats
+from gateway.core.state import FunctionCheck, GuidanceCode, Reason, StateVector, Tick
 
 MS = 1_000_000
 S = 1000 * MS

@@ -7,22 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.core import fusion
-from gateway.core.model import (
-    Circle,
-    FunctionCheck,
-    FusionMemory,
+from gateway.core.detection import Circle
+from gateway.core.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, restarts, status
+from gateway.core.plc import Handshake
+from gateway.core.readings import (
     PictureFault,
     PictureHealth,
     Quality,
     RangeReading,
     RangeStats,
-    Reason,
-    StateVector,
     VisionReading,
     VisionStats,
 )
-from gateway.core.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, restarts, status
-from gateway.core.plc import Handshake
+from gateway.core.state import FunctionCheck, FusionMemory, Reason, StateVector
 
 T0 = 1_000_000_000_000
 GOOD = StateVector(

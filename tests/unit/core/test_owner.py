@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 
 from gateway.config import parse
 from gateway.core import interlock
+from gateway.core.detection import Circle
 from gateway.core.interlock import Rules
-from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
 from gateway.core.plc import Control, Phase, PlcConnection, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector, Tick
 
 pytestmark = pytest.mark.one_interpreter
 

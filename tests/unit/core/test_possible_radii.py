@@ -9,9 +9,11 @@ from gateway import app
 from gateway.bay import BayControl
 from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, VisitConfig
 from gateway.core import fusion, interlock, visit
+from gateway.core.detection import Circle
 from gateway.core.interlock import RetainedState, Rules
-from gateway.core.model import Circle, Quality, RangeReading, Reason, StateVector, Tick, VisionReading
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample, possible_radii_px
+from gateway.core.state import Reason, StateVector, Tick
 from gateway.hub import Hub
 from tests.virtual_time import LoopClock
 

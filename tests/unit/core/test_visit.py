@@ -11,24 +11,13 @@ from hypothesis import strategies as st
 
 from gateway.config import GatewayConfig
 from gateway.core import interlock, visit
+from gateway.core.detection import Circle
+from gateway.core.events import EventKind
 from gateway.core.interlock import RetainedState
-from gateway.core.model import (
-    DEAD,
-    Circle,
-    EventKind,
-    FunctionCheck,
-    GuidanceCode,
-    Moved,
-    Quality,
-    RangeReading,
-    Reason,
-    Tick,
-    TruckPosition,
-    VisionReading,
-    VisitPhase,
-)
 from gateway.core.plc import Control, PlcWrite, ResetVerdict
+from gateway.core.readings import DEAD, Quality, RangeReading, VisionReading
 from gateway.core.scale import ScaleSample
+from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, Tick, TruckPosition, VisitPhase
 from gateway.sim.scenario import Scenario
 from tests.visit_bench import MOMENTS_HZ, PLC, Bench, Levels, gateway, truck
 from tests.visit_judge import Row, complaints

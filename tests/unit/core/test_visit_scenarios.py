@@ -9,7 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.config import GatewayConfig, load
-from gateway.core.model import EventKind, Moved, Quality, Reason
+from gateway.core.events import EventKind
+from gateway.core.readings import Quality
+from gateway.core.state import Moved, Reason
 from gateway.sim import scenario as scenarios
 from gateway.sim.scenario import FaultKind
 from tests.visit_bench import MOMENTS_HZ, Bench, Levels, Moment, gateway, truck

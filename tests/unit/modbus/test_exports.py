@@ -16,8 +16,8 @@ import pytest
 
 from gateway import registry
 from gateway.cli import registers as verb
-from gateway.core.model import Reason, StateVector
 from gateway.core.plc import Control, Handshake, PlcLink
+from gateway.core.state import Reason, StateVector
 from gateway.errors import ConfigError
 from gateway.modbus.exports import (
     kepware,

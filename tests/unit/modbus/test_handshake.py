@@ -5,17 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.core import fusion
-from gateway.core.model import (
-    Circle,
-    FusionMemory,
-    Guidance,
-    GuidanceCode,
-    Quality,
-    RangeReading,
-    Reason,
-    StateVector,
-    VisionReading,
-)
+from gateway.core.detection import Circle
 from gateway.core.plc import (
     CONTROL_MEANING,
     Acquired,
@@ -30,6 +20,8 @@ from gateway.core.plc import (
     Writer,
     WriteVerdict,
 )
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FusionMemory, Guidance, GuidanceCode, Reason, StateVector
 from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Access, Peer
 from gateway.modbus.registers.bay_unit import WRITABLE, writer

@@ -7,11 +7,13 @@ import pytest
 
 from gateway.config import parse
 from gateway.core import interlock
+from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
-from gateway.core.model import Circle, Quality, RangeReading, StateVector, Tick, VisionReading
 from gateway.core.plc import PlcWrite, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import shown
+from gateway.core.state import StateVector, Tick
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
 from gateway.modbus.reference import reaction_time
 from gateway.modbus.registers.register_map import decode, encode

@@ -7,21 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.core import events, fusion
-from gateway.core.model import (
-    Circle,
-    Ellipse,
-    EventKind,
-    FusionMemory,
-    PictureHealth,
-    Quality,
-    RangeReading,
-    RangeStats,
-    Reason,
-    StateVector,
-    Tracking,
-    VisionReading,
-    VisionStats,
-)
+from gateway.core.detection import Circle, Ellipse, Tracking
+from gateway.core.events import EventKind
+from gateway.core.readings import PictureHealth, Quality, RangeReading, RangeStats, VisionReading, VisionStats
+from gateway.core.state import FusionMemory, Reason, StateVector
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_unit import CurrentImage
 from gateway.modbus.registers.register import WordOrder

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from gateway.core.model import Reason, VisitPhase
+from gateway.core.state import Reason, VisitPhase
 from gateway.modbus.reference import situations
 
 IMAGES = situations.images()

@@ -11,15 +11,9 @@ from typing import Any
 import pytest
 
 from gateway.cli import registers as verb
-from gateway.core.model import (
-    QUALITY_MEANING,
-    REASON_MEANING,
-    Circle,
-    Quality,
-    RangeReading,
-    StateVector,
-    VisionReading,
-)
+from gateway.core.detection import Circle
+from gateway.core.readings import QUALITY_MEANING, Quality, RangeReading, VisionReading
+from gateway.core.state import REASON_MEANING, StateVector
 from gateway.modbus.exports import tables
 from gateway.modbus.registers.register_map import REGISTERS, RESERVED, encode
 

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 import gateway
 from gateway.config import VisionConfig
-from gateway.core.model import FunctionCheck
 from gateway.core.plc import Writer
+from gateway.core.state import FunctionCheck
 from gateway.errors import ProtocolError
 from gateway.processes import child
 from gateway.processes.channel import Failed

@@ -11,7 +11,7 @@ from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, RangerConfig, parse
 from gateway.config.sections.ranger import RANGERS
-from gateway.core.model import Quality, RangeReading, RangeStats
+from gateway.core.readings import Quality, RangeReading, RangeStats
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
 from gateway.ranger.conditioning import Conditioner

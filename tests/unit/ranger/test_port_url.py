@@ -6,7 +6,7 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.config import RangerConfig
-from gateway.core.model import RangeReading
+from gateway.core.readings import RangeReading
 from gateway.errors import ConfigError, LinkError
 from gateway.ranger.port import Port, check_url
 from gateway.ranger.service import RangerService

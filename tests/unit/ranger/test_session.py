@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.config import RangerConfig
-from gateway.core.model import Quality, RangeReading
+from gateway.core.readings import Quality, RangeReading
 from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import (
     NO_FLAGS,

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config import RangerConfig
-from gateway.core.model import Quality, RangeReading
+from gateway.core.readings import Quality, RangeReading
 from gateway.ranger.hcsr04.protocol import Decoder, Event, Flags, Hello, Measurement
 from gateway.ranger.hcsr04.session import Session, distance_mm
 from gateway.sim.hcsr04 import SensorErrors, measure, no_echo, ticks_of

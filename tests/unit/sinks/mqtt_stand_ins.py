@@ -8,7 +8,8 @@ from typing import Any, NoReturn
 
 from gateway.config import MqttConfig
 from gateway.core import fusion
-from gateway.core.model import Event, EventKind, StateVector
+from gateway.core.events import Event, EventKind
+from gateway.core.state import StateVector
 from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.sinks.mqtt.broker_link import Message

@@ -11,30 +11,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from gateway.core.model import (
-    GUIDANCE_MEANING,
+from gateway.core.detection import Circle, Ellipse, Tracking
+from gateway.core.events import Event, EventKind
+from gateway.core.readings import (
     QUALITY_MEANING,
-    REASON_MEANING,
-    Circle,
-    Ellipse,
-    Event,
-    EventKind,
-    FusionMemory,
-    GuidanceCode,
     PictureHealth,
     Quality,
     RangeReading,
     RangeStats,
-    Reason,
-    StateVector,
-    Tracking,
     VisionReading,
     VisionStats,
-    Visit,
-    VisitPhase,
 )
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.shown import shown
+from gateway.core.state import (
+    GUIDANCE_MEANING,
+    REASON_MEANING,
+    FusionMemory,
+    GuidanceCode,
+    Reason,
+    StateVector,
+    Visit,
+    VisitPhase,
+)
 from gateway.sinks.mqtt import messages, payloads, reference
 from gateway.sinks.mqtt.payloads import encode, event_payload, state_payload, status_payload
 from gateway.sinks.mqtt.topics import Gateway, Topics

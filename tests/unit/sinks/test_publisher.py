@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from gateway.config import MqttConfig
-from gateway.core.model import EventKind, Quality, Reason
+from gateway.core.events import EventKind
+from gateway.core.readings import Quality
+from gateway.core.state import Reason
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher

@@ -13,7 +13,9 @@ from pydantic import BaseModel
 from gateway import app
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, parse
-from gateway.core.model import EventKind, Quality, Reason, StateVector
+from gateway.core.events import EventKind
+from gateway.core.readings import Quality
+from gateway.core.state import Reason, StateVector
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.sinks import registry

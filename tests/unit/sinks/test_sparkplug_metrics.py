@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.core.detection import Tracking
 from gateway.core.fusion import initial
-from gateway.core.model import Quality, Tracking, VisionReading
+from gateway.core.readings import Quality, VisionReading
 from gateway.sinks.sparkplug.metrics import quality_code, readings
 from gateway.sinks.sparkplug.wire import QualityCode
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.core.model import StateVector
+from gateway.core.state import StateVector
 from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish
 from gateway.sinks.sparkplug.wire import decode
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, from_matrix, matrix, to_ellipse
 
 ellipses = st.builds(

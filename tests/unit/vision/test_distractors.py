@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.core.model import Circle, Detection, Rejection, Tracking
+from gateway.core.detection import Circle, Detection, Rejection, Tracking
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import HELD_NS, WEAKER, Distractors
 from gateway.vision.track.follower import Follower

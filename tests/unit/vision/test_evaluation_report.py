@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.cli import evaluate_table
-from gateway.core.model import Circle, Detection, Ellipse, Rejection
+from gateway.core.detection import Circle, Detection, Ellipse, Rejection
 from gateway.errors import ConfigError
 from gateway.vision.offline.evaluation import case_cards, plots
 from gateway.vision.offline.evaluation.labels import Label

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.cli import evaluate
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError
 from gateway.vision.offline.evaluation import requirements
 from gateway.vision.offline.evaluation.labels import Label

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.core.model import Circle, Detection, Ellipse, Tracking
+from gateway.core.detection import Circle, Detection, Ellipse, Tracking
 from gateway.vision.offline.evaluation.constancy import constancy
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.result import UNGROUPED, as_json, in_sequence, result, series_by

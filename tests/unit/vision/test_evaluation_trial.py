@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.clock import SystemClock
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError
 from gateway.vision.detect.method import Detector
 from gateway.vision.offline.evaluation.labels import Label, Labels, load

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact import build, red
 from gateway.vision.detect.paper.exact.geometry import Box, Opening

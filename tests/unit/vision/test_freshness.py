@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.pixels import Image
 from gateway.vision.source.freshness import Freshness, FrozenFrameDetector, unchanged_since_ns
 

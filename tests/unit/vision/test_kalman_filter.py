@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.track import kalman_filter as tracking
 from gateway.vision.track.kalman_filter import Axis, Track
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from gateway.clock import SystemClock
 from gateway.config import Intrinsics, VisionConfig
-from gateway.core.model import Circle, Detection, Ellipse, PictureHealth, Rejection, Tracking
+from gateway.core.detection import Circle, Detection, Ellipse, Rejection, Tracking
+from gateway.core.readings import PictureHealth
 from gateway.errors import ProtocolError
 from gateway.processes.channel import Failed
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec, record_of, record_packed

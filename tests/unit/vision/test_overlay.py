@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.core.model import Circle, Detection, Ellipse, Rejection, Tracking
+from gateway.core.detection import Circle, Detection, Ellipse, Rejection, Tracking
 from gateway.vision.view.overlay import overlay, rim_of
 
 GREY = np.full((600, 800, 3), 100, np.uint8)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.config import Intrinsics, VisionConfig
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_matrix
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.perspective import DiscPose, disc_pose

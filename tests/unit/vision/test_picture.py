@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gateway.config import PictureConfig
-from gateway.core.model import PictureFault, PictureHealth
+from gateway.core.readings import PictureFault, PictureHealth
 from gateway.sim.render import Painter
 from gateway.sim.scenario import load
 from gateway.sim.world import World

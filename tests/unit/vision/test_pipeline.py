@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from numpy.typing import NDArray
 
 from gateway.config import Intrinsics, VisionConfig
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.vision.detect import lens as intrinsics
 from gateway.vision.detect.paper import method, pipeline, stages
 from gateway.vision.view import example

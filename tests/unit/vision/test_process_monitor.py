@@ -10,7 +10,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from msgspec import structs
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
-from gateway.core.model import Circle, Detection, PictureFault, PictureHealth, Quality, VisionReading
+from gateway.core.detection import Circle, Detection
+from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading
 from gateway.vision.process.monitor import Action, Emit, GiveUp, Kill, ProcessMonitor, Start
 from gateway.vision.transport.messages import Result
 from gateway.vision.transport.progress import Progress

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection, Rejection, Tracking
+from gateway.core.detection import Circle, Detection, Rejection, Tracking
 from gateway.errors import ProtocolError
 from gateway.processes.codec import Codec
 from gateway.sim.render import Painter

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.detect.robust.red_change import SPARSE_PX, RedRegions, red_regions, sparse_place
 from gateway.vision.pixels import Image
 

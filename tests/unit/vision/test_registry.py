@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.core.model import Tracking
+from gateway.core.detection import Tracking
 from gateway.vision.detect import registry
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.method import EXACT_STAGES, STAGES

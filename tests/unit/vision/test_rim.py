@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.rim import Rim, refine
 from gateway.vision.pixels import Image

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.config import Intrinsics, VisionConfig
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.sim import decoys
 from gateway.vision.detect.robust.decision import GATES
 from gateway.vision.detect.robust.detect import detect

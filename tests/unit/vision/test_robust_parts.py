@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.sim import decoys
 from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.reference import SHARE_MEANING

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.sim import decoys
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.method import REJECTIONS

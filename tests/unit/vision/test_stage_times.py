@@ -7,7 +7,9 @@ from rich.console import Console
 from gateway.cli.view import bay_panel
 from gateway.config import BayConfig
 from gateway.core import fusion
-from gateway.core.model import Circle, Quality, StateVector, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, VisionReading
+from gateway.core.state import StateVector
 
 NOW_NS = 5_000_000_000
 TIMES = (("gaussian", 640_000), ("hsv", 349_000), ("contours", 51_000), ("normalise", 0))

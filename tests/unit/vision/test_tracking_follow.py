@@ -11,18 +11,9 @@ from hypothesis import strategies as st
 
 from gateway.config import FusionConfig
 from gateway.core import fusion
-from gateway.core.model import (
-    Circle,
-    Detection,
-    Quality,
-    RangeReading,
-    Reason,
-    Rejection,
-    StateVector,
-    Tick,
-    Tracking,
-    VisionReading,
-)
+from gateway.core.detection import Circle, Detection, Rejection, Tracking
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector, Tick
 from gateway.vision.pixels import Image
 from gateway.vision.process.monitor import _quality as quality_of
 from gateway.vision.track.follower import Follower

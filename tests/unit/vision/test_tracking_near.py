@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection, Rejection, Tracking
+from gateway.core.detection import Circle, Detection, Rejection, Tracking
 from gateway.sim.render import Painter
 from gateway.sim.scenario import parse
 from gateway.sim.world import World

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway import config
 from gateway.config import VisionConfig
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.errors import ConfigError
 from gateway.vision.detect.paper import stages
 from gateway.vision.offline.evaluation.labels import Label

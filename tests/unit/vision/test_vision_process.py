@@ -12,7 +12,8 @@ import pytest
 
 from gateway.clock import Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
-from gateway.core.model import Circle, Detection, Quality, VisionReading
+from gateway.core.detection import Circle, Detection
+from gateway.core.readings import Quality, VisionReading
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
 from gateway.vision.process import service

@@ -11,8 +11,11 @@ import pytest
 
 from gateway.alarms.table import BAY_ALARMS, Suppression
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, ModbusConfig, RecipeConfig
-from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.events import EventKind
 from gateway.core.plc import PlcWrite, Writer, WriteVerdict
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FunctionCheck
 from gateway.web.auth.access import Level
 from gateway.web.auth.sessions import Caller
 from gateway.web.server import openapi

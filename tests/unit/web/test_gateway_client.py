@@ -8,8 +8,11 @@ from msgspec import structs
 
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
-from gateway.core.model import Circle, EventKind, FunctionCheck, Quality, RangeReading, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.events import EventKind
 from gateway.core.plc import Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FunctionCheck
 from gateway.errors import LinkError
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.web.ipc.messages import (

@@ -7,7 +7,9 @@ from dataclasses import replace
 import pytest
 
 from gateway.config import GatewayConfig, ModbusConfig
-from gateway.core.model import Circle, FusionMemory, Quality, RangeReading, Tick, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FusionMemory, Tick
 from gateway.web.ipc.messages import SystemStatus, TaskStatus
 from gateway.web.server.health import health, status_code
 from gateway.web.server.models import HealthView

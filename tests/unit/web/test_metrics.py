@@ -11,7 +11,8 @@ from prometheus_client.core import Metric
 from prometheus_client.openmetrics import parser as openmetrics_parser
 
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
-from gateway.core.model import Circle, PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
+from gateway.core.detection import Circle
+from gateway.core.readings import PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.web.host.status import MAX_STAGES, LatencyHistograms
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, SystemStatus

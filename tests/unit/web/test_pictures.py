@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.core.model import Circle, Quality, VisionReading
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, VisionReading
 from gateway.vision.pixels import Image
 from gateway.web.server.pictures import WAIT_S, Pictures, encoded
 from tests.unit.web.gateway_client import Plant, plant

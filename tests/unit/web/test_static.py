@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.core.model import GuidanceCode
+from gateway.core.state import GuidanceCode
 
 STATIC = Path(__file__).parents[3] / "gateway" / "web" / "static"
 PAGES = Path(__file__).parents[2] / "pages"

@@ -21,7 +21,7 @@ from gateway.alarms.records import MAX_NOTE, AlarmChange, AlarmSummary
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
-from gateway.core.model import Quality, VisionReading
+from gateway.core.readings import Quality, VisionReading
 from gateway.hub import Hub
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.sinks.contract import LinkStatus, Sink

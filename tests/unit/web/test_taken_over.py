@@ -10,8 +10,9 @@ from gateway.alarms.states import AlarmEvent
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, Intrinsics, VisionConfig
 from gateway.config.sections.hmi import HmiConfig
-from gateway.core.model import EventKind, FunctionCheck
+from gateway.core.events import EventKind
 from gateway.core.plc import Writer
+from gateway.core.state import FunctionCheck
 from gateway.errors import LinkError, ProtocolError
 from gateway.net.rate_limit import BURST
 from gateway.processes.channel import Failed

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection, Ellipse
+from gateway.core.detection import Detection, Ellipse
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import Panel
 from gateway.vision.detect.paper import pipeline

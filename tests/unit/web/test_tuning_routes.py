@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
-from gateway.core.model import FunctionCheck
+from gateway.core.state import FunctionCheck
 from gateway.web.auth.access import Level
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning import trial

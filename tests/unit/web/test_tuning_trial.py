@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection, Ellipse
+from gateway.core.detection import Circle, Detection, Ellipse
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import Detector, NowNs, Remark
 from gateway.vision.detect.paper.tuning_view import exact_ranges

@@ -6,7 +6,8 @@ from typing import Any
 
 import jsonschema
 
-from gateway.core.model import Circle, Ellipse, Quality, RangeReading, Tracking, VisionReading
+from gateway.core.detection import Circle, Ellipse, Tracking
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server import openapi, views
 from tests.unit.web.gateway_client import Plant, plant

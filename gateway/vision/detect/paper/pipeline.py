@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.lens import normalise
 from gateway.vision.detect.method import Detector, NowNs
 from gateway.vision.detect.paper import stages

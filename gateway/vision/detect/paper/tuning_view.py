@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.pipeline import Trace

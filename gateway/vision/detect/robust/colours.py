@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.normal_profiles import sample
 from gateway.vision.detect.robust.rim import SECTORS, Rim, refine

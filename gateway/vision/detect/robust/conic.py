@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 
 
 class SupportEllipse(NamedTuple):

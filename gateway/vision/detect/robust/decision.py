@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gateway.core.model import Circle, Ellipse
+from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.robust.colours import roundness
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.rim import Rim

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection, Ellipse, Rejection
+from gateway.core.detection import Circle, Detection, Ellipse, Rejection
 from gateway.vision.detect.lens import normalise
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust import ellipses
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, RaySamples, Shapes, sample_rays

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import Intrinsics
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse, from_matrix, matrix, to_ellipse
 
 Floats = NDArray[np.float64]

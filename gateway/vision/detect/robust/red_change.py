@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.detect.robust.decision import FULL_REDNESS
 from gateway.vision.detect.robust.redness import redness
 from gateway.vision.pixels import Image

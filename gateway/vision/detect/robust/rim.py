@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.core.model import Ellipse
+from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust import support
 from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Profile, Rays, Samples, directions, profile, sample

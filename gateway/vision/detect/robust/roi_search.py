@@ -18,7 +18,7 @@ import math
 from dataclasses import replace
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle, Detection
+from gateway.core.detection import Circle, Detection
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.robust.detect import Window, detect

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from itertools import zip_longest
 
-from gateway.core.model import Circle, Ellipse
+from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.robust import candidates, evidence
 from gateway.vision.detect.robust.candidates import Seed

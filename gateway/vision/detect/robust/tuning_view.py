@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection, Ellipse
+from gateway.core.detection import Detection, Ellipse
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.detect.robust.method import REJECTIONS

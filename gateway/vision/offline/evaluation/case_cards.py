@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from gateway.core.model import Circle, Rejection
+from gateway.core.detection import Circle, Rejection
 from gateway.vision.offline.evaluation.scoring import Outcome, Verdict
 from gateway.vision.offline.reports.page import embed, plain
 from gateway.vision.pixels import Image

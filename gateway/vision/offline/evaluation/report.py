@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 
-from gateway.core.model import Tracking
+from gateway.core.detection import Tracking
 from gateway.vision.offline.evaluation import case_cards, plots
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.result import Result, SeriesOf

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from gateway.core.model import Detection, Tracking
+from gateway.core.detection import Detection, Tracking
 from gateway.vision.offline.evaluation.labels import Label
 
 ON_TARGET = 0.25  # of the true radius, centre and radius each

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.vision.detect.paper import stages
 from gateway.vision.pixels import Image
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gateway.config import VisionConfig
-from gateway.core.model import Circle
+from gateway.core.detection import Circle
 from gateway.errors import ConfigError
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.offline.evaluation.labels import Label

@@ -6,22 +6,12 @@ from enum import Enum
 
 from gateway.clock import NS_PER_S
 from gateway.config import BayConfig
-from gateway.core.model import (
-    FRESH_FRAME,
-    FunctionCheck,
-    GuidanceCode,
-    Moved,
-    PictureFault,
-    PictureHealth,
-    Quality,
-    Reason,
-    StateVector,
-    Tracking,
-    VisitPhase,
-)
+from gateway.core.detection import Tracking
 from gateway.core.ne107 import Ne107, status
 from gateway.core.plc import PlcLink
+from gateway.core.readings import FRESH_FRAME, PictureFault, PictureHealth, Quality
 from gateway.core.scale import MarkerScale
+from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
 from gateway.web.server.gateway_client import BayReport
 from gateway.web.server.metrics.family import Family, Labelled, MetricsSource, Value
 

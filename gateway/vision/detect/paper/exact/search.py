@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact import kernel as compiled

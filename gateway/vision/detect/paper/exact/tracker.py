@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from gateway.config import VisionConfig
-from gateway.core.model import Detection
+from gateway.core.detection import Detection
 from gateway.vision.detect.method import Detector, NowNs, Search
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact import kernel as compiled

@@ -1,0 +1,150 @@
+"""What the two sensors report: quality, value and counters; of the camera also the picture's own health."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from gateway.core.detection import Circle, Ellipse, Tracking
+
+
+class Quality(IntEnum):
+    """Why a sensor's value may or may not be used. Only GOOD carries a value; the numbers are on the wire."""
+
+    GOOD = 0
+    WAITING = 1
+    STALE = 2
+    LINK_DOWN = 3
+    NO_TARGET = 4
+    PROCESS_FAULT = 5
+    NO_ECHO = 6
+    TOO_NEAR = 7
+    TOO_FAR = 8
+    STUCK = 9
+    UNSTABLE = 10
+    WRONG_VERSION = 11
+    COASTED = 12
+
+
+FRESH_FRAME = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED})
+"""Of a camera's reading: it is from a fresh frame, with or without a marker."""
+VISION_FINE = FRESH_FRAME | {Quality.WAITING}
+"""Of a camera's reading: no fault. Every other quality is one."""
+RANGE_FINE = frozenset({Quality.GOOD, Quality.WAITING})
+"""Of a ranger's reading: no fault. Every other quality is one."""
+DEAD = frozenset({Quality.STALE, Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.STUCK, Quality.WRONG_VERSION})
+"""Of either sensor: it is broken, or its link is. Every other quality but WAITING is that of a live sensor."""
+
+
+QUALITY_MEANING: dict[Quality, str] = {
+    Quality.GOOD: "fresh and valid",
+    Quality.WAITING: "nothing received since the start",
+    Quality.STALE: "the last value is older than its deadline",
+    Quality.LINK_DOWN: "camera or serial port cannot be opened, or was lost",
+    Quality.NO_TARGET: "the frame is fine, but no marker is in it",
+    Quality.PROCESS_FAULT: "the vision process died, hung or failed on the frame",
+    Quality.NO_ECHO: "the ranger heard no echo",
+    Quality.TOO_NEAR: "nearer than the ranger can measure (2 cm)",
+    Quality.TOO_FAR: "farther than the ranger can measure (4 m)",
+    Quality.STUCK: "the ranger's ECHO pin does not move",
+    Quality.UNSTABLE: "readings jump more than the glitch gate allows",
+    Quality.WRONG_VERSION: "the ranger speaks another protocol version",
+    Quality.COASTED: "the marker is not in this frame; only where it should be is known, from its motion",
+}
+
+
+class PictureFault(IntEnum):
+    """What is wrong with the picture itself: bits of its status, on the wire: never renumber, only add."""
+
+    DARK = 0
+    BRIGHT = 1
+    FLAT = 2
+    BLURRED = 3
+    DUSTY = 4
+    SHIFTED = 5
+
+
+PICTURE_MEANING: dict[PictureFault, str] = {
+    PictureFault.DARK: "too dark",
+    PictureFault.BRIGHT: "over-exposed: too much of it is burnt out",
+    PictureFault.FLAT: "without contrast: the lens is covered, or looks into fog",
+    PictureFault.BLURRED: "without sharp edges: out of focus, or dirt or water on the lens",
+    PictureFault.DUSTY: "veiled for long: dust in the air or on the lens",
+    PictureFault.SHIFTED: "the fixed background is not where it was: the camera was moved, turned or zoomed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PictureHealth:
+    """Quality of the picture itself, with or without a marker. Shares are 0 to 1; None: can't be measured in this
+    picture."""
+
+    brightness: float  # mean grey level
+    clipped: float  # share of pixels at white
+    contrast: float  # from the 5th to the 95th percentile of the grey levels
+    sharpness: float | None  # of its strongest edges, 0.6 in focus
+    veil: float | None  # share of airlight: haze, dust, a film on the lens
+    shift_px: float | None  # how far the fixed background has moved since it was learned
+    status: int = 0  # PictureFaults, one bit each
+
+    @property
+    def faults(self) -> tuple[PictureFault, ...]:
+        return tuple(fault for fault in PictureFault if self.status >> fault & 1)
+
+
+@dataclass(frozen=True, slots=True)
+class VisionStats:
+    """Counters since the start of the gateway, one set per bay."""
+
+    frames: int = 0  # results delivered
+    skipped: int = 0  # frames replaced by a newer one before a worker was free
+    lost: int = 0  # frames that died with their worker
+    restarts: int = 0  # workers replaced
+    reopens: int = 0  # sources opened again
+    rate_hz: float = 0.0  # results a second, over about the last second
+    latency_ms: float = 0.0  # capture to result, newest frame
+
+
+@dataclass(frozen=True, slots=True)
+class RangeStats:
+    """Counters since the start of the gateway, one set per bay."""
+
+    lines: int = 0  # good measurement lines
+    damaged: int = 0  # lines or fragments dropped: checksum, length, syntax
+    gaps: int = 0  # measurements missing by sequence number
+    rejected: int = 0  # readings held back by the glitch gate, late, or out of a backlog
+    reopens: int = 0
+    rate_hz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class VisionReading:
+    """One observation from the camera side. `circle` is set if and only if quality is GOOD."""
+
+    t_ns: int  # capture time of the frame, or of the fault
+    quality: Quality
+    circle: Circle | None = None
+    frame_id: int = 0
+    x_n: float | None = None
+    y_n: float | None = None
+    detail: str = ""  # for people: what went wrong, never parsed
+    stats: VisionStats = field(default_factory=VisionStats)
+    stage_ns: tuple[tuple[str, int], ...] = ()  # time per stage of this frame, in pipeline order; empty: no result
+    ellipse: Ellipse | None = None  # of the circle, where the method fits one
+    confidence: float | None = None  # 0 to 1; None: no circle, or the method doesn't report it
+    visible: float | None = None  # share of the rim that was seen; None: no circle, or the method doesn't report it
+    tracking: Tracking = Tracking.OFF
+    predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
+    wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
+    picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` only
+
+
+@dataclass(frozen=True, slots=True)
+class RangeReading:
+    """One observation from the ranger side. `distance_mm` is set if and only if quality is GOOD."""
+
+    t_ns: int  # time of the echo, dated back over the wire
+    quality: Quality
+    distance_mm: float | None = None
+    seq: int = 0
+    detail: str = ""
+    stats: RangeStats = field(default_factory=RangeStats)
+    oldest_ns: int | None = None  # time of the oldest echo that counts in the distance; None: t_ns
