@@ -5,7 +5,7 @@
   gateway detect --json photos/ | jq .r           one JSON object a line, for programs
   gateway detect photos/ --draw out/              what was found, drawn into a copy of every picture
   gateway detect run.mp4 --track 30               follow the marker through 30 frames a second, as the gateway does
-  gateway detect bay.png --stages out/            the paper's stages as pictures: its Figures 3 and 4
+  gateway detect bay.png --stages out/            the method's stages as pictures; the paper's: its Figures 3 and 4
   gateway detect bay.png --config gateway.toml --bay north     with a plant's own settings
   gateway detect bay.png --method paper           by the paper's own pipeline
   gateway detect bay.png --method paper --min-circularity 0.7      reject what is not round (a perfect disc has 0.90)
@@ -16,7 +16,7 @@ JSON keys: file, frame (videos, animations), found, u, v, r (null where nothing 
 ellipse (u, v, semi_major, semi_minor, angle_deg), confidence and visible (0 to 1; null where the method gives none),
 candidates, rejected (u, v, r and why, of the best few that were refused), x_n and y_n (where the configuration has
 intrinsics), tracking and predicted (with --track; never a measurement), width, height, ms (by stage, and total), stages
-(the beginning of the figures' names), drawn (the picture's name). An input that failed has found = false,
+(the beginning of the pictures' names), drawn (the picture's name). An input that failed has found = false,
 u = v = r = null, and error.
 exit codes: 0 all inputs were read, 1 an input failed, 2 nothing to read, or an argument is wrong
 """
@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", metavar="NAME", help="robust or paper (default: the configuration's, else robust)")
     parser.add_argument("--draw", metavar="DIR", type=Path, help="write every picture with what was found into DIR")
     parser.add_argument(
-        "--stages", metavar="DIR", type=Path, help="write the paper's figures of every picture into DIR"
+        "--stages", metavar="DIR", type=Path, help="write the method's stages of every picture into DIR"
     )
     parser.add_argument(
         "--track", metavar="FPS", type=_pace, help="take the pictures for one sequence of so many frames a second"

@@ -17,7 +17,8 @@ paper's method finds in the examples before and after; and advice on exposure, n
 Take examples in every light there is: bright, dusk, lamps, dust, a wet marker. A setting is as good as its examples.
 The robust method does not use these thresholds; for it the camera's part is what counts.
 
-exit codes: 0 done, 2 an argument, a label or a picture must be changed
+exit codes: 0 done, 1 no thresholds find a marker where the examples have one: nothing is proposed, 2 an argument, a
+label or a picture must be changed
 """
 
 import argparse
@@ -27,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gateway.cli import vision_args
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, GatewayError
 
 if TYPE_CHECKING:
     from gateway.config import VisionConfig
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 NAME = "tune"
 HELP = "propose thresholds and exposure from examples"
 CONFIDENT = 0.5
+_NO_PROPOSAL = "# Nothing is proposed: with no thresholds is a marker found where the examples have one.\n"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Raises ConfigError for arguments, labels and pictures that must be changed."""
+    """Raises ConfigError for arguments, labels and pictures that must be changed, GatewayError without a proposal."""
     vision_args.quiet_opencv()
     from gateway.vision.offline.reports.page import write
     from gateway.vision.offline.tuning import proposal, report
@@ -66,8 +68,10 @@ def main(args: argparse.Namespace) -> int:
     with vision_args.progress("tune", 3 * len(examples.labels)) as advance:
         found = study(examples.labels, examples.look, params, advance)
     marked = sum(example.marked for example in found.examples)
-    text = proposal.toml(found.proposed, found.margins, found.gates, marked)
-    if args.out is not None:
+    missed = [outcome.label.file for outcome in found.found if outcome.label.found and not outcome.on_target]
+    useless = not any(outcome.on_target for outcome in found.found)
+    text = _NO_PROPOSAL if useless else proposal.toml(found.proposed, found.margins, found.gates, marked)
+    if args.out is not None and not useless:
         write(args.out, text)
     if args.report is not None:
         settings = f"present settings: {args.config or 'the paper'}"
@@ -75,9 +79,14 @@ def main(args: argparse.Namespace) -> int:
         write(args.report, report.html(found, text, facts, examples.notes))
     _show(found, examples.notes)
     print(f"\n{text}", end="")
-    for path in (args.out, args.report):
+    for path in (None if useless else args.out, args.report):
         if path is not None:
             print(f"written: {path}", file=sys.stderr)
+    names = f"{', '.join(missed[:5])}{' ...' * (len(missed) > 5)}"
+    if useless:
+        raise GatewayError(f"no thresholds find a marker in {names}: is it where you marked it?")
+    if missed:
+        print(f"warning: not found with the proposal: {names}; is the marker where you marked it?", file=sys.stderr)
     return 0
 
 

@@ -19,7 +19,10 @@ KEYS = [
     *("candidates", "rejected", "width", "height", "ms"),
 ]
 STAGES = ["scan", "look", "select", "circle", "normalise", "total"]
-PANELS = ["fig3", "fig3a-hsv", "fig3b-mask", "fig3c-clean", "fig3d-circle", "fig4", "fig4a-canny", "fig4b-contour"]
+PANELS = {
+    "paper": ["fig3", "fig3a-hsv", "fig3b-mask", "fig3c-clean", "fig3d-circle", "fig4", "fig4a-canny", "fig4b-contour"],
+    "robust": ["candidates", "fit", "redness", "rim"],
+}
 
 
 def detect(*arguments: str, cwd: Path, stdin: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
@@ -191,17 +194,21 @@ def test_intrinsics_of_another_picture_size_are_refused(tmp_path: Path) -> None:
     assert rows(refused)[0]["error"] == (f"{width} x {height} px; vision.intrinsics hold for {2 * width} x {height} px")
 
 
-def test_stages_writes_every_figure_under_names_of_its_own(folder: Path) -> None:
+@pytest.mark.parametrize("method", PANELS)
+def test_stages_writes_those_of_the_method_under_names_of_their_own(folder: Path, method: str) -> None:
     (folder / "other").mkdir()
     cv2.imwrite(str(folder / "other" / "A1.bmp"), disc(u=200))
-    done = detect("--json", "other", "a1.png", "a2.png", "a3.png", "a11.avi", "--stages", "out/deep", cwd=folder)
+    inputs = ("other", "a1.png", "a2.png", "a3.png", "a11.avi")
+    done = detect("--json", *inputs, "--method", method, "--stages", "out/deep", cwd=folder)
     stems = ["A1", "a1-2", "a2", "a11-frame000000", "a11-frame000001"]
 
     assert [row.get("stages") for row in rows(done)] == [f"out/deep/{stem}" for stem in stems[:3]] + [None] + [
         f"out/deep/{stem}" for stem in stems[3:]
     ]
     written = sorted(path.name for path in (folder / "out/deep").iterdir())
-    assert written == sorted(f"{stem}-{panel}.png" for stem in stems for panel in PANELS)
+    assert written == sorted(f"{stem}-{panel}.png" for stem in stems for panel in PANELS[method])
+    if method == "robust":
+        return
     mask = cv2.imread(str(folder / "out/deep/A1-fig3c-clean.png"), cv2.IMREAD_UNCHANGED)
     assert mask is not None
     assert mask.shape == (240, 320)

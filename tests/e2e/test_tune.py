@@ -65,6 +65,26 @@ def test_one_click_is_enough(folder: Path, monkeypatch: pytest.MonkeyPatch, caps
     assert capsys.readouterr().out == one
 
 
+def test_a_place_without_a_marker_gives_no_proposal(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    for picture, place in (("grey.png", "160,120,40"), ("d1.png", "260,200,30")):
+        assert main(["tune", picture, "--at", place, "--out", "none.toml", "--report", "none.html"]) == 1
+        output = capsys.readouterr()
+        assert "[vision]" not in output.out
+        assert output.err.splitlines() == [
+            "written: none.html",
+            f"gateway tune: no thresholds find a marker in {picture}: is it where you marked it?",
+        ]
+        assert not (folder / "none.toml").exists()
+        assert "Nothing is proposed" in (folder / "none.html").read_text("utf-8")
+    assert main(["tune", "--at", "d1.png:140,110,43", "--at", "grey.png:160,120,40"]) == 0
+    output = capsys.readouterr()
+    assert "# Proposed from 2 markers" in output.out
+    assert output.err == "warning: not found with the proposal: grey.png; is the marker where you marked it?\n"
+
+
 def test_without_labels_it_says_whose_answers_it_took(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -28,10 +28,6 @@ TRACKED_STAGES = (
 )
 """The exact tracker's; a frame searched in full has the stages of the search after `window`, or after both."""
 
-
-figures = imported("gateway.vision.view.figures:of_picture")
-"""The paper's Figures 3 and 4."""
-
 METHOD = Method(
     name="paper",
     detector=imported("gateway.vision.detect.paper.exact.tracker:detector"),
@@ -40,6 +36,6 @@ METHOD = Method(
     stages=STAGES,
     keys=keys_of("paper"),
     panels=imported("gateway.vision.detect.paper.tuning_view:panels"),
-    figures=figures,
+    figures=imported("gateway.vision.view.figures:of_picture"),
     remarks=imported("gateway.vision.detect.paper.tuning_view:remarks"),
 )

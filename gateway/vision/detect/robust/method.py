@@ -2,7 +2,6 @@
 
 from gateway.config.sections.vision import keys_of
 from gateway.vision.detect.method import Method, Stage, imported
-from gateway.vision.detect.paper.method import figures
 
 STAGES = (
     Stage(
@@ -50,6 +49,5 @@ METHOD = Method(
     uses_radius_limits=True,
     corrects_tilt=True,
     panels=imported("gateway.vision.detect.robust.tuning_view:panels"),
-    figures=figures,  # the paper's of the same picture
     remarks=imported("gateway.vision.detect.robust.tuning_view:remarks"),
 )
