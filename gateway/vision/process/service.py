@@ -62,7 +62,7 @@ class VisionService:
         self._bay = bay
         self._spec = spec
         self._camera = camera
-        self._vision = vision
+        self._use(vision)
         self._clock = clock
         self._emit = emit
         self._detector = detector or DetectorSpec(vision)
@@ -85,15 +85,20 @@ class VisionService:
         for key in ("workers", "affinity"):
             if getattr(vision, key) != getattr(self._vision, key):
                 raise ConfigError(f"vision.{key} can't change while the gateway runs")
-        self._vision = vision
+        self._use(vision)
         self._detector = DetectorSpec(vision, self._detector.factory)
         if self._turns is not None:
             self._turns.end()
 
+    def _use(self, vision: VisionConfig) -> None:
+        self._vision = vision
+        # Looked up once: the registry reads the files of every installed distribution, and `expect` is called a lot.
+        self._uses_radius_limits = registry.method(vision.method).uses_radius_limits
+
     def expect(self, radii_px: tuple[float, float] | None) -> None:
         """The marker's radius lies between these now, px; None: unknown. To be called repeatedly: it expires
         soon. Only for a method that uses it."""
-        if self._turns is None or self._monitor is None or not registry.method(self._vision.method).uses_radius_limits:
+        if self._turns is None or self._monitor is None or not self._uses_radius_limits:
             return
         now_ns = self._clock.now_ns()
         if (message := self._pace.due(radii_px, now_ns)) is not None and self._monitor.reads_messages(now_ns):
