@@ -159,29 +159,15 @@ def _names(names: Sequence[str], most: int = 5) -> str:
 
 
 def _show(found: "Calibration", without: Sequence[str]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
+    from gateway.cli.tables import console, show
     from gateway.vision.offline.calibration.plots import coverage_text
+    from gateway.vision.offline.calibration.report import views
 
-    console = Console() if sys.stdout.isatty() else Console(width=100)
-    views = Table(title="Views", title_justify="left")
-    views.add_column("picture")
-    for column in ("rms px", "largest px", "tilt deg", "distance mm"):
-        views.add_column(column, justify="right")
-    for view in found.views:
-        row = (f"{view.rms_px:.3f}", f"{view.largest_px:.3f}", f"{view.tilt_deg:.0f}", f"{view.distance_mm:.0f}")
-        views.add_row(Text(view.name), *row)
-    for name, rms in found.rejected:
-        views.add_row(Text(name), f"{rms:.3f}", "left out", "", "", style="red")
-    for name in without:
-        views.add_row(Text(name), "no board", "", "", "", style="dim")
-    console.print(views)
-    console.print(f"reprojection error: rms {found.rms_px:.3f} px over {len(found.views)} views")
-    console.print(f"covered {100 * (found.coverage > 0).mean():.0f} % of the frame (· never seen):")
+    show(console(), views(found, without))
+    print(f"reprojection error: rms {found.rms_px:.3f} px over {len(found.views)} views")
+    print(f"covered {100 * (found.coverage > 0).mean():.0f} % of the frame (· never seen):")
     for line in coverage_text(found):
-        console.print("  " + line, highlight=False)
+        print("  " + line)
 
 
 def _explain(focal_px: float, radius_mm: float) -> None:

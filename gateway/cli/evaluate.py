@@ -56,6 +56,8 @@ if TYPE_CHECKING:
 
 NAME = "evaluate"
 HELP = "measure detection on labelled pictures"
+_ONE_TABLE = 122  # characters; a narrower terminal gets two
+_WIDEST = 22  # characters of a name
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -121,12 +123,29 @@ def main(args: argparse.Namespace) -> int:
         document = {"folder": str(args.folder), "split": args.split, "unmet": unmet}
         print(json.dumps(document | {"methods": [result.as_json(r, series) for r in results]}, allow_nan=False))
     else:
-        from gateway.cli.evaluate_table import show
-
-        show(results)
+        _show(results)
     for line in unmet:
         print(f"not met: {line}", file=sys.stderr)
     return 1 if unmet else 0
+
+
+def _show(results: "Sequence[Result]", width: int | None = None) -> None:
+    """Everything that was measured of every method; a narrow terminal gets two tables of the parts."""
+    from gateway.cli.tables import console, show
+    from gateway.vision.offline.evaluation import tables
+
+    out = console(width)
+    rates, errors = slice(1, 1 + tables.RATES), slice(1 + tables.RATES, None)
+    for result in results:
+        for columns in (slice(1, None),) if out.width >= _ONE_TABLE else (rates, errors):
+            show(out, tables.parts(result), columns, widest=_WIDEST)
+        if result.sequences:
+            show(out, tables.sequences(result), widest=_WIDEST)
+        if result.constancy:
+            show(out, tables.constancy(result), widest=_WIDEST)
+        if count := result.whole.vague_labels:
+            out.print(f"{count} of the labels may themselves be off by more than 5 % of R (tol_px)")
+    out.print("centre and radius: median, p95 and bias of the answers on the target", style="dim")
 
 
 def _series(pattern: str | None) -> "SeriesOf":

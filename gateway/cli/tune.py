@@ -195,42 +195,27 @@ def _clicks(texts: Sequence[str], names: Sequence[str]) -> dict[str, dict[str, f
 
 
 def _show(study: "Study", notes: Sequence[str]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
+    from gateway.cli.tables import console, show
     from gateway.vision.offline.tuning import exposure, histograms, report, thresholds
 
-    console = Console(highlight=False) if sys.stdout.isatty() else Console(width=110, highlight=False)
     for note in notes:
-        console.print(f"note: {note}", markup=False, soft_wrap=True)
+        print(f"note: {note}")
     for line in histograms.lines(study.examples, study.proposed):
-        console.print(line, markup=False, soft_wrap=True)
+        print(line)
     for title, admits, red in (
         ("present setting", study.admits_now, study.now),
         ("proposal", study.admits_proposed, study.proposed),
     ):
-        console.print(
+        print(
             f"{title}: {100 * admits.marker:.1f} % of the markers pass (worst {100 * admits.marker_worst:.1f} %), "
-            f"{100 * admits.ring:.2f} % of their surroundings, and elsewhere {admits.far_markers:.2f} times their area",
-            markup=False,
-            soft_wrap=True,
+            f"{100 * admits.ring:.2f} % of their surroundings, and elsewhere {admits.far_markers:.2f} times their area"
         )
         for remark in thresholds.remarks(admits, red):
-            console.print(f"  {remark}", markup=False, soft_wrap=True)
+            print(f"  {remark}")
         if admits.marker_worst < 0.8:
             worst = next(e for e in study.examples if e.marked and e.name == admits.worst_name)
-            console.print(
-                f"  what cuts it most: {thresholds.bound_that_cuts(red, worst)}", markup=False, soft_wrap=True
-            )
-    for title, (heads, rows) in (
-        ("Background and surroundings by colour, % of their pixels", report.background(study)),
-        ("What the paper's method finds in these examples", report.effect(study)),
-    ):
-        table = Table(heads[0], title=title, title_justify="left")
-        for head in heads[1:]:
-            table.add_column(head, justify="right")
-        for row in rows:
-            table.add_row(*row)
-        console.print(table)
+            print(f"  what cuts it most: {thresholds.bound_that_cuts(red, worst)}")
+    for table in (report.background(study), report.effect(study)):
+        show(console(), table)
     for line in exposure.advice(study.lights):
-        console.print(f"camera: {line}", markup=False, soft_wrap=True)
+        print(f"camera: {line}")

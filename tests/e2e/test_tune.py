@@ -1,6 +1,7 @@
 """`gateway tune` from labels, from clicks and from nothing, to a configuration that loads."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -42,9 +43,8 @@ def test_from_labels_to_the_configuration(folder: Path) -> None:
     assert done.stderr.splitlines() == ["written: red.toml", "written: tune.html"]
     assert "too broad: 100 % of the surroundings" in done.stdout
     assert "S >= 43 admits wood, rust and warm light" in done.stdout
-    rows = {
-        line.split("│")[1].strip(): line.split("│")[2:6] for line in done.stdout.splitlines() if line.startswith("│")
-    }
+    cells = [re.split(r"  +", line.strip()) for line in done.stdout.splitlines()]
+    rows = {row[0]: row[1:5] for row in cells if len(row) > 5}
     wood = [float(cell) for cell in rows["orange, brown (4 to 10)"]]
     assert wood[2] > 90, "H 9, S 91"
     assert [cell.strip() for cell in rows["now"]] == ["0.0 %", "0.0 %", "4", "0"]

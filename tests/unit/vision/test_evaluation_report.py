@@ -10,16 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.cli import evaluate_table
+from gateway.cli import evaluate
 from gateway.core.detection import Circle, Detection, Ellipse, Rejection
 from gateway.errors import ConfigError
 from gateway.vision.offline.evaluation import case_cards, plots
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.report import About, html, number, share, worst_of
+from gateway.vision.offline.evaluation.report import About, html, worst_of
 from gateway.vision.offline.evaluation.result import result, series_by
 from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, judge
 from gateway.vision.offline.reports.chart import Axis, Chart, log_ticks, round_ticks
 from gateway.vision.offline.reports.page import fetches_nothing, plain, write
+from gateway.vision.offline.reports.tables import number, share
 from gateway.vision.pixels import Image
 
 EVERY = series_by(None)
@@ -228,7 +229,7 @@ def test_the_table_fits_the_terminal(
     outcomes: list[Outcome], width: int, tables: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     outcomes.append(judge(Label(file="g.png", found=False, group="a_group_of_22_letters_"), Detection(None)))
-    evaluate_table.show([result("paper", outcomes, EVERY, split=True, followed=True)], width)
+    evaluate._show([result("paper", outcomes, EVERY, split=True, followed=True)], width)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
     assert not any("…" in line for line in lines), "nothing is cut"

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from gateway.vision.offline.calibration import plots
 from gateway.vision.offline.calibration.boards import Board
 from gateway.vision.offline.calibration.solve import Calibration
-from gateway.vision.offline.reports.page import Cell, figure, page, plain, table, tile
+from gateway.vision.offline.reports.page import figure, page, plain, table, tile
+from gateway.vision.offline.reports.tables import Row, Table
 
 
 def toml(board: Board, found: Calibration, marker_radius_mm: float | None = None) -> str:
@@ -65,37 +66,25 @@ def html(board: Board, found: Calibration, snippet: str, facts: Sequence[str], w
         figure(plots.by_view(found), "Reprojection error of each view; dotted: of all."),
     )
     body.append(f'<div class="charts">{"".join(charts)}</div>')
-    body.append("<h2>Parameters</h2>" + _parameters(found) + "<h2>Views</h2>" + _views(found, without_board))
+    body += [table(_parameters(found)), table(views(found, without_board))]
     return page("Camera calibration", body, "Made by gateway calibrate. Pixel centres lie at integers.")
 
 
-def _parameters(found: Calibration) -> str:
+def _parameters(found: Calibration) -> Table:
     lens = found.lens
     values = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
-    rows: list[tuple[str, Sequence[Cell]]] = [
+    rows: list[Row] = [
         ("", [name, f"{value:.6g}", f"{sigma:.2g}", f"{100 * sigma / abs(value):.2g} %" if value else "–"])
         for (name, sigma), value in zip(found.sigma, values, strict=True)
     ]
-    return table(("parameter", "value", "standard<br>deviation", "share"), rows)
+    return Table("Parameters", ("parameter", "value", "standard deviation", "share"), rows)
 
 
-def _views(found: Calibration, without_board: Sequence[str]) -> str:
-    rows: list[tuple[str, Sequence[Cell]]] = [
-        (
-            "",
-            [
-                str(n),
-                (plain(view.name), "left"),
-                f"{view.rms_px:.3f}",
-                f"{view.largest_px:.3f}",
-                f"{view.tilt_deg:.0f}°",
-                f"{view.distance_mm:.0f}",
-            ],
-        )
-        for n, view in enumerate(found.views, start=1)
-    ]
-    rows += [
-        ("", ["", (plain(name), "left"), (f"{rms:.3f}", "bad"), ("left out", "bad")]) for name, rms in found.rejected
-    ]
-    rows += [("", ["", (plain(name), "left"), ("no board", "bad")]) for name in without_board]
-    return table(("", "picture", "rms, px", "largest, px", "tilt", "distance, mm"), rows)
+def views(found: Calibration, without_board: Sequence[str]) -> Table:
+    rows: list[Row] = []
+    for n, view in enumerate(found.views, start=1):
+        figures = (f"{view.rms_px:.3f}", f"{view.largest_px:.3f}", f"{view.tilt_deg:.0f}", f"{view.distance_mm:.0f}")
+        rows.append(("", [str(n), (view.name, "left"), *figures]))
+    rows += [("bad", ["", (name, "left"), f"{rms:.3f}", "left out", "", ""]) for name, rms in found.rejected]
+    rows += [("faint", ["", (name, "left"), "no board", "", "", ""]) for name in without_board]
+    return Table("Views", ("", "picture", "rms px", "largest px", "tilt deg", "distance mm"), rows)

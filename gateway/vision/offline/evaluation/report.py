@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from gateway.core.detection import Tracking
-from gateway.vision.offline.evaluation import case_cards, plots
+from gateway.vision.offline.evaluation import case_cards, plots, tables
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.result import Result, SeriesOf
-from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Figures, Outcome, Verdict, badness
-from gateway.vision.offline.reports.page import Cell, figure, page, plain, table, tile
+from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Outcome, Verdict, badness
+from gateway.vision.offline.reports.page import figure, page, plain, table, tile
+from gateway.vision.offline.reports.tables import Row, Table, number, share
 from gateway.vision.pixels import Image
 
 Look = Callable[[Label], Image]
-ALL_FRAMES = "(all frames)"  # a sequence without a name
 SHOWN = frozenset((Verdict.FALSE, Verdict.WRONG, Verdict.MISSED, Verdict.LOOSE, Verdict.CLOSE))
 
 
@@ -45,7 +45,7 @@ def html(
         body.append(f"<h2>Method {plain(result.method)}</h2>" if len(results) > 1 else "<h2>In short</h2>")
         body.append(_tiles(result))
     body.append("<h2>By part of the set</h2>")
-    body += [_parts(result, named=len(results) > 1) for result in results]
+    body += [table(tables.parts(result)) for result in results]
     body.append(_how_to_read(about.notes))
     body += _charts(results, series)
     for result in results:
@@ -93,41 +93,6 @@ def _tiles(result: Result) -> str:
     return f'<div class="tiles">{"".join(tiles)}</div>'
 
 
-_HEADS = (
-    "part", "pictures", "detected", "within 5 %", "wrong", "missed", "false", "centre, px<br>median", "<br>p95",
-    "radius, %<br>median", "<br>p95", "<br>bias", "ms<br>median",
-)  # fmt: skip
-
-
-def _parts(result: Result, *, named: bool) -> str:
-    rows = [("whole", _part("whole set", result.whole))]
-    rows += [("half", _part(plain(name), part)) for name, part in result.halves.items()]
-    rows += [("", _part(plain(name), part)) for name, part in result.groups.items()]
-    return (f"<h3>{plain(result.method)}</h3>" if named else "") + table(_HEADS, rows)
-
-
-def _part(name: str, f: Figures) -> list[Cell]:
-    return [
-        name,
-        str(f.pictures),
-        share(f.detected_share),
-        share(f.close_share),
-        _alarm(f.wrong if f.with_marker else None),
-        str(f.missed) if f.with_marker else "–",
-        _alarm(f.false if f.without else None),
-        number(f.centre_median_px),
-        number(f.centre_p95_px),
-        number(f.radius_median_pct),
-        number(f.radius_p95_pct),
-        number(f.radius_bias_pct),
-        number(f.ms_median),
-    ]
-
-
-def _alarm(count: int | None) -> Cell:
-    return "–" if count is None else (str(count), "bad" if count else "good")
-
-
 def _how_to_read(notes: Sequence[str]) -> str:
     words = "".join(f"<li><b>{verdict}</b>: {plain(VERDICT_MEANING[verdict])}</li>" for verdict in Verdict)
     more = "".join(f"<li>{plain(note)}</li>" for note in notes)
@@ -158,72 +123,25 @@ def _charts(results: Sequence[Result], series: SeriesOf) -> list[str]:
 def _followed(result: Result, series: SeriesOf) -> list[str]:
     if not result.sequences:
         return []
-    heads = (
-        "sequence",
-        "frames",
-        "acquired after",
-        "detected since",
-        "within 5 %",
-        "wrong",
-        "coasted",
-        "centre p95, px",
-    )
-    rows: list[tuple[str, Sequence[Cell]]] = []
+    body = ["<h2>Followed from frame to frame</h2>", table(tables.sequences(result))]
     for found in result.sequences:
-        name = plain(found.series or ALL_FRAMES)
-        if found.after is None:
-            rows.append(("", [name, str(found.frames), ("never", "bad"), *["–"] * 5]))
-            continue
-        f = found.after
-        rows.append(
-            (
-                "",
-                [
-                    name,
-                    str(found.frames),
-                    f"{found.acquired_after} frames",
-                    share(f.detected_share),
-                    share(f.close_share),
-                    _alarm(f.wrong),
-                    str(f.coasted),
-                    number(f.centre_p95_px),
-                ],
-            )
-        )
-    body = [f"<h2>Followed from frame to frame: {plain(result.method)}</h2>", table(heads, rows)]
-    for found in result.sequences:
-        svg = plots.sequence(result, found.series, series)
-        if svg:
-            body.append(
-                figure(svg, f"{plain(found.series or ALL_FRAMES)}: centre error by frame; marks at the top: no answer.")
-            )
+        if svg := plots.sequence(result, found.series, series):
+            name = plain(found.series or tables.ALL_FRAMES)
+            body.append(figure(svg, f"{name}: centre error by frame; marks at the top: no answer."))
     return body
 
 
 def _constancy(results: Sequence[Result]) -> list[str]:
-    heads = ("series", "method", "pictures", "median R Z,<br>px cm", "typical<br>deviation", "largest", "of the labels",
-             "best offset<br>of Z", "largest<br>with it")  # fmt: skip
-    rows: list[tuple[str, Sequence[Cell]]] = []
-    for result in results:
-        for part in result.constancy:
-            shift = "–" if part.offset_cm is None else f"{part.offset_cm:+.1f} cm"
-            with_it = "–" if part.largest_with_offset_pct is None else f"{part.largest_with_offset_pct:.2f} %"
-            cells = [
-                plain(part.series or "(all)"),
-                plain(result.method),
-                str(part.pictures),
-                f"{part.median_px_cm:.0f}",
-            ]
-            cells += [f"{part.typical_pct:.2f} %", f"{part.largest_pct:.2f} %", f"{part.label_largest_pct:.2f} %"]
-            rows.append(("", [*cells, shift, with_it]))
-    if not rows:
+    shown = [table(tables.constancy(result)) for result in results if result.constancy]
+    if not shown:
         return []
     words = (
-        "<p>Deviation of R Z from its series' median. “Of the labels” is what the labelled radius itself gives: the "
-        "part that lies in the tape measure and in the labels. A tape that does not start at the lens's centre of "
-        "projection shifts every Z; the best offset is the shift that makes R Z most constant.</p>"
+        "<p>Deviation of R Z from its series' median. “Labels” is the largest that the labelled radius itself gives: "
+        "the part that lies in the tape measure and in the labels. A tape that does not start at the lens's centre of "
+        "projection shifts every Z; the best offset is the shift that makes R Z most constant, “with it” the largest "
+        "deviation that is left.</p>"
     )
-    return ["<h2>R times Z</h2>", words, table(heads, rows)]
+    return ["<h2>R times Z</h2>", words, *shown]
 
 
 def _cases(
@@ -262,8 +180,8 @@ def worst_of(outcomes: Iterable[Outcome], most: int) -> list[Outcome]:
 
 
 def _all(result: Result, *, named: bool) -> str:
-    heads = ("file", "group", "verdict", "u", "v", "R", "centre error,<br>px", "radius error,<br>%", "confidence", "ms")
-    rows: list[tuple[str, Sequence[Cell]]] = []
+    heads = ("file", "group", "verdict", "u", "v", "R", "centre error, px", "radius error, %", "confidence", "ms")
+    rows: list[Row] = []
     for o in result.outcomes:
         circle = o.detection.circle
         values = (circle.u_px, circle.v_px, circle.radius_px) if circle else ()
@@ -272,20 +190,8 @@ def _all(result: Result, *, named: bool) -> str:
         coasted = " (coasted)" if o.detection.tracking is Tracking.COASTED else ""
         bad = o.verdict in (Verdict.FALSE, Verdict.WRONG, Verdict.MISSED)
         verdict = (f"{o.verdict}{coasted}", "left bad" if bad else "left")
-        group = (plain(o.label.group or ""), "left")
+        group = (o.label.group or "", "left")
         more = (number(o.centre_px), radius, number(o.detection.confidence), number(o.took_ns / 1e6))
-        rows.append(("", [plain(o.label.file), group, verdict, *place, *more]))
+        rows.append(("", [o.label.file, group, verdict, *place, *more]))
     of = f" of method {plain(result.method)}" if named else ""
-    return f"<details><summary>Every picture{of}</summary>{table(heads, rows)}</details>"
-
-
-def share(value: float | None) -> str:
-    return "–" if value is None else f"{100 * value:.1f} %".replace("100.0", "100")
-
-
-def number(value: float | None) -> str:
-    """Three significant digits, as far as they mean something."""
-    if value is None:
-        return "–"
-    size = abs(value)
-    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:.2f}"
+    return f"<details><summary>Every picture{of}</summary>{table(Table('', heads, rows), titled=False)}</details>"

@@ -12,9 +12,8 @@ from pathlib import Path
 import cv2
 
 from gateway.errors import ConfigError
+from gateway.vision.offline.reports.tables import Cell, Table
 from gateway.vision.pixels import Image
-
-Cell = str | tuple[str, str]  # HTML, or HTML with a class
 
 STYLE = """
 :root{--ink:#1d2430;--soft:#5b6472;--line:#d9dee5;--pale:#f4f6f8;--good:#0a7d4f;--bad:#b3261e;--warn:#9a6200}
@@ -38,7 +37,7 @@ table{border-collapse:collapse;margin:8px 0 16px;font-variant-numeric:tabular-nu
 th,td{padding:4px 10px;text-align:right;border-bottom:1px solid var(--line);white-space:nowrap}
 th{font-weight:600;color:var(--soft);border-bottom:1.5px solid var(--ink);vertical-align:bottom}
 th:first-child,td:first-child,.left{text-align:left}tr.whole td{font-weight:650;background:var(--pale)}
-tr.half td{background:var(--pale)}td.bad,.bad>b,strong.bad{color:var(--bad);font-weight:650}
+tr.half td{background:var(--pale)}td.bad,tr.bad td,.bad>b,strong.bad{color:var(--bad);font-weight:650}
 td.good,strong.good{color:var(--good)}
 strong.warn{color:var(--warn)}.scroll{overflow-x:auto}
 .charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(430px,1fr));gap:14px}
@@ -83,16 +82,20 @@ def plain(text: str) -> str:
     return escape(shown)
 
 
-def table(heads: Sequence[str], rows: Sequence[tuple[str, Sequence[Cell]]]) -> str:
-    """Rows are (class of the row, cells)."""
-    lines = ['<div class="scroll"><table><thead><tr>', *(f"<th>{head}</th>" for head in heads), "</tr></thead><tbody>"]
-    for look, cells in rows:
-        lines.append(f'<tr class="{look}">' if look else "<tr>")
-        for cell in cells:
-            text, kind = (cell, "") if isinstance(cell, str) else cell
-            lines.append(f'<td class="{kind}">{text}</td>' if kind else f"<td>{text}</td>")
+def table(found: Table, *, titled: bool = True) -> str:
+    """How rows and cells look are classes of STYLE."""
+    title = f"<h3>{plain(found.title)}</h3>" if titled else ""
+    heads = "".join(f"<th>{plain(head)}</th>" for head in found.heads)
+    lines = [f'{title}<div class="scroll"><table><thead><tr>{heads}</tr></thead><tbody>']
+    for look, cells in found.rows:
+        lines.append(f'<tr class="{look}">')
+        lines += [f'<td class="{kind}">{plain(text)}</td>' for text, kind in map(_with_look, cells)]
         lines.append("</tr>")
     return "".join([*lines, "</tbody></table></div>"])
+
+
+def _with_look(cell: Cell) -> tuple[str, str]:
+    return (cell, "") if isinstance(cell, str) else cell
 
 
 def tile(value: str, text: str, look: str = "plain") -> str:

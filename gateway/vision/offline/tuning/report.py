@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gateway.vision.offline.evaluation.report import number, share
-from gateway.vision.offline.reports.page import Cell, figure, page, plain, table, tile
+from gateway.vision.offline.reports.page import figure, page, plain, table, tile
+from gateway.vision.offline.reports.tables import Row, Table, number, share
 from gateway.vision.offline.tuning import exposure, histograms, thresholds
 from gateway.vision.offline.tuning.study import Study
 
@@ -35,8 +35,7 @@ def html(study: Study, snippet: str, facts: Sequence[str], notes: Sequence[str])
     )
     drawn = histograms.charts(study.examples, study.now, study.proposed)
     body.append(f'<div class="charts">{"".join(figure(svg, "") for svg in drawn)}</div>')
-    body.append("<h3>Background by colour, % of its pixels</h3>" + _background(study))
-    body.append("<h2>What the paper's method finds with it</h2>" + _effect(study))
+    body += [table(background(study)), table(effect(study))]
     body.append(
         "<p class='soft'>Counted on the pictures it was chosen from, which flatters; “the other half” does not.</p>"
     )
@@ -45,43 +44,33 @@ def html(study: Study, snippet: str, facts: Sequence[str], notes: Sequence[str])
     return page("Thresholds and exposure", body, "Made by gateway tune.")
 
 
-def background(study: Study) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Heads and rows: the background by colour."""
+def background(study: Study) -> Table:
     heads = ("hue", *(f"S {low} to {high}" for low, high in histograms.S_BANDS))
     found = histograms.background_by_colour(study.examples)
-    return heads, [
-        [f"{name} ({low} to {high})", *(f"{value:.2f}" for value in values)]
+    rows: list[Row] = [
+        ("", [f"{name} ({low} to {high})", *((f"{value:.2f}", "bad" if value > 1 else "") for value in values)])
         for (name, low, high), values in zip(histograms.HUE_BANDS, found, strict=True)
     ]
+    return Table("Background and surroundings by colour, % of their pixels", heads, rows)
 
 
-def effect(study: Study) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Heads and rows: what the paper's method finds with each setting."""
+def effect(study: Study) -> Table:
     heads = ("setting", "found", "within 5 %", "wrong", "missed", "false", "centre, px", "radius, %")
-    return heads, [
-        [name, share(f.detected_share), share(f.close_share), str(f.wrong), str(f.missed),
-         f"{f.false} of {f.without}", number(f.centre_median_px), number(f.radius_median_pct)]
+    rows: list[Row] = [
+        ("", [name, share(f.detected_share), share(f.close_share), str(f.wrong), str(f.missed),
+              f"{f.false} of {f.without}", number(f.centre_median_px), number(f.radius_median_pct)])
         for name, f in study.effect.items()
     ]  # fmt: skip
-
-
-def _background(study: Study) -> str:
-    heads, rows = background(study)
-    marked = [[name, *((value, "bad") if float(value) > 1 else value for value in values)] for name, *values in rows]
-    return table(heads, [("", row) for row in marked])
-
-
-def _effect(study: Study) -> str:
-    heads, rows = effect(study)
-    return table(heads, [("", [plain(cell) for cell in row]) for row in rows])
+    return Table("What the paper's method finds in these examples", heads, rows)
 
 
 def _lights(study: Study) -> str:
     heads = ("picture", "marker V", "marker S", "red at stop", "white", "noise", "rim, px", "smear, px", "red / blue")
-    rows: list[tuple[str, Sequence[Cell]]] = []
+    rows: list[Row] = []
     for e, light in zip(study.examples, study.lights, strict=True):
-        percent = ["–" if x is None else f"{100 * x:.1f} %" for x in (light.marker_clipped, light.clipped)]
         values = [number(x) for x in (light.noise, light.edge_px, light.smear_px, light.warmth)]
-        rows.append(("", [plain(e.name), number(light.marker_v), number(light.marker_s), *percent, *values]))
-    middle = [float(np.median([light.noise for light in study.lights]))]
-    return f"<details><summary>Every picture (median noise {number(middle[0])})</summary>{table(heads, rows)}</details>"
+        shares = [share(light.marker_clipped), share(light.clipped)]
+        rows.append(("", [e.name, number(light.marker_v), number(light.marker_s), *shares, *values]))
+    middle = number(float(np.median([light.noise for light in study.lights])))
+    pictures = table(Table("", heads, rows), titled=False)
+    return f"<details><summary>Every picture (median noise {middle})</summary>{pictures}</details>"

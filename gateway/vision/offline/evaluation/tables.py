@@ -1,0 +1,57 @@
+"""The tables of an evaluation. Pure."""
+
+from collections.abc import Callable
+
+from gateway.vision.offline.evaluation.result import Result
+from gateway.vision.offline.evaluation.scoring import Figures
+from gateway.vision.offline.reports.tables import Cell, Row, Table, faults, number, percent
+
+ALL_FRAMES = "(all frames)"  # a sequence without a name
+RATES = 6  # columns after the first; the errors follow
+_COLUMNS: tuple[tuple[str, Callable[[Figures], Cell]], ...] = (
+    ("pictures", lambda f: str(f.pictures)),
+    ("found %", lambda f: percent(f.detected_share)),
+    ("in 5 %", lambda f: percent(f.close_share)),
+    ("wrong", lambda f: faults(f.wrong if f.with_marker else None)),
+    ("missed", lambda f: str(f.missed) if f.with_marker else "–"),
+    ("false", lambda f: faults(f.false if f.without else None)),
+    ("centre px", lambda f: number(f.centre_median_px)),
+    ("p95", lambda f: number(f.centre_p95_px)),
+    ("radius %", lambda f: number(f.radius_median_pct)),
+    ("p95", lambda f: number(f.radius_p95_pct)),
+    ("bias", lambda f: number(f.radius_bias_pct)),
+    ("ms", lambda f: number(f.ms_median)),
+)
+
+
+def parts(result: Result) -> Table:
+    """The set, its halves and its groups. Centre and radius: median, p95 and bias."""
+    named = [("whole", "whole set", result.whole)]
+    named += [("half", name, part) for name, part in result.halves.items()]
+    named += [("", name, part) for name, part in result.groups.items()]
+    rows: list[Row] = [(look, [name, *(cell(part) for _, cell in _COLUMNS)]) for look, name, part in named]
+    return Table(f"Method {result.method}", ("part", *(head for head, _ in _COLUMNS)), rows)
+
+
+def sequences(result: Result) -> Table:
+    heads = ("sequence", "frames", "after", "found %", "in 5 %", "wrong", "coasted", "p95 px")
+    rows: list[Row] = []
+    for found in result.sequences:
+        start = (found.series or ALL_FRAMES, str(found.frames))
+        if (f := found.after) is None:
+            rows.append(("", [*start, ("never", "bad"), *["–"] * 5]))
+            continue
+        rates = (percent(f.detected_share), percent(f.close_share), faults(f.wrong), str(f.coasted))
+        rows.append(("", [*start, str(found.acquired_after), *rates, number(f.centre_p95_px)]))
+    return Table(f"Followed from frame to frame, method {result.method}: since the first on target", heads, rows)
+
+
+def constancy(result: Result) -> Table:
+    heads = ("series", "pictures", "px cm", "typical", "largest", "labels", "offset cm", "with it")
+    rows: list[Row] = []
+    for part in result.constancy:
+        deviations = [f"{x:.2f}" for x in (part.typical_pct, part.largest_pct, part.label_largest_pct)]
+        offset = ["–" if part.offset_cm is None else f"{part.offset_cm:+.1f}", number(part.largest_with_offset_pct)]
+        start = (part.series or "(all)", str(part.pictures), f"{part.median_px_cm:.0f}")
+        rows.append(("", [*start, *deviations, *offset]))
+    return Table(f"R times Z, method {result.method}: deviation from the median, %", heads, rows)
