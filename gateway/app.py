@@ -9,7 +9,7 @@ import os
 import re
 import secrets
 import socket
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -45,8 +45,8 @@ from gateway.web.ipc.messages import WebSetup
 
 log = logging.getLogger(__name__)
 
-FAREWELL_S = 1.0  # for the final messages of the sinks; the complete exit stays under 2 s
-LAST_WORD_S = 0.5  # at least so long a PLC can read that the gateway leaves; five polls at 100 ms
+SINK_CLOSE_S = 1.0  # for the final messages of the sinks; the complete exit stays under 2 s
+SHUTDOWN_SHOWN_S = 0.5  # at least so long a PLC can read that the gateway leaves; five polls at 100 ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,9 +227,7 @@ async def run(
                 finally:  # also when a task is past help: what the broker retains must not look good for ever
                     for control in controls.values():
                         control.shut_down()
-                    last_words: list[Awaitable[object]] = [asyncio.sleep(LAST_WORD_S)]
-                    last_words += [sink.farewell(FAREWELL_S) for sink in sinks]
-                    await asyncio.gather(*last_words)
+                    await asyncio.gather(asyncio.sleep(SHUTDOWN_SHOWN_S), *(sink.close(SINK_CLOSE_S) for sink in sinks))
                 supervised.cancel()
         except BaseExceptionGroup as group_error:
             raise _own_error(group_error) from group_error

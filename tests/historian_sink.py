@@ -50,7 +50,7 @@ class Historian:
             for bay in self._bays.bays:
                 group.create_task(self._keep_states(bay))
 
-    async def farewell(self, timeout_s: float) -> None:
+    async def close(self, timeout_s: float) -> None:
         self._rows.events += self._events.drain()
         self._rows.states += [self._bays.shown(bay, self._clock.now_ns()) for bay in self._bays.bays]
 

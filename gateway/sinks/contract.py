@@ -4,7 +4,7 @@ A sink gets a `SinkContext` and reports a `LinkStatus`; `gateway/sinks/registry.
 control path:
 
 - `deliver` runs as a separate supervised task. It ends with LinkError when the link breaks, and is started again
-  after the backoff in `reconnect`; it returns only after `farewell`.
+  after the backoff in `reconnect`; it returns only after `close`.
 - States are pulled (`newer`, `shown`): a slow sink skips states. It shows a bay through `shown` only, so that an old
   state never looks valid.
 - Events are read from a bounded queue (`subscribe`), which drops and counts what a slow sink does not fetch. A sink
@@ -88,7 +88,7 @@ class SinkContext:
     bays: Bays
     clock: Clock
     boot: str
-    resources: ExitStack  # closed after `farewell`
+    resources: ExitStack  # closed after `close`
 
 
 class Sink(Protocol):
@@ -102,7 +102,7 @@ class Sink(Protocol):
 
     async def deliver(self) -> None: ...
 
-    async def farewell(self, timeout_s: float) -> object:
+    async def close(self, timeout_s: float) -> object:
         """Deliver the final states and what is queued, beside a running `deliver` or without one, in `timeout_s`."""
 
 

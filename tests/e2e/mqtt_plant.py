@@ -84,12 +84,12 @@ def _waits() -> int:
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
 
 
-async def main(url: str, farewell_s: float) -> None:
-    """Runs until SIGTERM, then says farewell, as the real one does, for so long at most."""
+async def main(url: str, close_s: float) -> None:
+    """Runs until SIGTERM, then closes the publisher as the gateway does, within `close_s`."""
     plant, stop = Plant(url, keepalive_s=2), asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, stop.set)
     async with plant.running():
         print("running", flush=True)
         await stop.wait()
         plant.happen(EventKind.SHUTDOWN)
-        print(await plant.publisher.farewell(farewell_s), flush=True)
+        print(await plant.publisher.close(close_s), flush=True)

@@ -194,7 +194,7 @@ def test_sparkplug_passes_the_bridge_in_both_directions(brokers: tuple[Mosquitto
                     found = await seen(near, "STATE/scada")
                     assert found.retained  # a gateway that comes later finds it
                     assert json.loads(found.text)["online"] is True
-                await plant.publisher.farewell(10.0)
+                await plant.publisher.close(10.0)
             await seen(far, "/NDEATH/")
 
     asyncio.run(life())

@@ -27,7 +27,7 @@ from gateway.core.state import Reason
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import parse
-from gateway.sinks.mqtt.broker_link import Message
+from gateway.sinks.mqtt.topics import Message
 from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
 from tests.mqtt_messages import checked
@@ -228,9 +228,9 @@ def test_a_paused_broker_is_noticed_and_nothing_is_lost(mosquitto: Mosquitto) ->
 
 
 @contextlib.contextmanager
-def process(url: str, before: str = "", farewell_s: float = 30.0) -> Iterator[subprocess.Popen[str]]:
+def process(url: str, before: str = "", close_s: float = 30.0) -> Iterator[subprocess.Popen[str]]:
     """The plant in a process of its own, running, killed at the end; it executes `before` first."""
-    code = f"{before}\nimport asyncio\nfrom tests.e2e.mqtt_plant import main\nasyncio.run(main({url!r}, {farewell_s}))"
+    code = f"{before}\nimport asyncio\nfrom tests.e2e.mqtt_plant import main\nasyncio.run(main({url!r}, {close_s}))"
     with subprocess.Popen(
         [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as running:
@@ -443,7 +443,7 @@ def test_tls_with_a_trusted_certificate(
                 plant.happen(EventKind.STOP_RAISED)
             await plant.until(lambda: plant.publisher.stats.queued == 0)
             assert plant.link_errors == 0
-            assert await plant.publisher.farewell(1.0) is True
+            assert await plant.publisher.close(1.0) is True
         await received(subscriber, cause="shutdown")
 
     with Mosquitto(tmp_path, tls=certificate) as broker:
@@ -515,7 +515,7 @@ def test_the_process_ends_in_time_whatever_it_waits_for(scheme: str, accepts: bo
     with silent_server(accepts=accepts) as port, process(f"{scheme}://127.0.0.1:{port}", PATIENT, 1.0) as gateway:
         time.sleep(0.3)  # into the attempt to connect
         gateway.terminate()
-        out, err = gateway.communicate(timeout=30)  # the farewell has 1 s; waiting for the broker would take 600
+        out, err = gateway.communicate(timeout=30)  # closing has 1 s; waiting for the broker would take 600
     assert (out, gateway.returncode) == ("False\n", 0)
     assert "Traceback" not in err
 
@@ -535,11 +535,11 @@ def test_the_process_ends_in_time_when_no_name_server_answers() -> None:
     with process("mqtt://broker.example", SILENT_NAME_SERVER, 1.0) as gateway:
         time.sleep(0.3)
         gateway.terminate()
-        out, _ = gateway.communicate(timeout=30)  # the farewell has 1 s; waiting for the name would take 600
+        out, _ = gateway.communicate(timeout=30)  # closing has 1 s; waiting for the name would take 600
     assert (out, gateway.returncode) == ("False\n", 0)
 
 
-def test_farewell_to_a_paused_broker_ends_in_time_and_the_will_follows(mosquitto: Mosquitto) -> None:
+def test_closing_to_a_paused_broker_ends_in_time_and_the_will_follows(mosquitto: Mosquitto) -> None:
     async def scenario() -> None:
         plant = Plant(mosquitto.url, keepalive_s=600)
         with Subscriber(mosquitto, "loading/+/+/status") as subscriber:
@@ -547,7 +547,7 @@ def test_farewell_to_a_paused_broker_ends_in_time_and_the_will_follows(mosquitto
                 await received(subscriber, status="online")
                 mosquitto.pause()
                 async with asyncio.timeout(20):  # waiting for an acknowledgement would take 450
-                    assert await plant.publisher.farewell(0.5) is False
+                    assert await plant.publisher.close(0.5) is False
             mosquitto.resume()
             await received(subscriber, status="offline")
 
@@ -574,7 +574,7 @@ def test_what_is_no_broker_is_a_link_error(answer: bytes, monkeypatch: pytest.Mo
         for _ in range(2):
             with pytest.raises(LinkError, match=rf"^mqtt://127\.0\.0\.1:{port}: "):
                 await plant.publisher.deliver()
-        assert await plant.publisher.farewell(0.7) is False
+        assert await plant.publisher.close(0.7) is False
 
     with false_broker(answer) as port:
         asyncio.run(scenario(port))
@@ -592,7 +592,7 @@ def test_a_name_that_leads_nowhere_is_a_link_error(host: str) -> None:
 def test_a_name_is_looked_up(mosquitto: Mosquitto) -> None:
     async def scenario() -> None:
         plant = Plant(f"mqtt://localhost:{mosquitto.port}")
-        assert await plant.publisher.farewell(5.0) is True
+        assert await plant.publisher.close(5.0) is True
 
     asyncio.run(scenario())
 

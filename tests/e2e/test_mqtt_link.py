@@ -7,7 +7,8 @@ import pytest
 
 from gateway import event_loop
 from gateway.sinks.mqtt.broker import Broker
-from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, Message, ProtocolVersion, connect
+from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, ProtocolVersion, connect
+from gateway.sinks.mqtt.topics import Message
 
 PUBLISH, DISCONNECT = 3, 14
 

@@ -106,7 +106,7 @@ async def plain_life(tap: Tap, host: Host) -> None:
         await plant.until(lambda: count("DBIRTH", 1) == 2)
         plant.see("bay2", 150.0)
         await plant.until(lambda: any(p.topic.endswith("bay2") and kind(p) == "DDATA" for p in sent(connection=1)))
-        await plant.publisher.farewell(10.0)
+        await plant.publisher.close(10.0)
 
 
 async def hosted_life(tap: Tap, host: Host) -> None:
@@ -134,7 +134,7 @@ async def hosted_life(tap: Tap, host: Host) -> None:
         host.say(topic, host_state(online=True, timestamp=3000), qos=1, retain=True)
         await plant.until(lambda: sum(kind(p) == "NBIRTH" for p in tap.sent()) == 2)
         await plant.until(lambda: sum(kind(p) == "DDATA" for p in tap.sent(connection=1)) >= 1)
-        await plant.publisher.farewell(10.0)
+        await plant.publisher.close(10.0)
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ class Sensors:
 
 
 class LastState:
-    """A sink that remembers the state of its farewell."""
+    """A sink that remembers the final state."""
 
     task = "last-state"
     reconnect = Reconnect()
@@ -55,16 +55,18 @@ class LastState:
     async def deliver(self) -> None:
         await asyncio.Event().wait()
 
-    async def farewell(self, timeout_s: float) -> None:
+    async def close(self, timeout_s: float) -> None:
         LastState.published = self._bays.shown("bay1", self._clock.now_ns())
 
 
 @pytest.mark.parametrize("past_help", [True, False])
-def test_the_last_words_are_said_whatever_ends_the_gateway(monkeypatch: pytest.MonkeyPatch, past_help: bool) -> None:
+def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
+    monkeypatch: pytest.MonkeyPatch, past_help: bool
+) -> None:
     """Else the broker would keep `may_move` of the last good state for as long as nobody starts the gateway again."""
     for name, stand_in in (("VisionService", Sensors), ("RangerService", Sensors)):
         monkeypatch.setattr(app, name, stand_in)
-    monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
+    monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     monkeypatch.setattr(LastState, "published", None)
     monkeypatch.setattr(registry, "TYPES", (SinkType("last_state", LastState, settings=lambda config: config),))
     config = GatewayConfig(
@@ -116,7 +118,7 @@ def test_alarms_are_raised_and_logged_without_pages(
 
     for name in ("VisionService", "RangerService"):
         monkeypatch.setattr(app, name, Unplugged)
-    monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
+    monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     caplog.set_level("INFO", "gateway.app")
     raised = "alarm bay1.camera_down: occurs, now unacknowledged: no such device"
     config = GatewayConfig(

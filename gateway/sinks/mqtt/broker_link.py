@@ -19,10 +19,9 @@ import math
 import socket
 import ssl
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from typing import Any, NoReturn
+from typing import Any
 
 import aiomqtt
 from aiomqtt.exceptions import MqttConnectError
@@ -33,6 +32,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from gateway.errors import LinkError
 from gateway.sinks.mqtt.broker import Broker
 from gateway.sinks.mqtt.broker_socket import open_socket
+from gateway.sinks.mqtt.topics import Message
 
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
 MAX_INCOMING = 100  # messages received and not fetched yet
@@ -64,26 +64,6 @@ class NotAcceptedError(LinkError):
     def __init__(self, text: str, *, certain: bool) -> None:
         super().__init__(text)
         self.certain = certain
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """`expiry_s` (MQTT 5): the broker drops it after so long, retained or not; None: never. `text`: JSON in UTF-8."""
-
-    topic: str
-    payload: bytes
-    retain: bool
-    expiry_s: int | None = None
-    qos: int = 1
-    text: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Incoming:
-    """A message received on a subscribed topic."""
-
-    topic: str
-    payload: bytes
 
 
 class BrokerLink:
@@ -124,21 +104,12 @@ class BrokerLink:
         if any(int(code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION for code in granted):
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
-    async def incoming(self) -> AsyncIterator[Incoming]:
+    async def incoming(self) -> AsyncIterator[Message]:
         """Messages received, until the connection is lost: then LinkError. What is not fetched in time is dropped."""
         try:
             async for message in self._client.messages:
                 payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
-                yield Incoming(str(message.topic), payload)
-        except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: connection lost: {error.__cause__ or error}") from error
-        raise LinkError(f"{self._broker}: connection lost")
-
-    async def lost(self) -> NoReturn:
-        """Waits until the connection is lost, then raises LinkError."""
-        try:
-            async for _ in self._client.messages:  # without subscriptions no message should arrive
-                pass
+                yield Message(str(message.topic), payload)
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: connection lost: {error.__cause__ or error}") from error
         raise LinkError(f"{self._broker}: connection lost")

@@ -10,11 +10,10 @@ import contextlib
 import logging
 import math
 import secrets
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
@@ -27,28 +26,19 @@ from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import home_assistant, messages, payloads
 from gateway.sinks.mqtt.broker import broker_of, tls_context
-from gateway.sinks.mqtt.broker_connector import BrokerConnector, single_link_error
-from gateway.sinks.mqtt.broker_link import Message
+from gateway.sinks.mqtt.broker_link import BrokerLink
+from gateway.sinks.mqtt.session import BrokerSession, Connect
 from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
-from gateway.sinks.mqtt.topics import Gateway, Topics
+from gateway.sinks.mqtt.topics import Gateway, Message, Topics
 from gateway.sinks.outbox.durable import limits, opened_outbox
 from gateway.sinks.outbox.outbox import Entry, MemoryOutbox, Outbox
 
 log = logging.getLogger(__name__)
 
 POLL_S = 0.1  # how often it is checked whether the shown state has expired
-STATUS_SHARE = 0.5  # of a keepalive, from one status message to the next; see broker_connector.ACKNOWLEDGE_SHARE
+STATUS_SHARE = 0.5  # of a keepalive, from one status message to the next; see session.ACKNOWLEDGE_SHARE
 
 
-class Link(Protocol):
-    """What is needed of a connection; see gateway.sinks.mqtt.broker_link.BrokerLink."""
-
-    async def publish(self, message: Message) -> None: ...
-
-    async def lost(self) -> NoReturn: ...
-
-
-Connect = Callable[[], AbstractAsyncContextManager[Link]]
 Urgent = tuple[bool, bool, bool, Moved, Reason, Quality, Quality]
 
 
@@ -75,7 +65,7 @@ class MqttPublisher:
         version: str = __version__,
         *,
         outbox: Outbox | None = None,
-        connector: Connect | None = None,
+        connect: Connect | None = None,
         boot: str | None = None,
         plan: Sequence[TopicKind] = PLAN,
     ) -> None:
@@ -86,28 +76,25 @@ class MqttPublisher:
         self._topics = Topics(config.root, site, instance)
         self._gateway = Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
         self._state_topics = [(kind, kind.build) for kind in plan if kind.build is not None]
-        self._broker = broker_of(config)
-        self._connect = connector or self._connector()
+        self._session = BrokerSession(config, config.client_id or f"gateway-{site}-{instance}", connect=connect)
+        will = payloads.status_payload(self._gateway, "connection lost")
+        self._will = Message(self._topics.status, payloads.encode(will), retain=True)
         self._event_expiry_s = round(config.event_expiry_h * 3600)
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
         self._outbox = outbox if outbox is not None else MemoryOutbox(limits(config))
         self._numbered = 0
         self._event_queued = asyncio.Event()
-        self._connection_lock = asyncio.Lock()  # one client id, one connection
         self._event_lock = asyncio.Lock()  # held from the publishing of an event to its acknowledgement
         hub.listen(self._queue_event)
-        self._closing = asyncio.Event()
         self._final_published = False
         self._published = 0
         self._failed = 0
-        self._connections = 0
-        self._connected_now = False
 
     @property
     def link(self) -> LinkStatus:
         stats, store = self.stats, self._outbox.store
         figures = {
-            "connected": int(self._connected_now),
+            "connected": int(self._session.connected),
             "published": stats.published,
             "failed": stats.failed,
             "reconnects": stats.reconnects,
@@ -117,72 +104,50 @@ class MqttPublisher:
         if store is not None:
             figures |= {"store_ok": int(not store.fault), "store_faults": store.faults}
             figures["store_unwritten_events"] = store.unwritten
-        detail = "connected" if self._connected_now else "no connection"
+        detail = "connected" if self._session.connected else "no connection"
         peer = without_password(self._config.url)
-        return LinkStatus("mqtt", self._connected_now, detail, peer, stats.dropped, figures, store)
+        return LinkStatus("mqtt", self._session.connected, detail, peer, stats.dropped, figures, store)
 
     @property
     def stats(self) -> messages.DeliveryPayload:
         return messages.DeliveryPayload(
             published=self._published,
             failed=self._failed,
-            reconnects=max(0, self._connections - 1),
+            reconnects=max(0, self._session.connections - 1),
             dropped=self._outbox.dropped,
             queued=len(self._outbox),
             store=payloads.store_payload(self._outbox.store),
         )
 
     async def deliver(self) -> None:
-        """Connect and deliver until the link breaks (LinkError), or return after `farewell`."""
-        async with self._connection_lock:
-            if self._closing.is_set():
-                return
-            async with self._connected() as link:
-                await self._serve(link)
-                await self._publish_final(link)
+        """Connect and deliver until the link breaks (LinkError), or return after `close`."""
+        if self._session.closing.is_set():
+            return
+        async with self._session.connection(self._will) as link:
+            await self._serve(link)
+            await self._publish_final(link)
 
-    async def farewell(self, timeout_s: float) -> bool:
+    async def close(self, timeout_s: float) -> bool:
         """Publish the final states with stop on, the events still queued, and `offline`. True if all were acknowledged.
 
         Works beside a running `deliver`, which then returns, and without one. Takes at most `timeout_s` real seconds;
         if that is not enough, the broker publishes the last will when the connection breaks.
         """
-        self._closing.set()
         try:
-            # Where `deliver` is connected, it publishes them itself.
-            async with asyncio.timeout(timeout_s), self._connection_lock:
+            async with asyncio.timeout(timeout_s):
+                await self._session.close()  # where `deliver` is connected, it publishes them itself
                 if not self._final_published:
-                    async with self._connected() as link:
+                    async with self._session.connection(self._will) as link:
                         await self._publish_final(link)
         except TimeoutError:
-            log.warning("%s: no answer in %g s; %d events not delivered", self._broker, timeout_s, self.stats.queued)
+            queued = self.stats.queued
+            log.warning("%s: no answer in %g s; %d events not delivered", self._session.broker, timeout_s, queued)
         except LinkError as error:
             log.warning("%s; %d events not delivered", error, self.stats.queued)
         return self._final_published
 
-    def _connector(self) -> Connect:
-        client_id = self._config.client_id or f"gateway-{self._topics.site}-{self._topics.instance}"
-        will = payloads.encode(payloads.status_payload(self._gateway, "connection lost"))
-        connector = BrokerConnector(self._config, self._broker, client_id)
-        return partial(connector.connect, Message(self._topics.status, will, retain=True))
-
-    @contextlib.asynccontextmanager
-    async def _connected(self) -> AsyncIterator[Link]:
-        """A connection; when it is lost, the body ends at once, and all that failed with it is one LinkError."""
-        with single_link_error():
-            async with self._connect() as link, asyncio.TaskGroup() as group:
-                self._connections += 1
-                log.info("%s: connected", self._broker)
-                self._connected_now = True
-                try:
-                    watch = group.create_task(link.lost())
-                    yield link
-                    watch.cancel()
-                finally:
-                    self._connected_now = False
-
-    async def _serve(self, link: Link) -> None:
-        """Until `farewell`. `online` is published only once no bay's retained state is an old one any more."""
+    async def _serve(self, link: BrokerLink) -> None:
+        """Until `close`. `online` is published only once no bay's retained state is an old one any more."""
         sent: dict[str, Published] = {}
 
         async def first(bay: str) -> None:
@@ -199,12 +164,12 @@ class MqttPublisher:
                 group.create_task(self._publish_events(link)),
                 *(group.create_task(self._publish_states(link, bay, sent[bay])) for bay in self._hub.bays),
             ]
-            await self._closing.wait()
+            await self._session.closing.wait()
             async with self._event_lock:  # or the event on its way would go out once more
                 for task in tasks:
                     task.cancel()
 
-    async def _publish_states(self, link: Link, bay: str, sent: Published) -> NoReturn:
+    async def _publish_states(self, link: BrokerLink, bay: str, sent: Published) -> NoReturn:
         """One bay's state: a change that matters at once, the rest once a period, the newest only."""
         period_ns = self._config.state_period_s * NS_PER_S
         while True:
@@ -217,7 +182,7 @@ class MqttPublisher:
                         seq = await self._hub.newer(bay, seq)
             sent = await self._publish_state(link, bay)
 
-    async def _publish_state(self, link: Link, bay: str) -> Published:
+    async def _publish_state(self, link: BrokerLink, bay: str) -> Published:
         state = self._shown(bay)
         published = Published(_urgent(state), self._clock.now_ns())
         await self._publish_all(link, self._state_messages(state))
@@ -233,23 +198,23 @@ class MqttPublisher:
             found.append(Message(self._topics.of(state.bay, kind.name), payload, kind.retained, expiry_s, kind.qos))
         return found
 
-    async def _publish_all(self, link: Link, found: Sequence[Message]) -> None:
+    async def _publish_all(self, link: BrokerLink, found: Sequence[Message]) -> None:
         for message in found:
             await self._publish(link, message)
 
-    async def _publish_status(self, link: Link) -> NoReturn:
+    async def _publish_status(self, link: BrokerLink) -> NoReturn:
         """`online`, again and again: it proves the link, and heals a late will of an older connection of ours."""
         while True:
             await self._publish(link, self._status_message("running"))
             await asyncio.sleep(STATUS_SHARE * self._config.keepalive_s)
 
-    async def _publish_events(self, link: Link) -> NoReturn:
+    async def _publish_events(self, link: BrokerLink) -> NoReturn:
         while True:
             await self._publish_queued_events(link)
             self._event_queued.clear()
             await self._event_queued.wait()
 
-    async def _publish_queued_events(self, link: Link) -> None:
+    async def _publish_queued_events(self, link: BrokerLink) -> None:
         """One at a time: a duplicate, if there is one, directly follows its first copy."""
         while True:
             async with self._event_lock:
@@ -260,7 +225,7 @@ class MqttPublisher:
                 )
                 self._outbox.acknowledge(entry.id)
 
-    async def _publish_final(self, link: Link) -> None:
+    async def _publish_final(self, link: BrokerLink) -> None:
         now_ns = self._clock.now_ns()
         for bay in self._hub.bays:  # first: a dead bay must not look alive, if there is time for nothing else
             await self._publish_all(link, self._state_messages(payloads.final(self._hub.shown(bay, now_ns), now_ns)))
@@ -268,7 +233,7 @@ class MqttPublisher:
         await self._publish(link, self._status_message("shutdown"))
         self._final_published = True
 
-    async def _publish(self, link: Link, message: Message) -> None:
+    async def _publish(self, link: BrokerLink, message: Message) -> None:
         try:
             await link.publish(message)
         except LinkError:

@@ -1,4 +1,4 @@
-"""The names of the topics, and the identity of the gateway that publishes on them. Pure.
+"""A message, the names of the topics, and the identity of the gateway that publishes on them. Pure.
 
 One connection has one last will, so a gateway has one status topic, and every bay's state names that topic. The
 instance takes the level of the bays: two gateways of one site never share a will, all topics have the same depth, and
@@ -11,6 +11,21 @@ from dataclasses import dataclass
 from gateway.sinks.contract import SettingError
 
 MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a complete topic
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """To be sent, or received; of one received only topic and payload are known.
+
+    `expiry_s` (MQTT 5): the broker drops it after so long, retained or not; None: never. `text`: JSON in UTF-8.
+    """
+
+    topic: str
+    payload: bytes
+    retain: bool = False
+    expiry_s: int | None = None
+    qos: int = 1
+    text: bool = True
 
 
 @dataclass(frozen=True, slots=True)

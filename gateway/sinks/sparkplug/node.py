@@ -2,8 +2,9 @@
 
 Sparkplug Specification 3.0.0, sections 4 to 6. A session begins with a connection whose last will is the NDEATH; births
 are sent as soon as the primary host is online (at once, where none is configured); data follows by exception, and every
-message carries the next sequence number. What changed while there was no session is sent afterwards as historical, and
-so is what was sent shortly before a session was lost: at QoS 0 its arrival is not confirmed.
+message carries the next sequence number. All are sent unretained, at QoS 0 but for NDEATH. What changed while there
+was no session is sent afterwards as historical, and so is what was sent shortly before a session was lost: at QoS 0 its
+arrival is not confirmed.
 """
 
 import json
@@ -12,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from gateway.core.state import StateVector
+from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, decode, encode
@@ -19,15 +21,6 @@ from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, d
 NAMESPACE = "spBv1.0"
 SEQ_MODULO = 256
 HISTORY_PER_MESSAGE = 50  # changes
-
-
-@dataclass(frozen=True, slots=True)
-class Publish:
-    """Section 4: every message of an edge node is sent unretained; QoS 0, but for NDEATH (1)."""
-
-    topic: str
-    payload: bytes
-    qos: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,23 +92,21 @@ class EdgeNode:
 
     # The connection.
 
-    def will(self, bd_seq: int, now_ms: int) -> Publish:
+    def will(self, bd_seq: int, now_ms: int) -> Message:
         """The NDEATH for the next CONNECT; begins its session. `bd_seq`: 0 to 255, one more with every CONNECT."""
         self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
-        self._host_ms = (
-            -1
-        )  # retained messages arrive again; a clock of the host that was wrong once has no lasting effect
+        self._host_ms = -1  # retained messages arrive again; a clock that was wrong once has no lasting effect
         self._born = False
         self._sent_values.clear()
         return self.death(now_ms)
 
-    def death(self, now_ms: int) -> Publish:
+    def death(self, now_ms: int) -> Message:
         """NDEATH: only the bdSeq, and no sequence number."""
         self._born = False
         metric = Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq)
-        return Publish(self.identity.topic("NDEATH"), encode(Payload(now_ms, (metric,))), qos=1)
+        return Message(self.identity.topic("NDEATH"), encode(Payload(now_ms, (metric,))), text=False)
 
-    def connected(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
+    def connected(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
         """Connected and subscribed. Births, unless the primary host must be waited for."""
         return [] if self.identity.primary_host else self._birth(states, now_ms)
 
@@ -134,7 +125,7 @@ class EdgeNode:
 
     def received(
         self, topic: str, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
-    ) -> tuple[list[Publish], bool]:
+    ) -> tuple[list[Message], bool]:
         """A received message: what to send, and whether this session must end (the primary host is offline)."""
         if self.identity.primary_host and topic == self.identity.state_topic:
             return self._host_state(payload, states, now_ms)
@@ -146,7 +137,7 @@ class EdgeNode:
 
     def _host_state(
         self, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
-    ) -> tuple[list[Publish], bool]:
+    ) -> tuple[list[Message], bool]:
         try:
             message = json.loads(payload)
             online, timestamp_ms = message["online"], message["timestamp"]
@@ -175,12 +166,12 @@ class EdgeNode:
 
     # From the bays.
 
-    def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
+    def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
         """What has changed since it was last sent; deaths and births of bays that died or are alive again."""
         self._forget(now_ms)
         if not self._born:
             return []
-        out: list[Publish] = []
+        out: list[Message] = []
         since, self._since = self._since, []
         for bay, state in states.items():
             # Changes that cancel each other out would not appear in what is sent below.
@@ -222,7 +213,7 @@ class EdgeNode:
             self._history.popleft()
             self.stats.history_dropped += 1
 
-    def history(self, now_ms: int) -> list[Publish]:
+    def history(self, now_ms: int) -> list[Message]:
         """What was kept, oldest first, as historical values of devices that have a birth."""
         if not self._born:
             return []
@@ -232,9 +223,9 @@ class EdgeNode:
         self._forget(now_ms)
         return self._historical(known, now_ms)
 
-    def _historical(self, changes: list[StopChange], now_ms: int) -> list[Publish]:
+    def _historical(self, changes: list[StopChange], now_ms: int) -> list[Message]:
         """Changes of devices that have a birth, some to a message."""
-        out: list[Publish] = []
+        out: list[Message] = []
         for bay in dict.fromkeys(change.bay for change in changes):
             found = [change for change in changes if change.bay == bay]
             for n in range(0, len(found), HISTORY_PER_MESSAGE):
@@ -248,7 +239,7 @@ class EdgeNode:
 
     # Messages.
 
-    def _birth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Publish]:
+    def _birth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
         """NBIRTH with sequence number 0, then a DBIRTH for every bay that lives, then what was kept."""
         self._seq, self._born = -1, True
         self._sent_values.clear()
@@ -264,16 +255,16 @@ class EdgeNode:
         out += [self._device_birth(bay, state, now_ms) for bay, state in states.items() if state is not None]
         return out + self.history(now_ms)
 
-    def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Publish:
+    def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Message:
         now = metrics.readings(state)
         self._sent_values[bay] = now
         return self._sequenced("DBIRTH", bay, metrics.metrics(now, now_ms, birth=True), now_ms)
 
-    def _data(self, bay: str, found: tuple[Metric, ...], now_ms: int) -> Publish:
+    def _data(self, bay: str, found: tuple[Metric, ...], now_ms: int) -> Message:
         self.stats.data += 1
         return self._sequenced("DDATA", bay, found, now_ms)
 
-    def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> Publish:
+    def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> Message:
         self._seq = (self._seq + 1) % SEQ_MODULO
         payload = Payload(now_ms, found, self._seq)
-        return Publish(self.identity.topic(kind, bay), encode(payload, typed=kind != "DDATA"))
+        return Message(self.identity.topic(kind, bay), encode(payload, typed=kind != "DDATA"), qos=0, text=False)

@@ -7,9 +7,8 @@ NDEATH.
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager
-from typing import NoReturn, Protocol
+from collections.abc import Callable, Mapping
+from typing import NoReturn
 
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
@@ -20,33 +19,16 @@ from gateway.core.state import Reason, StateVector
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import payloads
-from gateway.sinks.mqtt.broker import broker_of
-from gateway.sinks.mqtt.broker_connector import BrokerConnector, single_link_error
-from gateway.sinks.mqtt.broker_link import Incoming, Message
+from gateway.sinks.mqtt.broker_link import BrokerLink
+from gateway.sinks.mqtt.session import BrokerSession, Connect
+from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug.bd_seq import BdSeq
-from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish
+from gateway.sinks.sparkplug.node import EdgeNode, Identity
 
 log = logging.getLogger(__name__)
 
 NS_PER_MS = 1_000_000
 POLL_S = 0.1  # how often changes other than of stop are checked for
-
-
-class Link(Protocol):
-    """What is needed of a connection; see gateway.sinks.mqtt.broker_link.BrokerLink."""
-
-    async def publish(self, message: Message) -> None: ...
-
-    async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None: ...
-
-    def incoming(self) -> AsyncIterator[Incoming]: ...
-
-
-Connect = Callable[[Message], AbstractAsyncContextManager[Link]]
-
-
-class HostOfflineError(LinkError):
-    """The primary host is offline; the session ends, and the next one waits for it."""
 
 
 class SparkplugPublisher:
@@ -62,7 +44,7 @@ class SparkplugPublisher:
         hub: Bays,
         clock: Clock,
         *,
-        connector: Connect | None = None,
+        connect: Connect | None = None,
         bd_seq: Callable[[], int] | None = None,
     ) -> None:
         if config.sparkplug is None:
@@ -80,23 +62,20 @@ class SparkplugPublisher:
         )
         doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
         self.node = EdgeNode(identity, __version__, history_limit=self._settings.history, doubt_ms=doubt_ms)
-        self._broker = broker_of(config)
         client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
         # A proper end publishes the NDEATH, too: section 6.4.25.
-        self._connect = connector or BrokerConnector(config, self._broker, client_id, will_at_disconnect=True).connect
+        self._session = BrokerSession(config, client_id, will_at_disconnect=True, connect=connect)
         self._urgent = asyncio.Event()
-        self._closing = asyncio.Event()
-        self._connection_lock = asyncio.Lock()
+        self._over = asyncio.Event()  # this session is to end in order: `close`, or the primary host is offline
         self._send_lock = asyncio.Lock()  # messages go out in the order of their sequence numbers
-        self._connected = False
         hub.listen(self._on_event)
 
     @property
     def link(self) -> LinkStatus:
         """`connected`: births were sent in this session; not while the primary host is awaited."""
-        stats, born = self.node.stats, self._connected and self.node.born
+        stats, born = self.node.stats, self._session.connected and self.node.born
         figures = {
-            "connected": int(self._connected),
+            "connected": int(self._session.connected),
             "born": int(self.node.born),
             "births": stats.births,
             "rebirths": stats.rebirths,
@@ -109,61 +88,46 @@ class SparkplugPublisher:
         return LinkStatus("sparkplug", born, detail, without_password(self._config.url), stats.history_dropped, figures)
 
     async def deliver(self) -> None:
-        """One session, until the link breaks or the primary host is offline (LinkError), or after `farewell`."""
-        async with self._connection_lock:
-            if self._closing.is_set():
-                return
-            will = self.node.will(self._bd_seq(), self._now_ms())
-            try:
-                with single_link_error():
-                    await self._session(will)
-            finally:
-                self._connected = False
-                self.node.lost()
-
-    async def farewell(self, timeout_s: float) -> None:
-        """NDEATH, then DISCONNECT, where there is a session. Takes at most `timeout_s` real seconds."""
-        self._closing.set()
-        self._urgent.set()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s), self._connection_lock:
-                pass
-
-    async def _session(self, will: Publish) -> None:
-        async with self._connect(_message(will)) as link:
-            await link.subscribe(self.node.identity.subscriptions)
-            log.info("%s: connected as Sparkplug edge node %s", self._broker, self.node.identity.node)
-            self._connected = True
-            await self._send(link, lambda: self.node.connected(self._states(), self._now_ms()))
-            offline: HostOfflineError | None = None
-            try:
+        """One session, until the link breaks or the primary host is offline (LinkError), or after `close`."""
+        if self._session.closing.is_set():
+            return
+        self._over.clear()
+        will = self.node.will(self._bd_seq(), self._now_ms())
+        try:
+            async with self._session.connection(will, self._received) as link:
+                await link.subscribe(self.node.identity.subscriptions)
+                await self._send(link, lambda: self.node.connected(self._states(), self._now_ms()))
                 async with asyncio.TaskGroup() as group:
-                    tasks = [group.create_task(self._receive(link)), group.create_task(self._publish_changes(link))]
-                    await self._closing.wait()
-                    for task in tasks:
-                        task.cancel()
-            except* HostOfflineError:
-                offline = HostOfflineError(f"primary host {self._settings.primary_host_id} is offline")
-            if self.node.born:
-                await self._send(link, lambda: [self.node.death(self._now_ms())])
-        if offline is not None:  # after a proper DISCONNECT
-            raise offline
+                    changes = group.create_task(self._publish_changes(link))
+                    await self._over.wait()
+                    changes.cancel()
+                if self.node.born:
+                    await self._send(link, lambda: [self.node.death(self._now_ms())])
+        finally:
+            self.node.lost()
+        if not self._session.closing.is_set():  # after a proper DISCONNECT
+            raise LinkError(f"primary host {self._settings.primary_host_id} is offline")
 
-    async def _receive(self, link: Link) -> None:
-        """Receives commands and the primary host's state until cancelled."""
-        async for message in link.incoming():
-            ends = False
+    async def close(self, timeout_s: float) -> None:
+        """NDEATH, then DISCONNECT, where there is a session. Takes at most `timeout_s` real seconds."""
+        self._over.set()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await self._session.close()
 
-            def answer(command: Incoming = message) -> list[Publish]:
-                nonlocal ends
-                out, ends = self.node.received(command.topic, command.payload, self._states(), self._now_ms())
-                return out
+    async def _received(self, link: BrokerLink, message: Message) -> None:
+        """A command, or the primary host's state."""
 
+        def answer() -> list[Message]:
+            out, offline = self.node.received(message.topic, message.payload, self._states(), self._now_ms())
+            if offline:
+                self._over.set()
+            return out
+
+        if not self._over.is_set():
             await self._send(link, answer)
-            if ends:
-                raise HostOfflineError
 
-    async def _publish_changes(self, link: Link) -> NoReturn:
+    async def _publish_changes(self, link: BrokerLink) -> NoReturn:
         """Changes: of stop at once, of the other urgent values within POLL_S, the rest once a period."""
         while True:
             self._urgent.clear()
@@ -182,11 +146,11 @@ class SparkplugPublisher:
         states = self._states().values()
         return [None if s is None else (s.stop, s.may_move, s.in_place, s.visit.moved, s.reason) for s in states]
 
-    async def _send(self, link: Link, make: Callable[[], list[Publish]]) -> None:
+    async def _send(self, link: BrokerLink, make: Callable[[], list[Message]]) -> None:
         """Make and send under one lock: what is numbered first is sent first."""
         async with self._send_lock:
-            for publish in make():
-                await link.publish(_message(publish))
+            for message in make():
+                await link.publish(message)
 
     def _on_event(self, event: Event) -> None:
         if event.kind in payloads.DROPPED_LAST:
@@ -205,10 +169,6 @@ class SparkplugPublisher:
     def _unix_ms(self, t_ns: int) -> int:
         """Never negative, which a UInt64 can't be: without a battery a wall clock may begin before 1970."""
         return max(0, t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
-
-
-def _message(publish: Publish) -> Message:
-    return Message(publish.topic, publish.payload, retain=False, qos=publish.qos, text=False)
 
 
 def _open(context: SinkContext) -> SparkplugPublisher:

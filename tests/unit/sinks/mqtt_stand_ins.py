@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NoReturn
+from typing import Any
 
 from gateway.config import MqttConfig
 from gateway.core import fusion
@@ -12,9 +12,10 @@ from gateway.core.events import Event, EventKind
 from gateway.core.state import StateVector
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.sinks.mqtt.broker_link import Message
+from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
+from gateway.sinks.mqtt.topics import Message
 from tests import virtual_time
 from tests.mqtt_messages import checked
 from tests.virtual_time import LoopClock
@@ -44,7 +45,7 @@ class Broker:
         self.check: Callable[[str, bytes], dict[str, Any]] = checked  # against the schema of the topic
 
     @contextlib.asynccontextmanager
-    async def connect(self) -> AsyncIterator["Link"]:
+    async def connect(self, *_: object, **__: object) -> AsyncIterator["Link"]:
         if self.refuses:
             raise LinkError("refused")
         assert self.connections == len(self.ends), "two connections with one client id"
@@ -55,7 +56,7 @@ class Broker:
         except BaseException:
             self.ends.append("cut")
             raise
-        self.ends.append("goodbye")
+        self.ends.append("disconnected")
 
     def lose(self) -> None:
         """Break the connection there is."""
@@ -71,12 +72,12 @@ class Broker:
         return [heard.json["kind"] for heard in self.on("/event")]
 
 
-class Link:
+class Link(BrokerLink):
     def __init__(self, broker: Broker) -> None:
-        self._broker = broker
+        self._memory = broker
 
     async def publish(self, message: Message) -> None:
-        broker = self._broker
+        broker = self._memory
         if broker.bug is not None:
             raise broker.bug
         broker.received.append(
@@ -93,8 +94,13 @@ class Link:
         if broker.lost.is_set():
             raise LinkError("connection lost")
 
-    async def lost(self) -> NoReturn:
-        await self._broker.lost.wait()
+    async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
+        pass
+
+    async def incoming(self) -> AsyncIterator[Message]:
+        for message in [Message("", b"")] * self._memory.lost.is_set():
+            yield message
+        await self._memory.lost.wait()
         raise LinkError("connection lost")
 
 
@@ -116,7 +122,7 @@ class Plant:
             self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
         config = MqttConfig(**({"url": "mqtt://broker", "root": "r"} | settings))
         self.publisher = MqttPublisher(
-            config, "site", "gw", self.hub, self.clock, "1.0", connector=self.broker.connect, plan=plan
+            config, "site", "gw", self.hub, self.clock, "1.0", connect=self.broker.connect, plan=plan
         )
         self.link_errors: list[str] = []
         self.failed = asyncio.Event()

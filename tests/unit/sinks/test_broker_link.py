@@ -14,6 +14,7 @@ import pytest
 
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import parse
+from gateway.sinks.mqtt.topics import Message
 
 ROOT = Path(__file__).parents[3]
 SOURCE = Path(inspect.getfile(broker_link)).read_text()
@@ -57,7 +58,7 @@ def test_the_client_speaks_on_the_socket_it_is_given() -> None:
                 ours,
                 parse("mqtt://never.looked.up.invalid"),
                 client_id="c",
-                will=broker_link.Message("w", b"", retain=False),
+                will=Message("w", b""),
                 keepalive_s=5,
                 version=broker_link.ProtocolVersion.V5,
             )

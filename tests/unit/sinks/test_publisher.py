@@ -20,7 +20,7 @@ from tests.virtual_time import LoopClock
 
 
 @in_virtual_time
-async def test_online_is_said_only_when_every_bay_s_state_is_new() -> None:
+async def test_online_is_published_only_when_every_bay_s_state_is_new() -> None:
     plant = Plant("bay1", "bay2", "bay3")
     plant.broker.ack_s = 0.1
     async with plant.running():
@@ -263,8 +263,8 @@ async def test_events_from_before_the_first_task_runs_are_not_missed() -> None:
     assert plant.broker.kinds() == ["start"]
 
 
-def final_words(plant: Plant) -> list[tuple[str, str]]:
-    """Topic and what was said of everything since the farewell began: the shutdown state is the first of it."""
+def final_messages(plant: Plant) -> list[tuple[str, str]]:
+    """Topic and content of each message since closing began: the shutdown state is the first."""
     start = next(i for i, h in enumerate(plant.broker.received) if h.json.get("reason", {}).get("name") == "SHUTDOWN")
     return [
         (h.topic, h.json.get("kind") or h.json.get("cause") or f"stop {h.json['stop']}")
@@ -273,16 +273,16 @@ def final_words(plant: Plant) -> list[tuple[str, str]]:
 
 
 @in_virtual_time
-async def test_farewell_beside_a_live_connection() -> None:
+async def test_closing_beside_a_live_connection() -> None:
     plant = Plant("bay1", "bay2")
     async with plant.running():
         await asyncio.sleep(1)
         plant.change("bay1", stop=False, may_move=True, reason=Reason.NONE)
         plant.happen(EventKind.SHUTDOWN, "bay2")
-        assert await plant.publisher.farewell(1.0) is True
-        assert plant.broker.ends == ["goodbye"]
-        await asyncio.sleep(100)  # nothing more is said, and nobody connects again
-    assert final_words(plant) == [
+        assert await plant.publisher.close(1.0) is True
+        assert plant.broker.ends == ["disconnected"]
+        await asyncio.sleep(100)  # nothing more is published, and nothing connects again
+    assert final_messages(plant) == [
         ("r/site/bay1/state", "stop True"),
         ("r/site/bay2/state", "stop True"),
         ("r/site/gw/status", "shutdown"),
@@ -293,7 +293,7 @@ async def test_farewell_beside_a_live_connection() -> None:
 
 
 @in_virtual_time
-async def test_an_event_on_its_way_when_the_farewell_begins_goes_out_once() -> None:
+async def test_an_event_on_its_way_when_closing_begins_goes_out_once() -> None:
     plant = Plant()
     plant.broker.ack_s = 0.1
     async with plant.running():
@@ -302,97 +302,97 @@ async def test_an_event_on_its_way_when_the_farewell_begins_goes_out_once() -> N
             plant.happen(EventKind.STOP_RAISED)
         await asyncio.sleep(0.05)
         plant.happen(EventKind.SHUTDOWN)
-        assert await plant.publisher.farewell(1.0) is True
+        assert await plant.publisher.close(1.0) is True
     assert plant.broker.kinds() == ["stop_raised"] * 3 + ["shutdown"]
 
 
 @in_virtual_time
-async def test_farewell_without_a_connection_makes_one() -> None:
+async def test_closing_without_a_connection_makes_one() -> None:
     plant = Plant()
     plant.happen(EventKind.STOP_RAISED)
     plant.happen(EventKind.SHUTDOWN)
-    assert await plant.publisher.farewell(1.0) is True
-    assert final_words(plant) == [
+    assert await plant.publisher.close(1.0) is True
+    assert final_messages(plant) == [
         ("r/site/bay1/state", "stop True"),
         ("r/site/bay1/event", "stop_raised"),
         ("r/site/bay1/event", "shutdown"),
         ("r/site/gw/status", "shutdown"),
     ]
-    assert plant.broker.ends == ["goodbye"]
+    assert plant.broker.ends == ["disconnected"]
     await plant.publisher.deliver()  # returns: there is nothing left to do
-    assert await plant.publisher.farewell(1.0) is True
+    assert await plant.publisher.close(1.0) is True
     assert plant.broker.connections == 1
 
 
 @in_virtual_time
-async def test_farewell_between_two_tries_to_connect() -> None:
+async def test_closing_between_two_tries_to_connect() -> None:
     plant = Plant()
     plant.broker.refuses = True
     async with plant.running():
         await asyncio.sleep(2.5)
         plant.broker.refuses = False
-        assert await plant.publisher.farewell(1.0) is True
+        assert await plant.publisher.close(1.0) is True
         await asyncio.sleep(10)
     assert plant.broker.connections == 1
-    assert plant.broker.ends == ["goodbye"]
+    assert plant.broker.ends == ["disconnected"]
 
 
 @in_virtual_time
-async def test_farewell_to_a_hung_broker_takes_no_longer_than_asked_and_leaves_it_to_the_will() -> None:
+async def test_closing_to_a_hung_broker_ends_in_time_and_leaves_it_to_the_will() -> None:
     plant = Plant()
     async with plant.running():
         await asyncio.sleep(1)
         plant.happen(EventKind.SHUTDOWN)
         plant.broker.hung = True
         begun_s = now_s()
-        assert await plant.publisher.farewell(0.75) is False
+        assert await plant.publisher.close(0.75) is False
         assert now_s() - begun_s == pytest.approx(0.75)
     assert plant.broker.ends == ["cut"]
 
 
 @in_virtual_time
-async def test_farewell_to_nobody_ends_at_once() -> None:
+async def test_closing_to_nobody_ends_at_once() -> None:
     plant = Plant()
     plant.broker.refuses = True
     begun_s = now_s()
-    assert await plant.publisher.farewell(1.0) is False
+    assert await plant.publisher.close(1.0) is False
     assert now_s() == begun_s
 
 
 @in_virtual_time
-async def test_farewell_to_a_slow_broker_says_the_states_first() -> None:
+async def test_closing_to_a_slow_broker_publishes_the_states_first() -> None:
     plant = Plant("bay1", "bay2")
     for _ in range(50):
         plant.happen(EventKind.TARGET_FOUND)
     plant.broker.ack_s = 0.2
-    assert await plant.publisher.farewell(1.0) is False
+    assert await plant.publisher.close(1.0) is False
     assert [heard.topic for heard in plant.broker.received[:2]] == ["r/site/bay1/state", "r/site/bay2/state"]
     assert plant.broker.kinds() == ["target_found"] * 3
     assert plant.broker.ends == ["cut"]
 
 
 @in_virtual_time
-async def test_a_connection_that_breaks_during_the_farewell_ends_it_at_once() -> None:
+async def test_a_connection_that_breaks_during_closing_ends_it_at_once() -> None:
     plant = Plant()
     plant.broker.hung = True
     begun_s = now_s()
     asyncio.get_running_loop().call_later(0.1, plant.broker.lose)
-    assert await plant.publisher.farewell(1.0) is False
+    assert await plant.publisher.close(1.0) is False
     assert now_s() - begun_s == pytest.approx(0.1)
 
 
 @in_virtual_time
-async def test_a_connection_that_breaks_during_the_farewell_is_tried_once_more() -> None:
+async def test_a_connection_that_breaks_during_closing_is_tried_once_more() -> None:
     plant = Plant()
     plant.broker.ack_s = 0.1
     async with plant.running():
         await asyncio.sleep(1)
         plant.happen(EventKind.SHUTDOWN)
-        farewell = asyncio.get_running_loop().create_task(plant.publisher.farewell(1.0))
+        closing = asyncio.get_running_loop().create_task(plant.publisher.close(1.0))
         await asyncio.sleep(0.05)
         plant.broker.lose()
-        assert await farewell is True
-    assert plant.broker.ends == ["cut", "goodbye"]
+        assert await closing is True
+    assert plant.broker.ends == ["cut", "disconnected"]
     assert plant.broker.on("/status")[-1].json["cause"] == "shutdown"
     assert plant.broker.kinds()[-1] == "shutdown"
 
@@ -416,7 +416,7 @@ def test_what_can_never_work_is_a_config_error_at_once(settings: dict[str, str])
 def test_two_starts_have_different_boot_numbers() -> None:
     async def boot() -> str:
         plant = Plant()
-        await plant.publisher.farewell(1.0)
+        await plant.publisher.close(1.0)
         return str(plant.broker.on("/status")[-1].json["boot"])
 
     first, second = virtual_time.run(boot()), virtual_time.run(boot())

@@ -44,7 +44,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(monkeypatch: pytest.MonkeyPatch) -> None:
     for service in ("VisionService", "RangerService"):
         monkeypatch.setattr(app, service, Sensors)
-    monkeypatch.setattr(app, "LAST_WORD_S", 0.01)
+    monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     text = '[sinks.historian]\ntable = "plant"\n'
     document = {
         "instance": f"test-sink-{os.getpid()}",

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from gateway.core.state import StateVector
-from gateway.sinks.sparkplug.node import EdgeNode, Identity, Publish
+from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.sparkplug.node import EdgeNode, Identity
 from gateway.sinks.sparkplug.wire import decode
 
 T0 = 1_700_000_000_000
@@ -21,13 +22,13 @@ def change(edge: EdgeNode, *at_ms: int) -> None:
         edge.changed(StateVector(bay="bay1", stop=n % 2 == 0), T0 + n)
 
 
-def told(messages: list[Publish]) -> list[int]:
+def told(messages: list[Message]) -> list[int]:
     """Times, after T0, of the historical values of Stop."""
     found = [metric for message in messages for metric in decode(message.payload).metrics]
     return [metric.timestamp_ms - T0 for metric in found if metric.historical and metric.name == "Stop"]
 
 
-def session(edge: EdgeNode, at_ms: int) -> list[Publish]:
+def session(edge: EdgeNode, at_ms: int) -> list[Message]:
     edge.will(0, T0 + at_ms)
     return edge.connected(STATES, T0 + at_ms)
 

@@ -4,8 +4,8 @@ from typing import Literal
 
 import pytest
 
-from gateway.sinks.mqtt.broker_connector import VersionChoice
 from gateway.sinks.mqtt.broker_link import ProtocolVersion
+from gateway.sinks.mqtt.session import VersionChoice
 
 V5, V311 = ProtocolVersion.V5, ProtocolVersion.V311
 
