@@ -19,7 +19,7 @@ from gateway.core.interlock import RetainedState, Rules
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, StateVector, Tick
-from gateway.ranger.hcsr04.session import Session
+from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of
 from gateway.sim.ranger_board import POWER_ON, Board, RangerFault
@@ -100,7 +100,7 @@ class Bench:
     def power_on(self, retained: RetainedState | None = None) -> None:
         """The gateway begins anew; the sensors were on all along."""
         self.state = interlock.initial("bay1", self.now_ns, self.rules, retained)
-        self._session = Session(self.config.bays[0].ranger)
+        self._session = Hcsr04Session(self.config.bays[0].ranger)
         self._unplugged = False
         for reading in self._session.opened(self.now_ns):
             self.step(reading)

@@ -27,7 +27,7 @@ class Gone:
     crashed: bool = False  # by a fault of the child's code: SIGSEGV, SIGABRT and their like
 
 
-class Link(Generic[Out, In]):
+class Channel(Generic[Out, In]):
     """One end of a SOCK_SEQPACKET pair: the kernel keeps messages complete, so no reader ever waits for half of one.
 
     `codec` defines what may arrive. What may be sent is defined by the other side's codec.
@@ -39,7 +39,7 @@ class Link(Generic[Out, In]):
         self.ended = False
 
     @classmethod
-    def pair(cls, codec: Codec) -> tuple["Link[Out, In]", socket.socket]:
+    def pair(cls, codec: Codec) -> tuple["Channel[Out, In]", socket.socket]:
         """The main process's end, never blocking, and the socket for the child."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         ours.setblocking(False)

@@ -1,8 +1,8 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
 Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the
-one whose `run(link, job)` does the work; only what it imports is loaded. Its `CODEC` defines which messages it may be
-sent, its job among them. NAME is what `top` shows.
+one whose `run(channel, job)` does the work; only what it imports is loaded. Its `CODEC` defines which messages it may
+be sent, its job among them. NAME is what `top` shows.
 """
 
 import ctypes
@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any
 
 from gateway.errors import ConfigError, GatewayError
-from gateway.processes.channel import Failed, Link
+from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import Codec
 
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15  # linux/prctl.h
@@ -26,20 +26,20 @@ def main() -> None:
     name_of_module, name, parent, fd, cpus = sys.argv[1:]
     _die_with(int(parent))
     _name(name)
-    link: Link[Any, Any] = Link(socket.socket(fileno=int(fd)), Codec(Failed))
-    _report_exceptions(link)
+    channel: Channel[Any, Any] = Channel(socket.socket(fileno=int(fd)), Codec(Failed))
+    _report_exceptions(channel)
     if cpus:
         try:
             os.sched_setaffinity(0, {int(cpu) for cpu in cpus.split(",")})
         except OSError as error:
-            link.send(Failed(f"cannot run on the CPUs of `affinity`, {cpus}: {error.strerror}"))
+            channel.send(Failed(f"cannot run on the CPUs of `affinity`, {cpus}: {error.strerror}"))
             sys.exit(1)
     try:
         module = import_module(name_of_module)
-        link.codec = module.CODEC
-        module.run(link, link.receive())
+        channel.codec = module.CODEC
+        module.run(channel, channel.receive())
     except GatewayError as error:
-        link.send(Failed(shown(str(error)), config=isinstance(error, ConfigError)))
+        channel.send(Failed(shown(str(error)), config=isinstance(error, ConfigError)))
         sys.exit(1)
 
 
@@ -60,12 +60,12 @@ def shown(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:MAX_CHARACTERS])
 
 
-def _report_exceptions(link: Link[Any, Any]) -> None:
+def _report_exceptions(channel: Channel[Any, Any]) -> None:
     """An unexpected exception is reported to the parent, too, after its traceback has gone to stderr."""
 
     def hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         sys.__excepthook__(kind, error, trace)  # first: the parent ends this process when it reads it
         sys.stderr.flush()
-        link.send(Failed(shown(f"{kind.__name__}: {error}")))
+        channel.send(Failed(shown(f"{kind.__name__}: {error}")))
 
     sys.excepthook = hook

@@ -19,7 +19,7 @@ from typing import Generic, Self, TypeVar
 
 from gateway.clock import Clock
 from gateway.errors import LinkError
-from gateway.processes.channel import Failed, Gone, Link
+from gateway.processes.channel import Channel, Failed, Gone
 from gateway.processes.codec import Codec
 
 log = logging.getLogger(__name__)
@@ -48,8 +48,8 @@ In = TypeVar("In")  # and from them
 
 @dataclass(frozen=True, slots=True)
 class Role(Generic[Out]):
-    """What a child is for: `module` has `run(link, job)` and the `CODEC` of messages to it; `name` is what `top` shows;
-    `fds` it inherits."""
+    """What a child is for: `module` has `run(channel, job)` and the `CODEC` of messages to it; `name` is what `top`
+    shows; `fds` it inherits."""
 
     module: str
     name: str
@@ -63,7 +63,7 @@ class Child(Generic[Out, In]):
     """One running process."""
 
     process: subprocess.Popen[bytes]
-    link: Link[Out, In | Failed]
+    channel: Channel[Out, In | Failed]
     pidfd: int
 
 
@@ -87,7 +87,7 @@ class Pool(Generic[Out, In]):
 
     def start(self, token: int, role: Role[Out]) -> None:
         """Start a process and send it its job. Takes a few ms. Raises LinkError."""
-        link, theirs = Link[Out, In | Failed].pair(self._codec)
+        channel, theirs = Channel[Out, In | Failed].pair(self._codec)
         cpus = ",".join(map(str, role.affinity or ()))
         words = [role.module, role.name, str(os.getpid()), str(theirs.fileno()), cpus]
         with theirs, _without_ctrl_c():
@@ -99,19 +99,19 @@ class Pool(Generic[Out, In]):
                     env={**ENVIRONMENT, **os.environ},
                 )
             except OSError as error:
-                link.close()
+                channel.close()
                 raise LinkError(f"cannot start process {role.name}: {error}") from error
-        child = Child(process, link, os.pidfd_open(process.pid))
+        child = Child(process, channel, os.pidfd_open(process.pid))
         self._children[token] = child
         loop = asyncio.get_running_loop()
-        loop.add_reader(link.sock, self._arrived, self._readable, token)
+        loop.add_reader(channel.sock, self._arrived, self._readable, token)
         loop.add_reader(child.pidfd, self._arrived, self._ended, token)
         self.send(token, role.job)
 
     def send(self, token: int, message: Out) -> None:
         """Never waits. A child that does not take its messages is killed; one that has ended is ignored."""
         child = self._children.get(token)
-        if child is not None and not child.link.offer(message):
+        if child is not None and not child.channel.offer(message):
             child.process.kill()
 
     def kill(self, token: int) -> None:
@@ -145,15 +145,15 @@ class Pool(Generic[Out, In]):
             # Before reading, so that the last messages are not missed.
             status = child.process.poll() if polled else None
             limit = MAX_MESSAGES if status is not None else most if polled else 1
-            found.append((token, child, status, child.link.received(limit)))
+            found.append((token, child, status, child.channel.received(limit)))
         for token, child, status, arrived in found:
             for message in arrived:
                 yield token, message
             if status is not None:
                 self._forget(token)
                 yield token, Gone(_how(status), crashed=-status in CRASHES)
-            elif child.link.ended:
-                asyncio.get_running_loop().remove_reader(child.link.sock)
+            elif child.channel.ended:
+                asyncio.get_running_loop().remove_reader(child.channel.sock)
                 child.process.kill()  # closed, or no use any more: whatever it still does
 
     async def wait(self, seconds: float | None) -> None:
@@ -200,9 +200,9 @@ class Pool(Generic[Out, In]):
     def _forget(self, token: int) -> None:
         child = self._children.pop(token)
         loop = asyncio.get_running_loop()
-        loop.remove_reader(child.link.sock)
+        loop.remove_reader(child.channel.sock)
         loop.remove_reader(child.pidfd)
-        child.link.close()
+        child.channel.close()
         os.close(child.pidfd)
 
 

@@ -33,7 +33,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class _Level:
+class _Distance:
     mm: float
     t_ns: int
 
@@ -52,8 +52,8 @@ class GlitchGate:
 
     def reset(self) -> None:
         """Forget everything: another sensor, or the same one after a restart."""
-        self._reference: _Level | None = None  # the newest reading believed
-        self._candidate: _Level | None = None  # the odd one waiting for a second opinion
+        self._reference: _Distance | None = None  # the newest reading believed
+        self._candidate: _Distance | None = None  # the odd one waiting for a second opinion
         self._odd_ns: int | None = None  # when the reading before this one was odd, and held back
         self._history: deque[bool] = deque(maxlen=HISTORY)
 
@@ -62,13 +62,13 @@ class GlitchGate:
         if not self._gate_mm:
             return Verdict.PASS
         if self._near(self._reference, mm, t_ns) or self._near(self._candidate, mm, t_ns):
-            self._reference, self._candidate, self._odd_ns = _Level(mm, t_ns), None, None
+            self._reference, self._candidate, self._odd_ns = _Distance(mm, t_ns), None, None
             self._history.append(False)
             return Verdict.UNSTABLE if self._alternating() else Verdict.PASS
         second = self._recent(self._odd_ns, t_ns)
         if second or self._believed(t_ns):  # else there was nothing to compare with, and nothing is odd
             self._history.append(True)
-        self._candidate, self._odd_ns = _Level(mm, t_ns), t_ns
+        self._candidate, self._odd_ns = _Distance(mm, t_ns), t_ns
         return Verdict.UNSTABLE if second or self._alternating() else Verdict.HOLD
 
     def fault(self, t_ns: int) -> Verdict:
@@ -82,7 +82,7 @@ class GlitchGate:
         self._candidate, self._odd_ns = None, t_ns
         return Verdict.HOLD
 
-    def _near(self, level: _Level | None, mm: float, t_ns: int) -> bool:
+    def _near(self, level: _Distance | None, mm: float, t_ns: int) -> bool:
         return level is not None and self._recent(level.t_ns, t_ns) and abs(mm - level.mm) <= self._gate_mm
 
     def _believed(self, t_ns: int) -> bool:
@@ -99,7 +99,7 @@ class MedianFilter:
     """Median of the newest `size` readings; of fewer while the window fills. The caller resets it at every gap."""
 
     def __init__(self, size: int) -> None:
-        self._window: deque[_Level] = deque(maxlen=size)
+        self._window: deque[_Distance] = deque(maxlen=size)
 
     def reset(self) -> None:
         self._window.clear()
@@ -111,7 +111,7 @@ class MedianFilter:
 
     def push(self, mm: float, t_ns: int) -> tuple[float, int]:
         """The median and the time of the window's middle. While the window has an even number, the means of two."""
-        self._window.append(_Level(mm, t_ns))
+        self._window.append(_Distance(mm, t_ns))
         times = [level.t_ns for level in self._window]
         return median(level.mm for level in self._window), (median_low(times) + median_high(times)) // 2
 

@@ -23,7 +23,7 @@ from gateway.core.readings import Quality, RangeReading
 from gateway.errors import LinkError
 from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import Hello, Measurement, encode_hello, encode_measurement
-from gateway.ranger.hcsr04.session import Session
+from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.ranger.service import RangerService
 from gateway.sim import ranger_board
 from gateway.sim.hcsr04 import SensorErrors
@@ -53,8 +53,8 @@ class Host:
         self.supervisor = Supervisor([Task("ranger", self.service.run, QUICK)], clock)
 
     @property
-    def session(self) -> Session:
-        assert isinstance(self.service.session, Session)
+    def session(self) -> Hcsr04Session:
+        assert isinstance(self.service.session, Hcsr04Session)
         return self.service.session
 
     def _heard(self, reading: RangeReading) -> None:

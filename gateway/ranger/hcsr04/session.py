@@ -59,7 +59,7 @@ def distance_mm(ticks: int, temperature_c: float) -> float:
     return speed_of_sound_m_s(temperature_c) * ticks * TICK_NS / 2e6
 
 
-class Session:
+class Hcsr04Session:
     """The state of one ranger in the gateway. Counters outlive connections, the rest does not."""
 
     def __init__(self, config: RangerConfig) -> None:
@@ -245,4 +245,4 @@ class Session:
         return f"no measurement for {seconds:.0f} s"
 
 
-RANGER = RangerType(Session)
+RANGER = RangerType(Hcsr04Session)

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from gateway.errors import ConfigError, GatewayError, LinkError
-from gateway.processes.channel import Link
+from gateway.processes.channel import Channel
 from gateway.processes.child import shown
 from gateway.vision.detect.method import RadiusLimited
 from gateway.vision.detect.radii import MarkerRadii
@@ -31,7 +31,7 @@ from gateway.vision.transport.ring import Ring
 CODEC = TO_VISION
 
 
-def run(link: Link[FromVision, MarkerRadii], job: VisionJob) -> None:
+def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
     """Until the main process ends. Never returns."""
     cv2.setNumThreads(job.detector.vision.workers)
     clock = job.clock
@@ -40,15 +40,15 @@ def run(link: Link[FromVision, MarkerRadii], job: VisionJob) -> None:
     ring = Ring(job.ring, writable=True)
     detect = job.detector.build(clock.now_ns)
     meter = PictureMeter()
-    link.send(Ready())
+    channel.send(Ready())
     newest = NewestFrame()
-    capture = Capture(link, job, progress, newest)
+    capture = Capture(channel, job, progress, newest)
     threading.excepthook = capture.crashed
     threading.Thread(target=capture.run, name="capture", daemon=True).start()
     while True:
         frame = newest.take(job.detector_beat_s / clock.speed)
         progress.detector_runs(clock.now_ns())
-        for radii in link.waiting():
+        for radii in channel.waiting():
             if isinstance(detect, RadiusLimited):
                 detect.expect(radii)
         if frame is None:
@@ -59,7 +59,7 @@ def run(link: Link[FromVision, MarkerRadii], job: VisionJob) -> None:
         since_ns = unchanged_since_ns(frame.changed_ns, width, height, detection.circle)
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
-        link.send(Result(frame.seq, frame.t_capture_ns, detection, since_ns, picture))
+        channel.send(Result(frame.seq, frame.t_capture_ns, detection, since_ns, picture))
         now_ns = clock.now_ns()
         progress.work_ends(now_ns)
         if ring.due(now_ns):
@@ -115,9 +115,9 @@ class Capture:
     """The capture thread: open the source, check and number its frames, hand them over. A hang is its to have."""
 
     def __init__(
-        self, link: Link[FromVision, MarkerRadii], job: VisionJob, progress: ProgressPage, newest: NewestFrame
+        self, channel: Channel[FromVision, MarkerRadii], job: VisionJob, progress: ProgressPage, newest: NewestFrame
     ) -> None:
-        self._link = link
+        self._channel = channel
         self._job = job
         self._progress = progress
         self._newest = newest
@@ -140,7 +140,7 @@ class Capture:
     def _lost(self, why: str, *, config: bool) -> None:
         if self._lossless:
             self._newest.wait_until_done()
-        self._link.send(SourceLost(why, config))
+        self._channel.send(SourceLost(why, config))
 
     def _capture(self) -> None:
         job, clock = self._job, self._job.clock
@@ -175,7 +175,7 @@ class Capture:
             if seq == job.first_seq:
                 height, width = image.shape[:2]
                 self._progress.set_size_px(width, height)
-                self._link.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
+                self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
             self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns), wait=source.lossless)
             self._progress.captured(seq, clock.now_ns())
 

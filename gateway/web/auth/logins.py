@@ -15,7 +15,7 @@ from gateway.web.auth.access import Level, Rule
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.headers import Headers, header
 from gateway.web.auth.login_throttle import LoginThrottle
-from gateway.web.auth.passwords import BusyError, Passwords
+from gateway.web.auth.passwords import LoginsBusyError, Passwords
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller, Session, Sessions
 
@@ -153,7 +153,7 @@ class Logins:
             raise RefusalError(429, "throttled", text, headers={"Retry-After": str(wait_s)})
         try:
             user = await self.passwords.check(name, password)
-        except BusyError as error:
+        except LoginsBusyError as error:
             raise RefusalError(503, "busy", str(error), headers={"Retry-After": "1"}) from None
         if user is None:
             self.record(AuditRecord(AuditKind.LOGIN_FAILED, printable(name), address, "wrong name or password"))

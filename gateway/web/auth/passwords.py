@@ -23,7 +23,7 @@ COMMON = ("password", "passwort", "12345", "qwert", "gateway", "admin", "letmein
 MIN_DIFFERENT = 5
 
 
-class BusyError(GatewayError):
+class LoginsBusyError(GatewayError):
     """Too many logins are being checked already."""
 
 
@@ -66,9 +66,9 @@ class Passwords:
         self.checks = 0  # since the start
 
     async def check(self, name: str, password: str) -> HmiUser | None:
-        """The user, if there is one of this name with this password. Raises BusyError when too many wait."""
+        """The user, if there is one of this name with this password. Raises LoginsBusyError when too many wait."""
         if self._waiting >= MAX_WAITING:
-            raise BusyError("too many logins at the same time; try again")
+            raise LoginsBusyError("too many logins at the same time; try again")
         user = self._users.get(name)
         known = self._dummy if user is None else user.password_hash
         self._waiting += 1

@@ -24,13 +24,13 @@ from gateway.web.server.gateway_client import RefusedError
 from gateway.web.server.services import Services
 from gateway.web.tuning import routes as tuning
 from gateway.web.tuning.trial import EndedError
-from gateway.web.tuning.trial_thread import BusyError
+from gateway.web.tuning.trial_thread import TrialsBusyError
 
 _STATUS: tuple[tuple[type[GatewayError], int, str], ...] = (  # the first that matches: status and code
     (ChangedOnDiskError, 409, "changed"),
     (RefusedError, 409, "refused"),
     (ConfigError, 422, "settings"),
-    (BusyError, 503, "busy"),
+    (TrialsBusyError, 503, "busy"),
     (LinkError, 503, "link"),
 )
 

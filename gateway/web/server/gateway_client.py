@@ -19,7 +19,7 @@ from gateway.core.plc import Writer
 from gateway.core.shown import shown
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.modbus.registers import register_map as registers
-from gateway.processes.channel import Failed, Link
+from gateway.processes.channel import Channel, Failed
 from gateway.vision.transport.ring import Ring, Snapshot
 from gateway.web.ipc.messages import (
     MAX_STATES,
@@ -81,7 +81,7 @@ class BayReport:
 class GatewayClient:
     """Newest answers, events and orders. One event loop, no locks. `pace` is real time, `clock` the gateway's."""
 
-    def __init__(self, about: WebSetup, link: Link[FromWeb, ToWeb], pace: Clock, clock: Clock | None = None) -> None:
+    def __init__(self, about: WebSetup, link: Channel[FromWeb, ToWeb], pace: Clock, clock: Clock | None = None) -> None:
         self.about = about
         self.clock: Clock = clock or about.clock
         self.events: deque[NumberedEvent] = deque(maxlen=KEPT_EVENTS)

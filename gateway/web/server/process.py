@@ -15,7 +15,7 @@ from gateway import event_loop
 from gateway.clock import SystemClock
 from gateway.net.tls import ReloadingContext, TlsFiles
 from gateway.processes import sandbox
-from gateway.processes.channel import Link
+from gateway.processes.channel import Channel
 from gateway.web.auth import slow_clients
 from gateway.web.auth.audit_log import WARNINGS, AuditRecord
 from gateway.web.auth.logins import Logins
@@ -33,7 +33,7 @@ GRACE_S = 1  # of open connections at the end
 MAX_TEXT = 4096  # of one WebSocket message from a page
 
 
-def run(link: Link[FromWeb, ToWeb], about: WebSetup) -> None:
+def run(channel: Channel[FromWeb, ToWeb], about: WebSetup) -> None:
     """Until the main process has ended. Raises LinkError when it does not answer any more."""
     os.nice(NICE)
     cv2.setNumThreads(1)
@@ -41,12 +41,12 @@ def run(link: Link[FromWeb, ToWeb], about: WebSetup) -> None:
     log.setLevel(logging.INFO)  # who logged in and who changed something is always logged
     for line in sandbox.enter(about.config.hmi.run_as):
         log.warning("hmi: not everything can be taken from the web process here: %s", line)
-    event_loop.run(_serve(about, link))
+    event_loop.run(_serve(about, channel))
 
 
-async def _serve(about: WebSetup, link: Link[FromWeb, ToWeb]) -> None:
+async def _serve(about: WebSetup, channel: Channel[FromWeb, ToWeb]) -> None:
     pace = SystemClock()
-    client = GatewayClient(about, link, pace)
+    client = GatewayClient(about, channel, pace)
     config = about.config.hmi
     for line in config.warnings():
         log.warning("%s", line)

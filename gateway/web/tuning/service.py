@@ -31,7 +31,7 @@ from gateway.web.tuning.eyedropper import ColourPick, Mode
 from gateway.web.tuning.remarks import remarks
 from gateway.web.tuning.snapshots import LONGEST_S, Capture, CaptureStore, Recorder
 from gateway.web.tuning.trial import DetectionCache, TrialResult
-from gateway.web.tuning.trial_thread import BusyError, TrialThread
+from gateway.web.tuning.trial_thread import TrialsBusyError, TrialThread
 
 KEPT_TRIALS = 24  # whose pictures may still be fetched
 KEPT_UNDO = 20  # of a bay
@@ -147,9 +147,9 @@ class TuningService:
         return None
 
     async def record(self, bay: str, seconds: float) -> Capture:
-        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none arrives, BusyError."""
+        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none arrives, TrialsBusyError."""
         if self._recorders >= RECORDERS:
-            raise BusyError("others are recording just now; try again in a moment")
+            raise TrialsBusyError("others are recording just now; try again in a moment")
         self._recorders += 1
         try:
             recorder = await self._recorded(bay, seconds)
@@ -187,7 +187,7 @@ class TuningService:
         width_px: int,
         with_frame: bool = False,
     ) -> CompletedTrial:
-        """At least one frame; `shown`: whose stages are drawn. Raises EndedError, BusyError, LinkError.
+        """At least one frame; `shown`: whose stages are drawn. Raises EndedError, TrialsBusyError, LinkError.
 
         Not `timed`: one run on the frame, for a slider that is being moved. `with_frame`: the frame itself is among the
         pictures, for a page that can't fetch it otherwise.

@@ -17,7 +17,7 @@ MAX_WAITING = 8  # visitors
 T = TypeVar("T")
 
 
-class BusyError(GatewayError):
+class TrialsBusyError(GatewayError):
     """Too many people are trying settings."""
 
 
@@ -47,12 +47,12 @@ class TrialThread:
     async def work(self, who: str, what: Callable[[Callable[[], bool]], T]) -> T:
         """Do `what` on the thread; its argument is a function that it calls now and then: is this still wanted?
 
-        Raises EndedError when `who` requested something newer meanwhile, BusyError when too many others wait.
+        Raises EndedError when `who` requested something newer meanwhile, TrialsBusyError when too many others wait.
         """
         if who in self._items:
             self._items.pop(who).withdraw()
         elif len(self._items) >= MAX_WAITING:
-            raise BusyError("too many people are trying settings just now; try again in a moment")
+            raise TrialsBusyError("too many people are trying settings just now; try again in a moment")
         item = self._items[who] = WorkItem()
         try:
             async with self._turn:

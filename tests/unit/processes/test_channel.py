@@ -1,19 +1,19 @@
-"""Two ends of a link in one process: messages stay whole, descriptors travel, an end is told."""
+"""Two ends of a channel in one process: messages stay whole, descriptors travel, an end is told."""
 
 import os
 from typing import Any
 
 import pytest
 
-from gateway.processes.channel import Failed, Link
+from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 
 ANYTHING = Codec(Any)
 
 
-def pair() -> tuple[Link[object, object], Link[object, object]]:
-    ours, theirs = Link[object, object].pair(ANYTHING)
-    return ours, Link(theirs, ANYTHING)
+def pair() -> tuple[Channel[object, object], Channel[object, object]]:
+    ours, theirs = Channel[object, object].pair(ANYTHING)
+    return ours, Channel(theirs, ANYTHING)
 
 
 def test_messages_come_whole_and_in_order() -> None:

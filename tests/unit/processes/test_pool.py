@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
-from gateway.processes.channel import Failed, Link
+from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import Codec
 from gateway.processes.pool import MAX_MESSAGES, Child, Pool
 from tests.virtual_time import LoopClock, run
@@ -30,9 +30,9 @@ class Alive:
 
 
 @contextmanager
-def seated(pool: Pool[Any, Any], token: int, link: Link[Any, Any]) -> Iterator[None]:
+def seated(pool: Pool[Any, Any], token: int, channel: Channel[Any, Any]) -> Iterator[None]:
     process = cast("subprocess.Popen[bytes]", Alive())
-    pool._children[token] = Child(process, link, os.open(os.devnull, os.O_RDONLY))
+    pool._children[token] = Child(process, channel, os.open(os.devnull, os.O_RDONLY))
     try:
         yield
     finally:
@@ -42,8 +42,8 @@ def seated(pool: Pool[Any, Any], token: int, link: Link[Any, Any]) -> Iterator[N
 def test_a_child_that_talks_faster_than_it_is_heard_holds_up_nobody() -> None:
     async def scene() -> None:
         pool: Pool[Any, Any] = Pool("bay1", LoopClock(), ANYTHING)
-        ours, theirs = Link[Any, Any].pair(ANYTHING)
-        talker = Link[Any, Any](theirs, ANYTHING)
+        ours, theirs = Channel[Any, Any].pair(ANYTHING)
+        talker = Channel[Any, Any](theirs, ANYTHING)
         talked = 0
 
         class Egged(Codec):
@@ -65,8 +65,8 @@ def test_a_child_that_talks_faster_than_it_is_heard_holds_up_nobody() -> None:
 def test_a_child_that_says_what_is_no_message_has_failed_and_is_killed() -> None:
     async def scene() -> None:
         pool: Pool[Any, Any] = Pool("bay1", LoopClock(), Codec(int))
-        ours, theirs = Link[Any, Any].pair(Codec(int))
-        talker = Link[Any, Any](theirs, ANYTHING)
+        ours, theirs = Channel[Any, Any].pair(Codec(int))
+        talker = Channel[Any, Any](theirs, ANYTHING)
         with theirs, seated(pool, 1, ours):
             talker.send(1)
             assert list(pool.messages()) == [(1, 1)]
@@ -81,8 +81,8 @@ def test_a_child_that_says_what_is_no_message_has_failed_and_is_killed() -> None
 def test_what_was_not_taken_at_once_wakes_the_pool_again() -> None:
     async def scene() -> None:
         pool: Pool[Any, Any] = Pool("bay1", LoopClock(), ANYTHING)
-        ours, theirs = Link[Any, Any].pair(ANYTHING)
-        talker = Link[Any, Any](theirs, ANYTHING)
+        ours, theirs = Channel[Any, Any].pair(ANYTHING)
+        talker = Channel[Any, Any](theirs, ANYTHING)
         with theirs, seated(pool, 1, ours):
             asyncio.get_running_loop().add_reader(ours.sock, pool._arrived, pool._readable, 1)
             for word in range(5):

@@ -19,7 +19,7 @@ from gateway.ranger.hcsr04.protocol import (
     encode_measurement,
     frame,
 )
-from gateway.ranger.hcsr04.session import Session, distance_mm, speed_of_sound_m_s
+from gateway.ranger.hcsr04.session import Hcsr04Session, distance_mm, speed_of_sound_m_s
 
 MS = 1_000_000
 S = 1000 * MS
@@ -37,7 +37,7 @@ class Bench:
     """A session with a ranger that keeps its 60 ms and a wire that takes no more than its time."""
 
     def __init__(self, **config: Any) -> None:
-        self.session = Session(RangerConfig(**config))
+        self.session = Hcsr04Session(RangerConfig(**config))
         self.now_ns = T0
         self.seq = 0
         self.said: list[RangeReading] = self.session.opened(T0)
@@ -136,7 +136,7 @@ def test_what_follows_in_the_same_delivery_was_later_on_the_wire() -> None:
     line = encode_measurement(Measurement(together.seq, ticks(500.0)))
     (b,) = together.hears(line + b"$HCM,12")
     assert a.t_ns - b.t_ns == 7 * BYTE_NS
-    slow = Session(RangerConfig(baud=1200))
+    slow = Hcsr04Session(RangerConfig(baud=1200))
     assert slow._byte_ns == 8 * BYTE_NS + 5
 
 
@@ -361,7 +361,7 @@ def test_the_hello_of_every_five_seconds_changes_nothing() -> None:
 
 def test_the_hello_sets_the_pace() -> None:
     """A ranger of 300 ms a cycle: its lines are not late, and the gate remembers five of its cycles."""
-    session, readings = Session(RangerConfig(median=1)), []
+    session, readings = Hcsr04Session(RangerConfig(median=1)), []
     session.feed(encode_hello(Hello("slow", 1, 300, 1)), T0)
     for n in range(12):
         seq = n if n < 9 else n + 2  # two lines lost
@@ -481,7 +481,7 @@ wire = st.one_of(
 @settings(max_examples=150)
 @given(st.lists(st.tuples(wire, st.integers(0, 2 * S), st.booleans()), max_size=40))
 def test_whatever_comes_a_distance_is_good_recent_and_possible(steps: list[tuple[bytes, int, bool]]) -> None:
-    session, now_ns = Session(RangerConfig()), T0
+    session, now_ns = Hcsr04Session(RangerConfig()), T0
     for data, wait_ns, tick in steps:
         now_ns += wait_ns
         readings = session.feed(data, now_ns) + (session.tick(now_ns) if tick else [])
@@ -496,7 +496,7 @@ def test_how_the_bytes_are_cut_changes_no_value(cuts: list[int], glitch: int) ->
     """Dates may differ by a few bytes, values and qualities not."""
 
     def run(cut: list[int]) -> list[tuple[Quality, float | None, int]]:
-        session, out, now_ns = Session(RangerConfig()), [], T0
+        session, out, now_ns = Hcsr04Session(RangerConfig()), [], T0
         session.opened(now_ns)
         for n in range(12):
             now_ns += 60 * MS

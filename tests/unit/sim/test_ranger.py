@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gateway.config import RangerConfig
 from gateway.core.readings import Quality, RangeReading
 from gateway.ranger.hcsr04.protocol import Decoder, Event, Flags, Hello, Measurement
-from gateway.ranger.hcsr04.session import Session, distance_mm
+from gateway.ranger.hcsr04.session import Hcsr04Session, distance_mm
 from gateway.sim.hcsr04 import SensorErrors, measure, no_echo, ticks_of
 from gateway.sim.ranger import faults_of
 from gateway.sim.ranger_board import POWER_ON, Board, Faults, RangerFault
@@ -50,7 +50,7 @@ def measured(sent: list[tuple[int, bytes]]) -> list[Measurement]:
 
 def heard_by_host(made: Board, seconds: float, faults: Callable[[int], Faults] = lambda t: {}) -> list[RangeReading]:
     """Board and session end to end, without a port."""
-    session = Session(RangerConfig())
+    session = Hcsr04Session(RangerConfig())
     readings = session.opened(0)
     for t_ns in range(0, round(seconds * S), 4 * MS):
         made.faults = faults(t_ns)

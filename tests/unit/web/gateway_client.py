@@ -14,7 +14,7 @@ from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import image_of
-from gateway.processes.channel import Link
+from gateway.processes.channel import Channel
 from gateway.vision.transport import ring
 from gateway.vision.transport.ring import Ring
 from gateway.web.host.config_file_requests import ConfigFileRequests
@@ -65,7 +65,7 @@ class Plant:
     conditions: GatewayConditions = field(default_factory=GatewayConditions)
     asks: list[StateRequest] = field(default_factory=list)
     answering: bool = True
-    near: Link[ToWeb, FromWeb] | None = None
+    near: Channel[ToWeb, FromWeb] | None = None
 
 
 @asynccontextmanager
@@ -100,9 +100,9 @@ async def plant(
         monitor.act,
     )
     specs = {name: ring.create(0.1) for name in names}
-    near, far = Link[ToWeb, FromWeb].pair(FROM_WEB)
+    near, far = Channel[ToWeb, FromWeb].pair(FROM_WEB)
     about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
-    client = GatewayClient(about, Link[FromWeb, ToWeb](far, TO_WEB), clock, clock)
+    client = GatewayClient(about, Channel[FromWeb, ToWeb](far, TO_WEB), clock, clock)
     made = Plant(
         client, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, monitor
     )

@@ -9,7 +9,7 @@ from gateway.cli.main import main
 from gateway.config import parse
 from gateway.config.sections.hmi import HmiUser
 from gateway.web.auth import passwords
-from gateway.web.auth.passwords import MAX_WAITING, BusyError, Passwords, hashed, weakness
+from gateway.web.auth.passwords import MAX_WAITING, LoginsBusyError, Passwords, hashed, weakness
 from tests.unit.web.auth import HASH, PASSWORD, USERS
 from tests.virtual_time import in_real_time
 
@@ -116,7 +116,7 @@ def test_the_event_loop_goes_on_and_a_crowd_is_turned_away() -> None:
                 other.cancel()
             done = [user for user in found if isinstance(user, HmiUser)]
             assert len(done) == MAX_WAITING
-            assert sum(isinstance(user, BusyError) for user in found) == 2 * MAX_WAITING
+            assert sum(isinstance(user, LoginsBusyError) for user in found) == 2 * MAX_WAITING
             assert turns > 10 * MAX_WAITING  # blocked, it would be about one a check
             async with asyncio.timeout(60):
                 while book._waiting:  # noqa: ASYNC110

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from gateway.web.tuning.trial import EndedError
-from gateway.web.tuning.trial_thread import MAX_WAITING, BusyError, TrialThread
+from gateway.web.tuning.trial_thread import MAX_WAITING, TrialsBusyError, TrialThread
 from tests.virtual_time import in_real_time
 
 PATIENCE_S = 60.0
@@ -87,7 +87,7 @@ async def test_too_many_visitors_are_refused() -> None:
     async with scene() as made, asyncio.TaskGroup() as group:
         waiting = [group.create_task(made.thread.work(f"{n}", made.held)) for n in range(MAX_WAITING)]
         await made.begun()
-        with pytest.raises(BusyError):
+        with pytest.raises(TrialsBusyError):
             await made.thread.work("one more", lambda _: None)
         made.gate.set()
         assert {await task for task in waiting} == {"done"}
