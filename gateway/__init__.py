@@ -2,7 +2,7 @@
 
 
 def __getattr__(name: str) -> str:
-    """`gateway.__version__`, read on first use: worker processes never use it, and start 30 ms sooner."""
+    """`gateway.__version__`, read on first use: child processes never use it, and start 30 ms sooner."""
     if name == "__version__":
         from importlib.metadata import version  # noqa: PLC0415
 

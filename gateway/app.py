@@ -37,7 +37,7 @@ from gateway.supervisor import Supervisor, Task
 from gateway.vision.process.service import VisionService
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import source_spec
-from gateway.vision.transport import ring as shm
+from gateway.vision.transport.ring import RingSpec
 from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
 from gateway.web.host.service import WebProcessService
 from gateway.web.host.status import StatusCollector
@@ -46,7 +46,7 @@ from gateway.web.ipc.messages import WebSetup
 log = logging.getLogger(__name__)
 
 SINK_CLOSE_S = 1.0  # for the final messages of the sinks; the complete exit stays under 2 s
-SHUTDOWN_SHOWN_S = 0.5  # at least so long a PLC can read that the gateway leaves; five polls at 100 ms
+SHUTDOWN_SHOWN_S = 0.5  # at least so long a PLC can read that the gateway ends; five polls at 100 ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,22 +139,22 @@ async def run(
     *,
     stop: asyncio.Event,
     on_started: Callable[[Running], None] = lambda _: None,
-    companions: Callable[[Hub], Sequence[Task]] = lambda _: (),
+    extra_tasks: Callable[[Hub], Sequence[Task]] = lambda _: (),
     source: str = "",
 ) -> None:
     """Serve all bays until `stop` is set; leaves every register at stop before it returns.
 
-    `companions` are further tasks for the table (a terminal view, a simulator's far ends). `source`: the operator's own
-    configuration file, which the pages may write back; empty: there is none. Raises ConfigError,
-    LinkError (the Modbus port), or what the supervisor could not survive.
+    `extra_tasks`: for the table (a terminal view, simulated rangers). `source`: the operator's own configuration file,
+    which the pages may write back; empty: there is none. Raises ConfigError, LinkError (the Modbus port), or what the
+    supervisor could not survive.
     """
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
         events = EventHistory(hub)
-        # Sinks and companions subscribe before the first state, or the start events would be missed.
+        # Sinks and extra tasks subscribe before the first state, or the start events would be missed.
         parts = StatusCollector(config, hub, boot=secrets.token_hex(8))
         sinks = parts.sinks = sink_registry.opened(config, hub, clock, parts.boot, shared)
-        tasks = [*companions(hub), *(Task(sink.task, sink.deliver, sink.reconnect) for sink in sinks)]
+        tasks = [*extra_tasks(hub), *(Task(sink.task, sink.deliver, sink.reconnect) for sink in sinks)]
         vectors = {bay.name: shared.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays}
         # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
         files = parts.bay_files = BayFiles.read(config, clock)
@@ -165,9 +165,9 @@ async def run(
             )
             for bay in config.bays
         }
-        rings = {bay.name: shm.create(bay.camera.max_megapixels) for bay in config.bays}
+        rings = {bay.name: RingSpec.create(bay.camera.max_megapixels) for bay in config.bays}
         for ring in rings.values():
-            shared.callback(shm.close, ring)
+            shared.callback(ring.close)
         visions = {
             bay.name: VisionService(
                 bay.name,
@@ -207,7 +207,7 @@ async def run(
             handler = RequestHandler(
                 events, shown, clock, lambda: parts.system_status(alarm_monitor), alarm_monitor.act
             )
-            readers = {bay: shm.reader(ring) for bay, ring in rings.items()}
+            readers = {bay: ring.reader() for bay, ring in rings.items()}
             for ring in readers.values():
                 shared.callback(os.close, ring.fd)
             setup = WebSetup(

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from gateway.core.plc import Phase
+from gateway.core.plc import TriggerPhase
 from gateway.modbus.exports import openplc, structured_text
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import OUTPUTS
@@ -101,13 +101,13 @@ def cycles() -> list[Cycle]:
         inputs = [chance.random() < 0.3 for _ in INPUTS]
         made.append((now, chance.random() > 0.05, inputs, chance.choice((0, 7, 65535)), image))
     ready: list[dict[str, Any]] = [{}] * 4
-    taken = [{"phase": Phase.ACQUIRING, "number": 1, "ack": True, "control": 8}]
-    held = [{"phase": Phase.VALID, "number": 1}] * 3
+    taken = [{"phase": TriggerPhase.ACQUIRING, "number": 1, "ack": True, "control": 8}]
+    held = [{"phase": TriggerPhase.VALID, "number": 1}] * 3
     story = [
         *ready,
         *taken,
         *held,
-        {"phase": Phase.CLEARING, "number": 1, "control": 16},
+        {"phase": TriggerPhase.CLEARING, "number": 1, "control": 16},
         {"number": 1},
         *ready,
         *taken,

@@ -3,7 +3,7 @@
 import random
 from typing import Any
 
-from gateway.core.plc import Acquired, Handshake, Outcome, Phase, PlcLink
+from gateway.core.plc import Acquired, Handshake, Outcome, PlcLink, TriggerPhase
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Reason, StateVector, Visit
 from gateway.modbus.registers.register_map import REGISTERS, encode
@@ -42,7 +42,7 @@ def doubtful(count: int, seed: int = 61131) -> list[list[int]]:
 
 def answered(
     heartbeat: int,
-    phase: Phase = Phase.READY,
+    phase: TriggerPhase = TriggerPhase.READY,
     *,
     control: int = 0,
     number: int = 0,
@@ -50,7 +50,7 @@ def answered(
     timed_out: bool = False,
 ) -> list[int]:
     """The image of a gateway with writes on, as its handshake stands."""
-    result = Acquired(number, 0, Outcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0) if phase is Phase.VALID else None
+    result = Acquired(number, 0, Outcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0) if phase is TriggerPhase.VALID else None
     plc = Handshake(
         PlcLink.ALIVE,
         control=control,

@@ -81,6 +81,6 @@ def main(args: argparse.Namespace) -> int:
     for bay in settings.bays:
         camera = without_password(bay.camera.url)
         print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, ranger {bay.ranger.port}")
-        if idle := registry.method(bay.vision.method).idle(bay.vision):
+        if idle := registry.method(bay.vision.method).without_effect(bay.vision):
             print(f'  bay {bay.name}: no effect with vision.method = "{bay.vision.method}": {", ".join(idle)}')
     return 0

@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
         if not args.view:
             out.write(f"gateway runs: {where}\n")
 
-    def companions(hub: Hub) -> list[Task]:
+    def extra_tasks(hub: Hub) -> list[Task]:
         if not args.view:
             return []
         return [Task("view", view.TerminalView(settings, hub, clock, view.console(out, live=True), lambda: where).run)]
@@ -78,7 +78,7 @@ def main(args: argparse.Namespace) -> int:
             clock,
             duration_s=args.duration,
             on_started=started,
-            companions=companions,
+            extra_tasks=extra_tasks,
             source=str(args.config.resolve()),
         )
     )

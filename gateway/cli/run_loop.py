@@ -44,7 +44,7 @@ async def serve(
     *,
     duration_s: float | None = None,
     on_started: Callable[[app.Running], None] = lambda _: None,
-    companions: Callable[[Hub], Sequence[Task]] = lambda _: (),
+    extra_tasks: Callable[[Hub], Sequence[Task]] = lambda _: (),
     stop: asyncio.Event | None = None,
     source: str = "",
 ) -> None:
@@ -59,10 +59,10 @@ async def serve(
         stop.set()
 
     def table(hub: Hub) -> list[Task]:
-        return [*companions(hub), *([Task("lifetime", lifetime)] if duration_s is not None else [])]
+        return [*extra_tasks(hub), *([Task("lifetime", lifetime)] if duration_s is not None else [])]
 
     try:
-        await app.run(config, ports, clock, stop=stop, on_started=on_started, companions=table, source=source)
+        await app.run(config, ports, clock, stop=stop, on_started=on_started, extra_tasks=table, source=source)
     finally:
         for number in SIGNALS:
             with contextlib.suppress(ValueError, RuntimeError):

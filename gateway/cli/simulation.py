@@ -197,7 +197,7 @@ def _variant(scenario: Scenario, bay: str, number: int, bays: int) -> Scenario:
 
 
 class _Simulation:
-    """One run: the ports, the companions that watch, and what is printed."""
+    """One run: the ports, the tasks that watch, and what is printed."""
 
     def __init__(
         self,
@@ -235,7 +235,7 @@ class _Simulation:
                 ranger={name: ranger.port for name, ranger in rangers.items()},
             )
 
-            def companions(hub: Hub) -> Sequence[Task]:
+            def extra_tasks(hub: Hub) -> Sequence[Task]:
                 far_ends = [Task(f"{name}.simulated-ranger", ranger.run) for name, ranger in rangers.items()]
                 return [*far_ends, *self._watchers(hub)]
 
@@ -245,7 +245,7 @@ class _Simulation:
                 self._clock,
                 duration_s=None if self._args.duration is None else self._args.duration + self._lead_s,
                 on_started=self._started,
-                companions=companions,
+                extra_tasks=extra_tasks,
                 stop=self._stop,
                 source=str(self._args.config.resolve()) if self._args.config else "",
             )

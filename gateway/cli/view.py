@@ -119,7 +119,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
     why = Text(REASON_MEANING[state.reason] if state.reason is not Reason.NONE else "approaching: stop is off")
     v, r = state.vision.stats, state.range.stats
     losses = Text(
-        f"latency {v.latency_ms:.1f} ms · frames skipped {v.skipped}, lost {v.lost}, workers replaced {v.restarts}, "
+        f"latency {v.latency_ms:.1f} ms · frames skipped {v.skipped}, lost {v.lost}, process replaced {v.restarts}, "
         f"reopened {v.reopens} · lines damaged {r.damaged}, missing {r.gaps}, gated {r.rejected}",
         style="dim",
     )

@@ -19,11 +19,11 @@ from gateway.core.plc import (
     Control,
     Handshake,
     Outcome,
-    Phase,
     PlcConnection,
     PlcLink,
     PlcWrite,
     RecipeVerdict,
+    TriggerPhase,
     Writer,
 )
 from gateway.core.readings import Quality
@@ -79,18 +79,19 @@ def _nothing(plc: Handshake, _: StateVector) -> Handshake:
 
 
 # What is not in the table changes nothing.
-TRANSITIONS: dict[tuple[Phase, Signal], tuple[Phase, Work]] = {
-    (Phase.READY, Signal.TRIGGER): (Phase.ACQUIRING, _start),
-    (Phase.ACQUIRING, Signal.TRIGGER): (Phase.ACQUIRING, _overrun),
-    (Phase.ACQUIRING, Signal.RESULT): (Phase.VALID, _hold),
-    (Phase.ACQUIRING, Signal.TIMEOUT): (Phase.READY, _time_out),
-    (Phase.ACQUIRING, Signal.PLC_LOST): (Phase.READY, _time_out),
-    (Phase.VALID, Signal.TRIGGER): (Phase.VALID, _overrun),
-    (Phase.VALID, Signal.ACK): (Phase.CLEARING, _drop),
-    (Phase.VALID, Signal.PLC_LOST): (Phase.READY, _drop),  # an unread result must not wait for the PLC's return
-    (Phase.CLEARING, Signal.TRIGGER): (Phase.CLEARING, _overrun),
-    (Phase.CLEARING, Signal.ACK_GONE): (Phase.READY, _nothing),
-    (Phase.CLEARING, Signal.PLC_LOST): (Phase.READY, _nothing),
+TRANSITIONS: dict[tuple[TriggerPhase, Signal], tuple[TriggerPhase, Work]] = {
+    (TriggerPhase.READY, Signal.TRIGGER): (TriggerPhase.ACQUIRING, _start),
+    (TriggerPhase.ACQUIRING, Signal.TRIGGER): (TriggerPhase.ACQUIRING, _overrun),
+    (TriggerPhase.ACQUIRING, Signal.RESULT): (TriggerPhase.VALID, _hold),
+    (TriggerPhase.ACQUIRING, Signal.TIMEOUT): (TriggerPhase.READY, _time_out),
+    (TriggerPhase.ACQUIRING, Signal.PLC_LOST): (TriggerPhase.READY, _time_out),
+    (TriggerPhase.VALID, Signal.TRIGGER): (TriggerPhase.VALID, _overrun),
+    (TriggerPhase.VALID, Signal.ACK): (TriggerPhase.CLEARING, _drop),
+    # An unread result must not wait for the PLC's return.
+    (TriggerPhase.VALID, Signal.PLC_LOST): (TriggerPhase.READY, _drop),
+    (TriggerPhase.CLEARING, Signal.TRIGGER): (TriggerPhase.CLEARING, _overrun),
+    (TriggerPhase.CLEARING, Signal.ACK_GONE): (TriggerPhase.READY, _nothing),
+    (TriggerPhase.CLEARING, Signal.PLC_LOST): (TriggerPhase.READY, _nothing),
 }
 
 
@@ -145,7 +146,7 @@ def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int
         verdict = RecipeVerdict.UNKNOWN
     elif state.memory.d or state.memory.latched:  # memory.d outlives a sensor's fault; the cause may still be there
         verdict = RecipeVerdict.STOP_STANDS
-    elif plc.phase is Phase.ACQUIRING:
+    elif plc.phase is TriggerPhase.ACQUIRING:
         verdict = RecipeVerdict.BUSY
     else:
         verdict = RecipeVerdict.ACTIVE
@@ -239,7 +240,7 @@ def _signals(before: Handshake, now: Handshake, state: StateVector, config: Hand
         yield Signal.ACK_GONE
     if rose(before, now, Control.TRIGGER):
         yield Signal.TRIGGER
-    if before.phase is Phase.ACQUIRING:
+    if before.phase is TriggerPhase.ACQUIRING:
         if acquired(before, state) is not None:
             yield Signal.RESULT
         elif state.t_ns - before.trigger_ns > config.trigger_timeout_s * NS_PER_S:

@@ -51,7 +51,7 @@ PLC_LINK_MEANING: dict[PlcLink, str] = {
 }
 
 
-class Phase(IntEnum):
+class TriggerPhase(IntEnum):
     """The phase of a triggered measurement."""
 
     READY = 0
@@ -60,11 +60,11 @@ class Phase(IntEnum):
     CLEARING = 3
 
 
-PHASE_MEANING: dict[Phase, str] = {
-    Phase.READY: "a trigger would be taken",
-    Phase.ACQUIRING: "waiting for a frame and a distance of which nothing is older than the trigger",
-    Phase.VALID: "the result of acquisition_id is held and may be read",
-    Phase.CLEARING: "the result was acknowledged; waiting for results_ack to go back to 0",
+TRIGGER_PHASE_MEANING: dict[TriggerPhase, str] = {
+    TriggerPhase.READY: "a trigger would be taken",
+    TriggerPhase.ACQUIRING: "waiting for a frame and a distance of which nothing is older than the trigger",
+    TriggerPhase.VALID: "the result of acquisition_id is held and may be read",
+    TriggerPhase.CLEARING: "the result was acknowledged; waiting for results_ack to go back to 0",
 }
 
 
@@ -212,7 +212,7 @@ class Handshake:
     recipe_verdict: RecipeVerdict = RecipeVerdict.NONE
     reset_verdict: ResetVerdict = ResetVerdict.NONE
     truck_left: bool = False  # truck_present changed from 1 to 0, and no new one arrived
-    phase: Phase = Phase.READY
+    phase: TriggerPhase = TriggerPhase.READY
     acquisition: int = 0  # id of the newest trigger taken; 0: none since the start
     trigger_ns: int = 0
     trigger_ack: bool = False  # the trigger was taken, and its bit is still 1
@@ -228,7 +228,7 @@ class Handshake:
 
     def withdrawn(self) -> "Handshake":
         """For a gateway's final state: no result is held, and no trigger would be taken."""
-        return replace(self, phase=Phase.CLEARING, result=None)
+        return replace(self, phase=TriggerPhase.CLEARING, result=None)
 
     def on(self, bit: Control) -> bool:
         return bool(self.control >> bit & 1)

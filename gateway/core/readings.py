@@ -95,9 +95,9 @@ class VisionStats:
     """Counters since the start of the gateway, one set per bay."""
 
     frames: int = 0  # results delivered
-    skipped: int = 0  # frames replaced by a newer one before a worker was free
-    lost: int = 0  # frames that died with their worker
-    restarts: int = 0  # workers replaced
+    skipped: int = 0  # frames replaced by a newer one before it was processed
+    lost: int = 0  # frames that ended with their process
+    restarts: int = 0  # vision processes replaced
     reopens: int = 0  # sources opened again
     rate_hz: float = 0.0  # results a second, over about the last second
     latency_ms: float = 0.0  # capture to result, newest frame

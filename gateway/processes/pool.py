@@ -70,18 +70,18 @@ class Child(Generic[Out, In]):
 class Pool(Generic[Out, In]):
     """Use as `async with`: at the end no process is left. Not for more than one event loop.
 
-    `on_news` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without it,
-    `wait` returns. Taken in the event loop's own call, a result does not wait for a task to be scheduled.
+    `on_arrival` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without
+    it, `wait` returns. Taken in the event loop's own call, a result does not wait for a task to be scheduled.
     `codec` reads what the children send; a child that sends anything else is `Failed`, and killed.
     """
 
-    def __init__(self, label: str, clock: Clock, codec: Codec, on_news: Callable[[], None] | None = None) -> None:
+    def __init__(self, label: str, clock: Clock, codec: Codec, on_arrival: Callable[[], None] | None = None) -> None:
         self._codec = codec
         self._label = label
         self._clock = clock
         self._children: dict[int, Child[Out, In]] = {}
         self._news = asyncio.Event()
-        self._on_news = on_news or self._news.set
+        self._on_arrival = on_arrival or self._news.set
         self._readable: set[int] = set()  # whose sockets can be read
         self._ended: set[int] = set()  # whose processes have ended
 
@@ -125,7 +125,7 @@ class Pool(Generic[Out, In]):
 
     def _arrived(self, where: set[int], token: int) -> None:
         where.add(token)
-        self._on_news()
+        self._on_arrival()
 
     def messages(self, *, every: bool = True, most: int = MAX_MESSAGES) -> Iterator[tuple[int, In | Failed | Gone]]:
         """All that has arrived; `Gone` is the last message of each process, once. Never waits.
@@ -175,7 +175,7 @@ class Pool(Generic[Out, In]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """SIGTERM, a short grace, SIGKILL; every process is reaped."""
-        self._on_news = self._news.set
+        self._on_arrival = self._news.set
         try:
             for child in self._children.values():
                 child.process.terminate()

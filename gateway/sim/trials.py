@@ -24,7 +24,7 @@ from statistics import fmean, median
 
 from gateway.clock import NS_PER_S
 from gateway.sim.scenario import Leg, Pose, Scenario
-from gateway.sim.world import Phase, Truth, World
+from gateway.sim.world import Motion, Truth, World
 
 NEAREST_CM, FARTHEST_CM = 25.0, 52.0  # Table II
 START_CM = 80.0
@@ -209,7 +209,7 @@ class _Judge:
         """Take one record in; True where a false stop begins with it."""
         same_leg = record.truth.leg == self._leg
         self._leg = record.truth.leg
-        standing = record.truth.phase is Phase.HOLD
+        standing = record.truth.phase is Motion.HOLD
         self._rest_since = _since(self._rest_since if same_leg else None, record, standing)
         self._surely_no_since = _since(self._surely_no_since, record, self.verdict(record.truth) is False)
         false = record.d is True and _lasted(self._surely_no_since, record)

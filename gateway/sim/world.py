@@ -25,7 +25,7 @@ SINES = 4  # per axis of the vibration
 DELTA_S = 1e-4  # for the image speed; vibration is slow against it
 
 
-class Phase(StrEnum):
+class Motion(StrEnum):
     APPROACH = "approach"
     RETREAT = "retreat"
     HOLD = "hold"
@@ -53,7 +53,7 @@ class Truth:
     v_px_s: float
     marker_visible: bool  # completely in the frame and not covered
     stop: bool  # D of equation 14, from the true radius and distance
-    phase: Phase
+    phase: Motion
     leg: int  # index of the current leg; -1 before world time 0 and where the scenario has none
     leg_name: str
     speed_mm_s: float = 0.0  # of the truck along its leg, vibration left out; never negative
@@ -228,11 +228,11 @@ class World:
         left, right, edge = spout_box(self.scenario.camera, down)
         return edge > v - radius and left < u + radius and right > u - radius
 
-    def _phase(self, speed: float, leg: int) -> Phase:
+    def _phase(self, speed: float, leg: int) -> Motion:
         if speed <= 0:
-            return Phase.HOLD
+            return Motion.HOLD
         segment = self._segments[leg]
-        return Phase.RETREAT if segment.target.z > segment.origin.z else Phase.APPROACH
+        return Motion.RETREAT if segment.target.z > segment.origin.z else Motion.APPROACH
 
     def _truck(self, t_s: float, leg: int) -> int:
         """Each repetition of the legs is another truck, too."""

@@ -56,7 +56,7 @@ def test_configuration_and_registry_know_it(name: str) -> None:
     assert registry.once(params)(np.zeros_like(picture())).rejected[0].why == "dark"
     assert registry.rejection_meanings()["dark"] == "no pixel is bright enough"
     used = VisionConfig(method=name, min_confidence=0.2, max_radius_share=0.4, min_fill=0.1)
-    assert registry.method(name).idle(used) == ("min_fill", "max_radius_share")
+    assert registry.method(name).without_effect(used) == ("min_fill", "max_radius_share")
 
 
 def test_the_tuning_page_has_its_panels_and_choice(name: str) -> None:

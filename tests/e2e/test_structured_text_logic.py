@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.core.detection import Circle
-from gateway.core.plc import Phase
+from gateway.core.plc import TriggerPhase
 from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
 from gateway.core.state import Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.modbus.exports import node_red_function, openplc, structured_text
@@ -481,7 +481,7 @@ class Measurement:
         for _ in range(3):
             self.see()
 
-    def see(self, phase: Phase = Phase.READY, **how: object) -> tuple[int, bool, bool, bool]:
+    def see(self, phase: TriggerPhase = TriggerPhase.READY, **how: object) -> tuple[int, bool, bool, bool]:
         """(bits 3 and 4 of PlcControl, Measuring, ResultReady, TriggerFailed) after that image."""
         self.heartbeat += 1
         self.scan.run(answered(self.heartbeat, phase, **how))  # type: ignore[arg-type]
@@ -498,14 +498,14 @@ def test_a_trigger_is_asked_taken_read_and_acknowledged(scan: Scan) -> None:
     plc.put(Trigger=True)
     assert plc.see() == (TRIGGER, True, False, False)
     assert plc.see(control=TRIGGER) == (TRIGGER, True, False, False)  # until it is acknowledged
-    assert plc.see(Phase.ACQUIRING, number=1, ack=True, control=TRIGGER) == (0, True, False, False)
-    assert plc.see(Phase.ACQUIRING, number=1) == (0, True, False, False)
-    assert plc.see(Phase.VALID, number=1) == (0, False, True, False)
+    assert plc.see(TriggerPhase.ACQUIRING, number=1, ack=True, control=TRIGGER) == (0, True, False, False)
+    assert plc.see(TriggerPhase.ACQUIRING, number=1) == (0, True, False, False)
+    assert plc.see(TriggerPhase.VALID, number=1) == (0, False, True, False)
     assert scan.block["Data"]["result_distance"] == 281
-    assert plc.see(Phase.VALID, number=1) == (0, False, True, False)  # held until it is acknowledged
+    assert plc.see(TriggerPhase.VALID, number=1) == (0, False, True, False)  # held until it is acknowledged
     plc.put(Acknowledge=True)
-    assert plc.see(Phase.VALID, number=1) == (ACK, False, False, False)
-    assert plc.see(Phase.CLEARING, number=1, control=ACK) == (0, False, False, False)
+    assert plc.see(TriggerPhase.VALID, number=1) == (ACK, False, False, False)
+    assert plc.see(TriggerPhase.CLEARING, number=1, control=ACK) == (0, False, False, False)
     assert not scan.block["TriggerReady"]
     assert plc.see(number=1) == (0, False, False, False)  # Trigger still stands: no new edge
     plc.put(Trigger=False)
@@ -518,7 +518,7 @@ def test_the_trigger_waits_until_the_gateway_was_seen_to_have_its_bit_off(scan: 
     plc = Measurement(scan)
     plc.put(Trigger=True)
     assert plc.see(control=TRIGGER)[0] == 0
-    assert plc.see(Phase.CLEARING)[0] == 0
+    assert plc.see(TriggerPhase.CLEARING)[0] == 0
     assert plc.see()[0] == TRIGGER
 
 
@@ -526,7 +526,7 @@ def test_a_measurement_without_a_result_fails_and_the_next_one_goes(scan: Scan) 
     plc = Measurement(scan)
     plc.put(Trigger=True)
     plc.see()
-    plc.see(Phase.ACQUIRING, number=1, ack=True, control=TRIGGER)
+    plc.see(TriggerPhase.ACQUIRING, number=1, ack=True, control=TRIGGER)
     assert plc.see(number=1, timed_out=True) == (0, False, False, True)
     plc.put(Trigger=False)
     assert plc.see(number=1, timed_out=True)[3] is True
@@ -549,12 +549,12 @@ def test_a_result_that_is_gone_is_not_ready(scan: Scan) -> None:
     plc = Measurement(scan)
     plc.put(Trigger=True)
     plc.see()
-    plc.see(Phase.ACQUIRING, number=1, ack=True)
-    assert plc.see(Phase.VALID, number=1)[2] is True
-    scan.run(answered(99, Phase.VALID, number=1), ok=False)
+    plc.see(TriggerPhase.ACQUIRING, number=1, ack=True)
+    assert plc.see(TriggerPhase.VALID, number=1)[2] is True
+    scan.run(answered(99, TriggerPhase.VALID, number=1), ok=False)
     assert not scan.block["ResultReady"]
     for _ in range(3):
-        plc.see(Phase.VALID, number=1)
+        plc.see(TriggerPhase.VALID, number=1)
     assert scan.block["ResultReady"]
     assert plc.see() == (0, False, False, True)
 

@@ -30,7 +30,7 @@ from gateway.vision.process import service
 from gateway.vision.process.service import VisionService
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import source_spec
-from gateway.vision.transport.messages import DetectorSpec, Result
+from gateway.vision.transport.messages import DetectorSpec, FrameResult
 from tests.e2e.vision_stand_ins import DIE, EXIT, HANG, HANG_LOCKED, THROW, ShadesSpec
 
 FAST = Reconnect(min_s=0.05, max_s=0.1)
@@ -346,7 +346,7 @@ class TestAStandingBay:
             received.clear()
             first = len(bay.readings)
             await bay.until(lambda reading: received.total() >= 20)
-            assert received == {Result: len(bay.readings) - first}
+            assert received == {FrameResult: len(bay.readings) - first}
             assert {process.pid: process.num_fds() for process in family()} == before
 
         standing.play(story)

@@ -80,7 +80,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
     async def main() -> None:
         stop = asyncio.Event()
 
-        def companions(hub: Hub) -> list[Task]:
+        def extra_tasks(hub: Hub) -> list[Task]:
             async def ends_all() -> None:
                 seq = -1
                 while not hub.state("bay1").may_move:
@@ -93,7 +93,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
             return [Task("ends_all", ends_all)]
 
         ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
-        await app.run(config, ports, SystemClock(), stop=stop, companions=companions)
+        await app.run(config, ports, SystemClock(), stop=stop, extra_tasks=extra_tasks)
 
     if past_help:
         with pytest.raises(ConfigError, match="only the operator"):

@@ -161,7 +161,7 @@ class VisionConfig(Section):
     intrinsics: Intrinsics | None = Field(None, description="for equation 11")
     workers: int = Field(1, ge=1, le=16, description="threads that OpenCV may use in the bay's vision process")
     affinity: Cpus | None = Field(None, description="CPUs the vision process may use")
-    deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long before its worker is replaced")
+    deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long, then the process is replaced")
 
     @field_validator("gaussian_kernel_px", "morph_kernel_px")
     @classmethod

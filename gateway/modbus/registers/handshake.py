@@ -2,7 +2,15 @@
 
 from enum import IntEnum
 
-from gateway.core.plc import CONTROL_MEANING, OUTCOME_MEANING, RECIPE_MEANING, RESET_MEANING, Acquired, Phase, PlcLink
+from gateway.core.plc import (
+    CONTROL_MEANING,
+    OUTCOME_MEANING,
+    RECIPE_MEANING,
+    RESET_MEANING,
+    Acquired,
+    PlcLink,
+    TriggerPhase,
+)
 from gateway.core.state import StateVector
 from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named, part
 
@@ -46,10 +54,10 @@ def _status(state: StateVector, _: int) -> Value:
         HandshakeBit.PLC_ALIVE: plc.link is PlcLink.ALIVE,
         HandshakeBit.PLC_LOST: plc.link is PlcLink.LOST,
         HandshakeBit.STOP_LATCHED: state.memory.latched,
-        HandshakeBit.TRIGGER_READY: used and plc.phase is Phase.READY,
+        HandshakeBit.TRIGGER_READY: used and plc.phase is TriggerPhase.READY,
         HandshakeBit.TRIGGER_ACK: plc.trigger_ack,
-        HandshakeBit.ACQUIRING: plc.phase is Phase.ACQUIRING,
-        HandshakeBit.RESULTS_VALID: plc.phase is Phase.VALID,
+        HandshakeBit.ACQUIRING: plc.phase is TriggerPhase.ACQUIRING,
+        HandshakeBit.RESULTS_VALID: plc.phase is TriggerPhase.VALID,
         HandshakeBit.OVERRUN: plc.overrun,
         HandshakeBit.TIMED_OUT: plc.timed_out,
     }
@@ -57,7 +65,7 @@ def _status(state: StateVector, _: int) -> Value:
 
 
 def _held(state: StateVector) -> Acquired | None:
-    return state.plc.result if state.plc.phase is Phase.VALID else None
+    return state.plc.result if state.plc.phase is TriggerPhase.VALID else None
 
 
 def _age_ms(state: StateVector, _: int) -> Value:

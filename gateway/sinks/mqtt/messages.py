@@ -123,9 +123,9 @@ class CountersPayload(BaseModel):
 
     model_config = FROZEN
     frames: Count = Field(description="vision results")
-    frames_skipped: Count = Field(description="frames replaced by a newer one before a worker was free")
-    frames_lost: Count = Field(description="frames that died with their worker")
-    vision_restarts: Count = Field(description="vision workers replaced")
+    frames_skipped: Count = Field(description="frames replaced by a newer one before they were processed")
+    frames_lost: Count = Field(description="frames that ended with their process")
+    vision_restarts: Count = Field(description="vision processes replaced")
     camera_reopens: Count
     range_lines: Count = Field(description="good measurement lines")
     range_damaged: Count = Field(description="lines dropped: checksum, length, syntax")

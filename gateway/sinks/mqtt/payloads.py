@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from gateway.core import fusion, ne107
 from gateway.core.events import Event, EventKind
 from gateway.core.ne107 import Ne107
-from gateway.core.plc import Phase, PlcLink
+from gateway.core.plc import PlcLink, TriggerPhase
 from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
 from gateway.core.state import GUIDANCE_MEANING, REASON_MEANING, Guidance, Reason, StateVector
 from gateway.sinks.contract import StoreStatus
@@ -260,7 +260,7 @@ def _plc(state: StateVector) -> PlcPayload:
         stop_latched=state.memory.latched,
         recipe=plc.recipe,
         acquisition_id=plc.acquisition,
-        results_valid=plc.phase is Phase.VALID,
+        results_valid=plc.phase is TriggerPhase.VALID,
         writes=plc.writes,
         write_conflicts=plc.conflicts,
     )

@@ -127,7 +127,7 @@ class Method:
     remarks: Callable[["Image", VisionConfig, Detection, Detection], Iterable[Remark]] = _no_remarks
     """On an image, tried settings, their result and the reference method's: for the tuning page."""
 
-    def idle(self, params: VisionConfig) -> tuple[str, ...]:
+    def without_effect(self, params: VisionConfig) -> tuple[str, ...]:
         """The keys that were set and belong to another method: they have no effect."""
         others = {key for name in DETECTION_METHODS.names() for key in keys_of(name)} - {*self.keys}
         return tuple(key for key in VisionConfig.model_fields if key in params.model_fields_set and key in others)

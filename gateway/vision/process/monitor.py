@@ -35,13 +35,13 @@ from gateway.core.detection import Detection
 from gateway.core.readings import PictureHealth, Quality, VisionReading, VisionStats
 from gateway.supervisor import delay_s
 from gateway.vision.picture.judge import PictureJudge
-from gateway.vision.transport.messages import Result
+from gateway.vision.transport.messages import FrameResult
 from gateway.vision.transport.progress import Progress
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for so long
-MOST_PATIENCE = 4  # times as long may the next build of a detector take that was not ready in time
+MAX_BUILD_FACTOR = 4  # times as long may the next build of a detector take that was not ready in time
 MOST_SKIPPED = 1_000_000  # frames between two that are processed; a number beyond that is nonsense
 PROCESS_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
 
@@ -78,12 +78,12 @@ class GiveUp:
 Action = Start | Kill | Emit | GiveUp
 
 
-class Phase(Enum):
+class ProcessState(Enum):
     ABSENT = auto()  # to be started when due
     BUILDING = auto()  # its detector
     OPENING = auto()  # its source
     RUNNING = auto()
-    LEAVING = auto()  # failed, not yet reported as ended
+    ENDING = auto()  # failed, not yet reported as ended
 
 
 @dataclass(slots=True)
@@ -95,9 +95,9 @@ class ProcessMonitor:
     vision: VisionConfig
     rng: random.Random
     stats: VisionStats = field(default_factory=VisionStats)
-    _phase: Phase = Phase.ABSENT
+    _state: ProcessState = ProcessState.ABSENT
     _token: int = 0
-    _since_ns: int = 0  # of the phase
+    _since_ns: int = 0  # of the state
     _received_ns: int = 0  # when a message arrived, or the notes were read
     _due_ns: int = 0  # when ABSENT: not to be started before
     _reaped: bool = True  # no process of this token exists
@@ -142,20 +142,21 @@ class ProcessMonitor:
 
     def ready(self, token: int, now_ns: int) -> None:
         """The process has its detector."""
-        if self._is(token) and self._phase is Phase.BUILDING:
-            self._phase, self._since_ns = Phase.OPENING, now_ns
+        if self._is(token) and self._state is ProcessState.BUILDING:
+            self._state, self._since_ns = ProcessState.OPENING, now_ns
 
     def opened(self, token: int, now_ns: int, *, lossless: bool, finite: bool) -> None:
         """The source has given its first frame. `finite`: what it shows is shown once."""
-        if self._is(token) and self._phase is Phase.OPENING:
-            self._phase, self._since_ns, self._received_ns, self._opened_ns = Phase.RUNNING, now_ns, now_ns, now_ns
+        if self._is(token) and self._state is ProcessState.OPENING:
+            self._state = ProcessState.RUNNING
+            self._since_ns = self._received_ns = self._opened_ns = now_ns
             self._lossless, self._film_begun = lossless, finite
 
-    def result(self, token: int, result: Result, now_ns: int) -> None:
+    def result(self, token: int, result: FrameResult, now_ns: int) -> None:
         """The detector has finished a frame."""
         if not self._is(token):
             return
-        if self._phase is not Phase.RUNNING or not self._is_new(result.seq):
+        if self._state is not ProcessState.RUNNING or not self._is_new(result.seq):
             self.failed(token, f"result of frame {result.seq} after that of frame {self._last_seq}", now_ns)
             return
         if not 0 <= result.t_capture_ns <= now_ns:
@@ -211,9 +212,10 @@ class ProcessMonitor:
         if token != self._token or self._reaped:
             return
         self._reaped = True
-        if self._phase is Phase.LEAVING:
-            self._phase = Phase.ABSENT
-        elif self._phase is Phase.OPENING or (self._phase is Phase.RUNNING and crashed and not self._at_work()):
+        in_driver = crashed and self._state is ProcessState.RUNNING and not self._at_work()
+        if self._state is ProcessState.ENDING:
+            self._state = ProcessState.ABSENT
+        elif self._state is ProcessState.OPENING or in_driver:
             self._link_down(f"{self.label}: vision process {how} in the source's driver", now_ns)
         else:
             self._process_fault(f"vision process {how}", now_ns)
@@ -229,23 +231,23 @@ class ProcessMonitor:
     def settle(self, now_ns: int) -> list[Action]:
         """Deadlines and replacements; then everything to be carried out, in order."""
         deadline_ns = self.next_deadline_ns()
-        if self._phase is not Phase.ABSENT and deadline_ns is not None and now_ns >= deadline_ns:
+        if self._state is not ProcessState.ABSENT and deadline_ns is not None and now_ns >= deadline_ns:
             self._judge_silence(now_ns)
-        if self._phase is Phase.ABSENT and now_ns >= self._due_ns and not self._over:
+        if self._state is ProcessState.ABSENT and now_ns >= self._due_ns and not self._over:
             self._start(now_ns)
         out, self._out = self._out, []
         return [*map(Emit, self.readings()), *out]
 
     def next_deadline_ns(self) -> int | None:
         """When `settle` must be called at the latest if nothing happens; None: only when something happens."""
-        match self._phase:
-            case Phase.ABSENT:
+        match self._state:
+            case ProcessState.ABSENT:
                 return None if self._over else self._due_ns
-            case Phase.LEAVING:
+            case ProcessState.ENDING:
                 return None
-            case Phase.BUILDING:
+            case ProcessState.BUILDING:
                 return self._since_ns + round(self._build_s * NS_PER_S)
-            case Phase.OPENING:
+            case ProcessState.OPENING:
                 return self._since_ns + round(self.camera.open_deadline_s * NS_PER_S)
         work_ns = round(self.vision.deadline_s * NS_PER_S)
         if self._at_work():
@@ -258,7 +260,7 @@ class ProcessMonitor:
 
         A process that reads no messages is killed when its inbox is full; that is left to its deadlines.
         """
-        return self._phase is Phase.RUNNING and now_ns - self._alive_ns < NS_PER_S
+        return self._state is ProcessState.RUNNING and now_ns - self._alive_ns < NS_PER_S
 
     @property
     def token(self) -> int:
@@ -271,7 +273,7 @@ class ProcessMonitor:
     def _build_s(self) -> float:
         """How long building the detector may take. One that failed gets more: on a machine that is busy for long, one
         that is killed and begun again and again, always shortly before it is ready, would never give vision."""
-        return self.camera.open_deadline_s * min(MOST_PATIENCE, 1 << self._process_failures)
+        return self.camera.open_deadline_s * min(MAX_BUILD_FACTOR, 1 << self._process_failures)
 
     @property
     def _allowed_ns(self) -> int:
@@ -312,9 +314,9 @@ class ProcessMonitor:
         return self._progress.work_began_ns > 0 and self._progress.work_seq > self._last_seq
 
     def _judge_silence(self, now_ns: int) -> None:
-        if self._phase is Phase.BUILDING:
+        if self._state is ProcessState.BUILDING:
             self._process_fault(f"vision process not ready within {self._build_s:g} s", now_ns)
-        elif self._phase is Phase.OPENING:
+        elif self._state is ProcessState.OPENING:
             self._link_down(f"{self.label}: no first frame within {self.camera.open_deadline_s:g} s", now_ns)
         elif self._at_work():
             self._process_fault(f"vision process gave no result within {self.vision.deadline_s:g} s", now_ns)
@@ -336,7 +338,7 @@ class ProcessMonitor:
         if self._film_begun:
             self._over = True
             why += "; it is not begun again (camera.loop)"
-        self._leave(why)
+        self._end(why)
         self._count_out()
         self._link_is_down = True
         self._link_failures = 1 if well_for_long else self._link_failures + 1
@@ -344,7 +346,7 @@ class ProcessMonitor:
         self._emit_fault(Quality.LINK_DOWN, now_ns, self._last_seq, why, now_ns)
 
     def _process_fault(self, why: str, now_ns: int) -> None:
-        self._leave(why)
+        self._end(why)
         at_work, progress = self._at_work(), self._progress
         self._count_out(lost=at_work)
         self._link_is_down = False
@@ -356,9 +358,9 @@ class ProcessMonitor:
         if self._film_begun and not self._lossless:
             self._link_down(why, now_ns)
 
-    def _leave(self, why: str) -> None:
-        if self._phase not in (Phase.ABSENT, Phase.LEAVING):
-            self._phase = Phase.ABSENT if self._reaped else Phase.LEAVING
+    def _end(self, why: str) -> None:
+        if self._state not in (ProcessState.ABSENT, ProcessState.ENDING):
+            self._state = ProcessState.ABSENT if self._reaped else ProcessState.ENDING
             self._out.append(Kill(self._token, why))
 
     def _give_up(self, why: str, config: bool) -> None:
@@ -374,16 +376,16 @@ class ProcessMonitor:
         if not self._film_begun:
             self._film_first_seq = next_seq
         self._token += 1
-        self._phase, self._since_ns, self._opened_ns = Phase.BUILDING, now_ns, 0
+        self._state, self._since_ns, self._opened_ns = ProcessState.BUILDING, now_ns, 0
         self._started, self._reaped = True, False
         self._out.append(Start(self._token, next_seq, discard=next_seq - self._film_first_seq))
 
     # Readings and counts.
 
     def _is(self, token: int) -> bool:
-        return token == self._token and self._phase not in (Phase.ABSENT, Phase.LEAVING)
+        return token == self._token and self._state not in (ProcessState.ABSENT, ProcessState.ENDING)
 
-    def _with_result(self, result: Result, now_ns: int) -> VisionStats:
+    def _with_result(self, result: FrameResult, now_ns: int) -> VisionStats:
         """The statistics with this result in them."""
         old = self.stats
         self._last_seq = result.seq

@@ -18,20 +18,20 @@ from gateway.vision.process import monitor
 from gateway.vision.process.monitor import Action, ProcessMonitor
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
-from gateway.vision.transport import ring as shm
 from gateway.vision.transport.messages import (
     FROM_VISION,
     DetectorSpec,
+    FrameResult,
     FromVision,
     Opened,
     Ready,
-    Result,
     SourceLost,
     SourceRecord,
     ToVision,
     VisionJob,
 )
 from gateway.vision.transport.progress import ProgressPage
+from gateway.vision.transport.ring import RingSpec
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class VisionService:
         *,
         detector: DetectorSpec | None = None,
         rng: random.Random | None = None,
-        ring: shm.RingSpec | None = None,
+        ring: RingSpec | None = None,
     ) -> None:
         self._bay = bay
         self._spec = spec
@@ -109,7 +109,7 @@ class VisionService:
         when the machine cannot start a process."""
         check_cpus("camera.affinity", self._camera.affinity)
         check_cpus("vision.affinity", self._vision.affinity)
-        ring = self._ring or shm.create(self._camera.max_megapixels)
+        ring = self._ring or RingSpec.create(self._camera.max_megapixels)
         progress = ProgressPage(ring, writable=False)
         try:
             while True:
@@ -121,15 +121,15 @@ class VisionService:
                     self._monitor = self._monitor.successor(self._vision)
                 carry_out = lambda action, pool: self._carry_out(action, pool, ring)  # noqa: E731
                 self._turns = _Turns(self._monitor, progress, self._clock, carry_out)
-                async with VisionPool(self._bay, self._clock, FROM_VISION, self._turns.on_news) as pool:
+                async with VisionPool(self._bay, self._clock, FROM_VISION, self._turns.on_arrival) as pool:
                     await self._turns.run(pool)
         finally:
             self._turns = None
             progress.close()
             if self._ring is None:
-                shm.close(ring)
+                ring.close()
 
-    def _carry_out(self, action: Action, pool: VisionPool, ring: shm.RingSpec) -> None:
+    def _carry_out(self, action: Action, pool: VisionPool, ring: RingSpec) -> None:
         match action:
             case monitor.Emit(reading):
                 self._emit(reading)
@@ -206,7 +206,7 @@ class _Turns:
             if self._failure is not None:
                 raise self._failure
 
-    def on_news(self) -> None:
+    def on_arrival(self) -> None:
         if self._pool is None or self._failure is not None or self._over:
             return
         try:
@@ -237,7 +237,7 @@ class _Turns:
 
 def _report(to: ProcessMonitor, token: int, message: FromVision | Failed | Gone, now_ns: int) -> None:
     match message:
-        case Result():
+        case FrameResult():
             to.result(token, message, now_ns)
         case Ready():
             to.ready(token, now_ns)

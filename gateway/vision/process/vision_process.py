@@ -24,7 +24,7 @@ from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.pixels import Image
 from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.freshness import Changes, unchanged_since_ns
-from gateway.vision.transport.messages import TO_VISION, FromVision, Opened, Ready, Result, SourceLost, VisionJob
+from gateway.vision.transport.messages import TO_VISION, FrameResult, FromVision, Opened, Ready, SourceLost, VisionJob
 from gateway.vision.transport.progress import ProgressPage
 from gateway.vision.transport.ring import Ring
 
@@ -59,7 +59,7 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
         since_ns = unchanged_since_ns(frame.changed_ns, width, height, detection.circle)
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
-        channel.send(Result(frame.seq, frame.t_capture_ns, detection, since_ns, picture))
+        channel.send(FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture))
         now_ns = clock.now_ns()
         progress.work_ends(now_ns)
         if ring.due(now_ns):

@@ -97,7 +97,7 @@ class SourceLost(Message, frozen=True):
     config: bool = False
 
 
-class Result(Message, frozen=True):
+class FrameResult(Message, frozen=True):
     """What the detector has found in a frame."""
 
     seq: int
@@ -107,7 +107,7 @@ class Result(Message, frozen=True):
     picture: PictureHealth | None = None  # measured in this frame; not judged yet
 
 
-FromVision = Ready | Opened | SourceLost | Result
+FromVision = Ready | Opened | SourceLost | FrameResult
 FROM_VISION = Codec(FromVision | Failed)
 ToVision = VisionJob | MarkerRadii
 TO_VISION = Codec(ToVision, compressed=True)

@@ -19,7 +19,7 @@ import mmap
 import os
 import stat
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,27 @@ class RingSpec:
     def offset(self, slot: int) -> int:
         return PAGE + slot * self.slot_bytes
 
+    @staticmethod
+    def create(max_megapixels: float) -> "RingSpec":
+        """New anonymous memory, to be closed. Its size is sealed, so no process can shrink it under another.
+
+        The writer is given this descriptor: its mode prevents that the memory is opened for writing by another way.
+        """
+        fd = os.memfd_create("gateway-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        spec = RingSpec(fd, max_megapixels, os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK))
+        os.ftruncate(fd, spec.size_bytes)
+        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
+        os.fchmod(fd, stat.S_IRUSR)
+        return spec
+
+    def reader(self) -> "RingSpec":
+        """The same memory behind a separate descriptor that can't be mapped for writing; the caller closes `fd`."""
+        return replace(self, fd=os.open(f"/proc/self/fd/{self.fd}", os.O_RDONLY | os.O_CLOEXEC))
+
+    def close(self) -> None:
+        for fd in self.fds:
+            os.close(fd)
+
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
@@ -67,30 +88,6 @@ class Snapshot:
     image: Image
     seq: int
     t_capture_ns: int
-
-
-def create(max_megapixels: float) -> RingSpec:
-    """New anonymous memory; the caller closes `fds`. Its size is sealed, so no process can shrink it under another.
-
-    The writer is given this descriptor: its mode prevents that the memory is opened for writing by another way.
-    """
-    fd = os.memfd_create("gateway-frames", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-    spec = RingSpec(fd, max_megapixels, os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK))
-    os.ftruncate(fd, spec.size_bytes)
-    fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
-    os.fchmod(fd, stat.S_IRUSR)
-    return spec
-
-
-def reader(spec: RingSpec) -> RingSpec:
-    """The same memory behind a separate descriptor that can't be mapped for writing; the caller closes `fd`."""
-    fd = os.open(f"/proc/self/fd/{spec.fd}", os.O_RDONLY | os.O_CLOEXEC)
-    return RingSpec(fd, spec.max_megapixels, spec.request_fd)
-
-
-def close(spec: RingSpec) -> None:
-    for fd in spec.fds:
-        os.close(fd)
 
 
 class Ring:

@@ -10,7 +10,7 @@ MAX_CHILDREN = 1000
 
 @dataclass(frozen=True, slots=True)
 class ProcessUsage:
-    """All processes of one name, which are as many as they are workers of a bay."""
+    """All processes of one name, of which there may be several."""
 
     name: str
     processes: int

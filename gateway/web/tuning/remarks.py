@@ -53,7 +53,7 @@ def _against_others(result: TrialResult) -> Iterator[Remark]:
 def _idle(tried: VisionConfig, in_force: VisionConfig) -> Iterator[Remark]:
     """Changed keys that change nothing."""
     changed = changes(in_force, tried)
-    for key in registry.method(tried.method).idle(tried):
+    for key in registry.method(tried.method).without_effect(tried):
         if key in changed:
             yield Remark(f"{key}: has no effect with method {tried.method}", key, warning=False)
 

@@ -14,7 +14,7 @@ from gateway.config import FusionConfig
 from gateway.core.fusion import initial
 from gateway.hub import Hub
 from gateway.sim.trials import WAIT_S, TrialReport, trial_legs, trial_scenario
-from gateway.sim.world import Phase, TruckHold, Truth
+from gateway.sim.world import Motion, TruckHold, Truth
 from tests import virtual_time
 from tests.permitted import FOREVER_NS
 from tests.virtual_time import LoopClock
@@ -51,7 +51,7 @@ def run(folder: Path, known: Known) -> tuple[TrialReport, float]:
             while not stop.is_set():
                 now_ns = clock.now_ns()
                 truth = bay.truth(now_ns)
-                if truth.phase is not Phase.HOLD:
+                if truth.phase is not Motion.HOLD:
                     arrived_ns = now_ns
                 d = known(truth, (now_ns - arrived_ns) / NS_PER_S)
                 state = replace(
@@ -128,7 +128,7 @@ def test_a_false_stop_while_waiting_is_not_forgiven(tmp_path: Path) -> None:
     far = next(leg.name for leg in PLAN.legs if leg.distance_cm == 52)
 
     def known(truth: Truth, stood_s: float) -> bool | None:
-        if truth.leg_name != far or truth.phase is not Phase.HOLD:
+        if truth.leg_name != far or truth.phase is not Motion.HOLD:
             return truth.stop
         return True if 4 < stood_s < 5 else truth.stop if stood_s > 9 else None
 

@@ -17,10 +17,10 @@ from gateway.core.plc import (
     Control,
     Handshake,
     Outcome,
-    Phase,
     PlcLink,
     PlcWrite,
     RecipeVerdict,
+    TriggerPhase,
     Writer,
 )
 from gateway.core.readings import Quality, RangeReading, VisionReading
@@ -78,43 +78,50 @@ def play(*moves: tuple[PlcWrite | None, StateVector], start: Handshake = FRESH) 
 
 def test_one_whole_round() -> None:
     triggered = play((write(Control.TRIGGER), old(T0)))
-    assert (triggered.phase, triggered.acquisition, triggered.trigger_ack) == (Phase.ACQUIRING, 1, True)
+    assert (triggered.phase, triggered.acquisition, triggered.trigger_ack) == (TriggerPhase.ACQUIRING, 1, True)
     assert triggered.result is None
 
     waiting = play((None, old(T0 + 50 * MS)), start=triggered)
-    assert waiting.phase is Phase.ACQUIRING
+    assert waiting.phase is TriggerPhase.ACQUIRING
 
     valid = play((None, state(T0 + 60 * MS)), start=waiting)
-    assert valid.phase is Phase.VALID
+    assert valid.phase is TriggerPhase.VALID
     assert valid.result == Acquired(1, T0 + 60 * MS, Outcome.NOT_IN_PLACE, 320, 240, 90, 900.0)
 
     later = play((None, state(T0 + 900 * MS, rng=RangeReading(T0 + 900 * MS, Quality.GOOD, 500.0))), start=valid)
     assert later.result == valid.result, "it is held as it is"
 
     acknowledged = play((write(Control.RESULTS_ACK), state(T0 + S)), start=later)
-    assert (acknowledged.phase, acknowledged.result, acknowledged.trigger_ack) == (Phase.CLEARING, None, False)
-    assert play((None, state(T0 + 2 * S)), start=acknowledged).phase is Phase.CLEARING, "until the bit goes back"
+    assert (acknowledged.phase, acknowledged.result, acknowledged.trigger_ack) == (
+        TriggerPhase.CLEARING,
+        None,
+        False,
+    )
+    assert play((None, state(T0 + 2 * S)), start=acknowledged).phase is TriggerPhase.CLEARING, "until the bit goes back"
 
     ready = play((write(), state(T0 + 2 * S)), start=acknowledged)
-    assert (ready.phase, ready.acquisition) == (Phase.READY, 1)
+    assert (ready.phase, ready.acquisition) == (TriggerPhase.READY, 1)
     assert play((write(Control.TRIGGER), old(T0 + 3 * S)), start=ready).acquisition == 2
 
 
 @pytest.mark.parametrize(
-    ("phase", "signal"), [pair for pair in product(Phase, Signal) if pair not in TRANSITIONS], ids=str
+    ("phase", "signal"), [pair for pair in product(TriggerPhase, Signal) if pair not in TRANSITIONS], ids=str
 )
-def test_what_is_not_in_the_table_changes_nothing(phase: Phase, signal: Signal) -> None:
+def test_what_is_not_in_the_table_changes_nothing(phase: TriggerPhase, signal: Signal) -> None:
     """The pairs left out are the harmless ones: none of them may start, hold or drop anything."""
-    assert (phase, signal) not in {(Phase.READY, Signal.TRIGGER), (Phase.ACQUIRING, Signal.RESULT)}
+    assert (phase, signal) not in {
+        (TriggerPhase.READY, Signal.TRIGGER),
+        (TriggerPhase.ACQUIRING, Signal.RESULT),
+    }
     assert signal is not Signal.TRIGGER
-    if phase is Phase.VALID:
+    if phase is TriggerPhase.VALID:
         assert signal in {Signal.ACK_GONE, Signal.RESULT, Signal.TIMEOUT}
 
 
 def test_the_first_write_after_a_start_makes_no_edges() -> None:
     every = (Control.TRIGGER, Control.RESET, Control.RESULTS_ACK)
     first = play((write(*every), old(T0)), start=START)
-    assert (first.control, first.acquisition, first.phase) == (0b11100, 0, Phase.READY)
+    assert (first.control, first.acquisition, first.phase) == (0b11100, 0, TriggerPhase.READY)
     assert not any(handshake.rose(START, first, bit) for bit in every)
     again = play((write(), old(T0)), (write(Control.TRIGGER), old(T0)), start=first)
     assert again.acquisition == 1
@@ -127,37 +134,37 @@ def test_a_trigger_that_stays_on_triggers_once() -> None:
 
 def test_a_trigger_while_one_is_at_work_is_an_overrun_and_takes_no_number() -> None:
     plc = play((write(Control.TRIGGER), old(T0)), (write(), old(T0 + MS)), (write(Control.TRIGGER), old(T0 + 2 * MS)))
-    assert (plc.phase, plc.acquisition, plc.overrun, plc.trigger_ack) == (Phase.ACQUIRING, 1, True, False)
+    assert (plc.phase, plc.acquisition, plc.overrun, plc.trigger_ack) == (TriggerPhase.ACQUIRING, 1, True, False)
 
 
 def test_a_trigger_before_the_result_was_read_does_not_touch_it() -> None:
     valid = play((write(Control.TRIGGER), old(T0)), (write(), state(T0 + MS)))
     plc = play((write(Control.TRIGGER), state(T0 + 2 * MS)), start=valid)
-    assert (plc.phase, plc.result, plc.overrun) == (Phase.VALID, valid.result, True)
+    assert (plc.phase, plc.result, plc.overrun) == (TriggerPhase.VALID, valid.result, True)
 
 
 def test_acknowledge_and_trigger_in_one_request() -> None:
     """The acknowledge comes first; the trigger must wait until its bit is back at 0."""
     valid = play((write(Control.TRIGGER), old(T0)), (write(), state(T0 + MS)))
     both = play((write(Control.RESULTS_ACK, Control.TRIGGER), state(T0 + 2 * MS)), start=valid)
-    assert (both.phase, both.overrun, both.acquisition) == (Phase.CLEARING, True, 1)
+    assert (both.phase, both.overrun, both.acquisition) == (TriggerPhase.CLEARING, True, 1)
 
     cleared = play((write(Control.RESULTS_ACK), state(T0 + 2 * MS)), start=valid)
     again = play((write(Control.TRIGGER), old(T0 + 3 * MS)), start=cleared)
-    assert (again.phase, again.acquisition, again.overrun) == (Phase.ACQUIRING, 2, False)
+    assert (again.phase, again.acquisition, again.overrun) == (TriggerPhase.ACQUIRING, 2, False)
 
 
 def test_an_acknowledge_that_was_on_before_the_result_does_not_count() -> None:
     plc = play((write(Control.TRIGGER, Control.RESULTS_ACK), old(T0)), (None, state(T0 + MS)))
-    assert plc.phase is Phase.VALID
+    assert plc.phase is TriggerPhase.VALID
 
 
 def test_no_result_in_time() -> None:
     triggered = play((write(Control.TRIGGER), old(T0)))
     limit = int(CONFIG.trigger_timeout_s * S)
-    assert play((None, old(T0 + limit)), start=triggered).phase is Phase.ACQUIRING
+    assert play((None, old(T0 + limit)), start=triggered).phase is TriggerPhase.ACQUIRING
     late = play((None, old(T0 + limit + 1)), start=triggered)
-    assert (late.phase, late.timed_out, late.result) == (Phase.READY, True, None)
+    assert (late.phase, late.timed_out, late.result) == (TriggerPhase.READY, True, None)
     assert not play((write(), old(T0 + 2 * S)), (write(Control.TRIGGER), old(T0 + 2 * S)), start=late).timed_out
 
 
@@ -178,27 +185,27 @@ def test_acquisition_ids_go_round_without_zero() -> None:
     ],
 )
 def test_outcomes(seen: StateVector, outcome: Outcome) -> None:
-    result = handshake.acquired(replace(FRESH, phase=Phase.ACQUIRING, acquisition=5, trigger_ns=T0), seen)
+    result = handshake.acquired(replace(FRESH, phase=TriggerPhase.ACQUIRING, acquisition=5, trigger_ns=T0), seen)
     assert result is not None
     assert (result.number, result.outcome) == (5, outcome)
 
 
 @pytest.mark.parametrize("quality", [Quality.WAITING, Quality.STALE])
 def test_silence_is_no_result(quality: Quality) -> None:
-    plc = replace(FRESH, phase=Phase.ACQUIRING, trigger_ns=T0)
+    plc = replace(FRESH, phase=TriggerPhase.ACQUIRING, trigger_ns=T0)
     assert handshake.acquired(plc, state(T0, d=None, vision=VisionReading(T0, quality))) is None
     assert handshake.acquired(plc, state(T0, d=None, rng=RangeReading(T0, quality))) is None
 
 
 def test_both_sensors_must_be_younger_than_the_trigger() -> None:
-    plc = replace(FRESH, phase=Phase.ACQUIRING, trigger_ns=T0)
+    plc = replace(FRESH, phase=TriggerPhase.ACQUIRING, trigger_ns=T0)
     before = T0 - 1
     assert handshake.acquired(plc, state(T0, rng=RangeReading(before, Quality.GOOD, 1.0))) is None
     assert handshake.acquired(plc, state(T0, vision=VisionReading(before, Quality.GOOD, Circle(1, 2, 3)))) is None
 
 
 def test_no_echo_from_before_the_trigger_counts_in_a_median() -> None:
-    plc = replace(FRESH, phase=Phase.ACQUIRING, trigger_ns=T0)
+    plc = replace(FRESH, phase=TriggerPhase.ACQUIRING, trigger_ns=T0)
     younger = VisionReading(T0 + 60 * MS, Quality.GOOD, Circle(1, 2, 3))
 
     def measured(oldest_ns: int) -> Acquired | None:
@@ -242,13 +249,13 @@ def test_where_it_is_not_required_it_is_never_missed() -> None:
     assert (lost.link, lost.missed) == (PlcLink.LOST, False)
 
 
-@pytest.mark.parametrize("phase", Phase)
-def test_a_lost_plc_finds_no_result_when_it_comes_back(phase: Phase) -> None:
-    held = Acquired(3, T0, Outcome.IN_PLACE) if phase is Phase.VALID else None
+@pytest.mark.parametrize("phase", TriggerPhase)
+def test_a_lost_plc_finds_no_result_when_it_comes_back(phase: TriggerPhase) -> None:
+    held = Acquired(3, T0, Outcome.IN_PLACE) if phase is TriggerPhase.VALID else None
     busy = replace(FRESH, link=PlcLink.ALIVE, beat_ns=T0, phase=phase, acquisition=3, trigger_ns=T0, result=held)
     lost = play((None, old(T0 + 2 * S)), start=busy)
-    assert (lost.phase, lost.result) == (Phase.READY, None)
-    assert lost.timed_out == (phase is Phase.ACQUIRING)
+    assert (lost.phase, lost.result) == (TriggerPhase.READY, None)
+    assert lost.timed_out == (phase is TriggerPhase.ACQUIRING)
 
 
 # The recipe.
@@ -261,7 +268,7 @@ def test_recipes_are_taken_refused_and_left() -> None:
     unknown = handshake.select(one, 9, state(T0), known)
     assert (unknown.recipe, unknown.recipe_asked, unknown.recipe_verdict) == (1, 9, RecipeVerdict.UNKNOWN)
     assert handshake.select(unknown, 0, state(T0), known).recipe == 0
-    busy = handshake.select(replace(one, phase=Phase.ACQUIRING), 2, state(T0), known)
+    busy = handshake.select(replace(one, phase=TriggerPhase.ACQUIRING), 2, state(T0), known)
     assert (busy.recipe, busy.recipe_verdict) == (1, RecipeVerdict.BUSY)
 
 
@@ -316,7 +323,7 @@ def test_invariants(played: list[tuple[PlcWrite | None, StateVector]]) -> None:
         if written is not None and written.control is not None:
             control = written.control
         # A result stands if and only if it may be read; it is the newest acquisition's, made after its trigger.
-        assert (plc.result is not None) == (plc.phase is Phase.VALID)
+        assert (plc.result is not None) == (plc.phase is TriggerPhase.VALID)
         if plc.result is not None:
             assert plc.result.number == plc.acquisition != 0
             assert plc.result.t_ns >= plc.trigger_ns
@@ -326,7 +333,7 @@ def test_invariants(played: list[tuple[PlcWrite | None, StateVector]]) -> None:
             started += 1
         assert plc.acquisition == started
         # A held result is never exchanged for another one.
-        if before.phase is Phase.VALID and plc.phase is Phase.VALID:
+        if before.phase is TriggerPhase.VALID and plc.phase is TriggerPhase.VALID:
             assert plc.result == before.result
         # What was refused is told.
         if rising and plc.acquisition == before.acquisition:

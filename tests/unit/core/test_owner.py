@@ -10,7 +10,16 @@ from gateway.config import parse
 from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.interlock import Rules
-from gateway.core.plc import Control, Phase, PlcConnection, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
+from gateway.core.plc import (
+    Control,
+    PlcConnection,
+    PlcLink,
+    PlcWrite,
+    RecipeVerdict,
+    ResetVerdict,
+    TriggerPhase,
+    Writer,
+)
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Reason, StateVector, Tick
 
@@ -137,7 +146,7 @@ def test_nobody_else_chooses_a_recipe_or_triggers() -> None:
     assert not bay.write(B, control=TRIGGER)
     plc = bay.state.plc
     assert (plc.recipe_asked, plc.recipe, plc.recipe_verdict) == (0, 0, RecipeVerdict.NONE)
-    assert (plc.phase, plc.acquisition, plc.control) == (Phase.READY, 0, 0)
+    assert (plc.phase, plc.acquisition, plc.control) == (TriggerPhase.READY, 0, 0)
 
 
 @pytest.mark.parametrize(
@@ -170,13 +179,13 @@ def test_the_next_one_finds_nothing_of_the_one_before() -> None:
     bay.write(A, 1, 0)
     bay.write(A, 2, ENABLE | TRUCK | TRIGGER)
     bay.wait(40)
-    assert bay.state.plc.phase is Phase.VALID
+    assert bay.state.plc.phase is TriggerPhase.VALID
     bay.wait(1100)
     assert bay.state.plc.link is PlcLink.LOST
     assert bay.write(B, 2), "the number that the first one wrote last: it counts all the same"
     plc = bay.state.plc
     assert (plc.owner, plc.link, plc.control, plc.truck_left) == (B, PlcLink.ALIVE, 0, False)
-    assert (plc.phase, plc.result, plc.trigger_ack) == (Phase.READY, None, False)
+    assert (plc.phase, plc.result, plc.trigger_ack) == (TriggerPhase.READY, None, False)
     assert not bay.state.may_move, "enable was the other one's"
     bay.write(B, 3, RESET | TRIGGER)
     assert bay.state.memory.latched, "its first word on the bits says how they stand, and makes no edges"
@@ -202,10 +211,10 @@ def test_a_measurement_of_one_without_a_heartbeat_ends_with_its_ownership() -> N
     bay.write(A, control=TRIGGER)
     bay.step(PlcConnection(A, open=False))
     bay.now_ns += 1001 * MS
-    assert bay.state.plc.phase is Phase.ACQUIRING
+    assert bay.state.plc.phase is TriggerPhase.ACQUIRING
     assert bay.write(B, control=0)
     plc = bay.state.plc
-    assert (plc.phase, plc.timed_out, plc.acquisition, plc.trigger_ack) == (Phase.READY, True, 1, False)
+    assert (plc.phase, plc.timed_out, plc.acquisition, plc.trigger_ack) == (TriggerPhase.READY, True, 1, False)
 
 
 def test_a_truck_that_left_for_one_has_not_left_for_the_next() -> None:

@@ -12,11 +12,11 @@ from gateway.core.plc import (
     Control,
     Handshake,
     Outcome,
-    Phase,
     PlcLink,
     PlcWrite,
     RecipeVerdict,
     ResetVerdict,
+    TriggerPhase,
     Writer,
     WriteVerdict,
 )
@@ -45,7 +45,7 @@ STATE = StateVector(
         recipe=7,
         recipe_verdict=RecipeVerdict.UNKNOWN,
         reset_verdict=ResetVerdict.CAUSE_STANDS,
-        phase=Phase.VALID,
+        phase=TriggerPhase.VALID,
         acquisition=41,
         trigger_ack=True,
         overrun=True,
@@ -104,10 +104,13 @@ def test_every_word() -> None:
             {HandshakeBit.WRITES_ON, HandshakeBit.PLC_LOST, HandshakeBit.TRIGGER_READY, HandshakeBit.TIMED_OUT},
         ),
         (
-            Handshake(link=PlcLink.ALIVE, phase=Phase.ACQUIRING),
+            Handshake(link=PlcLink.ALIVE, phase=TriggerPhase.ACQUIRING),
             {HandshakeBit.WRITES_ON, HandshakeBit.PLC_ALIVE, HandshakeBit.ACQUIRING},
         ),
-        (Handshake(link=PlcLink.ALIVE, phase=Phase.CLEARING), {HandshakeBit.WRITES_ON, HandshakeBit.PLC_ALIVE}),
+        (
+            Handshake(link=PlcLink.ALIVE, phase=TriggerPhase.CLEARING),
+            {HandshakeBit.WRITES_ON, HandshakeBit.PLC_ALIVE},
+        ),
     ],
 )
 def test_status_bits(plc: Handshake, bits: set[HandshakeBit]) -> None:
@@ -115,8 +118,8 @@ def test_status_bits(plc: Handshake, bits: set[HandshakeBit]) -> None:
     assert {bit for bit in HandshakeBit if status >> bit & 1} == bits
 
 
-@pytest.mark.parametrize("phase", [phase for phase in Phase if phase is not Phase.VALID])
-def test_no_result_register_holds_anything_while_none_may_be_read(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [phase for phase in TriggerPhase if phase is not TriggerPhase.VALID])
+def test_no_result_register_holds_anything_while_none_may_be_read(phase: TriggerPhase) -> None:
     told = decode(encode(replace(STATE, plc=replace(STATE.plc, phase=phase)), 0, "big"))
     assert (told["result_id"], told["result_outcome"]) == (0, 0)
     assert {told[name] for name in ("result_u", "result_v", "result_radius", "result_distance")} == {None}

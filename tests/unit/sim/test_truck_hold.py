@@ -6,7 +6,7 @@ import pytest
 
 from gateway.processes.codec import record_of, record_packed
 from gateway.sim.scenario import Scenario, parse
-from gateway.sim.world import Phase, TruckHold, World
+from gateway.sim.world import Motion, TruckHold, World
 
 LEGS = [
     {"distance_cm": 50, "speed_cm_s": 50, "hold_s": 1},
@@ -32,7 +32,7 @@ def world(hold: TruckHold) -> World:
 def test_nobody_lets_it_go_and_it_leaves_at_the_limit(hold: TruckHold) -> None:
     stands = world(hold)
     for t_s in (IN_S - 0.5, IN_S, IN_S + 10, IN_S + LIMIT_S - 1e-6):
-        assert (stands.truth(t_s).distance_mm, stands.truth(t_s).leg, stands.truth(t_s).phase) == (500, 0, Phase.HOLD)
+        assert (stands.truth(t_s).distance_mm, stands.truth(t_s).leg, stands.truth(t_s).phase) == (500, 0, Motion.HOLD)
     for t_s in (0.3, IN_S + LIMIT_S + 0.5, IN_S + LIMIT_S + 2):
         waited_s = 0 if t_s < IN_S else LIMIT_S
         assert stands.distance_mm(t_s) == pytest.approx(PLAN.distance_mm(t_s - waited_s))
@@ -44,8 +44,8 @@ def test_it_leaves_when_it_is_let_go(hold: TruckHold) -> None:
     stands = world(hold)
     hold.leave(0, IN_S + 3)
     hold.leave(2, IN_S)  # decided before it has stood as planned: that is no reason to leave early
-    assert stands.truth(IN_S + 2.99).phase is Phase.HOLD
-    assert stands.truth(IN_S + 3.5).phase is Phase.RETREAT
+    assert stands.truth(IN_S + 2.99).phase is Motion.HOLD
+    assert stands.truth(IN_S + 3.5).phase is Motion.RETREAT
     for t_s in (IN_S + 3.5, IN_S + 5, PLAN.plan_s + 3 - 2):
         assert stands.distance_mm(t_s) == pytest.approx(PLAN.distance_mm(t_s - 3))
     assert stands.planned_s(PLAN.plan_s + 3) == pytest.approx(PLAN.plan_s)
@@ -60,7 +60,7 @@ def test_let_go_in_time_it_keeps_to_the_plan(hold: TruckHold) -> None:
 
 def test_both_processes_see_the_same_truck(hold: TruckHold) -> None:
     here, there = world(hold), world(record_of(TruckHold, record_packed(hold)))
-    assert there.truth(IN_S + 2).phase is Phase.HOLD
+    assert there.truth(IN_S + 2).phase is Motion.HOLD
     hold.leave(0, IN_S + 2.1)
     for t_s in (IN_S + 2, IN_S + 2.2, IN_S + 4, IN_S + 30):
         assert there.truth(t_s) == here.truth(t_s)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.sim.scenario import Scenario, parse
-from gateway.sim.world import Phase, World
+from gateway.sim.world import Motion, World
 
 STILL = {"amplitude_mm": 0.0}
 
@@ -81,8 +81,8 @@ def test_a_leg_takes_way_over_speed_plus_one_ramp_and_then_holds() -> None:
     assert world.plan_s == pytest.approx(100 / 20 + 0.5 + 3)
     assert world.truth(0.25).distance_mm == pytest.approx(1500 - 200 / 2 * (0.25 - 0.5 / math.pi))
     assert world.truth(2.75).distance_mm == pytest.approx(1000)  # half way at half time
-    assert world.truth(5.499).phase is Phase.APPROACH
-    assert world.truth(5.501).phase is Phase.HOLD
+    assert world.truth(5.499).phase is Motion.APPROACH
+    assert world.truth(5.501).phase is Motion.HOLD
     assert world.truth(99.0).distance_mm == 500
 
 

@@ -59,7 +59,7 @@ def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(m
     async def main() -> None:
         stop = asyncio.Event()
 
-        def companions(hub: Hub) -> list[Task]:
+        def extra_tasks(hub: Hub) -> list[Task]:
             async def ends() -> None:
                 seq = -1
                 while not any(state.may_move for state in TABLES["plant"].states):
@@ -69,7 +69,7 @@ def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(m
             return [Task("ends", ends)]
 
         ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
-        await app.run(config, ports, SystemClock(), stop=stop, companions=companions)
+        await app.run(config, ports, SystemClock(), stop=stop, extra_tasks=extra_tasks)
 
     asyncio.run(asyncio.wait_for(main(), 60))
     rows = TABLES.pop("plant")

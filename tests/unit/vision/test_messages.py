@@ -23,9 +23,9 @@ from gateway.vision.source.specs import CameraSpec, FileSpec, StreamSpec
 from gateway.vision.transport import messages
 from gateway.vision.transport.messages import (
     DetectorSpec,
+    FrameResult,
     Opened,
     Ready,
-    Result,
     SourceLost,
     SourceRecord,
     VisionJob,
@@ -57,7 +57,7 @@ DETECTIONS = st.builds(
 )
 PICTURES = st.builds(PictureHealth, NUMBER, NUMBER, NUMBER, MAYBE, MAYBE, MAYBE, st.integers(0, 63))
 FROM_VISION = st.one_of(
-    st.builds(Result, INT, INT, DETECTIONS, INT, st.none() | PICTURES),
+    st.builds(FrameResult, INT, INT, DETECTIONS, INT, st.none() | PICTURES),
     st.builds(Opened, st.booleans(), st.booleans()),
     st.builds(SourceLost, st.text(), st.booleans()),
     st.builds(Failed, st.text(), st.booleans()),

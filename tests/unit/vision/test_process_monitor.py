@@ -13,7 +13,7 @@ from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core.detection import Circle, Detection
 from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading
 from gateway.vision.process.monitor import Action, Emit, GiveUp, Kill, ProcessMonitor, Start
-from gateway.vision.transport.messages import Result
+from gateway.vision.transport.messages import FrameResult
 from gateway.vision.transport.progress import Progress
 
 MS = 1_000_000
@@ -97,7 +97,7 @@ class Bench:
         self, detection: Detection = SEEN, since_ns: int | None = None, picture: PictureHealth | None = None
     ) -> VisionReading:
         seq, t_ns = self.notes.work_seq, self.notes.work_t_capture_ns
-        message = Result(seq, t_ns, detection, t_ns if since_ns is None else since_ns, picture)
+        message = FrameResult(seq, t_ns, detection, t_ns if since_ns is None else since_ns, picture)
         self.monitor.result(self.token, message, self.ns)
         self.notes = replace(self.notes, work_began_ns=0, detector_ns=self.ns)
         self.settle()
@@ -561,7 +561,7 @@ def test_late_messages_of_a_process_given_up_are_ignored() -> None:
     told = len(bench.told)
     deadline_ns = bench.monitor.next_deadline_ns()
 
-    bench.monitor.result(old, Result(9, bench.ns, SEEN, bench.ns), bench.ns)
+    bench.monitor.result(old, FrameResult(9, bench.ns, SEEN, bench.ns), bench.ns)
     bench.monitor.opened(old, bench.ns, lossless=True, finite=True)
     bench.monitor.ready(old, bench.ns)
     bench.monitor.progress(Progress(old, 99, bench.ns, 99, bench.ns, 1), bench.ns)
@@ -671,7 +671,7 @@ def test_a_result_that_cannot_be_is_a_fault_of_the_process(changes: dict[str, in
     bench.look()
     bench.ms += 33
     bench.frame()
-    message = structs.replace(Result(2, bench.ns - 2 * MS, SEEN, bench.ns - 2 * MS), **changes)
+    message = structs.replace(FrameResult(2, bench.ns - 2 * MS, SEEN, bench.ns - 2 * MS), **changes)
     bench.monitor.result(bench.token, message, bench.ns)
     bench.settle()
     assert bench.qualities() == [Quality.GOOD, Quality.PROCESS_FAULT]
@@ -682,7 +682,7 @@ def test_a_result_that_cannot_be_is_a_fault_of_the_process(changes: dict[str, in
 def test_a_result_before_the_source_is_open_is_a_fault_of_the_process() -> None:
     bench = Bench()
     bench.ready()
-    bench.monitor.result(bench.token, Result(1, bench.ns, SEEN, bench.ns), bench.ns)
+    bench.monitor.result(bench.token, FrameResult(1, bench.ns, SEEN, bench.ns), bench.ns)
     bench.settle()
     assert bench.qualities() == [Quality.PROCESS_FAULT]
 
@@ -731,7 +731,7 @@ def test_after_a_long_detection_the_next_frame_has_its_moment(*, noted: bool) ->
     bench.capture()  # waits to be looked at
     waiting = bench.notes
     bench.settle(after_ms=2990)
-    bench.monitor.result(bench.token, Result(1, waiting.work_t_capture_ns, SEEN, 0), bench.ns)
+    bench.monitor.result(bench.token, FrameResult(1, waiting.work_t_capture_ns, SEEN, 0), bench.ns)
     bench.notes = replace(waiting, work_began_ns=0, detector_ns=bench.ns) if noted else waiting
     bench.settle()
     bench.settle(after_ms=20)

@@ -93,7 +93,7 @@ def test_two_detectors_share_nothing() -> None:
     ],
 )
 def test_keys_of_the_other_method_are_idle_and_reported(params: VisionConfig, idle: tuple[str, ...]) -> None:
-    assert registry.method(params.method).idle(params) == idle
+    assert registry.method(params.method).without_effect(params) == idle
 
 
 def test_the_default_is_robust_and_followed() -> None:

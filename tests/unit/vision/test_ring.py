@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.vision.transport import ring as shm
 from gateway.vision.transport.progress import Progress, ProgressPage
-from gateway.vision.transport.ring import SLOTS, Ring, RingSpec
+from gateway.vision.transport.ring import GENERATION, HEIGHT, SLOTS, WIDTH, Ring, RingSpec
 
 S = 1_000_000_000
 
 
 @pytest.fixture
 def spec() -> Iterator[RingSpec]:
-    spec = shm.create(max_megapixels=0.02)
+    spec = RingSpec.create(max_megapixels=0.02)
     yield spec
-    shm.close(spec)
+    spec.close()
 
 
 def picture(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
@@ -81,7 +80,7 @@ def test_generations_are_even_when_complete_and_never_repeat(spec: RingSpec) -> 
         ring = Ring(spec, writable=True)
         for _ in range(3):
             ring.write(picture(4, 4), 1, 1)
-            seen.append(int(ring._headers[0][shm.GENERATION]))
+            seen.append(int(ring._headers[0][GENERATION]))
     assert all(generation % 2 == 0 for generation in seen)
     assert seen == sorted(seen)
     assert len(set(seen)) == 2
@@ -117,7 +116,7 @@ def test_the_largest_frames_fit_beside_each_other(spec: RingSpec) -> None:
 
 
 def test_the_memory_has_no_name_is_sparse_and_cannot_be_resized() -> None:
-    spec = shm.create(max_megapixels=100)
+    spec = RingSpec.create(max_megapixels=100)
     try:
         assert spec.size_bytes > SLOTS * 300_000_000
         assert spec.slot_bytes % mmap.PAGESIZE == 0
@@ -130,13 +129,13 @@ def test_the_memory_has_no_name_is_sparse_and_cannot_be_resized() -> None:
             os.ftruncate(spec.fd, 0)
         assert not any(map(os.get_inheritable, spec.fds))
     finally:
-        shm.close(spec)
+        spec.close()
 
 
 def test_a_reader_s_descriptor_shows_the_frames_and_cannot_be_mapped_for_writing(spec: RingSpec) -> None:
     one = picture(10, 10)
     Ring(spec, writable=True).write(one, 1, 1)
-    reader = shm.reader(spec)
+    reader = spec.reader()
     try:
         viewer = Ring(reader, writable=False)
         np.testing.assert_array_equal(one, shown(viewer))
@@ -179,7 +178,7 @@ def test_a_header_that_cannot_be_shows_nothing(spec: RingSpec, size: tuple[int, 
     writer, viewer = Ring(spec, writable=True), Ring(spec, writable=False)
     writer.write(picture(4, 5), 1, 1)
     writer.write(picture(4, 5), 2, 2)
-    writer._headers[1][shm.HEIGHT], writer._headers[1][shm.WIDTH] = size
+    writer._headers[1][HEIGHT], writer._headers[1][WIDTH] = size
     assert viewer.snapshot(2) is None
     np.testing.assert_array_equal(picture(4, 5), shown(viewer))
 

@@ -21,9 +21,17 @@ from gateway.vision.process.monitor import Action, Emit, ProcessMonitor
 from gateway.vision.process.vision_process import Capture, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Frame, Source
-from gateway.vision.transport import ring as shm
-from gateway.vision.transport.messages import DetectorSpec, Opened, Ready, Result, SourceLost, SourceRecord, VisionJob
+from gateway.vision.transport.messages import (
+    DetectorSpec,
+    FrameResult,
+    Opened,
+    Ready,
+    SourceLost,
+    SourceRecord,
+    VisionJob,
+)
 from gateway.vision.transport.progress import Progress, ProgressPage
+from gateway.vision.transport.ring import RingSpec
 
 CLOCK = SystemClock()
 
@@ -79,13 +87,13 @@ MS = 1_000_000
 
 
 @pytest.fixture
-def ring() -> Iterator[shm.RingSpec]:
-    spec = shm.create(max_megapixels=0.02)
+def ring() -> Iterator[RingSpec]:
+    spec = RingSpec.create(max_megapixels=0.02)
     yield spec
-    shm.close(spec)
+    spec.close()
 
 
-def captured(spec: FewFrames, ring: shm.RingSpec) -> list[Any]:
+def captured(spec: FewFrames, ring: RingSpec) -> list[Any]:
     """What happens in the capture thread, in order."""
     detector = DetectorSpec(VisionConfig())
     job = VisionJob(1, SourceRecord.of(spec), detector, CLOCK, ring, FrameRules(), first_seq=5)
@@ -95,7 +103,7 @@ def captured(spec: FewFrames, ring: shm.RingSpec) -> list[Any]:
     return diary.entries
 
 
-def test_the_source_is_open_before_the_first_frame_can_be_looked_at(ring: shm.RingSpec) -> None:
+def test_the_source_is_open_before_the_first_frame_can_be_looked_at(ring: RingSpec) -> None:
     """Else a detector that dies on the first frame would be taken for a driver that dies while it opens."""
     opened, first, second, lost = captured(FewFrames(2), ring)
     assert opened == Opened(lossless=False)
@@ -104,7 +112,7 @@ def test_the_source_is_open_before_the_first_frame_can_be_looked_at(ring: shm.Ri
 
 
 @pytest.mark.parametrize("ahead_ns", [HOUR_NS, 1 << 62, -1 << 62])
-def test_a_frame_of_a_time_that_cannot_be(ring: shm.RingSpec, ahead_ns: int) -> None:
+def test_a_frame_of_a_time_that_cannot_be(ring: RingSpec, ahead_ns: int) -> None:
     """One of a time to come would be new however long the detector takes, and the newest one in the ring for ever."""
     before_ns = CLOCK.now_ns()
     _, frame, _ = captured(FewFrames(1, ahead_ns=ahead_ns), ring)
@@ -115,14 +123,14 @@ def test_a_frame_of_a_time_that_cannot_be(ring: shm.RingSpec, ahead_ns: int) -> 
     assert set(frame.changed_ns.flat) == {frame.t_capture_ns}
 
 
-def test_a_source_that_writes_into_a_frame_which_it_has_handed_over_is_refused(ring: shm.RingSpec) -> None:
+def test_a_source_that_writes_into_a_frame_which_it_has_handed_over_is_refused(ring: RingSpec) -> None:
     """The detector works on that frame: it would see half of one picture and half of the next."""
     _, first, lost = captured(FewFrames(3, one_buffer=True), ring)
     assert first.seq == 5
     assert lost == SourceLost("few: it has written into a frame that it had handed over; each needs its own array")
 
 
-def test_every_frame_of_a_source_that_wants_it_is_looked_at_before_its_end_is_reported(ring: shm.RingSpec) -> None:
+def test_every_frame_of_a_source_that_wants_it_is_looked_at_before_its_end_is_reported(ring: RingSpec) -> None:
     spec = FewFrames(20, lossless=True)
     job = VisionJob(1, SourceRecord.of(spec), DetectorSpec(VisionConfig()), CLOCK, ring, FrameRules(), first_seq=1)
     diary, progress, newest = Diary(), ProgressPage(ring, writable=True), NewestFrame()
@@ -167,9 +175,9 @@ class MainSide:
         self.monitor = ProcessMonitor("cam", CameraConfig(deadline_s=1.0), vision, random.Random(1))
         self.turns = service._Turns(self.monitor, cast("Any", self), cast("Any", self), self.carry_out)
         self.turns._pool = cast("Any", self)
-        self.turns.on_news()
+        self.turns.on_arrival()
         self.arrive(Ready(), Opened(lossless=False))
-        self.turns.on_news()
+        self.turns.on_arrival()
         self.waked = 0
 
     def now_ns(self) -> int:
@@ -193,7 +201,7 @@ class MainSide:
 
     def arrive(self, *messages: Any) -> None:
         self.arrived += [(self.monitor.token, message) for message in messages]
-        self.turns.on_news()
+        self.turns.on_arrival()
 
     def works(self, seq: int, began_ms: int) -> None:
         t_ns = began_ms * MS
@@ -212,11 +220,11 @@ def test_when_a_deadline_has_passed_all_that_has_arrived_is_read_before_anything
     """The main process was held up for longer than the deadline; the results came in time."""
     main_side.now = 20 * MS
     main_side.works(1, began_ms=10)
-    main_side.arrive(Result(1, 10 * MS, SEEN, 10 * MS))
+    main_side.arrive(FrameResult(1, 10 * MS, SEEN, 10 * MS))
     main_side.works(3, began_ms=100)
     main_side.now = 700 * MS
     main_side.notes = dataclasses.replace(main_side.notes, work_began_ns=0, captured_ns=690 * MS, detector_ns=690 * MS)
-    main_side.arrive(Result(2, 50 * MS, SEEN, 50 * MS), Result(3, 100 * MS, SEEN, 100 * MS))
+    main_side.arrive(FrameResult(2, 50 * MS, SEEN, 50 * MS), FrameResult(3, 100 * MS, SEEN, 100 * MS))
     assert [reading.frame_id for reading in main_side.readings] == [1, 2, 3]
     assert {reading.quality for reading in main_side.readings} == {Quality.GOOD}
 
@@ -255,8 +263,8 @@ def test_what_goes_wrong_while_messages_are_read_is_the_task_s_failure(main_side
         raise ZeroDivisionError
 
     main_side.turns._carry_out = fails
-    main_side.arrive(Result(1, 0, SEEN, 0))
+    main_side.arrive(FrameResult(1, 0, SEEN, 0))
     assert isinstance(main_side.turns._failure, ZeroDivisionError)
     assert main_side.waked == 1
-    main_side.arrive(Result(2, 0, SEEN, 0))  # nothing is read any more
+    main_side.arrive(FrameResult(2, 0, SEEN, 0))  # nothing is read any more
     assert len(main_side.arrived) == 1

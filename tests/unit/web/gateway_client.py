@@ -15,8 +15,7 @@ from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import image_of
 from gateway.processes.channel import Channel
-from gateway.vision.transport import ring
-from gateway.vision.transport.ring import Ring
+from gateway.vision.transport.ring import Ring, RingSpec
 from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
 from gateway.web.ipc.messages import (
@@ -99,7 +98,7 @@ async def plant(
         lambda: replace(made.links, alarms=monitor.summary(100), changes=monitor.changes()),
         monitor.act,
     )
-    specs = {name: ring.create(0.1) for name in names}
+    specs = {name: RingSpec.create(0.1) for name in names}
     near, far = Channel[ToWeb, FromWeb].pair(FROM_WEB)
     about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
     client = GatewayClient(about, Channel[FromWeb, ToWeb](far, TO_WEB), clock, clock)
@@ -141,4 +140,4 @@ async def plant(
         near.close()
         far.close()
         for spec in specs.values():
-            ring.close(spec)
+            spec.close()
