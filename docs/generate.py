@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cv2
 
+from gateway.alarms import failure_modes
 from gateway.alarms import states as alarm_states
 from gateway.alarms import table as alarm_table
 from gateway.config import VisitConfig
@@ -32,6 +33,7 @@ from gateway.vision.offline.evaluation import labels, requirements, scoring
 from gateway.vision.view import example
 from gateway.web.server import app, openapi
 from gateway.web.server.metrics import text as metrics
+from tests.failure_mode_tests import marked_tests
 
 DOCS = Path(__file__).resolve().parent
 BLOCK = re.compile(r"(?<=<!-- generated: )([a-z][a-z ]*)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
@@ -68,6 +70,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "verdicts": scoring.markdown,
     },
     "config.md": {"keys": configdoc.markdown},
+    "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
     "hmi-security.md": {"access": app.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
     "hmi-api.md": {"calls": openapi.markdown, "metrics": metrics.markdown},

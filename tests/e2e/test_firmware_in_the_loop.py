@@ -107,6 +107,7 @@ async def test_noise_on_the_wire_is_counted_and_no_distance_is_wrong() -> None:
 
 
 @in_real_time
+@pytest.mark.failure_mode("R11")
 async def test_opening_resets_an_uno_and_pulling_the_cable_takes_its_power() -> None:
     clock = SystemClock()
     async with ranger(clock, resets_on_open=True) as board:
@@ -123,6 +124,7 @@ async def test_opening_resets_an_uno_and_pulling_the_cable_takes_its_power() -> 
 
 
 @in_real_time
+@pytest.mark.failure_mode("R14")
 async def test_a_wrong_baud_rate_is_named_and_never_a_distance() -> None:
     """The pty tells the bench the rate that the host has set; the bench samples the line at that rate."""
     clock = SystemClock(speed=2.0)

@@ -22,6 +22,7 @@ from tests.unit.web.gateway_client import plant
         ("nonsense", "not a message that is taken here"),
     ],
 )
+@pytest.mark.failure_mode("W3")
 def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on(
     instance: str, why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -209,6 +209,7 @@ async def test_four_bays_and_one_that_fails() -> None:
 
 @pytest.mark.parametrize("words", [[0x1_0000], [-1], ["x"], [1.5], None])
 @complete
+@pytest.mark.failure_mode("G10")
 async def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplog: pytest.LogCaptureFixture) -> None:
     async with ModbusServer(ANY_PORT, {1: Unit(lambda: words)}) as server:
         with caplog.at_level(logging.ERROR):

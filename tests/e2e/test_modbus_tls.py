@@ -336,6 +336,7 @@ def ask_from(source: str, port: int, context: ssl.SSLContext) -> bytes:
 
 
 @played
+@pytest.mark.failure_mode("P7")
 async def test_one_address_may_begin_only_so_many_handshakes_and_others_are_not_held_up(
     plant: Plant, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -594,6 +595,7 @@ class Standing:
 
 
 @played
+@pytest.mark.failure_mode("P9")
 async def test_a_certificate_that_is_taken_back_ends_its_connection(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -624,6 +626,7 @@ async def test_a_certificate_that_is_taken_back_ends_its_connection(
 
 
 @played
+@pytest.mark.failure_mode("P9")
 async def test_a_certificate_that_expires_ends_its_connection(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     own, clock = Plant(tmp_path), LaterClock()
     own.client("plc1")  # for 30 days
@@ -647,6 +650,7 @@ async def test_a_certificate_that_expires_ends_its_connection(tmp_path: Path, ca
 
 
 @played
+@pytest.mark.failure_mode("P8")
 async def test_any_bytes_at_any_moment_leave_the_server_well(plant: Plant) -> None:
     """Seeded noise: before the handshake, in it, and in the middle of an encrypted connection."""
     chance = random.Random(20)

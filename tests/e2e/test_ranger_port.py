@@ -204,6 +204,7 @@ async def test_opening_resets_the_board_and_its_boot_is_waited_for() -> None:
 
 
 @in_real_time
+@pytest.mark.failure_mode("R7")
 async def test_noise_on_the_line_makes_no_distance_and_is_over_when_it_is_over() -> None:
     async with connected(speed=5.0, seed=5) as (ranger, host):
         await host.until_good()
@@ -277,6 +278,7 @@ async def test_however_the_bytes_are_cut(cut: str) -> None:
 
 
 @in_real_time
+@pytest.mark.failure_mode("R14")
 async def test_garbage_for_ever_is_no_ranger() -> None:
     chance = random.Random(2)
     with bare_pty() as (master, path):
@@ -415,6 +417,7 @@ async def test_a_serial_server_that_hangs_up_is_called_again() -> None:
 
 
 @in_real_time
+@pytest.mark.failure_mode("R13")
 async def test_a_flooding_serial_server_does_not_hold_up_the_gateway() -> None:
     async with Server(flood=True) as server:
         host = Host(server.url, SystemClock())

@@ -204,6 +204,7 @@ def test_a_function_check_survives_a_gateway_that_is_killed(tmp_path: Path, vide
     assert kept_in(kept) == "OFF"
 
 
+@pytest.mark.failure_mode("G5")
 def test_a_damaged_bay_file_is_a_function_check(tmp_path: Path, video: Path, ranger: Ranger) -> None:
     kept = tmp_path / "state" / f"bay.test.{tmp_path.name}.bay1.json"
     kept.parent.mkdir()
@@ -231,6 +232,7 @@ def test_every_shipped_configuration_is_good(name: str) -> None:
     assert "good" in done.stdout
 
 
+@pytest.mark.failure_mode("G9")
 def test_a_wrong_configuration_names_file_line_key_value_and_range(tmp_path: Path) -> None:
     path = tmp_path / "bay.toml"
     path.write_text('site = "a"\n[vision]\nmin_circularity = 1.5\nmorf_kernel_px = 3\n[camera]\nurl = "gopher://x"\n')

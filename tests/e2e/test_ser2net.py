@@ -113,6 +113,7 @@ class Approach:
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # pyserial 3.5
 @pytest.mark.parametrize("kind", ACCEPTER)
 @in_real_time
+@pytest.mark.failure_mode("R12")
 async def test_distances_come_through_and_a_stall_never_makes_an_old_one_look_fresh(kind: str, tmp_path: Path) -> None:
     clock = SystemClock()
     truth = Approach(clock)

@@ -153,6 +153,7 @@ def check_polls(plc: Plc, states: list[Row]) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.failure_mode("G3")
 def test_a_signal_ends_it_and_the_last_word_is_stop(tmp_path: Path, number: int) -> None:
     args = ("simulate", "--scenario", scenario(tmp_path, STANDING), "--modbus-port", "0", "--json")
     with Gateway(*args) as gateway:
@@ -172,6 +173,7 @@ def shared_files() -> set[tuple[Path, int]]:
     return {(path, path.stat().st_ino) for path in folder().glob(f"loading-gateway.test-{os.getpid()}.*")}
 
 
+@pytest.mark.failure_mode("G2")
 def test_nothing_survives_a_sigkill_and_the_next_start_is_clean(tmp_path: Path) -> None:
     bay = ("--scenario", scenario(tmp_path, STANDING), "--config", settings(tmp_path))
     args = ("simulate", *bay, "--modbus-port", "0", "--json")
@@ -191,6 +193,7 @@ def test_nothing_survives_a_sigkill_and_the_next_start_is_clean(tmp_path: Path) 
     assert shared_files() == set()
 
 
+@pytest.mark.failure_mode("V1", "V2")
 def test_a_killed_vision_process_is_replaced_and_meanwhile_stop_is_on(tmp_path: Path) -> None:
     args = ("simulate", "--scenario", scenario(tmp_path, STANDING), "--modbus-port", "0", "--json")
     with Gateway(*args) as gateway:
@@ -220,6 +223,7 @@ def untouched(polls: list[Poll]) -> bool:
     return {poll.image["reason"] for poll in polls} <= UNTOUCHED
 
 
+@pytest.mark.failure_mode("G7")
 def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
     text = (
         STANDING + 'bay = "bay2"\nfaults = [{ kind = "camera_lost", at_s = 12, for_s = 600 }]\n[camera]\nfps = 15.0\n'
@@ -245,6 +249,7 @@ def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
                 assert untouched(plc.polls[mark:])
 
 
+@pytest.mark.failure_mode("C3")
 def test_a_stuck_picture_of_a_truck_far_away_gives_no_leave_to_move(tmp_path: Path) -> None:
     """Frames go on coming with new times: first they are one picture that ages, then a lost camera."""
     text = STANDING + 'faults = [{ kind = "camera_stuck", at_s = 12, for_s = 600 }]\n'
@@ -260,6 +265,7 @@ def test_a_stuck_picture_of_a_truck_far_away_gives_no_leave_to_move(tmp_path: Pa
         assert {(p.image["stop"], p.image["may_move"], p.image["radius"]) for p in stuck} == {(1, 0, None)}
 
 
+@pytest.mark.failure_mode("Q1")
 def test_the_registers_go_on_while_the_broker_hangs_and_dies(tmp_path: Path) -> None:
     with (
         Mosquitto(tmp_path) as broker,

@@ -165,6 +165,7 @@ BEFORE_THE_FIRST_POLL = {
 @pytest.mark.parametrize("before", BEFORE_THE_FIRST_POLL.values(), ids=BEFORE_THE_FIRST_POLL)
 @pytest.mark.parametrize("good", [True, False], ids=["poll good", "poll bad"])
 @pytest.mark.parametrize("state", [permitted, standing])
+@pytest.mark.failure_mode("P3")
 def test_a_frozen_image_never_gives_an_output(
     program: Program, before: list[list[int]], good: bool, state: Callable[[int], StateVector]
 ) -> None:
@@ -183,6 +184,7 @@ def test_a_frozen_image_between_failed_polls_never_gives_an_output(scan: Scan) -
         assert scan.run(words(standing(30)), ok=n % 3 != 2) is not Diagnosis.OK
 
 
+@pytest.mark.failure_mode("P1")
 def test_a_heartbeat_that_stands_still_takes_both_outputs_away_within_its_time(scan: Scan) -> None:
     for state in (permitted, standing):
         for heartbeat in (5, 6, 7):
@@ -315,6 +317,7 @@ def test_the_plcs_own_heartbeat_beats_whatever_comes_and_wraps(scan: Scan) -> No
     assert [scan.run(words(permitted())) and scan.block["PlcHeartbeat"] for _ in range(3)] == [0xFFFF, 0, 1]
 
 
+@pytest.mark.failure_mode("P4")
 def test_swapped_words_are_called_so(scan: Scan) -> None:
     for heartbeat in (5, 6, 7):
         found = scan.run(encode(permitted(heartbeat), 0, "little"))

@@ -233,6 +233,7 @@ def test_with_other_settings_or_begun_again_after_a_crash_frames_are_numbered_on
     play(story)
 
 
+@pytest.mark.failure_mode("C9")
 def test_every_frame_of_a_fast_film_is_reported_in_order_and_then_its_end(tmp_path: Path) -> None:
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (320, 240))
@@ -369,6 +370,7 @@ class TestAStandingBay:
         for process in family():
             assert process.cpu_affinity() == [standing.cpu]
 
+    @pytest.mark.failure_mode("V1")
     def test_a_killed_process_is_replaced(self, standing: Standing) -> None:
         async def story() -> None:
             bay = standing.bay
@@ -399,6 +401,7 @@ POISON = {
 }
 
 
+@pytest.mark.failure_mode("V3")
 def test_each_frame_that_breaks_the_detector_costs_one_process_and_one_frame(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -419,6 +422,7 @@ def test_each_frame_that_breaks_the_detector_costs_one_process_and_one_frame(
     assert "ValueError: poison" in capfd.readouterr().err  # the traceback is there for whoever mends it
 
 
+@pytest.mark.failure_mode("V2")
 def test_a_process_that_is_stopped_is_noticed_and_replaced(tmp_path: Path) -> None:
     async def story() -> None:
         async with Bay(shades(tmp_path, 1), look_s=2.0, deadline_s=2.0, loop=True, fps=20) as bay:
@@ -483,6 +487,7 @@ def test_a_source_that_fails_is_noticed_told_and_opened_again_however_it_fails(
     assert "ZeroDivisionError: a bug in the driver" in capfd.readouterr().err
 
 
+@pytest.mark.failure_mode("V6")
 def test_a_driver_that_hangs_with_the_interpreter_s_lock_held_is_noticed_from_outside(tmp_path: Path) -> None:
     async def story() -> None:
         async with Bay(ShadesSpec(str(tmp_path / "diary"), 5, ("driver hangs locked",)), deadline_s=2.0) as bay:
@@ -600,6 +605,7 @@ def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) 
     play(story)
 
 
+@pytest.mark.failure_mode("C7")
 def test_a_picture_of_another_size_is_a_lost_camera_until_it_has_its_size_again(mjpeg: MjpegServer) -> None:
     camera = f"http://127.0.0.1:{mjpeg.server_address[1]}/mjpg"
 

@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
 from gateway import event_loop
@@ -51,6 +52,7 @@ async def until(wanted: Callable[[], Coroutine[Any, Any, bool]]) -> None:
 
 
 @on_gateway_loop
+@pytest.mark.failure_mode("P6")
 async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> None:
     bay = bay_with()
 
@@ -72,6 +74,7 @@ async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> No
 
 
 @on_gateway_loop
+@pytest.mark.failure_mode("P5")
 async def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -> None:
     bay = bay_with(heartbeat_deadline_s=20.0, enable_required=True)
 

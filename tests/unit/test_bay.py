@@ -133,6 +133,7 @@ def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
 
 
 @pytest.mark.parametrize(("period_s", "dead_after_ms"), [(0.02, 250), (0.005, 250), (0.1, 250), (0.3, 600)])
+@pytest.mark.failure_mode("G1")
 def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float, dead_after_ms: int) -> None:
     bench = Bench(
         fusion=FusionConfig(

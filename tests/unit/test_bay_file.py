@@ -377,6 +377,7 @@ class TestWork:
         run(main())
         assert len(disk.written) == 1
 
+    @pytest.mark.failure_mode("G6")
     def test_a_full_disk_stops_nothing_and_is_told_once(self, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
         disk = Disk(faults=[OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) for _ in range(20)])
         caplog.set_level(logging.WARNING)
@@ -403,6 +404,7 @@ class TestWork:
             "the bay files can be written again",
         ]
 
+    @pytest.mark.failure_mode("G6")
     def test_a_disk_that_hangs_holds_up_nobody(self, tmp_path: Path) -> None:
         disk = Disk(hangs=True)
 

@@ -128,6 +128,7 @@ def test_no_two_outputs_ever_disagree(history: list[tuple[Any, ...]]) -> None:
     run(_played(history))
 
 
+@pytest.mark.failure_mode("G1")
 def test_a_dead_control_task_beside_live_sensors() -> None:
     """Every observation makes a new state, and none of them may be shown."""
     said = run(_played([("stand", 30), ("die",), *[("wait", 30), ("see", Quality.GOOD, 100.0)] * 12]))

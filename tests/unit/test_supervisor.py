@@ -165,6 +165,7 @@ def test_a_crash_is_logged_with_its_traceback_and_the_task_restarted(caplog: pyt
     assert "number 1" in caplog.text
 
 
+@pytest.mark.failure_mode("G8")
 def test_a_crash_loop_ends_everything() -> None:
     failing = Failing(lambda: ZeroDivisionError("oops"))
     ended: list[str] = []

@@ -71,6 +71,7 @@ def test_visit_holds_in_place_through_two_minutes_of_loading() -> None:
     assert kinds(bench)[3:] == [EventKind.VISIT_ENDED]
 
 
+@pytest.mark.failure_mode("M2")
 def test_visit_lamp_never_lets_the_truck_go() -> None:
     bench = played("visit-lamp")
     lit = during(bench, FaultKind.RED_LAMP)
@@ -80,6 +81,7 @@ def test_visit_lamp_never_lets_the_truck_go() -> None:
     assert bench.state.visit.place is None
 
 
+@pytest.mark.failure_mode("T1")
 def test_visit_creep_reports_the_roll_at_the_edge_of_the_band() -> None:
     bench = played("visit-creep")
     moved = next(moment for moment in bench.moments if moment.state.visit.moved is not Moved.NO)
@@ -87,6 +89,7 @@ def test_visit_creep_reports_the_roll_at_the_edge_of_the_band() -> None:
     assert all(moment.state.stop for moment in bench.moments if moment.truth.spout == 1)
 
 
+@pytest.mark.failure_mode("T2")
 def test_visit_drive_away_is_reported_within_half_a_second_and_lets_nobody_go_unseen() -> None:
     bench = played("visit-drive-away")
     left_s = next(m.t_s for m in bench.moments if m.t_s > 10 and m.truth.distance_mm > 320)
@@ -96,6 +99,7 @@ def test_visit_drive_away_is_reported_within_half_a_second_and_lets_nobody_go_un
     assert not any(moment.state.may_move for moment in unseen)
 
 
+@pytest.mark.failure_mode("R9")
 def test_visit_echo_ends_in_place_and_never_stop() -> None:
     bench = played("visit-echo")
     echoes = during(bench, FaultKind.RANGER_ECHO, late_s=0.8)
@@ -107,6 +111,7 @@ def test_visit_echo_ends_in_place_and_never_stop() -> None:
     ]
 
 
+@pytest.mark.failure_mode("R9")
 def test_visit_person_is_a_contradiction_that_ends_with_the_person() -> None:
     bench = played("visit-person")
     stops = [m for m in bench.moments if m.t_s < 13 and m.state.stop]
@@ -115,6 +120,7 @@ def test_visit_person_is_a_contradiction_that_ends_with_the_person() -> None:
     assert {moment.state.reason for moment in stops} == {Reason.SENSORS_DISAGREE}
 
 
+@pytest.mark.failure_mode("T3")
 def test_visit_two_trucks_makes_the_second_earn_it() -> None:
     bench = played("visit-two-trucks")
     assert [kind for kind in kinds(bench) if kind is not EventKind.IN_PLACE_ENDED] == [
@@ -131,6 +137,7 @@ def test_visit_two_trucks_makes_the_second_earn_it() -> None:
 
 
 @pytest.mark.parametrize("name", ["visit-drive-away", "visit-two-trucks"])
+@pytest.mark.failure_mode("P10")
 def test_a_plc_that_holds_its_release_bit_all_day_gains_nothing(name: str) -> None:
     """With the bit on from the start to the end, every output is as without it."""
     scenario = scenarios.load(ROOT / "scenarios" / f"{name}.toml")

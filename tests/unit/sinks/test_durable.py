@@ -92,6 +92,7 @@ class Stuck(EventFile):
         raise StoreError("the disk is full")
 
 
+@pytest.mark.failure_mode("Q2")
 def test_a_full_disk_is_told_and_costs_nothing(name: str, tmp_path: Path) -> None:
     """Everything is delivered from memory; whatever the disk did not take the next start finds in the journal."""
     path = tmp_path / "outbox.sqlite"
@@ -163,6 +164,7 @@ def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("damage", [b"this is no database" * 300, b"SQLite format 3\x00" + b"\xff" * 5000])
+@pytest.mark.failure_mode("Q3")
 def test_a_corrupt_file_is_put_aside_and_a_new_one_begun(name: str, tmp_path: Path, damage: bytes) -> None:
     path = tmp_path / "outbox.sqlite"
     for _ in range(6):

@@ -34,6 +34,7 @@ def checks(rules: FrameRules, before: SizePx | None = None, *, may_repeat: bool 
         (FrameRules(lens_px=(48, 64)), r"vision\.intrinsics hold for 48 x 64 px"),
     ],
 )
+@pytest.mark.failure_mode("C7")
 def test_another_size_than_configured_is_a_lost_link_that_names_both(rules: FrameRules, words: str) -> None:
     with pytest.raises(LinkError, match=rf"^cam: its frames are 64 x 48 px; {words}$"):
         checks(rules).passed(frame())
@@ -70,6 +71,7 @@ def repeated(count: int) -> list[Frame]:
     return [Frame(one.image, one.t_capture_ns + n * S // 25) for n in range(count)]
 
 
+@pytest.mark.failure_mode("C3")
 def test_a_repeated_picture_keeps_the_time_of_its_first_and_is_lost_in_the_end() -> None:
     passing = checks(FrameRules(frozen_s=1.0))
     assert passing.passed(frame()) is None  # not to be shown before it has changed once

@@ -36,6 +36,7 @@ def test_on_a_steady_way_a_frame_is_new_when_it_arrives() -> None:
     assert ages_ns(PresentationTime(), delays([30 * MS] * 500)) == [0] * 500
 
 
+@pytest.mark.failure_mode("C8")
 def test_a_burst_after_a_stall_has_the_age_that_it_has() -> None:
     """1 s without a frame, then 25 at once: each as old as it was held back, and afterwards all is as before."""
     frames = delays([0] * 50 + [S - n * FRAME for n in range(25)] + [0] * 50)
@@ -43,6 +44,7 @@ def test_a_burst_after_a_stall_has_the_age_that_it_has() -> None:
     assert ages_ns(PresentationTime(), frames) == [0] * 50 + [S - n * FRAME for n in range(25)] + [0] * 50
 
 
+@pytest.mark.failure_mode("C8")
 def test_a_growing_backlog_is_seen_to_the_millisecond_and_never_forgiven() -> None:
     """A link that carries nine tenths of the stream: 5.4 s late after 54 s; then it stays so for an hour."""
     growing = [n * FRAME // 10 for n in range(1350)]

@@ -309,6 +309,7 @@ def test_a_detector_that_throws_is_reported_at_once_and_its_process_is_ended() -
     assert len(bench.told) == 1
 
 
+@pytest.mark.failure_mode("V4")
 def test_a_detector_hangs_exactly_at_its_deadline() -> None:
     bench = running()
     bench.frame()
@@ -616,6 +617,7 @@ NEVER_NS = 1 << 62
         dict.fromkeys(("captured_seq", "captured_ns", "work_seq", "work_t_capture_ns", "work_began_ns"), NEVER_NS),
     ],
 )
+@pytest.mark.failure_mode("V5")
 def test_notes_that_cannot_be_are_no_notes(nonsense: dict[str, int]) -> None:
     """The process is not silent for ever, and the numbers of the frames stay what they are."""
     bench = running()
@@ -666,6 +668,7 @@ def test_a_fault_is_never_older_than_the_reading_before_it(*, settings_change: b
         ({"seq": 2, "t_capture_ns": -1}, "result of a frame of another time"),
     ],
 )
+@pytest.mark.failure_mode("V5")
 def test_a_result_that_cannot_be_is_a_fault_of_the_process(changes: dict[str, int], why: str) -> None:
     bench = running()
     bench.look()
@@ -780,6 +783,7 @@ def test_a_film_in_which_no_frame_may_be_skipped_continues_after_the_frame_that_
 
 @pytest.mark.parametrize("lossless", [False, True])
 @pytest.mark.parametrize("how", ["ended", "silent", "killed"])
+@pytest.mark.failure_mode("C9")
 def test_a_film_that_was_lost_after_its_first_frame_is_not_begun_again(lossless: bool, how: str) -> None:
     bench = running(lossless=lossless, finite=True)
     bench.look()
