@@ -42,7 +42,8 @@ from gateway.config import BayConfig, CameraConfig, VisionConfig
 from gateway.core.detection import Detection
 from gateway.core.readings import Quality, VisionReading
 from gateway.hub import Hub
-from gateway.modbus.registers.bay_unit import CurrentImage
+from gateway.modbus.protocol.answers import ReadImage
+from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register_map import decode
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
@@ -69,16 +70,16 @@ class Registers:
     vision_ns: list[int] = field(default_factory=list)  # the stages
     bay: BayConfig = field(default_factory=BayConfig)
     control: BayControl = field(init=False)
-    image: CurrentImage = field(init=False)
+    image: ReadImage = field(init=False)
 
     def __post_init__(self) -> None:
         self.control = BayControl(self.bay, Hub([self.bay.name]), self.clock)
-        self.image = CurrentImage("big")
+        self.image = image_of(self.control.state, "big", self.clock)
 
     def on_vision(self, reading: VisionReading) -> None:
         began_ns = self.clock.now_ns()
         self.control.on_vision(reading)
-        words = self.image.of(self.control.state(), self.clock.now_ns(), self.clock.wall_ns())
+        words = self.image()
         ended_ns = self.clock.now_ns()
         if not reading.frame_id:
             return

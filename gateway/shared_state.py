@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from gateway.clock import Clock, SystemClock
 from gateway.core.fusion import not_good
@@ -33,9 +33,7 @@ from gateway.errors import ConfigError, LinkError
 
 MAGIC = b"LOADBAY2"
 _HEAD = struct.Struct("<8sIIQ")  # magic, slot size, writer's pid, count of writes
-# seq, t, t_vision, t_range, valid until, frame id; u, v, R, Z, Z_vision; qualities, reason, D, stop, may_move,
-# in_place, moved
-_BODY = struct.Struct("<QqqqqQ5dBBHbBBBB")
+_BODY = struct.Struct("<QqqqqQ5dBBHb???B")  # the fields of SharedVector from `seq` on; D: -1 where it is unknown
 _CRC = struct.Struct("<I")
 _SLOT_SIZE = _BODY.size + _CRC.size
 _SIZE = _HEAD.size + 2 * _SLOT_SIZE
@@ -217,44 +215,18 @@ class SharedStateReader:
 
 
 def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
-    seq, t, t_vision, t_range, until, frame, u, v, r, z, z_vision, q_vision, q_range, reason, *facts = _BODY.unpack(
-        body
-    )
-    d, stop, may_move, in_place, moved = facts
-    return SharedVector(
-        bay=bay,
-        pid=pid,
-        seq=seq,
-        t_ns=t,
-        t_vision_ns=t_vision,
-        t_range_ns=t_range,
-        valid_until_ns=until,
-        frame_id=frame,
-        u_px=u,
-        v_px=v,
-        radius_px=r,
-        distance_mm=z,
-        z_vision_mm=z_vision,
-        vision_quality=Quality(q_vision),
-        range_quality=Quality(q_range),
-        reason=Reason(reason),
-        d=None if d < 0 else bool(d),
-        stop=bool(stop),
-        may_move=bool(may_move),
-        in_place=bool(in_place),
-        moved=Moved(moved),
-    )
+    *numbers, vision, distance, reason, d, stop, may_move, in_place, moved = _BODY.unpack(body)
+    codes = Quality(vision), Quality(distance), Reason(reason)
+    fields = (bay, pid, *numbers, *codes, None if d < 0 else bool(d), stop, may_move, in_place, Moved(moved))
+    return SharedVector(*fields)
 
 
 def _withdrawn(vector: SharedVector) -> SharedVector:
     """As `shown.withdrawn` does to the state that the registers show."""
+    no_values: dict[str, Any] = dict.fromkeys(("u_px", "v_px", "radius_px", "distance_mm", "z_vision_mm"), math.nan)
     return replace(
         vector,
-        u_px=math.nan,
-        v_px=math.nan,
-        radius_px=math.nan,
-        distance_mm=math.nan,
-        z_vision_mm=math.nan,
+        **no_values,
         vision_quality=not_good(vector.vision_quality),
         range_quality=not_good(vector.range_quality),
         reason=Reason.GATEWAY_FAULT,
@@ -322,14 +294,11 @@ def _is_at(fd: int, path: Path) -> bool:
         return False
 
 
-def _writer_pid(fd: int) -> int:
-    head = os.pread(fd, _HEAD.size, 0)
-    return int(_HEAD.unpack(head)[2]) if len(head) == _HEAD.size else 0
-
-
 def _pid_at(path: Path) -> int:
+    """The writer's; 0: there is none, or it has not written its own yet."""
     with _opened(path) as fd:
-        return 0 if fd is None else _writer_pid(fd)
+        head = b"" if fd is None else os.pread(fd, _HEAD.size, 0)
+    return int(_HEAD.unpack(head)[2]) if len(head) == _HEAD.size else 0
 
 
 @contextlib.contextmanager

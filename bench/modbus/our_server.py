@@ -36,7 +36,7 @@ def churning() -> ReadImage:
 async def main(args: argparse.Namespace) -> None:
     clock = SystemClock()
     bay = BayControl(BayConfig(), Hub(["bay1"]), clock)
-    read = churning() if args.churn else image_of(bay, "big", clock)
+    read = churning() if args.churn else image_of(bay.state, "big", clock)
     keys = {"connections_per_address": 4096} | dict(args.set)  # all of a bench's clients have one address
     config = ModbusConfig(port=0, **keys)
     async with ModbusServer(config, {1: Unit(read)}) as server, asyncio.TaskGroup() as group:

@@ -57,7 +57,7 @@ class Outputs:
         config = MqttConfig(url="mqtt://broker", sparkplug=SparkplugConfig())
         self._made = made
         self._reader = reader
-        self._image = image_of(made.controls["bay1"], "big", clock)
+        self._image = image_of(made.controls["bay1"].state, "big", clock)
         self._mqtt = MqttPublisher(config, "site", "gw", made.hub, clock, "1.0")
         self._sparkplug = SparkplugPublisher(config, "site", "gw", made.hub, clock)
         self._asked = 0

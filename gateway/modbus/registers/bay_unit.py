@@ -25,7 +25,7 @@ _EXCEPTION = {
 
 def unit_of(bay: BayControl, config: ModbusConfig, site: str, clock: Clock) -> Unit:
     return Unit(
-        image_of(bay, config.word_order, clock),
+        image_of(bay.state, config.word_order, clock),
         writer(bay.on_write, bay.on_refused) if config.writes else None,
         identity.objects(f"{site}/{bay.name}"),
         lambda peer, why: bay.on_refused(writer_of(peer), why),
@@ -33,38 +33,24 @@ def unit_of(bay: BayControl, config: ModbusConfig, site: str, clock: Clock) -> U
     )
 
 
-class CurrentImage:
-    """The image of a bay's current state, encoded once: while the sequence number is the same, so is the image."""
+def image_of(state_now: Callable[[], StateVector], word_order: WordOrder, clock: Clock) -> ReadImage:
+    """Reads a bay's state at every call, so that a dead one shows as dead; encodes when there is another state.
 
-    def __init__(self, word_order: WordOrder) -> None:
-        self._word_order: WordOrder = word_order
-        self._key: tuple[int, Reason] | None = None
-        self._image: Image = ()
-
-    def of(self, state: StateVector, now_ns: int, wall_ns: int) -> Image:
-        """`now_ns` and `wall_ns`: the clock's two times now, from which the image's own wall time follows.
-
-        The state of a dead bay is a new one at every call, which differs only in its time: the first one is kept.
-        """
-        key = (state.seq, state.reason)
-        if key != self._key:
-            self._image = encode(state, wall_ns - (now_ns - state.t_ns), self._word_order)
-            self._key = key
-        return self._image
-
-
-def image_of(bay: BayControl, word_order: WordOrder, clock: Clock) -> ReadImage:
-    """Reads `bay` at every call, so that a dead one shows as dead; encodes when there is another state."""
-    image, ask = CurrentImage(word_order), bay.state
+    The state of a dead bay is a new one at every call, which differs only in its time: the first one's image is kept.
+    """
     last: StateVector | None = None
-    shown: Sequence[int] = ()
+    key: tuple[int, Reason] | None = None
+    image: Image = ()
 
-    def read() -> Sequence[int]:
-        nonlocal last, shown
-        state = ask()
+    def read() -> Image:
+        nonlocal last, key, image
+        state = state_now()
         if state is not last:  # nearly every poll finds the state of the one before
-            last, shown = state, image.of(state, clock.now_ns(), clock.wall_ns())
-        return shown
+            last = state
+            if key != (state.seq, state.reason):
+                key = state.seq, state.reason
+                image = encode(state, clock.wall_ns() - (clock.now_ns() - state.t_ns), word_order)
+        return image
 
     return read
 

@@ -22,13 +22,12 @@ Value = float | None
 Code = TypeVar("Code", bound=IntEnum)
 Part = TypeVar("Part")
 Names = Mapping[int, tuple[str, str]]
+Packed = tuple[tuple[int, ...], bool]
 
 _FLOAT32_MAX = 3.4028234663852886e38
 _FLOAT32_NAN = 0x7FC0_0000
-_ONE_FLOAT, _TWO_WORDS = struct.Struct(">f"), struct.Struct(">HH")
-_INTEGERS = {2: (struct.Struct(">I"), _TWO_WORDS), 4: (struct.Struct(">Q"), struct.Struct(">HHHH"))}
-_WITHIN = 1e9  # no one-word register extends so far at any scale
-_BEYOND = 1e30  # larger than any register at any scale, small enough to be divided by one
+_FLOAT = struct.Struct(">f")
+_UNSIGNED = {1: ">H", 2: ">I", 4: ">Q"}  # by the number of words
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,57 +98,36 @@ def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
     return {int(code): (code.name.lower(), meaning) for code, meaning in meanings.items()}
 
 
-def pack(kind: WireType, value: float | None, scale: float, order: WordOrder) -> tuple[tuple[int, ...], bool]:
-    """The words of `value` (in its unit; the register counts in `scale`), and whether it had to be limited.
+def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | None], Packed]:
+    """A function from a value (in its unit; the register counts in `scale`) to its words and whether it was limited.
 
     None and any number that is not finite is "no value": the sentinel, or 0 in a type without one. Never raises on a
     number.
     """
-    raw = _float_bits(value) if kind.is_float else _counts(value, scale)
-    if raw is None:
-        return _split(kind.no_value or 0, kind.words, order), False
-    if kind.is_float:
-        return _split(raw, kind.words, order), False
-    fitting = min(max(raw, kind.low), kind.high)
-    return _split(fitting & _mask(kind), kind.words, order), fitting != raw
+    number, layout = struct.Struct(_UNSIGNED[kind.words]), struct.Struct(f">{kind.words}H")
+    low, high, one_word, swapped = kind.low, kind.high, kind.words == 1, order == "little"
 
+    def words(data: bytes) -> tuple[int, ...]:
+        return layout.unpack(data)[::-1] if swapped else layout.unpack(data)
 
-Packed = tuple[tuple[int, ...], bool]
-
-
-def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | None], Packed]:
-    """`pack` with all but the value known beforehand: an image of a hundred of them is made at every state."""
-    nothing = pack(kind, None, scale, order)
-    low, high, high_first = kind.low, kind.high, order == "big"
+    nothing = words(number.pack(kind.no_value or 0)), False
 
     def float32(value: float | None) -> Packed:
-        if value is None:
+        if value is None or not -math.inf < value < math.inf:  # false for NaN too
             return nothing
-        if not -_FLOAT32_MAX <= value <= _FLOAT32_MAX:
-            return pack(kind, value, scale, order)
-        first, second = _TWO_WORDS.unpack(_ONE_FLOAT.pack(value))
-        return ((first, second) if high_first else (second, first)), False
+        return words(_FLOAT.pack(min(max(value, -_FLOAT32_MAX), _FLOAT32_MAX))), False
 
-    def one_word(value: int | float | None) -> Packed:
-        if value is None:
+    def integer(value: float | None) -> Packed:
+        if value is None or not -math.inf < value < math.inf:
             return nothing
-        if -_WITHIN < value < _WITHIN:  # false for NaN
+        try:
             raw = value if scale == 1 and isinstance(value, int) else round(value / scale)
-            if low <= raw <= high:
-                return (raw & 0xFFFF,), False
-        return pack(kind, value, scale, order)
+        except OverflowError:  # beyond any float, and so beyond any register
+            raw = high + 1 if value > 0 else low - 1
+        fitting = raw if low <= raw <= high else min(max(raw, low), high)
+        return (fitting & 0xFFFF,) if one_word else words(number.pack(fitting)), fitting != raw
 
-    long, parts = _INTEGERS.get(kind.words, (_ONE_FLOAT, _TWO_WORDS))
-
-    def whole_words(value: int | float | None) -> Packed:
-        if isinstance(value, int) and scale == 1 and 0 <= low <= value <= high:
-            words = parts.unpack(long.pack(value))
-            return (words if high_first else words[::-1]), False
-        return pack(kind, value, scale, order)
-
-    if kind.is_float:
-        return float32
-    return one_word if kind.words == 1 else whole_words
+    return float32 if kind.is_float else integer
 
 
 def unpack(kind: WireType, words: Sequence[int], scale: float, order: WordOrder) -> float | None:
@@ -163,31 +141,5 @@ def unpack(kind: WireType, words: Sequence[int], scale: float, order: WordOrder)
     if raw == kind.no_value:
         return None
     if kind.low < 0 and raw > kind.high:
-        raw -= _mask(kind) + 1
+        raw -= 0x1_0000
     return raw if scale == 1 else round(raw * scale, 9)
-
-
-def _counts(value: float | None, scale: float) -> int | None:
-    """Integer register counts, rounded to the nearest; may be far outside of any register."""
-    if value is None or not -math.inf < value < math.inf:  # false for NaN too
-        return None
-    if isinstance(value, int) and scale == 1:
-        return value
-    scaled = min(max(value, -_BEYOND), _BEYOND) / scale
-    return round(scaled)
-
-
-def _float_bits(value: float | None) -> int | None:
-    """The bits of the nearest finite float32; None for what is no number."""
-    if value is None or not -math.inf < value < math.inf:
-        return None
-    return int.from_bytes(struct.pack(">f", min(max(value, -_FLOAT32_MAX), _FLOAT32_MAX)), "big")
-
-
-def _mask(kind: WireType) -> int:
-    return (1 << 16 * kind.words) - 1
-
-
-def _split(raw: int, words: int, order: WordOrder) -> tuple[int, ...]:
-    high_first = tuple(raw >> 16 * place & 0xFFFF for place in reversed(range(words)))
-    return high_first if order == "big" else high_first[::-1]

@@ -17,7 +17,6 @@ from gateway.modbus.registers.register import (
     UINT64,
     WireType,
     WordOrder,
-    pack,
     packer,
     unpack,
 )
@@ -63,8 +62,8 @@ ORDERS: tuple[WordOrder, ...] = ("big", "little")
     ],
 )
 def test_exact_words(kind: WireType, value: float | None, scale: float, words: tuple[int, ...], cut: bool) -> None:
-    assert pack(kind, value, scale, "big") == (words, cut)
-    assert pack(kind, value, scale, "little") == (words[::-1], cut)
+    assert packer(kind, scale, "big")(value) == (words, cut)
+    assert packer(kind, scale, "little")(value) == (words[::-1], cut)
 
 
 @CALM
@@ -73,7 +72,7 @@ def test_integers_are_right_or_at_their_limit_or_nothing(
     value: float, case: tuple[WireType, float], order: WordOrder
 ) -> None:
     kind, scale = case
-    words, cut = pack(kind, value, scale, order)
+    words, cut = packer(kind, scale, order)(value)
     back = unpack(kind, words, scale, order)
 
     assert len(words) == kind.words
@@ -93,7 +92,7 @@ def test_integers_are_right_or_at_their_limit_or_nothing(
 @CALM
 @given(value=NUMBERS, order=st.sampled_from(ORDERS))
 def test_floats_are_the_nearest_float32(value: float, order: WordOrder) -> None:
-    words, cut = pack(MEASURED_FLOAT32, value, 1, order)
+    words, cut = packer(MEASURED_FLOAT32, 1, order)(value)
     back = unpack(MEASURED_FLOAT32, words, 1, order)
 
     assert not cut
@@ -107,14 +106,3 @@ def test_floats_are_the_nearest_float32(value: float, order: WordOrder) -> None:
     else:
         assert abs(back) > 3.39e38
         assert (back > 0) == (value > 0)
-
-
-@CALM
-@given(
-    st.sampled_from([*SCALED, *PLAIN, (FLOAT32, 1), (MEASURED_FLOAT32, 1)]),
-    st.none() | NUMBERS | st.booleans(),
-    st.sampled_from(ORDERS),
-)
-def test_what_is_prepared_packs_the_same(wire: tuple[WireType, float], value: float | None, order: WordOrder) -> None:
-    kind, scale = wire
-    assert packer(kind, scale, order)(value) == pack(kind, value, scale, order)

@@ -12,7 +12,7 @@ from gateway.core.events import EventKind
 from gateway.core.readings import PictureHealth, Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.state import FusionMemory, Reason, StateVector
 from gateway.errors import ProtocolError
-from gateway.modbus.registers.bay_unit import CurrentImage
+from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import (
     BLOCK_WORDS,
@@ -24,6 +24,7 @@ from gateway.modbus.registers.register_map import (
     decode,
     encode,
 )
+from tests.virtual_time import LoopClock
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -361,20 +362,35 @@ def test_sequence_numbers_of_living_and_dead_never_meet(seq: int) -> None:
     assert dead_image(state, 0, 0, "big")[0] == (encode(state, 0, "big")[0] + 1) % 0x1_0000
 
 
+class HandClock(LoopClock):
+    """Monotonic time by hand; the wall clock is UNIX_NS ahead of the state's time."""
+
+    t_ns = STATE.t_ns + 7 * MS
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+    def wall_ns(self) -> int:
+        return UNIX_NS + self.t_ns - STATE.t_ns
+
+
 def test_the_current_image_is_encoded_once_per_state() -> None:
-    current = CurrentImage("big")
-    now_ns = STATE.t_ns + 7 * MS
-    first = current.of(STATE, now_ns, UNIX_NS + 7 * MS)
+    clock, state = HandClock(), STATE
+    read = image_of(lambda: state, "big", clock)
+    first = read()
     assert first == encode(STATE, UNIX_NS, "big")  # the timestamp is the state's, not the poll's
-    assert current.of(STATE, now_ns + S, UNIX_NS + S) is first
-    dead = current.of(fusion.forced_stop(STATE, Reason.GATEWAY_FAULT, now_ns + S), now_ns + S, UNIX_NS + S)
+    clock.t_ns += S
+    assert read() is first
+    state = fusion.forced_stop(STATE, Reason.GATEWAY_FAULT, clock.t_ns)
+    dead = read()
     assert dead[4:7] == (1, 0, 40)
     # A dead bay's state carries a new time at every call; one sequence number must still mean one image.
-    later_ns = now_ns + 9 * S
-    assert current.of(fusion.forced_stop(STATE, Reason.GATEWAY_FAULT, later_ns), later_ns, UNIX_NS + 9 * S) is dead
-    revived = current.of(replace(STATE, seq=STATE.seq + 1), now_ns, UNIX_NS)
-    assert revived[0] == dead[0] + 1
-    assert revived[6] == 1
+    clock.t_ns += 9 * S
+    state = fusion.forced_stop(STATE, Reason.GATEWAY_FAULT, clock.t_ns)
+    assert read() is dead
+    state = replace(STATE, seq=STATE.seq + 1)
+    assert read()[0] == dead[0] + 1
+    assert read()[6] == 1
 
 
 @pytest.mark.parametrize("order", ["big", "little"])

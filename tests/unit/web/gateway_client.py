@@ -81,7 +81,7 @@ async def plant(
     controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
     eyes = {name: Eyes() for name in names}
     parts = {
-        name: BayParts(controls[name], image_of(controls[name], "big", clock), eyes[name])  # type: ignore[arg-type]
+        name: BayParts(controls[name], image_of(controls[name].state, "big", clock), eyes[name])  # type: ignore[arg-type]
         for name in names
     }
     monitor = AlarmMonitor(
