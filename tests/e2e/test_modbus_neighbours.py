@@ -161,8 +161,7 @@ async def test_idle_and_half_frames_end_and_a_quiet_plc_does_not(server: ModbusS
 async def test_a_connection_has_small_buffers_and_notices_a_peer_that_vanished(server: ModbusServer) -> None:
     with connected(server) as client:
         assert await in_thread(poll, client)
-        assert server._listener is not None
-        (end,) = server._listener._transports
+        (end,) = server._transports
         option = end.get_extra_info("socket").getsockopt
         assert option(socket.SOL_SOCKET, socket.SO_RCVBUF) == 2 * RECEIVE_BYTES  # Linux doubles both
         assert option(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * SEND_BYTES
@@ -179,9 +178,8 @@ async def test_a_connection_has_small_buffers_and_notices_a_peer_that_vanished(s
 async def test_who_asks_is_not_idle_however_long_it_has_been_connected(server: ModbusServer) -> None:
     with connected(server) as busy:
         assert await in_thread(poll, busy)
-        assert server._listener is not None
-        (client,) = server._listener._connections
-        while server._listener._connections[client] == client.answered:  # the sweep has seen it already
+        (client,) = server._connections
+        while server._connections[client] == client.answered:  # the sweep has seen it already
             assert await in_thread(poll, busy)
         client.active_s -= 1000
         long_ago_s = client.active_s
@@ -192,7 +190,6 @@ async def test_who_asks_is_not_idle_however_long_it_has_been_connected(server: M
 
 @served(send_timeout_s=0.5)
 async def test_a_client_that_does_not_read_costs_little_and_is_cut(server: ModbusServer) -> None:
-    assert server._listener is not None
     with connected(server) as greedy, connected(server) as fair:
         greedy.setblocking(False)
         most = 0
@@ -206,8 +203,8 @@ async def test_a_client_that_does_not_read_costs_little_and_is_cut(server: Modbu
                 except ConnectionError:
                     break
                 assert await in_thread(poll, fair)
-                waiting = [end.get_write_buffer_size() for end in server._listener._transports]
-                held = [client._framer.held for client in server._listener._connections]
+                waiting = [end.get_write_buffer_size() for end in server._transports]
+                held = [client._framer.held for client in server._connections]
                 most = max(most, *waiting)
                 assert max(waiting) <= WRITE_HIGH_BYTES + TURN_FRAMES * MAX_FRAME_BYTES
                 assert max(held) <= 4 * RECEIVE_BYTES

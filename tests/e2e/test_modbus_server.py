@@ -382,8 +382,7 @@ async def test_ends_fast_whatever_its_clients_do() -> None:
         greedy.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         while server.stats.open < 3:  # noqa: ASYNC110 - a counter, not an event
             await asyncio.sleep(0.01)
-        assert server._listener is not None
-        ends = server._listener._transports
+        ends = server._transports
         for end in ends:
             end.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1024)
         # Until the kernel takes no more and answers pile up in the process.

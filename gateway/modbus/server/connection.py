@@ -12,7 +12,7 @@ from typing import Protocol, cast
 from gateway.modbus.protocol.adu import Fault, Framer
 from gateway.modbus.protocol.answers import Access, Peer
 from gateway.modbus.protocol.request_handler import READ_FRAME_BYTES, READ_FRAME_HEAD, RequestHandler
-from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.limits import ConnectionInfo, Refusal
 
 TURN_FRAMES = 16  # frames of one connection answered before the event loop serves the others
 WRITE_HIGH_BYTES = 16 * 1024  # answers waiting in the process beyond which a client counts as not reading
@@ -33,16 +33,13 @@ class ConnectionOwner(Protocol):
         """For the counters and the log."""
 
 
-class Connection(asyncio.Protocol):
-    """The data path. `limits.ConnectionInfo` for the connection policy."""
+class Connection(ConnectionInfo, asyncio.Protocol):
+    """The data path."""
 
-    is_plc = False
-    active_s = 0.0
-    half_since_s: float | None = None
-    blocked_since_s: float | None = None
     answered = 0  # requests; the sweep sees by it who is active
 
     def __init__(self, owner: ConnectionOwner) -> None:
+        super().__init__()
         self._owner = owner
         self._framer = Framer()
         self._loop = asyncio.get_running_loop()
@@ -53,16 +50,12 @@ class Connection(asyncio.Protocol):
         self._ended = False  # the client sends nothing more
         self.peer = Peer("", Access.NONE)
 
-    @property
-    def address(self) -> str:
-        return self.peer.address
-
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         tcp = self._tcp = cast(asyncio.Transport, transport)
         self._owner.opened(tcp)
         peer = self._owner.peer_of(tcp)
         if peer is not None:
-            self.peer = peer
+            self.peer, self.address = peer, peer.address
         self.active_s = self._loop.time()
         if peer is None or not self._owner.admit(self):
             tcp.abort()

@@ -11,7 +11,6 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
-from typing import Protocol
 
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Access, Peer, Unit
@@ -37,24 +36,15 @@ class Refusal(Enum):
     BAD_PROTOCOL = "its frame has another protocol id than 0; the frame was discarded"
 
 
-class ConnectionInfo(Protocol):
+@dataclass(eq=False)
+class ConnectionInfo:
     """A connection, as the policy sees it. Times in seconds of one monotonic clock."""
 
-    @property
-    def address(self) -> str: ...
-    @property
-    def is_plc(self) -> bool: ...
-    @property
-    def active_s(self) -> float:
-        """When it connected or was last answered."""
-
-    @property
-    def half_since_s(self) -> float | None:
-        """Since when a frame has begun and is not complete; None: none is."""
-
-    @property
-    def blocked_since_s(self) -> float | None:
-        """Since when it does not read its answers; None: it does."""
+    address: str = ""
+    is_plc: bool = False
+    active_s: float = 0.0  # when it connected or was last answered
+    half_since_s: float | None = None  # since when a frame has begun and is not complete
+    blocked_since_s: float | None = None  # since when it does not read its answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +58,8 @@ class Verdict:
 class Limits:
     def __init__(self, config: ModbusConfig) -> None:
         self._config = config
-        self._allow = _networks(config.allow)
-        self._plcs = _networks(config.plc_addresses)
+        self._allow = tuple(map(ip_network, config.allow))
+        self._plcs = tuple(map(ip_network, config.plc_addresses))
 
     def is_plc(self, address: str) -> bool:
         return _within(address, self._plcs)
@@ -95,7 +85,7 @@ class Limits:
             return Verdict()
         candidates = [connection for connection in connections if not connection.is_plc]
         candidates = candidates or [connection for connection in connections if connection.address == address]
-        quietest = min(candidates, key=_active, default=None)
+        quietest = _quietest(candidates)
         return Verdict(Refusal.FULL) if quietest is None else Verdict(instead_of=quietest)
 
     @property
@@ -142,18 +132,14 @@ class ConnectedWriters:
 
 
 def _instead_of_quietest(connections: Collection[ConnectionInfo], now_s: float, otherwise: Refusal) -> Verdict:
-    quietest = min(connections, key=_active, default=None)
+    quietest = _quietest(connections)
     if quietest is None or now_s - quietest.active_s < QUIET_S:
         return Verdict(otherwise)
     return Verdict(instead_of=quietest)
 
 
-def _active(connection: ConnectionInfo) -> float:
-    return connection.active_s
-
-
-def _networks(texts: Collection[str]) -> tuple[IPv4Network | IPv6Network, ...]:
-    return tuple(ip_network(text) for text in texts)
+def _quietest(connections: Collection[ConnectionInfo]) -> ConnectionInfo | None:
+    return min(connections, key=lambda connection: connection.active_s, default=None)
 
 
 def _within(address: str, networks: Collection[IPv4Network | IPv6Network]) -> bool:

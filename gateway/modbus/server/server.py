@@ -69,6 +69,8 @@ class ModbusServer:
     role from the certificate; without it `peer_of` identifies the client. Entering raises ConfigError where the
     operator must act (name, privilege, open files) and LinkError where waiting may help (port in use, address not yet
     there). Leaving aborts every connection within CLOSE_TIMEOUT_S. May be entered again.
+
+    It is also `connection.ConnectionOwner`, and with TLS `tls_handshake_limiter.HandshakeOwner`.
     """
 
     def __init__(
@@ -81,24 +83,34 @@ class ModbusServer:
         peer_of: PeerOf = plain_peer,
     ) -> None:
         self.stats = ServerStats()
+        self.peer_of = peer_of if tls is None else tls.peer_of
+        self.request_handler = RequestHandler(units, self.stats, self._image_fault)
         self._config = config
-        self._units = units
-        self._wanted_port = config.port if port is None else port
+        self._port = config.port if port is None else port
         self._tls = tls
-        self._peer_of = peer_of
-        self._listener: _Listener | None = None
+        self._limits = Limits(config)
+        self._writers = ConnectedWriters(units.values())
+        self._log_throttle = LogThrottle()
+        self._logged_faults: set[type[Exception]] = set()
+        self._servers: list[asyncio.Server] = []
+        self._connections: dict[Connection, int] = {}  # -> how many answers it had at the last sweep
+        self._transports: set[asyncio.Transport] = set()  # those refused too, until they are closed
+        self._all_closed = asyncio.Event()
+        self._sweeping: asyncio.TimerHandle | None = None
+        self._summary_due_s = 0.0
+        self._refusals_logged = 0
 
     @property
     def port(self) -> int:
         """The port really bound, which differs from the configured one when that is 0."""
-        if self._listener is None:
+        if not self._servers:
             raise RuntimeError("the server is not running")
-        return self._listener.port
+        return int(self._servers[0].sockets[0].getsockname()[1])
 
     def now(self) -> ServerNow:
         """What it has done so far and who is connected. Raises RuntimeError where `port` does."""
         stats, port = self.stats, self.port
-        now_s = asyncio.get_running_loop().time()
+        now_s = self._loop.time()
         return ServerNow(
             tls=self._tls is not None,
             port=port,
@@ -109,74 +121,37 @@ class ModbusServer:
             image_faults=stats.image_faults,
             refused=tuple((why, stats.refused[why]) for why in Refusal),
             plc_quiet_s=None if stats.plc_active_s is None else max(0.0, now_s - stats.plc_active_s),
-            peers=peers(self._listener.open_connections(now_s) if self._listener is not None else ()),
+            peers=peers(
+                PeerNow(one.address, one.is_plc, 1, one.answered, max(0.0, now_s - one.active_s))
+                for one in self._connections
+            ),
         )
 
     async def __aenter__(self) -> Self:
-        config, port = self._config, self._wanted_port
+        config, self._loop = self._config, asyncio.get_running_loop()
         allow_open_files("modbus.max_connections", config.max_connections, ports_of(config))
-        listener = _Listener(config, self._units, self.stats, self._tls, self._peer_of)
-        bind = partial(
-            bound_sockets, "modbus", config.host, port, partial(_set_options, keepalive_s=config.keepalive_s)
-        )
-        sockets = await asyncio.get_running_loop().run_in_executor(None, bind)
+        options = partial(_set_options, keepalive_s=config.keepalive_s)
+        bind = partial(bound_sockets, "modbus", config.host, self._port, options)
+        sockets = await self._loop.run_in_executor(None, bind)
+        self._all_closed.set()
+        self._summary_due_s = self._loop.time() + SUMMARY_S
         try:
-            await listener.listen(sockets)
+            await self._listen(sockets)
         except OSError as error:
-            await listener.shut_down()
-            raise bind_error("modbus", config.host, port, error) from error
-        self._listener = listener
+            await self._shut_down()
+            raise bind_error("modbus", config.host, self._port, error) from error
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        listener, self._listener = self._listener, None
-        if listener is not None:
-            await listener.shut_down()
+        await self._shut_down()
 
-
-class _Listener:
-    """From listening to the end of the last connection: `connection.ConnectionOwner`, and with TLS `HandshakeOwner`."""
-
-    def __init__(
-        self,
-        config: ModbusConfig,
-        units: Mapping[int, Unit],
-        stats: ServerStats,
-        tls: ModbusTls | None,
-        peer_of: PeerOf,
-    ) -> None:
-        self.request_handler = RequestHandler(units, stats, self._image_fault)
-        self.peer_of = peer_of if tls is None else tls.peer_of
-        self._tls = tls
-        self._stats = stats
-        self._limits = Limits(config)
-        self._writers = ConnectedWriters(units.values())
-        self._log_throttle = LogThrottle()
-        self._logged_faults: set[type[Exception]] = set()
-        self._loop = asyncio.get_running_loop()
-        self._servers: list[asyncio.Server] = []
-        self._connections: dict[Connection, int] = {}  # -> how many answers it had at the last sweep
-        self._transports: set[asyncio.Transport] = set()  # those refused too, until they are closed
-        self._sweeping: asyncio.TimerHandle | None = None
-        self._summary_due_s = self._loop.time() + SUMMARY_S
-        self._refusals_logged = 0
-        self._all_closed = asyncio.Event()
-        self._all_closed.set()
-
-    @property
-    def port(self) -> int:
-        return int(self._servers[0].sockets[0].getsockname()[1])
-
-    async def listen(self, sockets: tuple[socket.socket, ...]) -> None:
-        def new_connection() -> asyncio.Protocol:
-            return Connection(self)
-
-        protocol = new_connection
+    async def _listen(self, sockets: tuple[socket.socket, ...]) -> None:
+        protocol: Callable[[], asyncio.Protocol] = partial(Connection, self)
         if self._tls is not None:
             deadline_s, share = self._tls.config.handshake_deadline_s, self._tls.config.handshakes_per_address
-            protocol = TlsHandshakeLimiter(self._tls.context, deadline_s, share, self, new_connection).protocol
+            protocol = TlsHandshakeLimiter(self._tls.context, deadline_s, share, self, protocol).protocol
         for sock in sockets:
             self._servers.append(await self._loop.create_server(protocol, sock=sock, backlog=ACCEPT_AT_ONCE))
             sock.listen(BACKLOG)  # the kernel may keep more of them ready than are accepted in one go
@@ -201,20 +176,13 @@ class _Listener:
         connection.is_plc = self._limits.is_plc(address)
         self._connections[connection] = 0
         self._writers.opened(connection.peer)
-        self._stats.connections += 1
-        self._stats.open += 1
+        self.stats.connections += 1
+        self.stats.open += 1
         return True
-
-    def open_connections(self, now_s: float) -> list[PeerNow]:
-        """One record a connection, as of the last sweep."""
-        return [
-            PeerNow(one.address, one.is_plc, 1, one.answered, max(0.0, now_s - one.active_s))
-            for one in self._connections
-        ]
 
     def refused(self, address: str, why: Refusal, detail: str = "") -> None:
         """For the counters and the log. `detail`: of a failed TLS handshake."""
-        self._stats.refused[why] += 1
+        self.stats.refused[why] += 1
         line = self._log_throttle.line((why, detail), f"modbus: {address}: {detail or why.value}", self._loop.time())
         if line is not None:
             log.warning("%s", line)
@@ -233,7 +201,7 @@ class _Listener:
     def _forget(self, connection: Connection) -> None:
         if self._connections.pop(connection, None) is not None:
             self._writers.closed(connection.peer)
-            self._stats.open -= 1
+            self.stats.open -= 1
 
     def _sweep(self) -> None:
         """Note who was active, close who is overdue."""
@@ -243,7 +211,7 @@ class _Listener:
                 self._connections[connection] = connection.answered
                 connection.active_s = now_s
                 if connection.is_plc:
-                    self._stats.plc_active_s = now_s
+                    self.stats.plc_active_s = now_s
             why = self._limits.overdue(connection, now_s)
             if why is None and self._tls is not None:
                 why = self._tls.ended(connection.peer)
@@ -257,12 +225,12 @@ class _Listener:
 
     def _summarise(self) -> None:
         """All counters in one line: the lines about single refusals suppress most of them."""
-        total = self._stats.refused.total()
+        total = self.stats.refused.total()
         if total != self._refusals_logged:
             self._refusals_logged = total
-            counts = ", ".join(f"{why.name.lower()} {count}" for why, count in self._stats.refused.items())
+            counts = ", ".join(f"{why.name.lower()} {count}" for why, count in self.stats.refused.items())
             log.info(
-                "modbus: %d connected, %d requests so far; refused: %s", self._stats.open, self._stats.requests, counts
+                "modbus: %d connected, %d requests so far; refused: %s", self.stats.open, self.stats.requests, counts
             )
 
     def _image_fault(self, error: Exception) -> None:
@@ -270,16 +238,17 @@ class _Listener:
             self._logged_faults.add(type(error))
             log.error("modbus: no image to answer with", exc_info=error)
 
-    async def shut_down(self) -> None:
+    async def _shut_down(self) -> None:
         """Stop accepting, then abort every connection."""
         if self._sweeping is not None:
             self._sweeping.cancel()
-        for server in self._servers:
+        servers, self._servers = self._servers, []
+        for server in servers:
             for listening in server.sockets:
                 self._loop.remove_reader(listening.fileno())
         for _ in range(ACCEPT_TURNS):
             await asyncio.sleep(0)
-        for server in self._servers:
+        for server in servers:
             server.close()
         for transport in list(self._transports):
             transport.abort()

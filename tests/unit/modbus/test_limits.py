@@ -1,14 +1,13 @@
 """The connection policy: who may come in, who makes room, who has to go. Time is an argument."""
 
 import resource
-from dataclasses import dataclass
 
 import pytest
 
 from gateway.config import ModbusConfig, parse
 from gateway.errors import ConfigError
 from gateway.modbus.protocol.answers import Access, Peer, Unit
-from gateway.modbus.server.limits import QUIET_S, ConnectedWriters, Limits, Refusal, Verdict
+from gateway.modbus.server.limits import QUIET_S, ConnectedWriters, ConnectionInfo, Limits, Refusal, Verdict
 from gateway.modbus.server.server import ports_of
 from gateway.net.listener import allow_open_files
 from gateway.net.rate_limit import plain_address
@@ -16,21 +15,12 @@ from gateway.net.rate_limit import plain_address
 PLC, OTHER_PLC, SCADA, STRANGER = "10.0.0.7", "10.0.0.8", "10.0.1.5", "192.168.7.7"
 
 
-@dataclass
-class Client:
-    address: str
-    is_plc: bool = False
-    active_s: float = 0.0
-    half_since_s: float | None = None
-    blocked_since_s: float | None = None
-
-
 def limits(**keys: object) -> Limits:
     return Limits(ModbusConfig.model_validate(keys))
 
 
-def connections(address: str, count: int, *, is_plc: bool = False, active_s: float = 0.0) -> list[Client]:
-    return [Client(address, is_plc, active_s + n) for n in range(count)]
+def connections(address: str, count: int, *, is_plc: bool = False, active_s: float = 0.0) -> list[ConnectionInfo]:
+    return [ConnectionInfo(address, is_plc, active_s + n) for n in range(count)]
 
 
 @pytest.mark.parametrize(
@@ -67,16 +57,20 @@ def test_room_is_kept_for_the_plc() -> None:
 
 def test_the_quietest_makes_room_when_it_is_quiet_enough() -> None:
     rules = limits(max_connections=3)
-    crowd = [Client(STRANGER, active_s=50.0), Client(SCADA, active_s=40.0), Client(SCADA, active_s=60.0)]
+    crowd = [
+        ConnectionInfo(STRANGER, active_s=50.0),
+        ConnectionInfo(SCADA, active_s=40.0),
+        ConnectionInfo(SCADA, active_s=60.0),
+    ]
     assert rules.judge(SCADA, crowd, 40.0 + QUIET_S - 0.01) == Verdict(Refusal.FULL)
     assert rules.judge(SCADA, crowd, 40.0 + QUIET_S).instead_of is crowd[1]
 
 
 def test_one_address_has_its_share_and_no_more() -> None:
     rules = limits()  # the defaults: 64 connections, 16 of them for one address
-    there: list[Client] = []
+    there: list[ConnectionInfo] = []
     while rules.judge(STRANGER, there, 1.0) == Verdict():
-        there.append(Client(STRANGER, active_s=1.0))
+        there.append(ConnectionInfo(STRANGER, active_s=1.0))
     assert len(there) == 16
     assert rules.judge(STRANGER, there, 1.0) == Verdict(Refusal.SHARE)
     assert rules.judge(SCADA, there, 1.0) == Verdict(), "there is room for others"
@@ -84,7 +78,11 @@ def test_one_address_has_its_share_and_no_more() -> None:
 
 def test_the_quietest_of_the_same_address_makes_room_and_nobody_elses() -> None:
     rules = limits(max_connections=8, connections_per_address=2)
-    crowd = [Client(SCADA, active_s=1.0), Client(STRANGER, active_s=9.0), Client(STRANGER, active_s=8.0)]
+    crowd = [
+        ConnectionInfo(SCADA, active_s=1.0),
+        ConnectionInfo(STRANGER, active_s=9.0),
+        ConnectionInfo(STRANGER, active_s=8.0),
+    ]
     assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S - 0.01) == Verdict(Refusal.SHARE)
     assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S).instead_of is crowd[2]
 
@@ -103,13 +101,13 @@ def test_nobody_from_elsewhere_can_push_out_a_plc() -> None:
 
 def test_a_plc_is_let_in_at_the_cost_of_others_even_of_busy_ones() -> None:
     rules = limits(max_connections=4, plc_connections=1, plc_addresses=("10.0.0.0/24",))
-    crowd = [Client(PLC, True, 1.0), *connections(STRANGER, 3, active_s=100.0)]
+    crowd = [ConnectionInfo(PLC, True, 1.0), *connections(STRANGER, 3, active_s=100.0)]
     assert rules.judge(OTHER_PLC, crowd, 100.0).instead_of is crowd[1]
 
 
 def test_a_plc_that_comes_again_takes_its_own_old_place_and_no_other_plcs() -> None:
     rules = limits(max_connections=4, plc_connections=4, plc_addresses=("10.0.0.0/24",))
-    crowd = [Client(OTHER_PLC, True, 1.0), *connections(PLC, 3, is_plc=True, active_s=2.0)]
+    crowd = [ConnectionInfo(OTHER_PLC, True, 1.0), *connections(PLC, 3, is_plc=True, active_s=2.0)]
     assert rules.judge(PLC, crowd, 9.0).instead_of is crowd[1]
     assert rules.judge("10.0.0.99", crowd, 9.0) == Verdict(Refusal.FULL)
 
@@ -117,17 +115,17 @@ def test_a_plc_that_comes_again_takes_its_own_old_place_and_no_other_plcs() -> N
 @pytest.mark.parametrize(
     ("someone", "now_s", "why"),
     [
-        (Client(SCADA), 59.99, None),
-        (Client(SCADA), 60.0, Refusal.IDLE),
-        (Client(PLC, True), 1e6, None),  # a PLC may be quiet
-        (Client(SCADA, active_s=10.0, half_since_s=10.0), 11.99, None),
-        (Client(SCADA, active_s=10.0, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
-        (Client(PLC, True, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
-        (Client(SCADA, active_s=10.0, blocked_since_s=10.0), 13.99, None),
-        (Client(PLC, True, blocked_since_s=10.0), 14.0, Refusal.NOT_READING),
+        (ConnectionInfo(SCADA), 59.99, None),
+        (ConnectionInfo(SCADA), 60.0, Refusal.IDLE),
+        (ConnectionInfo(PLC, True), 1e6, None),  # a PLC may be quiet
+        (ConnectionInfo(SCADA, active_s=10.0, half_since_s=10.0), 11.99, None),
+        (ConnectionInfo(SCADA, active_s=10.0, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
+        (ConnectionInfo(PLC, True, half_since_s=10.0), 12.0, Refusal.HALF_FRAME),
+        (ConnectionInfo(SCADA, active_s=10.0, blocked_since_s=10.0), 13.99, None),
+        (ConnectionInfo(PLC, True, blocked_since_s=10.0), 14.0, Refusal.NOT_READING),
     ],
 )
-def test_deadlines(someone: Client, now_s: float, why: Refusal | None) -> None:
+def test_deadlines(someone: ConnectionInfo, now_s: float, why: Refusal | None) -> None:
     rules = limits(plc_addresses=(PLC,), idle_timeout_s=60, frame_timeout_s=2, send_timeout_s=4)
     assert rules.overdue(someone, now_s) is why
 
