@@ -1,11 +1,12 @@
 """The tables of docs/plc-integration.md: formats, the block's interface, diagnoses, what to do on each reason. Pure."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 from gateway.core.state import REASON_MEANING, Reason
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.registry import SUMMARY, export
+from gateway.modbus.exports.tables import markdown_table
 from gateway.modbus.exports.target import Target
 from gateway.modbus.reference import situations
 
@@ -40,13 +41,13 @@ def formats() -> str:
     """Every format with its files."""
     targets = (Target(),)
     rows = ((f"`{name}`", ", ".join(export(name, targets)), what) for name, what in SUMMARY.items())
-    return _table(("--format", "files", "what it is"), rows)
+    return markdown_table(("--format", "files", "what it is"), rows)
 
 
 def block() -> str:
     """The function block's inputs and outputs."""
     rows = [(side, f"`{var.name}`", var.comment) for side, vars in (("in", INPUTS), ("out", OUTPUTS)) for var in vars]
-    return _table(("", "name", "what it is"), rows)
+    return markdown_table(("", "name", "what it is"), rows)
 
 
 def diagnoses() -> str:
@@ -55,13 +56,13 @@ def diagnoses() -> str:
     checks = (
         (c.needs.outputs, str(int(c.diagnosis)), f"`{c.diagnosis.name.lower()}`", c.meaning, c.action) for c in CHECKS
     )
-    return _table(("takes away", "Diagnostic", "name", "what it means", "what to do"), (fine, *checks))
+    return markdown_table(("takes away", "Diagnostic", "name", "what it means", "what to do"), (fine, *checks))
 
 
 def reasons() -> str:
     """Every reason with what to do about it."""
     rows = ((str(int(r)), f"`{r.name.lower()}`", REASON_MEANING[r], REMEDY[r]) for r in Reason)
-    return _table(("reason", "name", "what it means", "what to do"), rows)
+    return markdown_table(("reason", "name", "what it means", "what to do"), rows)
 
 
 BLOCKS: Mapping[str, Callable[[], str]] = {
@@ -71,8 +72,3 @@ BLOCKS: Mapping[str, Callable[[], str]] = {
     "reasons": reasons,
     "situations": situations.markdown,
 }
-
-
-def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    lines = [header, tuple("---" for _ in header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"

@@ -6,7 +6,7 @@ Reserved addresses are shown to people only: they are no tags, and an importer w
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from gateway.modbus.exports.target import one_file
@@ -70,11 +70,11 @@ def plain_text() -> str:
 
 def markdown() -> str:
     """The same as Markdown tables."""
-    lines = [_headline(), "", *_markdown_table(("addr", "name", "type", "scale", "unit", "meaning"), _table())]
+    parts = [_headline() + "\n", markdown_table(("addr", "name", "type", "scale", "unit", "meaning"), _table())]
     for title, key, names in _code_tables():
         cells = ((str(number), f"`{name}`", meaning) for number, (name, meaning) in names.items())
-        lines += ["", f"### {title[0].upper()}{title[1:]}", "", *_markdown_table((key, "name", "meaning"), cells)]
-    return "\n".join(lines) + "\n"
+        parts += [f"### {title[0].upper()}{title[1:]}\n", markdown_table((key, "name", "meaning"), cells)]
+    return "\n".join(parts)
 
 
 def _headline() -> str:
@@ -138,13 +138,10 @@ def _distinct(tables: Iterable[Mapping[int, tuple[str, str]]]) -> list[Mapping[i
     return list({id(table): table for table in tables}.values())
 
 
-def _markdown_table(header: Iterable[str], lines: Iterable[tuple[str, ...]]) -> list[str]:
-    header = tuple(header)
-    return [
-        f"| {' | '.join(header)} |",
-        f"|{'---|' * len(header)}",
-        *(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines),
-    ]
+def markdown_table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A Markdown table, each line ended."""
+    rows = (f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+    return f"| {' | '.join(header)} |\n|{'---|' * len(header)}\n{''.join(rows)}"
 
 
 csv_files = one_file("registers.csv", lambda _: csv_text())

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from gateway.config import BayConfig, GatewayConfig, parse
 from gateway.core.interlock import Rules
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
+from gateway.modbus.exports.tables import markdown_table
 
 POLL_MS = 100  # the slowest poll that the pages recommend
 SCAN_MS = 20  # of the PLC's task that calls the function block
@@ -130,7 +131,7 @@ def at_shipped_rates(bay: BayConfig, range_ms: int) -> tuple[Bound, ...]:
 def budget_markdown() -> str:
     config, bay = _default()
     rows = ((part.name, f"{part.ms:g}", part.key) for part in shares(config, bay))
-    return _table(("share", "ms at most", "where it is set"), rows)
+    return markdown_table(("share", "ms at most", "where it is set"), rows)
 
 
 def guaranteed_markdown() -> str:
@@ -164,9 +165,4 @@ def _bounds(bounds: Iterable[Bound]) -> str:
     rows = (
         (b.cause, b.effect, " + ".join(f"{part.ms:g} {part.name}" for part in b.parts), f"**{b.ms:g}**") for b in bounds
     )
-    return _table(("cause", "effect", "made of, ms", "at most, ms"), rows)
-
-
-def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    lines = [header, tuple("---" for _ in header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    return markdown_table(("cause", "effect", "made of, ms", "at most, ms"), rows)

@@ -1,7 +1,8 @@
 """The generated parts of docs/modbus-server.md: from the code's own tables. Pure."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
+from gateway.modbus.exports.tables import markdown_table
 from gateway.modbus.protocol.adu import EXCEPTION_MEANING
 from gateway.modbus.protocol.answers import FUNCTIONS
 from gateway.modbus.protocol.identity import ObjectId, objects
@@ -26,18 +27,18 @@ def functions() -> str:
     ]
     rows += [(code, name, f"01: {why}") for code, (name, why) in NOT_HERE.items()]
     cells = [(str(code), name, answered) for code, name, answered in sorted(rows)]
-    return _table(("code", "function", "answered"), [*cells, ("all others", "", "01")])
+    return markdown_table(("code", "function", "answered"), [*cells, ("all others", "", "01")])
 
 
 def exceptions() -> str:
-    return _table(
+    return markdown_table(
         ("code", "name", "when"),
         ((f"{code:02X}", code.name.lower().replace("_", " "), why) for code, why in EXCEPTION_MEANING.items()),
     )
 
 
 def bit_table() -> str:
-    return _table(
+    return markdown_table(
         ("bit", "name", "the same as", "meaning"),
         ((str(bit.address), bit.name, f"bit {bit.bit} of {bit.register}", bit.meaning) for bit in bits.table()),
     )
@@ -45,14 +46,14 @@ def bit_table() -> str:
 
 def identity() -> str:
     known = objects("SITE/BAY")
-    return _table(
+    return markdown_table(
         ("object", "name", "value"),
         ((str(key.value), key.name.lower().replace("_", " "), known[key].decode()) for key in ObjectId if key in known),
     )
 
 
 def refusals() -> str:
-    return _table(("counter", "what happened"), ((why.name.lower(), why.value) for why in Refusal))
+    return markdown_table(("counter", "what happened"), ((why.name.lower(), why.value) for why in Refusal))
 
 
 BLOCKS: Mapping[str, Callable[[], str]] = {
@@ -62,9 +63,3 @@ BLOCKS: Mapping[str, Callable[[], str]] = {
     "identity": identity,
     "refusals": refusals,
 }
-
-
-def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    header = tuple(header)
-    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"

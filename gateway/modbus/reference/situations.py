@@ -7,32 +7,28 @@ from the code.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
-from gateway.config import parse
-from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.fusion import Observation, forced_stop
-from gateway.core.interlock import Rules
-from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.plc import Control
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import Reason, StateVector, Tick, VisitPhase
+from gateway.core.state import Reason, StateVector, VisitPhase
 from gateway.modbus.reference.timing_diagrams import (
     BIT,
-    MS,
+    NEVER_MS,
     NUMBER,
     PLC_SIDE,
-    T0,
     Image,
+    Signal,
     SignalSequence,
     control,
-    played,
+    states,
     svg,
     word,
 )
 from gateway.modbus.registers.register_map import dead_image, decode, encode
 
-PLC = Writer("10.0.0.9")
-STEP_MS, READ_MS, BEAT_MS = 20, 60, 100
 R_TIMES_Z = 54_000.0  # px mm: the paper's thresholds, 180 px at 300 mm, of one marker and one lens
 FAR_MM, MARK_MM, CREPT_MM = 900.0, 280.0, 350.0
 
@@ -101,9 +97,10 @@ SITUATIONS: dict[str, tuple[tuple[Scene, ...], Ending | None]] = {
 COLUMNS = ("D", "stop", "may_move", "in_place", "moved", "reason", "visit_phase")
 
 
+@cache
 def images() -> dict[str, Image]:
     """Situation -> the decoded image at its end."""
-    return {name: _played(scenes, ending) for name, (scenes, ending) in SITUATIONS.items()}
+    return {name: _at_end(scenes, ending) for name, (scenes, ending) in SITUATIONS.items()}
 
 
 def markdown() -> str:
@@ -124,24 +121,29 @@ def _said(code: Reason | VisitPhase) -> str:
     return f"`{code.name.lower()}`"
 
 
-def _played(scenes: tuple[Scene, ...], ending: Ending | None) -> Image:
-    config = parse({"modbus": {"writes": True, "plc_addresses": [PLC.address]}})
-    rules = Rules.of(config.bays[0], config)
-    state = interlock.initial("bay1", T0, rules)
-    now_ms = beat = 0
-    for scene in scenes:
-        asked = sum(1 << bit for bit in scene.control)
-        for at_ms in range(0, scene.for_ms, STEP_MS):
-            now_ns = T0 + now_ms * MS
-            seen: list[Observation] = [Tick()]
-            if now_ms % READ_MS == 0:
-                seen.extend(scene.readings(at_ms, now_ns))
-            if now_ms % BEAT_MS == 0 and scene.plc:
-                beat += 1
-                seen.append(PlcWrite(PLC, heartbeat=beat, control=asked))
-            for observation in seen:
-                state = interlock.step(state, observation, now_ns, rules)
-            now_ms += STEP_MS
+def _sequence(title: str, scenes: tuple[Scene, ...], signals: dict[str, tuple[str, Signal]]) -> SignalSequence:
+    starts = [sum(scene.for_ms for scene in scenes[:n]) for n in range(len(scenes))]
+
+    def seen(now_ms: int, now_ns: int) -> tuple[Observation, ...]:
+        n = max(n for n, start in enumerate(starts) if start <= max(0, now_ms))
+        return scenes[n].readings(max(0, now_ms) - starts[n], now_ns)
+
+    return SignalSequence(
+        title,
+        starts[-1] + scenes[-1].for_ms,
+        {},
+        {start: scene.control for start, scene in zip(starts, scenes, strict=True)},
+        signals,
+        seen,
+        silent_ms=next((start for start, scene in zip(starts, scenes, strict=True) if not scene.plc), NEVER_MS),
+        step_ms=20,
+        grid_ms=1000,
+        unit_ms=1000,
+    )
+
+
+def _at_end(scenes: tuple[Scene, ...], ending: Ending | None) -> Image:
+    *_, state = states(_sequence("", scenes, {}))
     if ending is None:
         return decode(encode(state, 0, "big"))
     ended = ending(state)
@@ -162,31 +164,17 @@ VISIT: tuple[Scene, ...] = (
 
 def figures() -> dict[str, str]:
     """File name without its ending -> SVG: one visit from the empty bay to the empty bay."""
-    starts = [sum(scene.for_ms for scene in VISIT[:n]) for n in range(len(VISIT))]
-
-    def seen(now_ms: int, now_ns: int) -> tuple[Observation, ...]:
-        n = max(n for n, start in enumerate(starts) if start <= max(0, now_ms))
-        return VISIT[n].readings(max(0, now_ms) - starts[n], now_ns)
-
-    writes = {start: scene.control for start, scene in zip(starts, VISIT, strict=True)}
-    story = SignalSequence(
-        "One visit: the truck comes, stands in place, is loaded while the spout covers the marker, is released, leaves",
-        starts[-1] + VISIT[-1].for_ms,
-        {},
-        writes,
-        {
-            "marker seen": (BIT, lambda image: image["vision_quality"] == Quality.GOOD),
-            "D": (BIT, lambda image: int(image["d"] or 0)),
-            "stop": (BIT, word("stop")),
-            "may_move": (BIT, word("may_move")),
-            "in_place": (BIT, word("in_place")),
-            "held": (BIT, lambda image: image["held_time"] is not None),
-            "release": (PLC_SIDE, control(Control.RELEASE)),
-            "visit_phase": (NUMBER, word("visit_phase")),
-        },
-        seen,
-        step_ms=STEP_MS,
-        grid_ms=1000,
-        unit_ms=1000,
+    title = (
+        "One visit: the truck comes, stands in place, is loaded while the spout covers the marker, is released, leaves"
     )
-    return {"visit": svg(story, played(story))}
+    signals: dict[str, tuple[str, Signal]] = {
+        "marker seen": (BIT, lambda image: image["vision_quality"] == Quality.GOOD),
+        "D": (BIT, lambda image: int(image["d"] or 0)),
+        "stop": (BIT, word("stop")),
+        "may_move": (BIT, word("may_move")),
+        "in_place": (BIT, word("in_place")),
+        "held": (BIT, lambda image: image["held_time"] is not None),
+        "release": (PLC_SIDE, control(Control.RELEASE)),
+        "visit_phase": (NUMBER, word("visit_phase")),
+    }
+    return {"visit": svg(_sequence(title, VISIT, signals))}

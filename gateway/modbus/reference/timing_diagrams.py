@@ -4,7 +4,7 @@ Each is a short sequence (what the sensors see and what the PLC writes, at which
 gateway/core/interlock.py; the resulting signals are drawn as SVG. Pure.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -16,12 +16,13 @@ from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import Tick
+from gateway.core.state import StateVector, Tick
 from gateway.modbus.registers.handshake import HandshakeBit
 from gateway.modbus.registers.register_map import decode, encode
 
 MS = 1_000_000
 T0 = 1_000_000 * MS
+NEVER_MS = 10**9
 PLC = Writer("10.0.0.9")
 WIDTH, ROW, LEFT, TOP = 860, 34, 150, 14
 STYLE = (
@@ -47,8 +48,8 @@ class SignalSequence:
     writes: dict[int, tuple[Control, ...]]
     signals: dict[str, tuple[str, Signal]]
     seen: Seen
-    silent_ms: int = 10**9
-    again_ms: int = 10**9
+    silent_ms: int = NEVER_MS
+    again_ms: int = NEVER_MS
     frame_ms: int = 60
     step_ms: int = 5
     grid_ms: int = 100
@@ -135,16 +136,15 @@ STORIES = {"handshake-measurement": MEASUREMENT, "handshake-latch": LATCH, "hand
 
 def figures() -> dict[str, str]:
     """File name without its ending -> SVG."""
-    return {name: svg(sequence, played(sequence)) for name, sequence in STORIES.items()}
+    return {name: svg(sequence) for name, sequence in STORIES.items()}
 
 
-def played(sequence: SignalSequence) -> list[Image]:
-    """The image after every step."""
+def states(sequence: SignalSequence) -> Iterator[StateVector]:
+    """The state after every step, from time 0 on."""
     modbus = {"writes": True, "plc_addresses": [PLC.address]} | sequence.config.get("modbus", {})
     config = parse(sequence.config | {"modbus": modbus})
     rules = Rules.of(config.bays[0], config)
     state = interlock.initial("bay1", T0 - MS, rules)
-    images: list[Image] = []
     state = interlock.step(state, PlcWrite(PLC, control=0), T0 - MS, rules)
     beat = 0
     for now_ms in range(-200, sequence.until_ms, sequence.step_ms):
@@ -160,11 +160,11 @@ def played(sequence: SignalSequence) -> list[Image]:
         for observation in seen:
             state = interlock.step(state, observation, now_ns, rules)
         if now_ms >= 0:
-            images.append(decode(encode(state, 0, "big")))
-    return images
+            yield state
 
 
-def svg(sequence: SignalSequence, images: list[Image]) -> str:
+def svg(sequence: SignalSequence) -> str:
+    images = [decode(encode(state, 0, "big")) for state in states(sequence)]
     height = TOP + ROW * len(sequence.signals) + 34
     scale = (WIDTH - LEFT - 20) / sequence.until_ms
     out = [

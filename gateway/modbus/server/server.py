@@ -21,6 +21,7 @@ from gateway.modbus.server.connection import Connection
 from gateway.modbus.server.limits import ConnectedWriters, Limits, Refusal
 from gateway.modbus.server.tls import ModbusTls
 from gateway.modbus.server.tls_handshake_limiter import TlsHandshakeLimiter
+from gateway.modbus.server.tls_stream import TlsStream
 from gateway.modbus.server.traffic import PeerNow, ServerNow, peers
 from gateway.net.listener import allow_open_files, bind_error, bound_sockets
 from gateway.net.rate_limit import LogThrottle, plain_address
@@ -151,7 +152,8 @@ class ModbusServer:
         protocol: Callable[[], asyncio.Protocol] = partial(Connection, self)
         if self._tls is not None:
             deadline_s, share = self._tls.config.handshake_deadline_s, self._tls.config.handshakes_per_address
-            protocol = TlsHandshakeLimiter(self._tls.context, deadline_s, share, self, protocol).protocol
+            limiter = TlsHandshakeLimiter(self._tls.context, deadline_s, share, self, protocol)
+            protocol = partial(TlsStream, limiter)
         for sock in sockets:
             self._servers.append(await self._loop.create_server(protocol, sock=sock, backlog=ACCEPT_AT_ONCE))
             sock.listen(BACKLOG)  # the kernel may keep more of them ready than are accepted in one go

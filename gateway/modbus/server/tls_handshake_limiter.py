@@ -14,7 +14,6 @@ from typing import Protocol
 
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.tls import failure_reason
-from gateway.modbus.server.tls_stream import TlsStream
 from gateway.net.rate_limit import NS_PER_S, KeyedBuckets, Rate, plain_address
 
 AT_ONCE = 16  # unfinished handshakes of unknown addresses
@@ -37,8 +36,15 @@ class HandshakeOwner(Protocol):
     def closed(self, transport: asyncio.Transport) -> None: ...
 
 
+class Handshake:
+    """What the limiter notes of a connection."""
+
+    address = ""
+    counted = False
+
+
 class TlsHandshakeLimiter:
-    """`tls_stream.StreamOwner`. `make` gives the protocol of a client after its handshake; `share`: of one address."""
+    """Owner of the TLS streams. `make` gives the protocol of a client after its handshake; `share`: of one address."""
 
     def __init__(
         self,
@@ -62,11 +68,8 @@ class TlsHandshakeLimiter:
         """For the next connection."""
         return self._contexts()
 
-    def protocol(self) -> TlsStream:
-        """The protocol of a connection that was just accepted."""
-        return TlsStream(self)
-
-    def admit(self, stream: TlsStream, tcp: asyncio.Transport) -> bool:
+    def admit(self, stream: Handshake, tcp: asyncio.Transport) -> bool:
+        """A TCP connection has been made. False: it was refused, and must be aborted."""
         name = tcp.get_extra_info("peername")
         if not name:
             return False
@@ -80,19 +83,20 @@ class TlsHandshakeLimiter:
         self._owner.opened(tcp)
         return True
 
-    def established(self, stream: TlsStream) -> asyncio.Protocol:
+    def established(self, stream: Handshake) -> asyncio.Protocol:
+        """Its handshake is done: the protocol that handles its bytes from now on."""
         self._done(stream)
         return self._make()
 
-    def failed(self, stream: TlsStream, error: Exception) -> None:
+    def failed(self, stream: Handshake, error: Exception) -> None:
         self._done(stream)
         self._owner.refused(stream.address, Refusal.TLS_FAILED, failure_reason(error))
 
-    def closed(self, stream: TlsStream, tcp: asyncio.Transport) -> None:
+    def closed(self, stream: Handshake, tcp: asyncio.Transport) -> None:
         self._done(stream)
         self._owner.closed(tcp)
 
-    def _done(self, stream: TlsStream) -> None:
+    def _done(self, stream: Handshake) -> None:
         if stream.counted:
             stream.counted = False
             self._waiting[stream.address] -= 1

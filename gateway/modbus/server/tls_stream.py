@@ -9,39 +9,17 @@ import asyncio
 import contextlib
 import ssl
 from collections.abc import Callable
-from typing import Any, Protocol, cast
+from typing import Any, cast
+
+from gateway.modbus.server.tls_handshake_limiter import Handshake, TlsHandshakeLimiter
 
 READ_BYTES = 16 * 1024  # the largest TLS record
 
 
-class StreamOwner(Protocol):
-    """What a stream needs of the object that accepted it."""
+class TlsStream(Handshake, asyncio.Protocol):
+    """The protocol of the TCP connection."""
 
-    deadline_s: float
-
-    @property
-    def context(self) -> ssl.SSLContext:
-        """For a new connection."""
-
-    def admit(self, stream: "TlsStream", tcp: asyncio.Transport) -> bool:
-        """A TCP connection has been made. False: it was refused, and is cut."""
-
-    def established(self, stream: "TlsStream") -> asyncio.Protocol:
-        """Its handshake is done: the protocol that handles its bytes from now on."""
-
-    def failed(self, stream: "TlsStream", error: Exception) -> None:
-        """Its handshake has failed."""
-
-    def closed(self, stream: "TlsStream", tcp: asyncio.Transport) -> None:
-        """The TCP connection is closed."""
-
-
-class TlsStream(asyncio.Protocol):
-    """The protocol of the TCP connection; `address` and `counted` are for its owner."""
-
-    def __init__(self, owner: StreamOwner) -> None:
-        self.address = ""
-        self.counted = False
+    def __init__(self, owner: TlsHandshakeLimiter) -> None:
         self._owner = owner
         self._incoming = ssl.MemoryBIO()
         self._outgoing = ssl.MemoryBIO()

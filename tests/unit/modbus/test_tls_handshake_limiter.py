@@ -12,21 +12,20 @@ from gateway.modbus.server.tls_handshake_limiter import (
     PER_S,
     PLC_AT_ONCE,
     REFILL_S,
+    Handshake,
     TlsHandshakeLimiter,
 )
-from gateway.modbus.server.tls_stream import TlsStream
 from tests.virtual_time import in_virtual_time
 
 PLC, SCADA, STRANGER = "10.0.0.7", "10.0.1.5", "192.168.7.7"
 SHARE = 8
 
 
-class Client:
+class Client(Handshake):
     """A stream and its TCP connection in one."""
 
     def __init__(self, address: str) -> None:
         self.address = address
-        self.counted = False
 
     def get_extra_info(self, _: str) -> tuple[str, int]:
         return self.address, 40000
@@ -53,11 +52,11 @@ class Listener:
 
     def connect(self, address: str) -> Client | None:
         client = Client(address)
-        let_in = self.limiter.admit(cast(TlsStream, client), cast(asyncio.Transport, client))
+        let_in = self.limiter.admit(client, cast(asyncio.Transport, client))
         return client if let_in else None
 
     def done(self, client: Client) -> None:
-        self.limiter.established(cast(TlsStream, client))
+        self.limiter.established(client)
 
 
 @in_virtual_time
