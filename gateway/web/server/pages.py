@@ -4,6 +4,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from starlette.exceptions import HTTPException
+from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.websockets import WebSocket
 
@@ -21,8 +22,10 @@ ADDRESSES = Addresses()
 
 def _page(path: str, least: Level, name: str, summary: str) -> None:
     @ADDRESSES.get(path, least, summary)
-    async def page() -> FileResponse:
-        return FileResponse(STATIC / name)
+    async def page(request: Request, services: WebServices) -> FileResponse:
+        """Of an unknown bay, too, with 404: the driver's display then shows STOP."""
+        bay = request.path_params.get("bay")
+        return FileResponse(STATIC / name, 200 if bay is None or bay in services.client.bays else 404)
 
 
 _page("/login", Level.OPEN, "login.html", "the login page")

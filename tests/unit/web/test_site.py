@@ -128,6 +128,15 @@ async def test_no_file_but_the_pages_own(path: str) -> None:
 
 
 @in_virtual_time
+async def test_the_page_of_an_unknown_bay_is_404_and_shows_stop() -> None:
+    async with site("driver") as real:
+        shown, unknown = await Browser(real).get("/driver/bay1"), await Browser(real).get("/driver/bay9")
+        assert (shown.status, unknown.status) == (200, 404)
+        assert shown.text == unknown.text
+        assert "STOP" in unknown.text
+
+
+@in_virtual_time
 async def test_the_pages_own_files() -> None:
     async with site() as real:
         answer = await Browser(real).get("/static/driver.js")
