@@ -39,7 +39,6 @@ STATE_MEANING: dict[AlarmState, tuple[str, str]] = {
 class AlarmEvent(StrEnum):
     """What makes an alarm change its state. The names are on the wire."""
 
-    __qualname__ = "Cue"  # name of its schema in docs/openapi.json, which programs rely on
     OCCURS = "occurs"
     RETURNS = "returns"
     ACKNOWLEDGE = "acknowledge"

@@ -3,19 +3,22 @@
 import json
 import re
 from collections.abc import Callable, Iterator
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
+from gateway.alarms.records import Alarm
 from gateway.alarms.states import AlarmState
-from gateway.alarms.table import ALARM_DEFINITIONS
+from gateway.config import FusionConfig
 from gateway.core.state import REASON_MEANING, Reason
 from gateway.sinks.mqtt import reference
 from gateway.sinks.mqtt.messages import StatePayload
-from gateway.web.server import models
+from gateway.web.server import lists, models
+from gateway.web.server.gateway_client import GatewayClient
 from tests.browser import judgements
 from tests.browser.alone import HOST, SOCKET, from_disk, say, with_json
 from tests.browser.chromium import Watch, until
@@ -55,29 +58,12 @@ def broken(bay: str) -> dict[str, Any]:
     )
 
 
-def alarm(bay: str, kind: str, standing: AlarmState) -> models.AlarmView:
-    row = ALARM_DEFINITIONS[kind]
-    return models.AlarmView(
-        id=f"{bay}.{kind}",
-        kind=kind,
-        bay=bay,
-        title=row.title,
-        priority=models.PRIORITY_NAME[row.priority],
-        state=standing,
-        active=standing is not AlarmState.RETURNED,
-        since_ms=1_795_000_000_000,
-        raised_ms=1_795_000_000_000,
-        occurrences=3,
-        detail="connection refused",
-        who="",
-        note="",
-        shelved_until_ms=None,
-        meaning=row.meaning,
-        consequence=row.consequence,
-        causes=row.causes,
-        action=row.action,
-        respond_min=row.respond_min,
-    )
+NOW = cast(GatewayClient, SimpleNamespace(unix_ms=lambda t_ns: t_ns and 1_795_000_000_000))
+
+
+def alarm(bay: str, kind: str, state: AlarmState) -> models.AlarmView:
+    active = state is not AlarmState.RETURNED
+    return lists.alarm_view(NOW, Alarm(f"{bay}.{kind}", kind, bay, state, active, 1, 1, 3, "connection refused"))
 
 
 def live(states: list[dict[str, Any]], alarms: tuple[models.AlarmView, ...] = (), events: int = 0) -> Any:
@@ -90,13 +76,8 @@ def live(states: list[dict[str, Any]], alarms: tuple[models.AlarmView, ...] = ()
                 unit_id=n + 1,
                 state=StatePayload.model_validate(each),
                 age_ms=20.0,
-                thresholds=models.ThresholdsView(
-                    radius_threshold_px=180.0,
-                    distance_threshold_mm=300.0,
-                    radius_hysteresis_px=0.0,
-                    distance_hysteresis_mm=0.0,
-                    recipe=0,
-                    recipe_name=None,
+                thresholds=models.ThresholdsView.model_validate(
+                    {**dict(FusionConfig()), "recipe": 0, "recipe_name": None}
                 ),
                 aim=models.AimView(u_px=None, v_px=None, tolerance_px=20.0, mirrored=False),
                 deadlines=models.DeadlinesView(vision_ms=300.0, range_ms=400.0, plc_ms=None),
@@ -128,7 +109,7 @@ def summary(alarms: tuple[models.AlarmView, ...]) -> models.AlarmSummary:
     )
 
 
-class GatewayClient:
+class StandInServer:
     """What the pretended gateway answers."""
 
     def __init__(self) -> None:
@@ -162,8 +143,8 @@ JPEG = cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes()
 
 
 @pytest.fixture
-def client() -> GatewayClient:
-    return GatewayClient()
+def client() -> StandInServer:
+    return StandInServer()
 
 
 @pytest.fixture
@@ -172,7 +153,7 @@ def watch() -> Watch:
 
 
 @pytest.fixture
-def operator(browser: Browser, client: GatewayClient, watch: Watch) -> Iterator[Open]:
+def operator(browser: Browser, client: StandInServer, watch: Watch) -> Iterator[Open]:
     contexts = []
 
     def opened(says: Any, path: str = "/", width_px: int = 1366) -> Page:
@@ -193,7 +174,7 @@ def operator(browser: Browser, client: GatewayClient, watch: Watch) -> Iterator[
     assert watch.complaints == []
 
 
-def test_of_64_bays_those_in_trouble_come_first(operator: Open, client: GatewayClient) -> None:
+def test_of_64_bays_those_in_trouble_come_first(operator: Open, client: StandInServer) -> None:
     names = [f"bay{n}" for n in range(1, 65)]
     client.session["bays"] = names
     client.alarms = (alarm("bay40", "ranger_stale", AlarmState.UNACKNOWLEDGED),)
@@ -254,7 +235,7 @@ def test_the_visit_of_a_truck(operator: Open) -> None:
         judgements.no_sideways_scroll(page)
 
 
-def test_the_overview_counts_trucks_in_place(operator: Open, client: GatewayClient) -> None:
+def test_the_overview_counts_trucks_in_place(operator: Open, client: StandInServer) -> None:
     client.session["bays"] = ["bay1", "bay2", "bay3"]
     held = {**HERE, "held": True, "held_ms": 1000.0}
     page = operator(live([state("bay1", **HERE), state("bay2", **held), state("bay3")]))
@@ -262,7 +243,7 @@ def test_the_overview_counts_trucks_in_place(operator: Open, client: GatewayClie
     expect(page.locator(".tile .why")).to_have_text(["in place", "in place, held"])
 
 
-def test_a_bay_of_which_nothing_comes_is_not_known(operator: Open, client: GatewayClient) -> None:
+def test_a_bay_of_which_nothing_comes_is_not_known(operator: Open, client: StandInServer) -> None:
     """Its page has data of other bays only, or none that is young enough."""
     client.session["bays"] = ["bay1", "bay2"]
     message = live([state("bay1"), state("bay2")])
@@ -297,7 +278,7 @@ def test_a_fault_of_the_page_itself_leaves_nothing_standing_that_looks_live(oper
     expect(page.locator(".decision")).to_have_count(0)
 
 
-def test_acknowledging_says_what_was_seen_and_carries_the_token(operator: Open, client: GatewayClient) -> None:
+def test_acknowledging_says_what_was_seen_and_carries_the_token(operator: Open, client: StandInServer) -> None:
     client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
     page = operator(live([broken("bay1")], client.alarms))
     button = page.get_by_role("button", name="Acknowledge Camera down (never ends a stop)")
@@ -309,7 +290,7 @@ def test_acknowledging_says_what_was_seen_and_carries_the_token(operator: Open, 
     assert client.posts == [("/api/alarms/bay1.camera_down/acknowledge", "token", {"occurrence": 3})]
 
 
-def test_a_visitor_without_a_name_cannot_acknowledge_and_sees_no_tuning(operator: Open, client: GatewayClient) -> None:
+def test_a_visitor_without_a_name_cannot_acknowledge_and_sees_no_tuning(operator: Open, client: StandInServer) -> None:
     client.session["role"] = "viewer"
     client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
     page = operator(live([broken("bay1")], client.alarms))
@@ -318,7 +299,7 @@ def test_a_visitor_without_a_name_cannot_acknowledge_and_sees_no_tuning(operator
     expect(page.get_by_role("link", name="Log in")).to_have_attribute("href", "/login?next=/")
 
 
-def test_words_from_outside_stay_words(operator: Open, client: GatewayClient) -> None:
+def test_words_from_outside_stay_words(operator: Open, client: StandInServer) -> None:
     """A camera's error, a name, an event: whatever they hold is shown, and is never markup."""
     evil = "<img src=x onerror=alert(1)><b>bold</b>"
     client.events = [{"number": 1, "event": {**EVENT, "bay": "bay1", "detail": evil}}]

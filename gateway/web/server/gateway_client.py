@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from gateway.alarms.records import OperatorAction
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import VisionConfig
 from gateway.core.plc import Writer
 from gateway.core.shown import shown
@@ -94,7 +94,7 @@ class GatewayClient:
         self._link = link
         self._pace = pace
         self._links_ns = 0
-        self._names = tuple(bay.name for bay in about.config.bays)
+        self.bays = tuple(bay.name for bay in about.config.bays)
         self._reports: dict[str, BayReport] = {}
         self._changed = asyncio.Event()
         self._watched: Counter[str] = Counter()
@@ -107,8 +107,17 @@ class GatewayClient:
         self._rings = {bay: Ring(spec, writable=False) for bay, spec in about.rings.items()}
 
     @property
-    def bays(self) -> tuple[str, ...]:
-        return self._names
+    def server_time_ms(self) -> int:
+        """Unix time now."""
+        return max(0, self.clock.wall_ns()) // NS_PER_MS
+
+    def age_ms(self, t_ns: int | None) -> float | None:
+        """Of a time of the gateway's clock. Never negative: two clocks of one machine may differ by a reading."""
+        return None if t_ns is None else round(max(0, self.clock.now_ns() - t_ns) / NS_PER_MS, 1)
+
+    def unix_ms(self, t_ns: int | None) -> int | None:
+        """Unix time of a time of the gateway's clock."""
+        return None if t_ns is None else max(0, t_ns + self.clock.wall_ns() - self.clock.now_ns()) // NS_PER_MS
 
     @property
     def watchers(self) -> int:
@@ -119,7 +128,7 @@ class GatewayClient:
 
         None: nothing yet. Raises KeyError for no such bay.
         """
-        if bay not in self._names:
+        if bay not in self.bays:
             raise KeyError(bay)
         report = self._reports.get(bay)
         if report is None:
@@ -278,13 +287,13 @@ class GatewayClient:
         return WATCHED_S / max(1, -(-len(self._hurried()) // URGENT_SHARE))
 
     def _hurried(self) -> list[str]:
-        return [bay for bay in self._names if self._urgent[bay] > 0]
+        return [bay for bay in self.bays if self._urgent[bay] > 0]
 
     def _due(self) -> tuple[str, ...]:
         """The bays of the next request: those with a viewer, and a share of all, so that each has its turn."""
         self._turn += 1
         hurried = _share(self._hurried(), self._turn, URGENT_SHARE)
-        others = _share(self._names, self._turn, MAX_STATES - len(hurried))
+        others = _share(self.bays, self._turn, MAX_STATES - len(hurried))
         return tuple(dict.fromkeys([*hurried, *others]))
 
     def _receive(self) -> None:

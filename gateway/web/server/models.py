@@ -4,28 +4,45 @@ State and events are those of MQTT (sinks/mqtt/messages), so that a field has on
 in the names; null: not known now. Ages are those at sending: a display adds the time since.
 """
 
-from typing import Literal
+from collections.abc import Iterable
+from enum import Enum
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from typing_extensions import TypeAliasType
 
 from gateway.alarms.records import MAX_NOTE, MAX_SHELVE_MIN
 from gateway.alarms.states import AlarmEvent, AlarmState
-from gateway.alarms.table import Priority
 from gateway.sinks.mqtt.messages import Count, EventPayload, StatePayload, StorePayload
 
-FROZEN = ConfigDict(frozen=True)
-PriorityName = Literal["low", "medium", "high"]
-PRIORITY_NAME: dict[Priority, PriorityName] = {
-    Priority.LOW: "low",
-    Priority.MEDIUM: "medium",
-    Priority.HIGH: "high",
-}
+Cue = TypeAliasType("Cue", AlarmEvent)  # the name of its schema in docs/openapi.json
 
 
-class ThresholdsView(BaseModel):
+def _name(code: Enum) -> str:
+    return code.name
+
+
+def _ms(seconds: float | None) -> int | None:
+    return None if seconds is None else round(1000 * seconds)
+
+
+def _by_reason(counts: Iterable[tuple[Enum, int]]) -> dict[str, int]:
+    return {why.name.lower(): count for why, count in counts if count}
+
+
+Name = Annotated[str, BeforeValidator(_name)]
+
+
+class View(BaseModel):
+    """A model whose fields are read from the record that it shows; `validation_alias` where the record's name is
+    another one."""
+
+    model_config = ConfigDict(frozen=True, from_attributes=True, populate_by_name=True)
+
+
+class ThresholdsView(View):
     """Equation 14's thresholds as they are in force, a recipe's changes included."""
 
-    model_config = FROZEN
     radius_threshold_px: float = Field(description="R_th: D = 1 needs a marker at least so large")
     distance_threshold_mm: float = Field(description="Z_th: D = 1 needs a distance at most so long")
     radius_hysteresis_px: float
@@ -34,29 +51,26 @@ class ThresholdsView(BaseModel):
     recipe_name: str | None = Field(description="its name; null for 0")
 
 
-class AimView(BaseModel):
+class AimView(View):
     """Where the marker should be."""
 
-    model_config = FROZEN
-    u_px: float | None = Field(description="null: no guidance to the side is configured")
-    v_px: float | None
+    u_px: float | None = Field(validation_alias="aim_u_px", description="null: no guidance to the side is configured")
+    v_px: float | None = Field(validation_alias="aim_v_px")
     tolerance_px: float
     mirrored: bool = Field(description="the camera faces the driver")
 
 
-class DeadlinesView(BaseModel):
+class DeadlinesView(View):
     """When a sensor's value is too old."""
 
-    model_config = FROZEN
     vision_ms: float
     range_ms: float
     plc_ms: float | None = Field(description="of the PLC's heartbeat; null: none is required")
 
 
-class BayView(BaseModel):
+class BayView(View):
     """One bay, now."""
 
-    model_config = FROZEN
     bay: str
     unit_id: int = Field(description="Modbus unit id")
     state: StatePayload | None = Field(description="as on MQTT; null: nothing known yet, which means stop")
@@ -69,10 +83,9 @@ class BayView(BaseModel):
     stage_ms: dict[str, float] = Field(description="time of each stage of vision in the newest frame; empty: no result")
 
 
-class DriverView(BaseModel):
+class DriverView(View):
     """What the driver's display needs, and nothing else."""
 
-    model_config = FROZEN
     bay: str
     code: str = Field(description="guidance, by name; a display shows FAULT as STOP")
     text: str
@@ -83,75 +96,79 @@ class DriverView(BaseModel):
     age_ms: float | None = Field(description="of the state, when this was sent; null: nothing known, which means STOP")
 
 
-class PeerView(BaseModel):
+class PeerView(View):
     """One address that is connected by Modbus."""
 
-    model_config = FROZEN
     address: str
-    plc: bool = Field(description="one of modbus.plc_addresses")
+    plc: bool = Field(validation_alias="is_plc", description="one of modbus.plc_addresses")
     connections: Count
     requests: Count = Field(description="answered on these connections")
-    quiet_ms: float = Field(description="since it was last answered; known to a quarter of a second")
+    quiet_ms: Annotated[float, BeforeValidator(_ms)] = Field(
+        validation_alias="quiet_s", description="since it was last answered; known to a quarter of a second"
+    )
 
 
-class ModbusView(BaseModel):
+class ModbusView(View):
     """One listening Modbus port."""
 
-    model_config = FROZEN
-    transport: Literal["tcp", "tls"]
+    transport: Annotated[Literal["tcp", "tls"], BeforeValidator(lambda tls: "tls" if tls else "tcp")] = Field(
+        validation_alias="tls"
+    )
     port: int
     open: Count = Field(description="connected now")
     connections: Count = Field(description="let in since the start")
     requests: Count
     exceptions: Count = Field(description="of the requests: answered with a Modbus exception")
     image_faults: Count = Field(description="of the exceptions: no registers could be had")
-    refused: dict[str, int] = Field(description="connections and frames refused, by reason")
-    plc_quiet_ms: float | None = Field(description="since one of plc_addresses was last answered; null: never")
+    refused: Annotated[dict[str, int], BeforeValidator(_by_reason)] = Field(
+        description="connections and frames refused, by reason"
+    )
+    plc_quiet_ms: Annotated[float | None, BeforeValidator(_ms)] = Field(
+        validation_alias="plc_quiet_s", description="since one of plc_addresses was last answered; null: never"
+    )
     peers: tuple[PeerView, ...] = Field(description="the busiest first; a long list is cut")
 
 
-class MqttView(BaseModel):
+class MqttView(View):
     """The link to the MQTT broker, since the start of the gateway."""
 
-    model_config = FROZEN
     broker: str = Field(description="its address, without a password")
     connected: bool
     published: Count
     failed: Count
     reconnects: Count
-    dropped: Count = Field(description="events given up because the outbox was full")
-    queued: Count = Field(description="events that wait")
+    dropped: Count = Field(validation_alias="events_dropped", description="events given up because the outbox was full")
+    queued: Count = Field(validation_alias="outbox_events", description="events that wait")
     store: StorePayload | None = Field(description="null: events are kept in memory only")
 
 
-class SparkplugView(BaseModel):
+class SparkplugView(View):
     """The Sparkplug session, since the start of the gateway."""
 
-    model_config = FROZEN
     connected: bool
     born: bool = Field(description="false: waiting for the primary host, or not connected")
     births: Count
     rebirths: Count = Field(description="requested by a host")
-    data: Count = Field(description="DDATA and NDATA made")
-    refused: Count = Field(description="commands that were none, or that nothing obeys")
+    data: Count = Field(validation_alias="data_messages", description="DDATA and NDATA made")
+    refused: Count = Field(
+        validation_alias="commands_refused", description="commands that were none, or that nothing obeys"
+    )
     history_dropped: Count
     history_waiting: Count
 
 
-class SinkView(BaseModel):
+class SinkView(View):
     """The link of one sink of any kind."""
 
-    model_config = FROZEN
-    name: str
+    name: str = Field(validation_alias="sink")
     connected: bool
     detail: str = Field(description="in words, for people; never to be parsed")
     peer: str = Field(description="address of the other system, without a password")
 
 
-class TaskView(BaseModel):
+class TaskView(View):
     """One row of the supervisor's table."""
 
-    model_config = FROZEN
     name: str
     running: bool
     starts: Count
@@ -160,10 +177,9 @@ class TaskView(BaseModel):
     last_error: str
 
 
-class LinksView(BaseModel):
+class LinksView(View):
     """How the gateway's links to others do."""
 
-    model_config = FROZEN
     age_ms: float | None = Field(description="of this knowledge, when it was sent; null: nothing known yet")
     modbus: tuple[ModbusView, ...]
     mqtt: MqttView | None = Field(description="null: no broker is configured")
@@ -173,15 +189,14 @@ class LinksView(BaseModel):
     events_dropped: Count = Field(description="by queues inside of the gateway")
 
 
-class AlarmView(BaseModel):
+class AlarmView(View):
     """One alarm (docs/alarms.md)."""
 
-    model_config = FROZEN
     id: str
     kind: str = Field(description="row of the table in docs/alarms.md")
     bay: str | None = Field(description="null: of the gateway itself")
     title: str
-    priority: PriorityName
+    priority: Annotated[Literal["low", "medium", "high"], BeforeValidator(lambda priority: priority.name.lower())]
     state: AlarmState
     active: bool = Field(description="its cause holds")
     since_ms: Count = Field(description="Unix time, ms, of the newest change of its state")
@@ -198,10 +213,9 @@ class AlarmView(BaseModel):
     respond_min: Count = Field(description="within so many minutes")
 
 
-class AlarmSummary(BaseModel):
+class AlarmSummary(View):
     """Number of the gateway's alarms, and the one to see first."""
 
-    model_config = FROZEN
     unacknowledged: Count = Field(description="states unacknowledged, returned and latched_unacknowledged")
     active: Count = Field(description="states unacknowledged and acknowledged")
     latched: Count = Field(description="both latched states")
@@ -213,16 +227,15 @@ class AlarmSummary(BaseModel):
     newest_change: Count = Field(description="number of the newest change; grows with each")
 
 
-class AlarmChangeView(BaseModel):
+class AlarmChangeView(View):
     """One step of one alarm."""
 
-    model_config = FROZEN
     number: Count
     time_ms: Count = Field(description="Unix time, ms")
     id: str
     title: str
     bay: str | None
-    cue: AlarmEvent = Field(description="what happened")
+    cue: Cue = Field(validation_alias="event", description="what happened")
     before: AlarmState
     after: AlarmState
     detail: str
@@ -230,10 +243,9 @@ class AlarmChangeView(BaseModel):
     note: str
 
 
-class AlarmsView(BaseModel):
+class AlarmsView(View):
     """All alarms but the normal ones, the most important first."""
 
-    model_config = FROZEN
     server_time_ms: Count
     summary: AlarmSummary
     alarms: tuple[AlarmView, ...]
@@ -241,10 +253,9 @@ class AlarmsView(BaseModel):
     changes: tuple[AlarmChangeView, ...] = Field(description="the newest, the oldest of them first")
 
 
-class LiveView(BaseModel):
+class LiveView(View):
     """What the operator's page shows, live."""
 
-    model_config = FROZEN
     server_time_ms: Count
     bays: tuple[BayView, ...]
     alarms: AlarmSummary
@@ -252,35 +263,31 @@ class LiveView(BaseModel):
     events_newest: Count = Field(description="number of the newest event; grows with each")
 
 
-class EventView(BaseModel):
+class EventView(View):
     """One event with its place in the row of all."""
 
-    model_config = FROZEN
     number: Count = Field(description="of all bays, from 1 since the start of the gateway; a gap: not kept")
     event: EventPayload = Field(description="as on MQTT")
 
 
-class EventsView(BaseModel):
+class EventsView(View):
     """What happened, the oldest first."""
 
-    model_config = FROZEN
     newest: Count = Field(description="number of the newest event there is")
     events: tuple[EventView, ...]
 
 
-class BitView(BaseModel):
+class BitView(View):
     """One named bit of a register."""
 
-    model_config = FROZEN
     bit: Count
     name: str
     on: bool
 
 
-class RegisterView(BaseModel):
+class RegisterView(View):
     """One row of the register map, as a PLC would read it now."""
 
-    model_config = FROZEN
     address: Count
     words: tuple[Count, ...] = Field(description="16 bit, as they are read, in the configured word order")
     name: str
@@ -294,10 +301,9 @@ class RegisterView(BaseModel):
     writable: bool = Field(description="by the PLC, where writes are on")
 
 
-class RegistersView(BaseModel):
+class RegistersView(View):
     """The complete block of one bay, from one image."""
 
-    model_config = FROZEN
     bay: str
     unit_id: int
     word_order: Literal["big", "little"]
@@ -308,51 +314,46 @@ class RegistersView(BaseModel):
 HealthStatus = Literal["ok", "degraded", "failing"]
 
 
-class HealthReason(BaseModel):
+class HealthReason(View):
     """One thing that is wrong."""
 
-    model_config = FROZEN
     part: str = Field(description="`bay1.control`, `bay1.vision`, `modbus`, `mqtt` ...")
     status: HealthStatus
     text: str
 
 
-class HealthView(BaseModel):
+class HealthView(View):
     """`/healthz`. `failing` is sent with 503: a restart may help. `degraded` with 200: it does not."""
 
-    model_config = FROZEN
     status: HealthStatus
     reasons: tuple[HealthReason, ...] = Field(description="what is not ok; empty where all is")
     parts: tuple[HealthReason, ...] | None = Field(description="every part; null unless requested with ?verbose")
 
 
-class CircleView(BaseModel):
+class CircleView(View):
     """A circle in the picture, px."""
 
-    model_config = FROZEN
-    u: float
-    v: float
+    u: float = Field(validation_alias="u_px")
+    v: float = Field(validation_alias="v_px")
     radius_px: float
 
 
-class EllipseView(BaseModel):
+class EllipseView(View):
     """The rim of a tilted disc; `angle_rad` from +u towards +v to the major axis."""
 
-    model_config = FROZEN
-    u: float
-    v: float
+    u: float = Field(validation_alias="u_px")
+    v: float = Field(validation_alias="v_px")
     semi_major_px: float
     semi_minor_px: float
     angle_rad: float
 
 
-class FrameView(BaseModel):
+class FrameView(View):
     """What was seen in one picture, in its own pixels."""
 
-    model_config = FROZEN
     frame_id: int
-    quality: str
-    tracking: str
+    quality: Name
+    tracking: Name
     circle: CircleView | None
     ellipse: EllipseView | None
     predicted: CircleView | None = Field(description="not measured: where it should be")

@@ -3,21 +3,18 @@
 from gateway import __version__
 from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core.detection import Circle, Ellipse
 from gateway.core.interlock import Recipe
 from gateway.core.readings import VisionReading
-from gateway.core.state import GUIDANCE_MEANING, GuidanceCode
+from gateway.core.state import Guidance, GuidanceCode, StateVector
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.web.server import lists
-from gateway.web.server.gateway_client import BayReport, GatewayClient
+from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.models import (
     AimView,
     BayView,
-    CircleView,
     DeadlinesView,
     DriverView,
-    EllipseView,
     FrameView,
     LiveView,
     ThresholdsView,
@@ -48,21 +45,9 @@ def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
         else payloads.state_payload(
             report.now.state, gateway_of(client), report.wall_ns - report.now_ns, stale_after_ms=STALE_AFTER_MS
         ),
-        age_ms=age_ms(client, report),
-        thresholds=ThresholdsView(
-            radius_threshold_px=fusion.radius_threshold_px,
-            distance_threshold_mm=fusion.distance_threshold_mm,
-            radius_hysteresis_px=fusion.radius_hysteresis_px,
-            distance_hysteresis_mm=fusion.distance_hysteresis_mm,
-            recipe=number,
-            recipe_name=names.get(number),
-        ),
-        aim=AimView(
-            u_px=guidance.aim_u_px,
-            v_px=guidance.aim_v_px,
-            tolerance_px=guidance.tolerance_px,
-            mirrored=guidance.mirrored,
-        ),
+        age_ms=client.age_ms(None if report is None else report.now.state.t_ns),
+        thresholds=ThresholdsView.model_validate({**dict(fusion), "recipe": number, "recipe_name": names.get(number)}),
+        aim=AimView.model_validate(guidance),
         deadlines=DeadlinesView(
             vision_ms=1000 * fusion.vision_deadline_s,
             range_ms=1000 * fusion.range_deadline_s,
@@ -76,17 +61,10 @@ def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
     )
 
 
-def age_ms(client: GatewayClient, report: BayReport | None) -> float | None:
-    """Of the state, now. Never negative: two clocks of one machine may differ by a reading."""
-    if report is None:
-        return None
-    return round(max(0, client.clock.now_ns() - report.now.state.t_ns) / NS_PER_MS, 1)
-
-
 def live_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
     """For `Live`: all that the operator's page shows of these bays."""
     return LiveView(
-        server_time_ms=max(0, client.clock.wall_ns()) // NS_PER_MS,
+        server_time_ms=client.server_time_ms,
         bays=tuple(bay_view(client, bay) for bay in client.about.config.bays if bay.name in bays),
         alarms=lists.alarm_summary(client),
         links=lists.links_view(client),
@@ -97,27 +75,17 @@ def live_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
 def driver_view(client: GatewayClient, bay: str) -> DriverView:
     """Nothing known: FAULT, and stop."""
     report = client.report(bay)
-    if report is None:
-        return DriverView(
-            bay=bay,
-            code=GuidanceCode.FAULT.name,
-            text=GUIDANCE_MEANING[GuidanceCode.FAULT],
-            stop=True,
-            amount_mm=None,
-            closing_mm_s=None,
-            to_go_mm=None,
-            age_ms=None,
-        )
-    guidance = payloads.state_payload(report.now.state, gateway_of(client), 0, STALE_AFTER_MS).guidance
+    state = StateVector(bay, guidance=Guidance(GuidanceCode.FAULT)) if report is None else report.now.state
+    guidance = payloads.state_payload(state, gateway_of(client), 0, STALE_AFTER_MS).guidance
     return DriverView(
         bay=bay,
         code=guidance.name,
         text=guidance.text,
-        stop=report.now.state.stop,
+        stop=state.stop,
         amount_mm=guidance.amount_mm,
         closing_mm_s=guidance.closing_mm_s,
         to_go_mm=guidance.to_go_mm,
-        age_ms=age_ms(client, report),
+        age_ms=client.age_ms(None if report is None else state.t_ns),
     )
 
 
@@ -126,40 +94,12 @@ def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
     return driver_view(client, bays[0]).model_dump_json()
 
 
-def frame_view(reading: VisionReading) -> FrameView:
-    return FrameView(
-        frame_id=reading.frame_id,
-        quality=reading.quality.name,
-        tracking=reading.tracking.name,
-        circle=_circle(reading.circle),
-        ellipse=_ellipse(reading.ellipse),
-        predicted=_circle(reading.predicted),
-        confidence=reading.confidence,
-    )
-
-
 def frame_json(reading: VisionReading) -> str:
     """Compact, for a header: ASCII, no line breaks."""
-    return frame_view(reading).model_dump_json()
+    return FrameView.model_validate(reading).model_dump_json()
 
 
 def _in_force(gateway: GatewayConfig, bay: BayConfig, number: int) -> Recipe:
     """What the bay decides by now; a recipe that is not known here changes nothing."""
     recipe = next((recipe for recipe in gateway.recipes if recipe.id == number), None)
     return Recipe(bay.fusion, bay.guidance) if recipe is None else Recipe.of(bay, recipe)
-
-
-def _circle(found: Circle | None) -> CircleView | None:
-    return None if found is None else CircleView(u=found.u_px, v=found.v_px, radius_px=found.radius_px)
-
-
-def _ellipse(rim: Ellipse | None) -> EllipseView | None:
-    if rim is None:
-        return None
-    return EllipseView(
-        u=rim.u_px,
-        v=rim.v_px,
-        semi_major_px=rim.semi_major_px,
-        semi_minor_px=rim.semi_minor_px,
-        angle_rad=rim.angle_rad,
-    )
