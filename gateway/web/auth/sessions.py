@@ -120,7 +120,7 @@ class Caller:
 
     @property
     def writer(self) -> Writer:
-        """As orders to the main process and events name it."""
+        """As commands to the main process and events name it."""
         return Writer(self.address, self.name or NOBODY, self.level.role)
 
 

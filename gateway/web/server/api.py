@@ -158,7 +158,7 @@ async def _act(
     who = caller.name or str(caller.writer)
     action = OperatorAction(alarm, event, who, body.note, minutes, body.occurrence)
     try:
-        await services.client.order(action, caller.writer)
+        await services.client.command(action, caller.writer)
     except LinkError as error:
         raise RefusalError(503, "gateway", str(error)) from None
     return lists.alarms_view(services.client)

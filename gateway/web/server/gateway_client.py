@@ -7,14 +7,13 @@ import asyncio
 import contextlib
 import itertools
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from gateway.alarms.records import OperatorAction
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
-from gateway.config import VisionConfig
 from gateway.core.plc import Writer
 from gateway.core.shown import shown
 from gateway.errors import ConfigError, GatewayError, LinkError
@@ -49,7 +48,7 @@ from gateway.web.ipc.messages import (
 WATCHED_S = 0.1
 IDLE_S = 1.0
 ANSWER_S = 5.0  # the main process answers within milliseconds; after this it is taken for hung
-ORDER_S = 5.0
+COMMAND_S = 5.0
 YOUNG_S = 1.5  # data for a program is at most so old, where the main process answers
 FRESH_WAIT_S = 3.0
 KEPT_EVENTS = 1000
@@ -79,7 +78,7 @@ class BayReport:
 
 
 class GatewayClient:
-    """Newest answers, events and orders. One event loop, no locks. `pace` is real time, `clock` the gateway's."""
+    """Newest answers and events, and commands. One event loop, no locks. `pace` is real time, `clock` the gateway's."""
 
     def __init__(self, about: WebSetup, link: Channel[FromWeb, ToWeb], pace: Clock, clock: Clock | None = None) -> None:
         self.about = about
@@ -99,11 +98,10 @@ class GatewayClient:
         self._changed = asyncio.Event()
         self._watched: Counter[str] = Counter()
         self._wanted = asyncio.Event()  # there is a viewer
-        self._answered = asyncio.Event()
         self._urgent: Counter[str] = Counter()
         self._turn = 0
-        self._orders: dict[int, asyncio.Future[CommandReply]] = {}
-        self._ordered = 0
+        self._waiting: dict[int, asyncio.Future[CommandReply]] = {}
+        self._numbers = itertools.count(1)
         self._rings = {bay: Ring(spec, writable=False) for bay, spec in about.rings.items()}
 
     @property
@@ -155,85 +153,69 @@ class GatewayClient:
 
     async def newer(self, bay: str, number: int, seconds: float) -> BayReport | None:
         """The newest of `bay` from an answer after `number`; waits at most so long. None: none arrived."""
-        try:
-            async with asyncio.timeout(seconds):
-                while (report := self.report(bay)) is None or report.number <= number:
-                    await self._changed.wait()
-                return report
-        except TimeoutError:
-            return None
+
+        def found() -> BayReport | None:
+            report = self.report(bay)
+            return report if report is not None and report.number > number else None
+
+        await self._until(lambda: found() is not None, seconds)
+        return found()
 
     async def next(self, number: int, seconds: float) -> int:
         """The number of the newest answer, if possible one after `number`; waits at most so long for it."""
+        await self._until(lambda: self.answers > number, seconds)
+        return self.answers
+
+    async def _until(self, holds: Callable[[], bool], seconds: float) -> None:
+        """Waits for answers until one makes it hold, at most so long."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                while self.answers <= number:
+                while not holds():
                     await self._changed.wait()
-        return self.answers
 
     def snapshot(self, bay: str, seq: int | None = None) -> Snapshot | None:
         """A copy of frame `seq` of a bay's camera, or of its newest."""
         return self._rings[bay].snapshot(seq)
 
-    async def order(self, what: SetFunctionCheck | ApplySettings | OperatorAction, who: Writer) -> None:
-        """Have it done. Raises RefusedError with the reason, LinkError when the main process does not answer."""
-        await self._have_done(Command(self._next_order(), who, what))
-        if isinstance(what, OperatorAction):
-            await self.links_anew()
+    async def command(self, action: SetFunctionCheck | ApplySettings | OperatorAction, who: Writer) -> None:
+        """Raises RefusedError with the reason, LinkError when the main process does not answer."""
+        await self._reply_to(Command(next(self._numbers), who, action))
+        if isinstance(action, OperatorAction):
+            await self.update_links()
 
-    async def in_file(self, bay: str, who: Writer) -> FileSettings:
-        """The settings in the configuration's file. Raises ConfigError, and as `order` does."""
-        return await self._of_file(ReadFile(bay), FileSettings, who)
-
-    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> FilePreview:
-        """What saving would change. Raises ConfigError, and as `order` does."""
-        return await self._of_file(PreviewFile(bay, vision), FilePreview, who)
-
-    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> FileSaved:
-        """Have written what `plan` has shown. Raises ChangedOnDiskError, ConfigError, and as `order` does."""
-        return await self._of_file(SaveFile(bay, vision, digest), FileSaved, who)
-
-    async def _of_file(self, what: ReadFile | PreviewFile | SaveFile, kind: type[Result], who: Writer) -> Result:
-        done = await self._have_done(FileRequest(self._next_order(), who, what))
-        if not isinstance(done.result, kind):
+    async def about_file(self, action: ReadFile | PreviewFile | SaveFile, kind: type[Result], who: Writer) -> Result:
+        """`kind`: of the reply to `action`. Raises ChangedOnDiskError, ConfigError, and as `command` does."""
+        reply = await self._reply_to(FileRequest(next(self._numbers), who, action))
+        if not isinstance(reply.result, kind):
             raise LinkError("the gateway has answered something else")
-        return done.result
+        return reply.result
 
-    def _next_order(self) -> int:
-        self._ordered += 1
-        return self._ordered
-
-    async def _have_done(self, order: Command | FileRequest) -> CommandReply:
+    async def _reply_to(self, request: Command | FileRequest) -> CommandReply:
         future: asyncio.Future[CommandReply] = asyncio.get_running_loop().create_future()
-        self._orders[order.number] = future
+        self._waiting[request.number] = future
         try:
-            if not self._link.offer(order):
-                raise LinkError("the gateway does not take orders")
-            async with asyncio.timeout(ORDER_S):
-                done = await future
+            if not self._link.offer(request):
+                raise LinkError("the gateway does not accept commands")
+            async with asyncio.timeout(COMMAND_S):
+                reply = await future
         except TimeoutError:
-            raise LinkError(f"the gateway has not answered within {ORDER_S:g} s") from None
+            raise LinkError(f"the gateway has not answered within {COMMAND_S:g} s") from None
         finally:
-            del self._orders[order.number]
-        if done.why:
-            raise _RAISED[done.error](done.why)
-        return done
+            del self._waiting[request.number]
+        if reply.why:
+            raise _RAISED[reply.error](reply.why)
+        return reply
 
-    async def links_anew(self) -> None:
+    async def update_links(self) -> None:
         """Request links and alarms now, and wait for them for a while, so that a change is seen at once."""
-        told_ns, self._links_ns = self.links_ns, 0
+        before_ns, self._links_ns = self.links_ns, 0
         self._wanted.set()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(IDLE_S):
-                while self.links_ns == told_ns:
-                    await self._changed.wait()
+        await self._until(lambda: self.links_ns != before_ns, IDLE_S)
 
     async def fresh(self, *bays: str) -> None:
         """Wait for a while until what is known of these bays is young. Of many, each is pulled in its turn."""
-        with contextlib.suppress(TimeoutError), self.watching(*bays, urgent=False):
-            async with asyncio.timeout(FRESH_WAIT_S):
-                while not all(self._young(bay) for bay in bays):
-                    await self._changed.wait()
+        with self.watching(*bays, urgent=False):
+            await self._until(lambda: all(map(self._young, bays)), FRESH_WAIT_S)
 
     def _young(self, bay: str) -> bool:
         report = self._reports.get(bay)
@@ -260,16 +242,11 @@ class GatewayClient:
         return self.events[-1].number if self.events else 0
 
     async def _pull(self, number: int) -> None:
-        self._answered.clear()
         if not self._link.offer(StateRequest(number, self._due(), self._last_event, self._links_due())):
-            raise LinkError("the gateway is gone")
-        try:
-            async with asyncio.timeout(ANSWER_S):
-                while self.answers < number:
-                    await self._answered.wait()
-                    self._answered.clear()
-        except TimeoutError:
-            raise LinkError(f"the gateway has not answered within {ANSWER_S:g} s") from None
+            raise LinkError("the gateway has ended")
+        await self._until(lambda: self.answers >= number, ANSWER_S)
+        if self.answers < number:
+            raise LinkError(f"the gateway has not answered within {ANSWER_S:g} s")
 
     def _links_due(self) -> bool:
         """About once a second is enough for how the parts do."""
@@ -303,7 +280,7 @@ class GatewayClient:
                     self._take(message)
                 case Failed(why):
                     raise SystemExit(why)
-                case CommandReply(number=number) if (waiting := self._orders.get(number)) and not waiting.done():
+                case CommandReply(number=number) if (waiting := self._waiting.get(number)) and not waiting.done():
                     waiting.set_result(message)
         if self._link.ended:
             raise SystemExit(0)  # the main process has ended, and the pages with it
@@ -322,7 +299,6 @@ class GatewayClient:
         self.newest_event = answer.newest_event
         self.answered_ns = answer.now_ns
         self.answers = answer.number
-        self._answered.set()
         self._changed.set()
         self._changed = asyncio.Event()
 

@@ -7,6 +7,7 @@ import asyncio
 import logging
 import os
 import socket
+from contextlib import closing
 
 import cv2
 import uvicorn
@@ -64,7 +65,7 @@ async def _serve(about: WebSetup, channel: Channel[FromWeb, ToWeb]) -> None:
         )
     )
     sockets = [socket.socket(fileno=fd) for fd in about.sockets]
-    with services.tuning:
+    with closing(services.tuning):
         async with asyncio.TaskGroup() as group:
             pulling = group.create_task(client.keep(), name="gateway-client")
             fresh = None if tls is None else group.create_task(tls.keep_current(), name="tls")

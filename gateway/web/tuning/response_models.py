@@ -4,26 +4,12 @@ from dataclasses import asdict
 from typing import Any
 from urllib.parse import quote
 
-from gateway.config import VisionConfig
 from gateway.core.detection import Detection
-from gateway.core.state import FunctionCheck
 from gateway.vision.offline.tuning import exposure
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning.eyedropper import ColourPick
 from gateway.web.tuning.service import CompletedTrial
-from gateway.web.tuning.trial import SideResult, TrialResult
-
-
-def schema() -> list[dict[str, Any]]:
-    return [asdict(key) for key in parameter_schema.schema()]
-
-
-def mode_name(check: FunctionCheck) -> str:
-    return check.name.lower()
-
-
-def settings(in_force: VisionConfig, check: FunctionCheck, undo: int) -> dict[str, Any]:
-    return {"vision": parameter_schema.values(in_force), "function_check": mode_name(check), "undo_steps": undo}
+from gateway.web.tuning.trial import SideResult
 
 
 def tried(bay: str, one: CompletedTrial) -> dict[str, Any]:
@@ -54,7 +40,13 @@ def tried(bay: str, one: CompletedTrial) -> dict[str, Any]:
             }
             for panel in one.panels
         ],
-        "exposure": _exposure(one) if one.lights else None,
+        "exposure": None
+        if not one.lights
+        else {
+            "advice": exposure.advice(one.lights),
+            "figures": asdict(one.lights[len(one.lights) // 2]),
+            "marker_seen": any(found.circle is not None for found in result.reference),
+        },
     }
 
 
@@ -89,19 +81,3 @@ def picked(one: ColourPick) -> dict[str, Any]:
         "hanging_px": one.hanging_px,
         "warnings": one.warnings,
     }
-
-
-def _exposure(one: CompletedTrial) -> dict[str, Any]:
-    return {
-        "advice": exposure.advice(one.lights),
-        "figures": asdict(one.lights[len(one.lights) // 2]),
-        "marker_seen": _sure(one.result),
-    }
-
-
-def _sure(result: TrialResult) -> bool:
-    return any(found.circle is not None for found in result.reference)
-
-
-def changes(old: VisionConfig, new: VisionConfig) -> list[str]:
-    return list(parameter_schema.changes(old, new))

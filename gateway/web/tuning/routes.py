@@ -1,6 +1,7 @@
 """The tuning page's addresses below /api/bays/{bay}/. `security` has checked who calls."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 from fastapi import Depends, Query
@@ -14,7 +15,9 @@ from gateway.web.auth.access import BODY_BYTES, PROFILE_BYTES, Level
 from gateway.web.auth.addresses import Addresses, Endpoint, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller
+from gateway.web.ipc.messages import FilePreview, FileSaved, FileSettings, PreviewFile, ReadFile, SaveFile
 from gateway.web.profile import parameter_schema, profile
+from gateway.web.server.gateway_client import Result
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.tuning import response_models
 from gateway.web.tuning.request_models import (
@@ -30,7 +33,7 @@ from gateway.web.tuning.request_models import (
     TrialBody,
 )
 from gateway.web.tuning.service import TuningService
-from gateway.web.tuning.snapshots import Capture, listing
+from gateway.web.tuning.snapshots import Capture, described
 
 PICTURE_PX = 1280  # width of a kept frame's picture, unless requested otherwise
 MIN_PX, MAX_PX = 80, 4096
@@ -40,13 +43,13 @@ Number = Annotated[int, whole_number(0, 1 << 53)]
 WidthPx = Annotated[int, whole_number(MIN_PX, MAX_PX), Query()]
 
 
+@dataclass(frozen=True, slots=True)
 class TuningRequest:
     """One request about one bay."""
 
-    def __init__(self, service: TuningService, bay: str, caller: Caller) -> None:
-        self.service = service
-        self.bay = bay
-        self.caller = caller
+    service: TuningService
+    bay: str
+    caller: Caller
 
     def taken(self, name: str) -> Capture:
         taken = self.service.store.get(self.bay, name)
@@ -64,6 +67,9 @@ class TuningRequest:
 
     async def settings(self, given: dict[str, Any]) -> VisionConfig:
         return parameter_schema.validated(given, await self.service.in_force(self.bay))
+
+    async def about_file(self, action: ReadFile | PreviewFile | SaveFile, kind: type[Result]) -> Result:
+        return await self.service.client.about_file(action, kind, self.caller.writer)
 
     def who(self, tab: str) -> str:
         session = self.caller.session
@@ -98,19 +104,17 @@ async def _function_check(request: Tuning, body: FunctionCheckBody) -> JSONRespo
 
 @_try("/freeze", "keep the newest frame to try settings on")
 async def _freeze(request: Tuning, body: EmptyBody) -> JSONResponse:
-    (one,) = listing([await request.service.freeze(request.bay)])
-    return JSONResponse(one)
+    return JSONResponse(described(await request.service.freeze(request.bay)))
 
 
 @_try("/record", "keep the frames of the next few seconds")
 async def _record(request: Tuning, body: RecordBody) -> JSONResponse:
-    (one,) = listing([await request.service.record(request.bay, body.seconds)])
-    return JSONResponse(one)
+    return JSONResponse(described(await request.service.record(request.bay, body.seconds)))
 
 
 @_get("/taken", "the kept frames and recordings")
 async def _taken(request: Tuning) -> JSONResponse:
-    return JSONResponse(list(listing(request.service.store.of(request.bay))))
+    return JSONResponse([described(taken) for taken in request.service.store.of(request.bay)])
 
 
 @_get("/taken/{name}/{frame}", "one of these frames as a picture")
@@ -167,22 +171,27 @@ async def _eyedropper(request: Tuning, body: EyedropperBody) -> Response:
 async def _profile(request: Tuning) -> JSONResponse:
     in_force = await request.service.in_force(request.bay)
     file = await _file(request, in_force)
-    return JSONResponse({**_settings(request, in_force), "schema": response_models.schema(), "file": file})
+    schema = [asdict(key) for key in parameter_schema.schema()]
+    return JSONResponse({**_settings(request, in_force), "schema": schema, "file": file})
 
 
 async def _file(request: TuningRequest, in_force: VisionConfig) -> dict[str, object]:
     """Where saving would write to, what prevents it, and which keys differ from the file."""
     path = request.service.file or None
     try:
-        found = await request.service.client.in_file(request.bay, request.caller.writer)
+        found = await request.about_file(ReadFile(request.bay), FileSettings)
     except ConfigError as error:
         return {"path": path, "why_not": str(error), "unsaved": []}
-    return {"path": path, "why_not": found.why_not, "unsaved": response_models.changes(found.vision, in_force)}
+    return {"path": path, "why_not": found.why_not, "unsaved": list(parameter_schema.changes(found.vision, in_force))}
 
 
 def _settings(request: TuningRequest, in_force: VisionConfig) -> dict[str, Any]:
     service, bay = request.service, request.bay
-    return response_models.settings(in_force, service.function_check(bay), service.undo_steps(bay))
+    return {
+        "vision": parameter_schema.values(in_force),
+        "function_check": service.function_check(bay).name.lower(),
+        "undo_steps": service.undo_steps(bay),
+    }
 
 
 @_get("/profile/export", "the settings in force as a file")
@@ -207,15 +216,14 @@ async def _import(request: Tuning, body: ImportBody) -> JSONResponse:
     """Checked and returned: nothing is applied, nothing is written."""
     in_force = await request.service.in_force(request.bay)
     settings = await request.service.imported(request.bay, body.text, body.name)
-    return JSONResponse(
-        {"vision": parameter_schema.values(settings), "changes": response_models.changes(in_force, settings)}
-    )
+    changes = list(parameter_schema.changes(in_force, settings))
+    return JSONResponse({"vision": parameter_schema.values(settings), "changes": changes})
 
 
 @_try("/profile/diff", "what saving would change")
 async def _diff(request: Tuning, body: SettingsBody) -> JSONResponse:
     settings = await request.settings(body.vision)
-    planned = await request.service.client.plan(request.bay, settings, request.caller.writer)
+    planned = await request.about_file(PreviewFile(request.bay, settings), FilePreview)
     return JSONResponse(
         {
             "path": request.service.file,
@@ -246,5 +254,5 @@ async def _undo(request: Tuning, body: EmptyBody) -> JSONResponse:
 @_post("/profile/save", "write settings into the configuration")
 async def _save(request: Tuning, body: SaveBody) -> JSONResponse:
     settings = await request.settings(body.vision)
-    saved = await request.service.client.save(request.bay, settings, body.digest, request.caller.writer)
+    saved = await request.about_file(SaveFile(request.bay, settings, body.digest), FileSaved)
     return JSONResponse({"path": request.service.file, "changes": list(saved.changes), "backup": saved.backup})

@@ -10,8 +10,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from types import TracebackType
-from typing import Protocol, Self, TypeVar, TypeVarTuple
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import VisionConfig
@@ -22,14 +20,14 @@ from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.offline.tuning import exposure
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.transport.ring import Snapshot
-from gateway.web.ipc.messages import ApplySettings, FilePreview, FileSaved, FileSettings, SetFunctionCheck, WebSetup
+from gateway.web.ipc.messages import ApplySettings, SetFunctionCheck
 from gateway.web.profile import profile
-from gateway.web.server.gateway_client import BayReport
+from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.pictures import encoded as jpeg
 from gateway.web.tuning import eyedropper, stages, trial
 from gateway.web.tuning.eyedropper import ColourPick, Mode
 from gateway.web.tuning.remarks import remarks
-from gateway.web.tuning.snapshots import LONGEST_S, Capture, CaptureStore, Recorder
+from gateway.web.tuning.snapshots import Capture, CaptureStore, Recorder
 from gateway.web.tuning.trial import DetectionCache, TrialResult
 from gateway.web.tuning.trial_thread import TrialsBusyError, TrialThread
 
@@ -42,33 +40,6 @@ TRIES = 10  # to copy the newest frame
 NO_FRAME = "there is no frame: the camera has given none"
 RECORDERS = 2  # at the same time: each fills its own memory
 LIGHTS = 5  # frames of a recording that are checked for exposure
-
-
-T = TypeVar("T")
-Ts = TypeVarTuple("Ts")
-
-
-class GatewayClient(Protocol):
-    """What the workshop needs of gateway.web.server.gateway_client."""
-
-    about: WebSetup
-
-    @property
-    def clock(self) -> Clock: ...
-
-    def report(self, bay: str) -> BayReport | None: ...
-
-    async def newer(self, bay: str, number: int, seconds: float) -> BayReport | None: ...
-
-    def snapshot(self, bay: str, seq: int | None = None) -> Snapshot | None: ...
-
-    async def order(self, what: SetFunctionCheck | ApplySettings, who: Writer) -> None: ...
-
-    async def in_file(self, bay: str, who: Writer) -> FileSettings: ...
-
-    async def plan(self, bay: str, vision: VisionConfig, who: Writer) -> FilePreview: ...
-
-    async def save(self, bay: str, vision: VisionConfig, digest: str, who: Writer) -> FileSaved: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +58,7 @@ class CompletedTrial:
 
 
 class TuningService:
-    """One for the web process. `pace` is real time. To be closed: `with`.
+    """One for the web process. `pace` is real time. To be closed.
 
     `thread`: for pictures and for texts; by default pictures have one of their own, and texts take the loop's.
     """
@@ -105,12 +76,7 @@ class TuningService:
         self._changing: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)  # by bay: one change at a time
         self._recorders = 0
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         self.trial_thread.close()
 
     @property
@@ -147,28 +113,22 @@ class TuningService:
         return None
 
     async def record(self, bay: str, seconds: float) -> Capture:
-        """The frames of the next seconds (at most LONGEST_S). Raises LinkError where none arrives, TrialsBusyError."""
+        """The frames of the next seconds. Raises LinkError where none arrives, TrialsBusyError."""
         if self._recorders >= RECORDERS:
             raise TrialsBusyError("others are recording just now; try again in a moment")
         self._recorders += 1
+        recorder = Recorder()
+        until_ns = self._pace.now_ns() + round(seconds * NS_PER_S)
         try:
-            recorder = await self._recorded(bay, seconds)
+            while self._pace.now_ns() < until_ns and not recorder.full:
+                if (frame := self.client.snapshot(bay)) is not None:
+                    recorder.offer(frame)
+                await self._pace.sleep(LOOK_S)
         finally:
             self._recorders -= 1
         if not recorder.frames:
             raise LinkError(NO_FRAME)
         return self.store.recording(bay, recorder.frames, self.client.clock.wall_ns(), full=recorder.full)
-
-    async def _recorded(self, bay: str, seconds: float) -> Recorder:
-        recorder = Recorder()
-        begun_ns = self._pace.now_ns()
-        until_ns = begun_ns + round(min(seconds, LONGEST_S) * NS_PER_S)
-        while self._pace.now_ns() < until_ns and not recorder.full:
-            frame = self.client.snapshot(bay)
-            if frame is not None and frame.seq != recorder.newest:
-                recorder.offer(frame)
-            await self._pace.sleep(LOOK_S)
-        return recorder
 
     async def picture(self, who: str, frame: Snapshot, width_px: int) -> bytes:
         return await self.trial_thread.work(f"picture {who}", lambda _: jpeg(frame.image, width_px))
@@ -237,10 +197,9 @@ class TuningService:
 
     # Settings.
 
-    async def check(self, bay: str, mode: FunctionCheck, who: Writer) -> FunctionCheck:
+    async def check(self, bay: str, mode: FunctionCheck, who: Writer) -> None:
         """Begin or end a function check. Raises RefusedError, LinkError."""
-        await self._order(bay, SetFunctionCheck(bay, mode), who)
-        return self.function_check(bay)
+        await self._command(bay, SetFunctionCheck(bay, mode), who)
 
     async def apply(
         self, bay: str, settings: VisionConfig, who: Writer, over: VisionConfig | None = None
@@ -251,7 +210,7 @@ class TuningService:
         """
         async with self._changing[bay]:
             before = await self.in_force(bay)
-            await self._order(bay, ApplySettings(bay, settings, over), who)
+            await self._command(bay, ApplySettings(bay, settings, over), who)
             if before != settings:
                 self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
             return await self.in_force(bay)
@@ -263,28 +222,26 @@ class TuningService:
             kept = self._undo.get(bay)
             if not kept:
                 return None
-            await self._order(bay, ApplySettings(bay, kept[-1]), who)
+            await self._command(bay, ApplySettings(bay, kept[-1]), who)
             kept.pop()
             return await self.in_force(bay)
 
     def undo_steps(self, bay: str) -> int:
         return len(self._undo.get(bay, ()))
 
-    async def _order(self, bay: str, what: SetFunctionCheck | ApplySettings, who: Writer) -> None:
+    async def _command(self, bay: str, action: SetFunctionCheck | ApplySettings, who: Writer) -> None:
         """Executed, and reported by the main process, so that the next request gets the new state."""
-        await self.client.order(what, who)
+        await self.client.command(action, who)
         report = self.client.report(bay)
         await self.client.newer(bay, report.number if report else 0, NEWER_S)
 
     # The file.
 
     async def imported(self, bay: str, text: str, name: str) -> VisionConfig:
-        """What is in force with the profile `text` over it. Raises ConfigError, LinkError."""
-        return await self._off(partial(profile.imported, text, await self.in_force(bay), source=name))
-
-    def _off(self, work: Callable[[*Ts], T], *args: *Ts) -> "asyncio.Future[T]":
-        """On a thread: reading a long text may take its time."""
-        return asyncio.get_running_loop().run_in_executor(self._texts, work, *args)
+        """What is in force with the profile `text` over it. Raises ConfigError, LinkError. On a thread: reading a long
+        text may take its time."""
+        read = partial(profile.imported, text, await self.in_force(bay), source=name)
+        return await asyncio.get_running_loop().run_in_executor(self._texts, read)
 
 
 def _lights(frames: Sequence[Snapshot], result: TrialResult) -> tuple[Light, ...]:

@@ -4,7 +4,7 @@ Per bay the newest few of each kind are kept, and of all together no more bytes 
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gateway.clock import NS_PER_S
@@ -93,45 +93,36 @@ class Recorder:
     def __init__(self, rate_hz: float = RATE_HZ, limit_bytes: int = RECORDING_BYTES) -> None:
         self._period_ns = round(NS_PER_S / rate_hz)
         self._limit_bytes = limit_bytes
-        self._frames: list[Snapshot] = []
+        self.frames: list[Snapshot] = []
         self._bytes = 0
-
-    @property
-    def frames(self) -> Sequence[Snapshot]:
-        return tuple(self._frames)
-
-    @property
-    def newest(self) -> int | None:
-        return self._frames[-1].seq if self._frames else None
 
     @property
     def full(self) -> bool:
         """The next frame, if it is as large as the newest, would go beyond the limit."""
-        return bool(self._frames) and self._bytes + self._frames[-1].image.nbytes > self._limit_bytes
+        return bool(self.frames) and self._bytes + self.frames[-1].image.nbytes > self._limit_bytes
 
     def offer(self, frame: Snapshot) -> bool:
         """Whether it was taken."""
-        if self._frames:
-            before = self._frames[-1]
+        if self.frames:
+            before = self.frames[-1]
             early_ns = frame.t_capture_ns - before.t_capture_ns - self._period_ns
             if frame.seq == before.seq or early_ns < -_AHEAD * self._period_ns or self.full:
                 return False
-        self._frames.append(frame)
+        self.frames.append(frame)
         self._bytes += frame.image.nbytes
         return True
 
 
-def listing(taken: Sequence[Capture]) -> Iterator[dict[str, object]]:
+def described(taken: Capture) -> dict[str, object]:
     """For the page's list."""
-    for one in taken:
-        height, width = one.frames[0].image.shape[:2]
-        yield {
-            "name": one.name,
-            "kind": "recording" if one.recorded else "snapshot",
-            "frames": len(one.frames),
-            "seconds": round(one.seconds, 3),
-            "width_px": width,
-            "height_px": height,
-            "taken_ms": one.wall_ns // 1_000_000,
-            "full": one.full,
-        }
+    height, width = taken.frames[0].image.shape[:2]
+    return {
+        "name": taken.name,
+        "kind": "recording" if taken.recorded else "snapshot",
+        "frames": len(taken.frames),
+        "seconds": round(taken.seconds, 3),
+        "width_px": width,
+        "height_px": height,
+        "taken_ms": taken.wall_ns // 1_000_000,
+        "full": taken.full,
+    }

@@ -67,7 +67,7 @@ async def test_state_of_all_bays_and_of_one() -> None:
         ask = api_client(made)
         await asyncio.sleep(1.2)
         loading(made)
-        await made.client.links_anew()
+        await made.client.update_links()
         both = fits(await ask.get("/api/state"), "BayView")
         assert [bay["bay"] for bay in both] == ["bay1", "bay2"]
         one = fits(await ask.get("/api/bays/bay1/state"), "BayView")

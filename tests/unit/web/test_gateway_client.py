@@ -134,7 +134,7 @@ async def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() 
     async with plant() as made:
         fresh(made)
         assert made.hub.state("bay1").may_move
-        await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
+        await made.client.command(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
         assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
         assert not made.hub.state("bay1").may_move
         await asyncio.sleep(1.1)
@@ -147,14 +147,14 @@ async def test_settings_go_live_only_while_a_function_check_is_on() -> None:
     async with plant() as made:
         wished = VisionConfig(method="paper", min_area_px2=250.0)
         with pytest.raises(RefusedError, match="function check first"):
-            await made.client.order(ApplySettings("bay1", wished), ANNA)
+            await made.client.command(ApplySettings("bay1", wished), ANNA)
         assert made.eyes["bay1"].settings == VisionConfig()
-        await made.client.order(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
-        await made.client.order(ApplySettings("bay1", wished), ANNA)
+        await made.client.command(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
+        await made.client.command(ApplySettings("bay1", wished), ANNA)
         assert made.eyes["bay1"].settings == wished
         made.eyes["bay1"].refuses = "vision.workers can't change while the gateway runs"
         with pytest.raises(RefusedError, match="can't change"):
-            await made.client.order(ApplySettings("bay1", VisionConfig()), ANNA)
+            await made.client.command(ApplySettings("bay1", VisionConfig()), ANNA)
         await asyncio.sleep(1.1)
         told = [row.event.detail for row in made.client.events if row.event.kind is EventKind.SETTINGS_CHANGED]
         assert told == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
@@ -164,7 +164,7 @@ async def test_settings_go_live_only_while_a_function_check_is_on() -> None:
 async def test_an_order_for_no_bay_is_refused() -> None:
     async with plant() as made:
         with pytest.raises(RefusedError, match="no bay 'bay7'"):
-            await made.client.order(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
+            await made.client.command(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
 
 
 @in_virtual_time

@@ -31,7 +31,7 @@ async def judged(
     await asyncio.sleep(1.2)
     loading(made)
     happens(made)
-    await made.client.links_anew()
+    await made.client.update_links()
     return health(made.client, verbose=verbose)
 
 

@@ -76,7 +76,7 @@ async def told(made: Plant, links: SystemStatus | None = None) -> Samples:
     made.links = full() if links is None else links
     await asyncio.sleep(1.2)
     loading(made)
-    await made.client.links_anew()
+    await made.client.update_links()
     body, content_type = text(MetricsSource(made.client, PAGES, PROCESSES))
     assert content_type.startswith("text/plain; version=")
     return parsed(body)

@@ -16,7 +16,7 @@ from gateway.vision.detect.robust.tuning_view import RAYS, edges
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import eyedropper, stages
-from gateway.web.tuning.snapshots import RECORDINGS, STILLS, CaptureStore, Recorder, listing
+from gateway.web.tuning.snapshots import RECORDINGS, STILLS, CaptureStore, Recorder, described
 from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, frame, picture
 
 PAPER = VisionConfig(method="paper", tracking=False)
@@ -261,7 +261,7 @@ def test_a_recording_takes_new_frames_at_its_own_rate() -> None:
     assert not recorder.offer(small(30, t_s=9.0))  # the same frame again
     steps = np.diff([one.t_capture_ns for one in recorder.frames]) / 1e9
     assert steps.min() > 0.089
-    assert recorder.newest == 30
+    assert recorder.frames[-1].seq == 30
 
 
 def test_a_camera_a_little_faster_than_the_rate_is_recorded_whole() -> None:
@@ -282,7 +282,7 @@ def test_the_list_tells_what_each_is() -> None:
     store.still("a", frame(3), 1_795_300_000_123_456_789)
     store.recording("a", [frame(1), frame(2), frame(3)], 0, full=True)
 
-    still, recording = listing(store.of("a"))
+    still, recording = map(described, store.of("a"))
     assert still == {
         "name": "s1",
         "kind": "snapshot",

@@ -43,7 +43,7 @@ class Bay:
     """One bay's side of the page."""
 
     made: Plant
-    shop: TuningService
+    service: TuningService
     api_client: ApiClient
 
     async def get(self, path: str, query: str = "") -> Said:
@@ -311,7 +311,7 @@ async def test_a_trial_that_a_newer_one_took_back_is_no_fault(monkeypatch: pytes
         monkeypatch.setattr(trial, "look", taken_back)
         told = await page.post("trial", live=True, vision={})
         assert (told.status, told.body) == (204, b"")
-        assert page.shop.trial_thread.withdrawn == 1
+        assert page.service.trial_thread.withdrawn == 1
 
 
 @in_virtual_time

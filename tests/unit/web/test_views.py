@@ -41,7 +41,7 @@ async def test_the_live_view_of_some_bays() -> None:
         made.links = full()
         await asyncio.sleep(1.2)
         loading(made, "bay2")
-        await made.client.links_anew()
+        await made.client.update_links()
         told = fits(views.live_json(made.client, ("bay2", "bay3")), "LiveView")
         assert [bay["bay"] for bay in told["bays"]] == ["bay2", "bay3"]
         first = told["bays"][0]
@@ -86,7 +86,7 @@ async def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
     async with plant() as made:
         await asyncio.sleep(1.2)
         loading(made)
-        await made.client.links_anew()
+        await made.client.update_links()
         told = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
         guidance = made.hub.state("bay1").guidance
         assert (told["code"], told["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
