@@ -31,10 +31,10 @@ from gateway.alarms.table import (
     Inputs,
     alarm_id,
 )
+from gateway.clock import NS_PER_S
 from gateway.config import FusionConfig
 from gateway.core.state import StateVector
 
-NS_PER_S = 1_000_000_000
 HISTORY = 1000  # changes kept, of all alarms
 MAX_DETAIL = 120
 # What an operator must see first.

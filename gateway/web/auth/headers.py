@@ -4,6 +4,7 @@ Host is checked against DNS rebinding: a foreign site whose name points to the g
 Origin is checked against foreign sites that send requests through the browser of a logged-in person.
 """
 
+import re
 from collections.abc import Collection, Iterable
 from urllib.parse import urlsplit
 
@@ -11,6 +12,9 @@ from gateway.config.sections.hmi import HmiConfig, host_name
 
 Headers = Iterable[tuple[bytes, bytes]]
 MAX_HEADER = 300  # of a Host or Origin that could be right
+_PART = r"[^][:/\\@?# \t,]"
+# An address of IPv6 in brackets, or a name or an address without a colon; then the port.
+AUTHORITY = re.compile(rf"(?:\[(?P<v6>(?:{_PART}*:)+{_PART}*)\]|(?P<name>{_PART}+))(?::(?P<port>[0-9]{{1,5}}))?")
 PORTS = {"http": 80, "https": 443}
 
 
@@ -29,22 +33,11 @@ def header(headers: Headers, name: bytes) -> str | None:
 
 def host_and_port(authority: str, scheme: str) -> tuple[str, int]:
     """Of a Host header, compared as `hmi.hosts` writes them. Raises ValueError for anything else than host[:port]."""
-    if not authority or len(authority) > MAX_HEADER or set(authority) & set("/\\@?# \t,"):
-        raise ValueError("no host")
-    name, bracket, tail = authority.rpartition("]")
-    if bracket:  # [::1]:8080
-        if not name.startswith("[") or (tail and not tail.startswith(":")):
-            raise ValueError("no host")
-        name, port = name[1:], tail[1:]
-        if ":" not in name or set(name) & set("[]") or (tail and not port):
-            raise ValueError("no host")
-    else:
-        name, colon, port = authority.partition(":")
-        if colon and not port:
-            raise ValueError("no port")
-    if port and not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) <= 65535):
-        raise ValueError("no port")
-    return host_name(name), int(port) if port else PORTS[scheme]
+    found = AUTHORITY.fullmatch(authority) if len(authority) <= MAX_HEADER else None
+    port = PORTS[scheme] if found is None or found["port"] is None else int(found["port"])
+    if found is None or not 0 < port <= 65535:
+        raise ValueError("no host[:port]")
+    return host_name(found["v6"] or found["name"]), port
 
 
 def host_allowed(authority: str | None, hosts: Collection[str], scheme: str) -> bool:

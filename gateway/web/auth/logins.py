@@ -35,11 +35,9 @@ class Logins:
         self.config = config
         self.counts: Counter[str] = Counter()  # by AuditKind, those only counted included
         self.cookie = f"__Host-{instance}-session" if config.tls else f"{instance}-session"  # ports share cookies
-        self.on_end: Callable[[str], None] = lambda _: None  # a session's key, when it ends
         self.sessions = Sessions(
             lifetime_ns=round(config.session_hours * 3600 * NS_PER_S),
             idle_ns=round(config.session_idle_minutes * 60 * NS_PER_S),
-            ended=self._ended,
         )
         self.passwords = Passwords(config.users)
         self._anonymous = Level.of(config.without_login)
@@ -95,9 +93,6 @@ class Logins:
         self._buckets[record.kind] = bucket
         if unreported is not None:
             self._audit(replace(record, unreported=unreported))
-
-    def _ended(self, key: str) -> None:
-        self.on_end(key)
 
     def _level(self, user: HmiUser) -> Level:
         return max(self._anonymous, Level.of(user.role))

@@ -49,7 +49,7 @@ class SecurityMiddleware:
         self._names = {name for name, _ in self._headers} | {b"server", b"cache-control"}
         self._open: dict[str, set[asyncio.Timeout]] = {}  # by session: what ends with it
         self.counts: Counter[str] = Counter() if counts is None else counts
-        logins.on_end = self._end
+        logins.sessions.ended = self._end
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):

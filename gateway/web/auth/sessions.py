@@ -44,7 +44,7 @@ class Sessions:
     ) -> None:
         self._lifetime_ns = lifetime_ns
         self._idle_ns = idle_ns
-        self._ended = ended
+        self.ended = ended
         self._token = token
         self._open: dict[str, Session] = {}
 
@@ -87,7 +87,7 @@ class Sessions:
     def close(self, key: str) -> None:
         """Ends it; one that there is not is no fault."""
         if self._open.pop(key, None) is not None:
-            self._ended(key)
+            self.ended(key)
 
     def remove_expired(self, now_ns: int) -> None:
         """Ends all that are over, seen again or not."""

@@ -45,19 +45,6 @@ def load(path: Path) -> Loaded:
     return Loaded(path, text, _digest(data))
 
 
-def named(path: Path | None) -> Path:
-    """Raises ConfigError where there is no file."""
-    if path is None:
-        raise ConfigError(NO_FILE)
-    return path
-
-
-def same(loaded: Loaded, digest: str) -> None:
-    """Raises ChangedOnDiskError where the file is not the one of this digest."""
-    if loaded.digest != digest:
-        raise ChangedOnDiskError(f"{loaded.path}: was changed elsewhere since it was shown; nothing was written")
-
-
 def why_not_writable(path: Path | None) -> str:
     """Why `save` would fail, as text; empty: no known reason."""
     if path is None:

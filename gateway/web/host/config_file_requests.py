@@ -67,14 +67,15 @@ class ConfigFileRequests:
 
 def _perform(request: FileRequest, path: Path | None) -> CommandReply:
     try:
-        found = config_file.named(path)
+        if path is None:
+            raise ConfigError(config_file.NO_FILE)
         match request.action:
             case ReadFile(bay):
-                return CommandReply(request.number, result=_read(found, bay))
+                return CommandReply(request.number, result=_read(path, bay))
             case PreviewFile():
-                return CommandReply(request.number, result=_plan(found, request.action))
+                return CommandReply(request.number, result=_plan(path, request.action))
             case SaveFile():
-                return CommandReply(request.number, result=_save(found, request.action, request.who))
+                return CommandReply(request.number, result=_save(path, request.action, request.who))
     except ConfigError as error:
         kind = FileErrorKind.CHANGED if isinstance(error, ChangedOnDiskError) else FileErrorKind.WRONG
         return CommandReply(request.number, str(error)[:MAX_WHY], kind)
@@ -94,7 +95,8 @@ def _plan(path: Path, requested: PreviewFile) -> FilePreview:
 
 def _save(path: Path, requested: SaveFile, who: Writer) -> FileSaved:
     loaded = config_file.load(path)
-    config_file.same(loaded, requested.digest)
+    if loaded.digest != requested.digest:
+        raise ChangedOnDiskError(f"{path}: was changed elsewhere since it was shown; nothing was written")
     proposal = profile.propose(loaded.text, requested.bay, requested.vision, source=str(path))
     backup = config_file.save(loaded, proposal.text)
     keys = ", ".join(proposal.changes) or "nothing new"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.table import GatewayConditions
 from gateway.bay_file import BayFiles
+from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig
 from gateway.core.readings import FRESH_FRAME, VisionReading
 from gateway.hub import Hub
@@ -15,7 +16,6 @@ from gateway.sinks.contract import Sink
 from gateway.supervisor import TaskRecord
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
 
-NS_PER_S = 1_000_000_000
 _BOUNDS_NS = tuple(round(bound_s * NS_PER_S) for bound_s in BOUNDS_S)
 MAX_STAGES = 32  # of one bay; a method has a dozen
 PLC_QUIET_S = 5.0  # ten times the slowest useful poll; the alarm's own on-delay is added
@@ -106,9 +106,7 @@ class StatusCollector:
             store_fault=next((sink.store.fault for sink in sinks if sink.store is not None and sink.store.fault), ""),
             events_lost=self.hub.dropped + sum(sink.events_lost for sink in sinks),
             crashes=sum(row.crashes for row in crashed.values()),
-            crashed=", ".join(f"{name}: {row.last_error}" for name, row in self.tasks.items() if row.crashes)[
-                :MAX_ERROR
-            ],
+            crashed=", ".join(f"{name}: {row.last_error}" for name, row in crashed.items())[:MAX_ERROR],
             bay_file_fault="" if self.bay_files is None else self.bay_files.fault,
             bay_file_damaged=""
             if self.bay_files is None

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, VisionConfig, parse
 from gateway.config.strict.toml_file import merge
 from gateway.errors import ConfigError
@@ -20,7 +21,6 @@ from gateway.web.profile.toml_edit import with_keys
 
 MAX_PROFILE_CHARS = 64 * 1024
 MAX_LINE_CHARS = 400  # a dotted key takes the TOML reader time by the square of its length
-NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)

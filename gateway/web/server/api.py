@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
-import cv2
 from fastapi import Depends, Path, Query
 from starlette.requests import Request
 from starlette.responses import Response
@@ -34,6 +33,7 @@ from gateway.web.server.models import (
     RegistersView,
     ShelveBody,
 )
+from gateway.web.server.pictures import picture_file
 from gateway.web.server.process_usage import process_usage
 from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
 
@@ -101,12 +101,10 @@ def _snapshot(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
             if frame is None:
                 raise RefusalError(503, "no_frame", f"the camera of {bay.name} has shown nothing yet")
             loop = asyncio.get_running_loop()
-            done, data = await loop.run_in_executor(services.snapshots, cv2.imencode, f".{ending}", frame.image)
-        if not done:
-            raise RefusalError(500, "fault", f"this frame can't be made a {ending.upper()}")
+            data = await loop.run_in_executor(services.snapshots, picture_file, frame.image, ending)
         age_ms = (services.client.clock.now_ns() - frame.t_capture_ns) / NS_PER_MS
         headers = {"X-Frame-Id": str(frame.seq), "X-Frame-Age-Ms": f"{age_ms:.1f}"}
-        return Response(data.tobytes(), media_type=media, headers=headers)
+        return Response(data, media_type=media, headers=headers)
 
 
 _snapshot("jpg", "image/jpeg", "the newest frame")

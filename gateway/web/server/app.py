@@ -21,6 +21,7 @@ from gateway.web.auth.security import SecurityMiddleware
 from gateway.web.ipc.messages import ChangedOnDiskError
 from gateway.web.server import api, openapi, pages
 from gateway.web.server.gateway_client import RefusedError
+from gateway.web.server.pictures import UnencodableError
 from gateway.web.server.services import Services
 from gateway.web.tuning import routes as tuning
 from gateway.web.tuning.trial import EndedError
@@ -32,6 +33,7 @@ _STATUS: tuple[tuple[type[GatewayError], int, str], ...] = (  # the first that m
     (ConfigError, 422, "settings"),
     (TrialsBusyError, 503, "busy"),
     (LinkError, 503, "link"),
+    (UnencodableError, 500, "fault"),
 )
 
 

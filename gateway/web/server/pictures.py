@@ -115,7 +115,12 @@ def encoded(image: Image, width_px: int) -> bytes:
     if width > width_px:
         size = (width_px, max(1, round(height * width_px / width)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return picture_file(image, "jpg", cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
+
+
+def picture_file(image: Image, ending: str, *options: int) -> bytes:
+    """Raises UnencodableError."""
+    done, data = cv2.imencode(f".{ending}", image, options)
     if not done:
-        raise UnencodableError("this frame can't be made a JPEG")
+        raise UnencodableError(f"this frame can't be made a {ending.upper()}")
     return data.tobytes()

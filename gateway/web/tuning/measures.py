@@ -94,18 +94,14 @@ def times(found: Sequence[Detection]) -> StageTimes:
     names = dict.fromkeys(stage for one in found for stage, _ in one.stage_ns)
     rows = [dict(one.stage_ns) for one in found]
     medians = ((name, float(np.median([row.get(name, 0) for row in rows])) / NS_PER_MS) for name in names)
-    total = float(np.median([_total_ns(one) for one in found])) / NS_PER_MS
+    total = float(np.median([total_ns(one.stage_ns) for one in found])) / NS_PER_MS
     return StageTimes(total, tuple((name, ms) for name, ms in medians if ms > 0))
 
 
 def time_ratio(found: Sequence[Detection], other: Sequence[Detection]) -> float:
     """Median over pairs that ran one after the other: a busy machine slows both."""
-    ratios = [_total_ns(a) / max(_total_ns(b), 1) for a, b in zip(found, other, strict=True)]
+    ratios = [total_ns(a.stage_ns) / max(total_ns(b.stage_ns), 1) for a, b in zip(found, other, strict=True)]
     return float(np.median(ratios))
-
-
-def _total_ns(one: Detection) -> int:
-    return total_ns(one.stage_ns)
 
 
 def _numbers(circle: Circle) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from gateway.vision.detect import registry
 from gateway.vision.detect.method import Panel
 from gateway.vision.pixels import Image
 from gateway.vision.view.drawing import scaled
+from gateway.web.server.pictures import picture_file
 
 WIDTH_PX = 480  # of a panel, unless requested otherwise
 LARGEST_PX = 1920
@@ -32,9 +33,6 @@ def _scale(image: Image, width_px: int) -> float:
 
 def encoded(panel: Panel) -> tuple[bytes, str]:
     """A picture file and its media type."""
-    suffix, kind = (".png", "image/png") if panel.lossless else (".jpg", "image/jpeg")
-    options = [cv2.IMWRITE_PNG_COMPRESSION, 1] if panel.lossless else [cv2.IMWRITE_JPEG_QUALITY, 85]
-    done, data = cv2.imencode(suffix, panel.image, options)
-    if not done:
-        raise ValueError(f"a panel of {panel.image.shape} cannot be encoded")
-    return data.tobytes(), kind
+    if panel.lossless:
+        return picture_file(panel.image, "png", cv2.IMWRITE_PNG_COMPRESSION, 1), "image/png"
+    return picture_file(panel.image, "jpg", cv2.IMWRITE_JPEG_QUALITY, 85), "image/jpeg"

@@ -5,6 +5,7 @@ older one ends as soon as it notices, and its caller gets EndedError.
 """
 
 import asyncio
+import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import TypeVar
@@ -21,26 +22,13 @@ class TrialsBusyError(GatewayError):
     """Too many people are trying settings."""
 
 
-class WorkItem:
-    """Something that is to be worked on. Read by the thread, written by the event loop."""
-
-    def __init__(self) -> None:
-        self._wanted = True
-
-    def wanted(self) -> bool:
-        return self._wanted
-
-    def withdraw(self) -> None:
-        self._wanted = False
-
-
 class TrialThread:
     """One event loop, one thread: `thread`, or its own."""
 
     def __init__(self, thread: Executor | None = None) -> None:
         self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="tuning")
         self._turn = asyncio.Lock()
-        self._items: dict[str, WorkItem] = {}
+        self._withdrawn: dict[str, threading.Event] = {}  # of each caller's newest request
         self.done = 0
         self.withdrawn = 0
 
@@ -49,37 +37,40 @@ class TrialThread:
 
         Raises EndedError when `who` requested something newer meanwhile, TrialsBusyError when too many others wait.
         """
-        if who in self._items:
-            self._items.pop(who).withdraw()
-        elif len(self._items) >= MAX_WAITING:
+        self.withdraw(who)
+        if len(self._withdrawn) >= MAX_WAITING:
             raise TrialsBusyError("too many people are trying settings just now; try again in a moment")
-        item = self._items[who] = WorkItem()
+        withdrawn = self._withdrawn[who] = threading.Event()
+
+        def wanted() -> bool:
+            return not withdrawn.is_set()
+
         try:
             async with self._turn:
-                if not item.wanted():
+                if not wanted():
                     raise EndedError("given up for a newer one")
                 # If the waiting is cancelled, the thread gets to know below that it is not wanted; the next queues
                 # behind it.
-                result = await asyncio.get_running_loop().run_in_executor(self._thread, what, item.wanted)
-            if not item.wanted():
+                result = await asyncio.get_running_loop().run_in_executor(self._thread, what, wanted)
+            if not wanted():
                 raise EndedError("given up for a newer one")
         except EndedError:
             self.withdrawn += 1
             raise
         finally:
-            item.withdraw()
-            if self._items.get(who) is item:
-                del self._items[who]
+            withdrawn.set()
+            if self._withdrawn.get(who) is withdrawn:
+                del self._withdrawn[who]
         self.done += 1
         return result
 
     def withdraw(self, who: str) -> None:
         """Take back what `who` has waiting or running, if anything."""
-        if who in self._items:
-            self._items.pop(who).withdraw()
+        if who in self._withdrawn:
+            self._withdrawn.pop(who).set()
 
     def close(self) -> None:
         """Takes back what runs or waits, and ends the thread, which may take as long as one run on a picture."""
-        for item in self._items.values():
-            item.withdraw()
+        for withdrawn in self._withdrawn.values():
+            withdrawn.set()
         self._thread.shutdown(wait=True, cancel_futures=True)

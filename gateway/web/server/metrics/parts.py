@@ -2,31 +2,43 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
 
 from gateway.alarms.states import AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.clock import NS_PER_S
 from gateway.modbus.server.traffic import ServerNow
-from gateway.sinks.contract import LinkStatus
-from gateway.web.ipc.messages import TaskStatus
 from gateway.web.server.health import health
-from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.family import Family, Form, Labelled, MetricsSource, Value
-from gateway.web.server.process_usage import ProcessUsage
 
+T = TypeVar("T")
 OWN_FAMILIES = ("mqtt", "sparkplug")  # sinks whose figures have families of their own
 STATUSES = ("ok", "degraded", "failing")
 
 
-def _modbus(name: str, form: Form, help: str, read: Callable[[ServerNow], Value]) -> Family:
-    def rows(source: MetricsSource) -> Iterator[Labelled]:
-        return (((_transport(server),), read(server)) for server in source.client.links.modbus)
+def _each(
+    prefix: str, label: str, items: Callable[[MetricsSource], Iterable[T]], name_of: Callable[[T], str]
+) -> Callable[[str, Form, str, Callable[[T], Value]], Family]:
+    """Makes families with one row for each of `items`."""
 
-    return Family(f"modbus_{name}", form, help, rows, ("transport",))
+    def family(name: str, form: Form, help: str, read: Callable[[T], Value]) -> Family:
+        def rows(source: MetricsSource) -> Iterator[Labelled]:
+            return (((name_of(item),), read(item)) for item in items(source))
+
+        return Family(prefix + name, form, help, rows, (label,))
+
+    return family
 
 
 def _transport(server: ServerNow) -> str:
     return "tls" if server.tls else "tcp"
+
+
+_modbus = _each("modbus_", "transport", lambda source: source.client.links.modbus, _transport)
+_links = _each("sink_", "sink", lambda source: source.client.links.sinks, lambda link: link.sink)
+_task = _each("task_", "task", lambda source: source.client.links.tasks, lambda task: task.name)
+_viewers = _each("", "page", lambda source: source.pages.viewers.items(), lambda viewers: viewers[0])
+_process = _each("process_", "process", lambda source: source.processes, lambda process: process.name)
 
 
 def _refusals(source: MetricsSource) -> Iterator[Labelled]:
@@ -52,37 +64,9 @@ def _figure(name: str, form: Form, help: str) -> Family:
     return Family(name, form, help, rows)
 
 
-def _links(name: str, form: Form, help: str, read: Callable[[LinkStatus], Value]) -> Family:
-    def rows(source: MetricsSource) -> Iterator[Labelled]:
-        return (((link.sink,), read(link)) for link in source.client.links.sinks)
-
-    return Family(f"sink_{name}", form, help, rows, ("sink",))
-
-
 def _figures(source: MetricsSource) -> Iterator[Labelled]:
     others = (link for link in source.client.links.sinks if link.sink not in OWN_FAMILIES)
     return (((link.sink, name), value) for link in others for name, value in link.figures.items())
-
-
-def _task(name: str, form: Form, help: str, read: Callable[[TaskStatus], Value]) -> Family:
-    def rows(source: MetricsSource) -> Iterator[Labelled]:
-        return (((task.name,), read(task)) for task in source.client.links.tasks)
-
-    return Family(f"task_{name}", form, help, rows, ("task",))
-
-
-def _viewers(name: str, form: Form, help: str, read: Callable[[ViewerCounts], Value]) -> Family:
-    def rows(source: MetricsSource) -> Iterator[Labelled]:
-        return (((page,), read(counts)) for page, counts in source.pages.viewers.items())
-
-    return Family(name, form, help, rows, ("page",))
-
-
-def _process(name: str, form: Form, help: str, read: Callable[[ProcessUsage], Value]) -> Family:
-    def rows(source: MetricsSource) -> Iterator[Labelled]:
-        return (((one.name,), read(one)) for one in source.processes)
-
-    return Family(f"process_{name}", form, help, rows, ("process",))
 
 
 def _whole(name: str, form: Form, help: str, read: Callable[[MetricsSource], Value]) -> Family:
@@ -151,11 +135,11 @@ PARTS: tuple[Family, ...] = (
     _task("crashes", "counter", "starts that ended with an unexpected error", lambda t: t.crashes),
     Family("alarms", "gauge", "alarms by their state (docs/alarms.md)", _alarms, ("state",)),
     Family("alarm_announcements", "counter", "times an alarm was announced, by kind", _announced, ("kind",)),
-    _viewers("viewers", "gauge", "live pages open now", lambda c: c.open),
-    _viewers("views_opened", "counter", "live pages opened", lambda c: c.opened),
-    _viewers("views_sent", "counter", "texts sent to live pages", lambda c: c.sent),
-    _viewers("views_refused", "counter", "live pages refused: too many", lambda c: c.refused),
-    _viewers("views_let_go", "counter", "live pages that did not answer", lambda c: c.dropped),
+    _viewers("viewers", "gauge", "live pages open now", lambda v: v[1].open),
+    _viewers("views_opened", "counter", "live pages opened", lambda v: v[1].opened),
+    _viewers("views_sent", "counter", "texts sent to live pages", lambda v: v[1].sent),
+    _viewers("views_refused", "counter", "live pages refused: too many", lambda v: v[1].refused),
+    _viewers("views_let_go", "counter", "live pages that did not answer", lambda v: v[1].dropped),
     _whole("pictures_encoded", "counter", "JPEGs made for the pages", lambda k: k.pages.pictures_encoded),
     _whole("page_events_missed", "counter", "events that did not reach the web process",
            lambda k: k.client.events_missed),

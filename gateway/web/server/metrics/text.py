@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from itertools import accumulate
+from typing import Any, cast
 
 from prometheus_client.core import (
     CounterMetricFamily,
@@ -17,12 +18,17 @@ from prometheus_client.registry import Collector
 from gateway import __version__
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT
 from gateway.web.server.metrics.bays import BAYS
-from gateway.web.server.metrics.family import PREFIX, Family, MetricsSource
+from gateway.web.server.metrics.family import PREFIX, Family, Form, MetricsSource
 from gateway.web.server.metrics.parts import PARTS
 
 FAMILIES = (*BAYS, *PARTS)
 LATENCY = ("bay_vision_latency_seconds", "capture to result, every frame with a result")
 STAGE = ("bay_vision_stage_seconds", "each stage of vision, every frame with a result")
+_METRICS: dict[Form, Any] = {
+    "gauge": GaugeMetricFamily,
+    "counter": CounterMetricFamily,
+    "state set": StateSetMetricFamily,
+}
 INFO = ("info", "version, site and instance")
 
 
@@ -48,25 +54,13 @@ def text(source: MetricsSource, accept: str = "") -> tuple[bytes, str]:
 
 
 def _metric(family: Family, source: MetricsSource) -> Metric:
-    name = PREFIX + family.name
-    match family.form:
-        case "gauge":
-            gauge = GaugeMetricFamily(name, family.help, labels=family.labels)
-            for labels, value in family.read(source):
-                if value is not None:
-                    gauge.add_metric(labels, float(value))
-            return gauge
-        case "counter":
-            counter = CounterMetricFamily(name, family.help, labels=family.labels)
-            for labels, value in family.read(source):
-                if value is not None:
-                    counter.add_metric(labels, float(value))
-            return counter
-        case "state set":
-            states = StateSetMetricFamily(name, family.help, labels=family.labels)
-            for labels, value in family.read(source):
-                states.add_metric(labels, {state: n == value for n, state in enumerate(family.states)})
-            return states
+    metric = _METRICS[family.form](PREFIX + family.name, family.help, labels=family.labels)
+    for labels, value in family.read(source):
+        if family.form == "state set":
+            metric.add_metric(labels, {state: n == value for n, state in enumerate(family.states)})
+        elif value is not None:
+            metric.add_metric(labels, float(value))
+    return cast(Metric, metric)
 
 
 def _histograms(source: MetricsSource) -> Iterator[Metric]:
