@@ -4,7 +4,7 @@
     .venv/bin/python -m bench.stress --photos DIR ...     # and folders of pictures with a labels.jsonl
     .venv/bin/python -m bench.stress --half reporting     # of the folders, only the half that nobody tuned on
 
-Every picture goes through every disturbance at three strengths (`gateway.vision.offline.disturb`). "on" counts answers
+Every picture goes through every disturbance at three strengths (`tests.disturb`). "on" counts answers
 on the target (centre and radius within a quarter of the radius) among pictures with a marker, "wrong" those elsewhere,
 "false" answers in pictures without one.
 """
@@ -26,11 +26,11 @@ from gateway.sim.scenario import Fault, FaultKind, load
 from gateway.sim.world import World
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.robust import detect as robust
-from gateway.vision.offline.disturb import DISTURBANCES
 from gateway.vision.offline.evaluation import labels
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import ON, Verdict, judge
 from gateway.vision.pixels import Image, bgr8
+from tests.disturb import DISTURBANCES
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "config" / "scenarios"
 METHODS = {"paper": pipeline.detect, "robust": robust.detect}

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.cli.main import main
-from gateway.vision.offline.reports.page import fetches_nothing
+from tests.self_contained import fetches_nothing
 
 
 def evaluate(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -14,7 +14,7 @@ from gateway.vision.offline.calibration import plots, report
 from gateway.vision.offline.calibration.boards import Board, parse
 from gateway.vision.offline.calibration.report import focal_px, toml
 from gateway.vision.offline.calibration.solve import Calibration, View, calibrate
-from gateway.vision.offline.reports.page import fetches_nothing
+from tests.self_contained import fetches_nothing
 from tests.unit.vision.board_pictures import FRONTAL, POSES, Camera, Pose, truth
 
 BOARD = parse("checkerboard:8x6:18mm")

@@ -19,9 +19,10 @@ from gateway.vision.offline.evaluation.report import About, html, worst_of
 from gateway.vision.offline.evaluation.result import result, series_by
 from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, judge
 from gateway.vision.offline.reports.chart import Axis, Chart, log_ticks, round_ticks
-from gateway.vision.offline.reports.page import fetches_nothing, plain, write
+from gateway.vision.offline.reports.page import plain, write
 from gateway.vision.offline.reports.tables import number, share
 from gateway.vision.pixels import Image
+from tests.self_contained import fetches_nothing
 
 EVERY = series_by(None)
 VOID = ("meta", "br", "img", "hr")

@@ -213,11 +213,10 @@ def test_bounds_are_used_where_they_hold_for_every_colour(
     assert kernel.bounded is bounded
     sharp = load(params.model_copy(update={"gaussian_kernel_px": 1}), library)
     assert sharp is not None
-    ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
     g, b = np.meshgrid(np.arange(256), np.arange(256), indexing="ij")
     for r in (0, 45, 46, 90, 91, 137, 200, 251, 255):
         image = np.dstack([b, g, np.full_like(b, r)]).astype(np.uint8)
-        plain = stages.red_mask(stages.bgr_to_hsv(image), *ranges)
+        plain = stages.red(image, params)
         assert np.array_equal(sharp.mask(image, Box(0, 0, 256, 256)), plain), r
 
 
@@ -254,12 +253,11 @@ def test_without_wide_registers_all_is_the_same(library: Path, tmp_path: Path, m
 )
 def test_no_red_has_more_green_than_the_kernel_is_told(change: dict[str, tuple[int, int, int]], most: int) -> None:
     params = PAPER.model_copy(update=change)
-    ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
     k = red.green(red.tables(params))
     assert k == most
     for b in range(0, 256, 3):
         g, r = np.meshgrid(np.arange(256), np.arange(256), indexing="ij")
-        reds = stages.red_mask(stages.bgr_to_hsv(np.dstack([np.full_like(g, b), g, r]).astype(np.uint8)), *ranges)
+        reds = stages.red(np.dstack([np.full_like(g, b), g, r]).astype(np.uint8), params)
         assert k == 0 or np.all((32 * g <= k * r + 26)[reds > 0])
 
 

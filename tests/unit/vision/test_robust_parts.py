@@ -18,7 +18,7 @@ from gateway.vision.detect.robust.evidence import Evidence, masked_median
 from gateway.vision.detect.robust.redness import pyramid, redness
 from gateway.vision.detect.robust.rim import Rim, refine
 from gateway.vision.detect.robust.search import _rim_near
-from gateway.vision.offline.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
+from tests.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
 
 LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
 RIM = Rim(

@@ -16,12 +16,12 @@ from gateway.core.detection import Circle
 from gateway.errors import ConfigError
 from gateway.vision.detect.paper import stages
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.reports.page import fetches_nothing
 from gateway.vision.offline.tuning import exposure, histograms, proposal, report, samples, thresholds
 from gateway.vision.offline.tuning.exposure import Light, advice, measure, noise
 from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.study import study
 from gateway.vision.offline.tuning.thresholds import Red, admission, bound_that_cuts, current, propose, remarks, score
+from tests.self_contained import fetches_nothing
 
 Picture = NDArray[np.uint8]
 PAPER = VisionConfig()
@@ -72,7 +72,7 @@ def test_a_setting_admits_exactly_what_the_method_does(
     picture = np.array([colours], np.uint8)
     params = red.apply(PAPER)
     VisionConfig.model_validate(params.model_dump())
-    mask = stages.red_mask(picture, (params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
+    mask = stages.red_mask(picture, *stages.ranges(params))
     signed = picture[0].astype(np.int16)
     signed[:, 0] = (signed[:, 0] + 90) % 180 - 90
     assert (red.admits(signed) == (mask[0] > 0)).all()

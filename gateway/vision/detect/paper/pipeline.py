@@ -71,7 +71,7 @@ def _run(image: Image, params: VisionConfig, seen: Seen) -> Detection:
     hsv = stages.bgr_to_hsv(blurred)
     del blurred  # of a 100-megapixel picture each one takes 300 MB
     seen("hsv", hsv)
-    initial = stages.red_mask(hsv, (params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
+    initial = stages.red_mask(hsv, *stages.ranges(params))
     del hsv
     seen("threshold", initial)
     opened = stages.opening(initial, params.morph_kernel_px, params.morph_iterations)

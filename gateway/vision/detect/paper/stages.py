@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.config import VisionConfig
 from gateway.core.detection import Circle
 from gateway.vision.pixels import Image
 
@@ -44,9 +45,19 @@ def bgr_to_hsv(image: Image) -> Image:
     return _u8(cv2.cvtColor(image, cv2.COLOR_BGR2HSV))
 
 
+def ranges(params: VisionConfig) -> tuple[tuple[Corner, Corner], tuple[Corner, Corner]]:
+    """The two of the settings, for `red_mask`."""
+    return (params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2)
+
+
 def red_mask(hsv: Image, omega_1: tuple[Corner, Corner] = OMEGA_1, omega_2: tuple[Corner, Corner] = OMEGA_2) -> Mask:
     """Equation 4: M_0 = 255 where (H, S, V) lies in omega_1 or omega_2, corners included, else 0; (H, W) uint8."""
     return _u8(cv2.bitwise_or(cv2.inRange(hsv, *omega_1), cv2.inRange(hsv, *omega_2)))
+
+
+def red(image: Image, params: VisionConfig) -> Mask:
+    """Equations 2 to 4 of a blurred picture by its settings."""
+    return red_mask(bgr_to_hsv(image), *ranges(params))
 
 
 # The paper prints equation 5 (erosion) as the formula of closing, and equation 7 (opening) with its erosion sign lost.

@@ -10,10 +10,11 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Detection
 from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.detect.paper import pipeline, stages
+from gateway.vision.detect.paper.exact.geometry import Opening
 from gateway.vision.detect.paper.pipeline import Trace
-from gateway.vision.detect.paper.stages import Corner, Mask
+from gateway.vision.detect.paper.stages import Corner
 from gateway.vision.offline.tuning import thresholds
-from gateway.vision.offline.tuning.samples import Colours, Example, example
+from gateway.vision.offline.tuning.samples import Colours, disc, example
 from gateway.vision.offline.tuning.thresholds import Red
 from gateway.vision.pixels import Image
 from gateway.vision.view.drawing import scaled
@@ -54,19 +55,21 @@ def remarks(image: Image, tried: VisionConfig, found: Detection, reference: Dete
         seen = example("this picture", image, circle, tried)
         if seen.marked:
             red = exact_ranges(tried)
-            yield from (Remark(text, "red_low_1") for text in thresholds.remarks(_admission(red, seen), red))
+            yield from (
+                Remark(text, "red_low_1") for text in thresholds.remarks(thresholds.admission(red, [seen]), red)
+            )
         yield from _eaten(trace, circle, tried)
     if found.circle is None:
         yield from _gated(trace, tried)
 
 
 def _eaten(trace: Trace, circle: Circle, tried: VisionConfig) -> Iterator[Remark]:
-    inside = _disc(circle, trace.initial)
+    inside = disc(trace.initial, circle)
     before = np.count_nonzero(trace.initial[inside])
     left = np.count_nonzero(trace.opened[inside])
     if not before:
         return
-    side = tried.morph_iterations * (tried.morph_kernel_px - 1) + 1
+    side = Opening.of(tried).side_px
     if left < LEFT_SHARE * before:
         yield Remark(f"the opening eats the marker: nothing thinner than {side} px is left of it", "morph_kernel_px")
     elif left < (1 - LOST_SHARE) * before:
@@ -108,14 +111,4 @@ class ExactRanges(Red):
 
 def exact_ranges(params: VisionConfig) -> ExactRanges:
     near = thresholds.current(params)
-    boxes = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
-    return ExactRanges(near.hue_low, near.hue_high, near.s_min, near.v_min, boxes)
-
-
-def _admission(red: Red, seen: Example) -> thresholds.Admission:
-    return thresholds.admission(red, [seen])
-
-
-def _disc(circle: Circle, mask: Mask) -> NDArray[np.bool_]:
-    v, u = np.ogrid[0 : mask.shape[0], 0 : mask.shape[1]]
-    return np.asarray((u - circle.u_px) ** 2 + (v - circle.v_px) ** 2 <= circle.radius_px**2, np.bool_)
+    return ExactRanges(near.hue_low, near.hue_high, near.s_min, near.v_min, stages.ranges(params))

@@ -14,20 +14,18 @@ the centre as pole of the plane's vanishing line: Hartley and Zisserman, "Multip
 from dataclasses import dataclass
 from math import acos, exp, hypot, pi, radians, sqrt
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import Intrinsics
 from gateway.core.detection import Ellipse
+from gateway.vision.detect.lens import camera_matrix, project, undistorted
 from gateway.vision.detect.robust.conic import from_ellipse, from_matrix, matrix, to_ellipse
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 _POINTS = 64  # of the rim, where the lens distorts: undistorted they lie on a conic again
-_ITERATIONS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-_LARGEST_RESIDUAL_PX = 1e-3  # of undoing the distortion, as in `lens`
 _LARGEST_PX = 1e5  # beyond any picture
 _SMALLEST_PX = 1e-3  # far below what anything can measure, and where the numbers still hold
 _FLATTEST = 1e-3  # edge on: tilted by 89.9 degrees
@@ -120,34 +118,18 @@ def _likely(off_rad: float, usual_rad: float, usually: float) -> float:
 
 def _cone(ellipse: Ellipse, lens: Intrinsics) -> Floats | None:
     """The cone of rays through the rim: symmetric Q (3 x 3) with x^T Q x = 0 on it and negative inside it."""
-    camera = _camera(lens)
     if not lens.distortion:
+        camera = camera_matrix(lens)
         return _scaled(camera.T @ matrix(ellipse) @ camera)
     phi = np.arange(_POINTS) * (2 * pi / _POINTS)
     c, s = np.cos(ellipse.angle_rad), np.sin(ellipse.angle_rad)
     along, across = ellipse.semi_major_px * np.cos(phi), ellipse.semi_minor_px * np.sin(phi)
     rim = np.stack([ellipse.u_px + c * along - s * across, ellipse.v_px + s * along + c * across], axis=1)
-    distortion = np.array(lens.distortion, np.float64)
-    undone = cv2.undistortPoints(rim[:, np.newaxis], camera, distortion, criteria=_ITERATIONS)
-    straight = np.asarray(undone, np.float64).reshape(-1, 2)
-    back = _project(np.column_stack([straight, np.ones(_POINTS)]), lens)
-    # Not only np.isfinite: beyond its range the model's inverse returns points that are merely wrong.
-    if not bool((np.abs(back - rim) <= _LARGEST_RESIDUAL_PX).all()):
+    straight = undistorted(rim, lens)
+    if straight is None:
         return None
     fitted = _conic_through(straight)
     return None if fitted is None else _scaled(fitted)
-
-
-def _camera(lens: Intrinsics) -> Floats:
-    return np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]], np.float64)
-
-
-def _project(points: Floats, lens: Intrinsics) -> Floats:
-    """(n, 3) in camera axes to (n, 2) px."""
-    still = np.zeros(3)
-    distortion = np.array(lens.distortion or (0.0,) * 4, np.float64)
-    pixels = cv2.projectPoints(points[:, np.newaxis], still, still, _camera(lens), distortion)[0]
-    return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 
 def _conic_through(points: Floats) -> Floats | None:
@@ -197,7 +179,7 @@ def _pose(cone: Floats, normal: Floats, lens: Intrinsics, radius_mm: float | Non
     if radius_mm is not None:
         x, y, z = (float(value) for value in toward * (radius_mm * sqrt(middle / -level)))
         place = (x, y, z)
-    u, v = (float(value) for value in _project((toward / toward[2])[np.newaxis], lens)[0])
+    u, v = (float(value) for value in project((toward / toward[2])[np.newaxis], lens)[0])
     sight = np.asarray(-toward / np.linalg.norm(toward), np.float64)
     expected = np.array(facing, np.float64) / hypot(*facing)
     return Pose(

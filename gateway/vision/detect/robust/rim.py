@@ -32,6 +32,8 @@ LARGEST_PX = 20_000.0
 SECTORS = 16
 _COARSE_RAYS = 72
 _FEW_RAYS = 128  # where a first fine round only brings the rim near
+_MOST_RAYS = 320  # of the fine stage
+_LEAST_VISIBLE = 0.15  # of the entire rim's rays: fewer are no rim
 _COARSE_HALF_STEPS = 16
 _FILTER_SIGMA = 1.2  # of the coarse stage's edge filter, in steps along the ray
 _ROUNDS = 4  # of the fine stage, at most
@@ -55,13 +57,6 @@ class Rim:
     wave_px: float  # rms over SECTORS of the rim of their edges' mean distance: what no averaging over rays takes away
 
 
-class _Options(NamedTuple):
-    rays: int
-    doubt: float
-    least_visible: float
-    opponent: bool
-
-
 class _Rough(NamedTuple):
     outline: SupportEllipse
     sigma_px: float  # a guess at the blur
@@ -82,29 +77,25 @@ def refine(
     seed: Ellipse,
     *,
     search_px: float | None = None,
-    rays: int = 320,
     doubt: float = 4.0,
-    least_visible: float = 0.15,
     opponent: bool = False,
 ) -> Rim | None:
     """The rim near `seed` in a (H, W, 3) uint8 BGR picture; None where none is. Never raises for a wild seed.
 
     `search_px`: how far off the seed's rim may be, along its normals; default: a sixth of its radius, at least 4 px;
-    0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `rays`: at most so many
-    in the fine stage. `doubt`: see `support.fit`. `least_visible`: fewer of the entire rim's rays are no rim.
-    `opponent`: the rim of red against green only, see `rays.sample`.
+    0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `doubt`: see
+    `support.fit`. `opponent`: the rim of red against green only, see `normal_profiles.sample`.
     """
     outline = from_ellipse(seed)
     if not _sane(outline, image):
         return None
-    opt = _Options(rays, doubt, least_visible, opponent)
     reach = max(4.0, outline.minor_px / 6) if search_px is None else search_px
     if not reach > 0:
-        return _fine(image, outline, 1.0, _FEW_RAYS, opt)
+        return _fine(image, outline, 1.0, _FEW_RAYS, doubt, opponent)
     rough = _coarse(image, outline, min(reach, 0.8 * outline.minor_px), opponent)
     if rough is None or not _sane(rough.outline, image):
         return None
-    return _fine(image, rough.outline, rough.sigma_px, rays, opt)
+    return _fine(image, rough.outline, rough.sigma_px, _MOST_RAYS, doubt, opponent)
 
 
 def _sane(outline: SupportEllipse, image: Image) -> bool:
@@ -229,16 +220,16 @@ def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
 # --- fine
 
 
-def _fine(image: Image, outline: SupportEllipse, sigma: float, first: int, opt: _Options) -> Rim | None:
+def _fine(image: Image, outline: SupportEllipse, sigma: float, first: int, doubt: float, opponent: bool) -> Rim | None:
     count = first
     for turn in range(_ROUNDS):
-        full_rays = min(max(64, 32 * round(2 * pi * outline.mean_px / 32)), opt.rays)
+        full_rays = min(max(64, 32 * round(2 * pi * outline.mean_px / 32)), _MOST_RAYS)
         count = full_rays if turn else min(first, full_rays)
         room = 0.75 * outline.minor_px
         step = min(max(0.75, 0.6 * sigma), room / 4)
         half_steps = ceil(min(max(2.5 * sigma + 1.0, 3.0), room) / step)
         seen = profile(round(10 * sigma), half_steps, round(100 * step))
-        rays = sample(image, outline, count, seen.offsets_px, min(2.0 + sigma, room), opt.opponent)
+        rays = sample(image, outline, count, seen.offsets_px, min(2.0 + sigma, room), opponent)
         if rays is None:
             return None
         edges = _measure(rays, seen, sigma)
@@ -254,7 +245,7 @@ def _fine(image: Image, outline: SupportEllipse, sigma: float, first: int, opt: 
             smallest_scale_px=0.03,
             largest_scale_px=max(0.6, 0.01 * outline.mean_px),
             rounds=3,
-            doubt=opt.doubt if count == full_rays else 0.0,
+            doubt=doubt if count == full_rays else 0.0,
         )
         if found is None or not _sane(found.outline, image):
             return None
@@ -262,7 +253,7 @@ def _fine(image: Image, outline: SupportEllipse, sigma: float, first: int, opt: 
         was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * outline.minor_px, 1.0))
         still = found.step_px < _STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
         if count == full_rays and (still or turn == _ROUNDS - 1):
-            return _rim(rays, edges, found, sigma, opt.least_visible)
+            return _rim(rays, edges, found, sigma)
     return None
 
 
@@ -334,11 +325,11 @@ def _blur(edges: _Edges) -> Floats:
     return np.asarray(fitted, np.float64).ravel()
 
 
-def _rim(rays: Rays, edges: _Edges, found: support.Fit, sigma: float, least_visible: float) -> Rim | None:
+def _rim(rays: Rays, edges: _Edges, found: support.Fit, sigma: float) -> Rim | None:
     inlying = found.weights > 0
     inliers = int(np.count_nonzero(inlying))
     visible = inliers / rays.count
-    if visible < least_visible:
+    if visible < _LEAST_VISIBLE:
         return None
     ellipse = to_ellipse(found.outline)
     if not all(map(isfinite, (ellipse.u_px, ellipse.v_px, ellipse.semi_major_px))):

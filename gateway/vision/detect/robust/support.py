@@ -113,8 +113,6 @@ def _toward_circle(
     outline: SupportEllipse, change: Floats, information: Floats, heft: Floats, residuals: Floats, doubt: float
 ) -> Floats:
     """Shrink the ellipticity by what noise explains, and move the other parameters as the data then require."""
-    if doubt <= 0:
-        return change
     rays = float(heft.sum()) ** 2 / float(heft @ heft)  # so many equal ones weigh as much
     if rays <= 6:
         return change

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from gateway.core.detection import Circle, Rejection
+from gateway.vision.detect.geometry import distance_px
 from gateway.vision.offline.evaluation.scoring import Outcome, Verdict
 from gateway.vision.offline.reports.page import embed, plain
 from gateway.vision.pixels import Image
@@ -43,12 +44,10 @@ def card(outcome: Outcome, image: Image, reasons: Mapping[str, str]) -> str:
 
 def caption(outcome: Outcome) -> list[str]:
     """The caption: what is true, what was answered, how far off."""
-    label, circle = outcome.label, outcome.detection.circle
-    lines = []
-    if label.u is not None and label.v is not None and label.major_px is not None:
-        lines.append(f"truth ({label.u:.1f}, {label.v:.1f}), R {label.major_px:.1f} px")
-    else:
-        lines.append("truth: no marker here")
+    truth, circle = outcome.label.circle, outcome.detection.circle
+    lines = ["truth: no marker here"]
+    if truth is not None:
+        lines = [f"truth ({truth.u_px:.1f}, {truth.v_px:.1f}), R {truth.radius_px:.1f} px"]
     if circle is not None:
         confidence = outcome.detection.confidence
         sure = "" if confidence is None else f", confidence {confidence:.2f}"
@@ -57,26 +56,23 @@ def caption(outcome: Outcome) -> list[str]:
         lines.append("no answer: the place is only predicted")
     else:
         lines.append("no answer")
-    if outcome.centre_px is not None and outcome.radius_share is not None and label.major_px:
-        share = 100 * outcome.centre_px / label.major_px
+    if outcome.centre_px is not None and outcome.radius_share is not None and truth is not None:
+        share = 100 * outcome.centre_px / truth.radius_px
         off = f"centre {outcome.centre_px:.2f} px ({share:.1f} % of R), radius {100 * outcome.radius_share:+.1f} %"
-        vague = f"; the label itself: ± {label.tol_px:g} px" if label.tol_px else ""
+        tol_px = outcome.label.tol_px
+        vague = f"; the label itself: ± {tol_px:g} px" if tol_px else ""
         lines.append(f"off by: {off}{vague}")
     return lines
 
 
 def refused_near(outcome: Outcome) -> tuple[Rejection, ...]:
     """Candidates that overlap the truth (anywhere, where there is none), the nearest first."""
-    label = outcome.label
-    if label.u is None or label.v is None or label.major_px is None:
+    truth = outcome.label.circle
+    if truth is None:
         return outcome.detection.rejected[:_MOST_REFUSED]
-    u, v, r = label.u, label.v, label.major_px
-
-    def away(rejection: Rejection) -> float:
-        return math.hypot(rejection.circle.u_px - u, rejection.circle.v_px - v)
-
-    near = [found for found in outcome.detection.rejected if away(found) < r + found.circle.radius_px]
-    return tuple(sorted(near, key=away)[:_MOST_REFUSED])
+    away = [(distance_px(refused.circle, truth), refused) for refused in outcome.detection.rejected]
+    near = [(px, refused) for px, refused in away if px < truth.radius_px + refused.circle.radius_px]
+    return tuple(refused for _, refused in sorted(near, key=lambda entry: entry[0])[:_MOST_REFUSED])
 
 
 Box = tuple[float, float, float, float]  # x, y, width, height in picture coordinates (corner of the first pixel: 0)
@@ -84,7 +80,7 @@ Box = tuple[float, float, float, float]  # x, y, width, height in picture coordi
 
 def frame(outcome: Outcome, width: int, height: int) -> Box:
     """The part of the picture to show: truth and answer with room around them, in the card's shape."""
-    circles = _circles(outcome)
+    circles = [circle for circle in (outcome.label.circle, outcome.detection.circle) if circle is not None]
     if not circles:
         return 0.0, 0.0, float(width), float(height)
     room = 1.6 * max(circle.radius_px for circle in circles)
@@ -134,21 +130,10 @@ def drawn(outcome: Outcome, image: Image, box: Box, refused: Sequence[Rejection]
     for rejection in refused:
         r = rejection.circle.radius_px
         parts.append(circle(rejection.circle, r, r, 0.0, REFUSED, "2 5", 1.5))
-    label, answer, rim = outcome.label, outcome.detection.circle, outcome.detection.ellipse
-    if label.u is not None and label.v is not None and label.major_px is not None:
-        parts.append(
-            circle(Circle(label.u, label.v, label.major_px), label.major_px, label.major_px, 0, TRUTH, "", 2.2)
-        )
+    truth, answer, rim = outcome.label.circle, outcome.detection.circle, outcome.detection.ellipse
+    if truth is not None:
+        parts.append(circle(truth, truth.radius_px, truth.radius_px, 0, TRUTH, "", 2.2))
     if answer is not None:
         a, b = (rim.semi_major_px, rim.semi_minor_px) if rim else (answer.radius_px, answer.radius_px)
         parts.append(circle(answer, a, b, rim.angle_rad if rim else 0.0, ANSWER, "9 5", 2.2))
     return "".join([*parts, "</svg>"])
-
-
-def _circles(outcome: Outcome) -> list[Circle]:
-    label, circles = outcome.label, []
-    if label.u is not None and label.v is not None and label.major_px is not None:
-        circles.append(Circle(label.u, label.v, label.major_px))
-    if outcome.detection.circle is not None:
-        circles.append(outcome.detection.circle)
-    return circles

@@ -16,6 +16,7 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from gateway.config.reference import key_table
 from gateway.config.strict.section import Section, bounds_of
+from gateway.core.detection import Circle
 from gateway.errors import ConfigError
 
 FILE_NAME = "labels.jsonl"
@@ -56,6 +57,13 @@ class Label(Section):
     def major_px(self) -> float | None:
         """The radius of the circle round the rim, which is what R means (equation 10)."""
         return self.r if self.a is None else self.a
+
+    @property
+    def circle(self) -> Circle | None:
+        """The circle round the rim, with radius `major_px`; None: no marker."""
+        if self.u is None or self.v is None or self.major_px is None:
+            return None
+        return Circle(self.u, self.v, self.major_px)
 
     @property
     def tuning_half(self) -> bool:
@@ -151,11 +159,12 @@ def outside(label: Label, width_px: int, height_px: int) -> str:
 
     The centre may lie outside (a marker that is cut by the border), but some of the disc must be in the picture.
     """
-    if label.u is None or label.v is None or label.r is None:
+    circle = label.circle
+    if circle is None:
         return ""
-    away_u = max(-0.5 - label.u, 0, label.u - (width_px - 0.5))
-    away_v = max(-0.5 - label.v, 0, label.v - (height_px - 0.5))
-    if away_u**2 + away_v**2 < (label.major_px or label.r) ** 2:
+    away_u = max(-0.5 - circle.u_px, 0, circle.u_px - (width_px - 0.5))
+    away_v = max(-0.5 - circle.v_px, 0, circle.v_px - (height_px - 0.5))
+    if away_u**2 + away_v**2 < circle.radius_px**2:
         return ""
     place = f"u = {label.u:g}, v = {label.v:g}, r = {label.r:g}"
     return f"{place}: lies outside the picture, which has {width_px} x {height_px} px"

@@ -13,6 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from gateway.core.detection import Detection, Tracking
+from gateway.vision.detect.geometry import distance_px
 from gateway.vision.offline.evaluation.labels import Label
 
 ON_TARGET = 0.25  # of the true radius, centre and radius each
@@ -55,9 +56,8 @@ class Outcome:
     took_ns: int
     size_px: tuple[int, int]  # width, height
     centre_px: float | None = None  # distance of the centres
-    radius_share: float | None = (
-        None  # (R - true R) / true R, signed; true R is the semi-major axis where labelled, or mean
-    )
+    # (R - true R) / true R, signed; true R is the semi-major axis where labelled, or mean
+    radius_share: float | None = None
     mean_radius_share: float | None = None  # the same for the geometric means of the axes, where both are known
 
     @property
@@ -69,18 +69,18 @@ def judge(
     label: Label, detection: Detection, took_ns: int = 0, size_px: tuple[int, int] = (0, 0), *, mean: bool = False
 ) -> Outcome:
     """Compares one answer with the truth. `mean`: the verdict is on the geometric mean radius, not on R."""
-    circle = detection.circle
-    if label.u is None or label.v is None or label.r is None or label.major_px is None:
+    circle, truth = detection.circle, label.circle
+    if truth is None or label.r is None:
         verdict = Verdict.CLEAR if circle is None else Verdict.FALSE
         return Outcome(label, detection, verdict, took_ns, size_px)
     if circle is None:
         return Outcome(label, detection, Verdict.MISSED, took_ns, size_px)
-    centre_px = math.hypot(circle.u_px - label.u, circle.v_px - label.v)
-    radius_share = (circle.radius_px - label.major_px) / label.major_px
+    centre_px = distance_px(circle, truth)
+    radius_share = (circle.radius_px - truth.radius_px) / truth.radius_px
     rim = detection.ellipse
     mean_px = math.sqrt(rim.semi_major_px * rim.semi_minor_px) if rim else circle.radius_px
     mean_share = mean_px / label.r - 1
-    share, true_px = (mean_share, label.r) if mean else (radius_share, label.major_px)
+    share, true_px = (mean_share, label.r) if mean else (radius_share, truth.radius_px)
     worst = max(centre_px / true_px, abs(share))
     verdict = Verdict.CLOSE if worst <= CLOSE else Verdict.LOOSE if worst <= ON_TARGET else Verdict.WRONG
     return Outcome(label, detection, verdict, took_ns, size_px, centre_px, share, mean_share)

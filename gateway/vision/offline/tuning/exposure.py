@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
+from gateway.vision.offline.tuning.samples import INSIDE, disc
 from gateway.vision.pixels import Image
 
 CLIPPED = 250
@@ -35,7 +36,7 @@ class Light:
 def measure(image: Image, circle: Circle | None) -> Light:
     """`image` as the camera gave it, not blurred."""
     clipped = float((image.min(axis=2) >= CLIPPED).mean())
-    marker = _inside(image, circle) if circle else np.empty((0, 3), np.uint8)
+    marker = image[disc(image, circle, INSIDE)] if circle else np.empty((0, 3), np.uint8)
     edge_px, smear_px, smear_deg = _edges(image, circle) if circle else (None, None, None)
     seen = len(marker) > 0
     top = marker.max(axis=1) if seen else None
@@ -119,12 +120,6 @@ def advice(lights: Sequence[Light]) -> list[str]:
             "the working light and lock it: an automatic one follows the truck"
         )
     return advice or ["exposure, noise, focus and white balance are fine in these pictures"]
-
-
-def _inside(image: Image, circle: Circle) -> NDArray[np.uint8]:
-    v, u = np.ogrid[0 : image.shape[0], 0 : image.shape[1]]
-    disc = (u - circle.u_px) ** 2 + (v - circle.v_px) ** 2 <= (0.85 * circle.radius_px) ** 2
-    return np.asarray(image[disc], np.uint8)
 
 
 def _edges(image: Image, circle: Circle) -> tuple[float | None, float | None, float | None]:

@@ -62,6 +62,13 @@ def example(name: str, image: Image, circle: Circle | None, params: VisionConfig
     )
 
 
+def disc(image: NDArray[np.uint8], circle: Circle, share: float = 1.0) -> NDArray[np.bool_]:
+    """(H, W): the pixels within `share` of the circle's radius."""
+    v, u = np.ogrid[0 : image.shape[0], 0 : image.shape[1]]
+    away2 = (u - circle.u_px) ** 2 + (v - circle.v_px) ** 2
+    return np.asarray(away2 <= (share * circle.radius_px) ** 2, np.bool_)
+
+
 def _some(hsv: NDArray[np.uint8]) -> Colours:
     step = max(1, -(-len(hsv) // MOST))
     colours = hsv[::step].astype(np.int16)

@@ -4,7 +4,7 @@ Reads pictures through the function it is given, one at a time, three times each
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle
@@ -90,9 +90,8 @@ _CROSS = "thresholds from the other half"
 
 def circle_of(label: Label) -> Circle | None:
     """Inside this a pixel surely belongs to the marker: the smaller semi-axis counts."""
-    if label.u is None or label.v is None or label.r is None:
-        return None
-    return Circle(label.u, label.v, label.r if label.b is None else label.b)
+    smaller_px = label.r if label.b is None else label.b
+    return None if label.circle is None or smaller_px is None else replace(label.circle, radius_px=smaller_px)
 
 
 def _halves(

@@ -50,7 +50,7 @@ class PyramidScanner:
     """Red points where `pyrDown` puts them: it is the paper's Gaussian, computed at even rows and columns only."""
 
     def __init__(self, params: VisionConfig, opening: Opening) -> None:
-        self._ranges = _ranges(params)
+        self._params = params
         self.step_px = 2 if opening.side_px < 4 else 4  # a box of 3 may lie between every fourth
         self._blur = BlurScanner(params, opening)
 
@@ -72,7 +72,7 @@ class PyramidScanner:
         points = rows if self.step_px == 2 else _every_second_column(rows)
         left = int(np.searchsorted(self.axis(image.shape[1]), xs[0]))
         points = points[:, left : left + len(xs)]
-        return stages.red_mask(stages.bgr_to_hsv(points), *self._ranges)
+        return stages.red(points, self._params)
 
 
 class BlurScanner:
@@ -80,7 +80,6 @@ class BlurScanner:
 
     def __init__(self, params: VisionConfig, opening: Opening) -> None:
         self._params = params
-        self._ranges = _ranges(params)
         self.step_px = opening.side_px
 
     def axis(self, size: int) -> Axis:
@@ -90,7 +89,7 @@ class BlurScanner:
         halo = self._params.gaussian_kernel_px // 2
         top, bottom = max(0, int(ys[0]) - halo), min(image.shape[0], int(ys[-1]) + halo + 1)
         blurred = stages.gaussian(image[top:bottom], self._params.gaussian_kernel_px, self._params.gaussian_sigma_px)
-        return stages.red_mask(stages.bgr_to_hsv(blurred[ys - top][:, xs]), *self._ranges)
+        return stages.red(blurred[ys - top][:, xs], self._params)
 
 
 def scanner(params: VisionConfig, opening: Opening, kernel: Kernel | None) -> Scanner:
@@ -162,7 +161,3 @@ def _every_second_column(rows: Image) -> Image:
     even = rows[:, : width // 2 * 2]
     picked = cv2.resize(even, (width // 2, rows.shape[0]), interpolation=cv2.INTER_NEAREST)
     return np.concatenate([np.asarray(picked, np.uint8), rows[:, -1:]], axis=1)
-
-
-def _ranges(params: VisionConfig) -> tuple[tuple[stages.Corner, stages.Corner], tuple[stages.Corner, stages.Corner]]:
-    return (params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2)

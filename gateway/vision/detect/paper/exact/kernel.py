@@ -136,6 +136,5 @@ def _agrees(kernel: Kernel, params: VisionConfig) -> bool:
     image = chance.integers(0, 256, (48, 67, 3), dtype=np.uint8)
     image[10:40, 8:60] = np.clip(chance.normal((70, 60, 150), (30, 30, 50), (30, 52, 3)), 0, 255).astype(np.uint8)
     blurred = stages.gaussian(image, params.gaussian_kernel_px)
-    ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
-    plain = stages.red_mask(stages.bgr_to_hsv(blurred), *ranges)
+    plain = stages.red(blurred, params)
     return bool(np.array_equal(plain, kernel.mask(image, Box(0, 0, 67, 48))))

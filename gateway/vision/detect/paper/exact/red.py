@@ -25,14 +25,13 @@ Rule = NDArray[np.int32]
 def tables(params: VisionConfig) -> NDArray[np.uint8]:
     """What equations 2 to 4 make of each of the 2^24 colours: bits of pairs (g, r), 8 KB, then bits of colours, index
     b + 256 g + 65536 r, 2 MB. Takes 0.1 s."""
-    ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
     plane = np.empty((256, 256, 3), np.uint8)
     plane[..., 0] = np.arange(256, dtype=np.uint8)[None, :]
     plane[..., 1] = np.arange(256, dtype=np.uint8)[:, None]
     table = np.empty((256, 256 * 256 // 8), np.uint8)
     for r in range(256):
         plane[..., 2] = r
-        table[r] = np.packbits(stages.red_mask(stages.bgr_to_hsv(plane), *ranges).ravel(), bitorder="little")
+        table[r] = np.packbits(stages.red(plane, params).ravel(), bitorder="little")
     pairs = np.packbits(table.reshape(65536, 32).any(axis=1), bitorder="little")
     return np.concatenate([pairs, table.ravel()])
 

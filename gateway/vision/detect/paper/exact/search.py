@@ -13,7 +13,6 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Detection
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import pipeline
-from gateway.vision.detect.paper.exact import kernel as compiled
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
 from gateway.vision.detect.paper.exact.grid import ScanGrid, scanner
 from gateway.vision.detect.paper.exact.kernel import Kernel
@@ -92,11 +91,6 @@ class ExactSearch:
             if box.holds(extent(contour))  # else a part of another cluster, cut by the window
         ]
         return in_plain_order(found)
-
-
-def of(params: VisionConfig, now_ns: NowNs = lambda: 0) -> ExactSearch:
-    """With the kernel where there is one."""
-    return ExactSearch(params, now_ns, kernel=compiled.load(params))
 
 
 def packed(image: Image) -> Image:

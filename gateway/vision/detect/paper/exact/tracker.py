@@ -27,7 +27,6 @@ from gateway.core.detection import Detection
 from gateway.vision.detect.method import Detector, NowNs, Search
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact import kernel as compiled
-from gateway.vision.detect.paper.exact import search
 from gateway.vision.detect.paper.exact.geometry import Box
 from gateway.vision.detect.paper.exact.grid import ScanGrid
 from gateway.vision.detect.paper.exact.kernel import Kernel
@@ -186,17 +185,16 @@ def _trusted(window: Box, uncut_px: int, width: int, height: int) -> Box:
     )
 
 
-def of(params: VisionConfig, now_ns: NowNs = lambda: 0) -> ExactTracker:
-    """With the kernel where there is one."""
-    return ExactTracker(params, now_ns, kernel=compiled.load(params))
-
-
 def detector(params: VisionConfig, now_ns: NowNs) -> Detector:
-    """On full frames: by the shortcuts that change no bit, where they hold."""
-    return search.of(params, now_ns) if ExactSearch.supports(params) else pipeline.detector(params, now_ns)
+    """On full frames: by the shortcuts that change no bit, where they hold, with the kernel where there is one."""
+    if not ExactSearch.supports(params):
+        return pipeline.detector(params, now_ns)
+    return ExactSearch(params, now_ns, kernel=compiled.load(params))
 
 
 def tracked(params: VisionConfig, now_ns: NowNs) -> Search:
     """For a Follower, whose prediction it does not need: it keeps the marker's motion itself."""
-    find = of(params, now_ns) if ExactSearch.supports(params) else pipeline.detector(params, now_ns)
+    find = pipeline.detector(params, now_ns)
+    if ExactSearch.supports(params):
+        find = ExactTracker(params, now_ns, kernel=compiled.load(params))
     return lambda image, t_ns, *_: find(image, t_ns)

@@ -20,7 +20,6 @@ class WindowStages:
         self._params = params
         self._opening = opening
         self._kernel = kernel
-        self._ranges = ((params.red_low_1, params.red_high_1), (params.red_low_2, params.red_high_2))
 
     def red(self, image: Image, window: Box) -> Mask:
         """M_0 in the window: exact up to its edges, since the blur may look beyond them."""
@@ -31,7 +30,7 @@ class WindowStages:
         part = image[seen.y0 : seen.y1, seen.x0 : seen.x1]
         blurred = stages.gaussian(part, self._params.gaussian_kernel_px, self._params.gaussian_sigma_px)
         inner = blurred[window.y0 - seen.y0 : window.y1 - seen.y0, window.x0 - seen.x0 : window.x1 - seen.x0]
-        return stages.red_mask(stages.bgr_to_hsv(inner), *self._ranges)
+        return stages.red(inner, self._params)
 
     def cleaned(self, image: Image, window: Box) -> Mask:
         """M_c in the window: exact for components as far inside as `geometry` requires."""
