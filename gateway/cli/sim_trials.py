@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from dataclasses import asdict
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -156,33 +157,12 @@ def _number(value: float | None, divisor: float, unit: str, digits: int = 1) -> 
 
 
 def _emit(bay: str, result: trials.TrialReport) -> None:
-    figures = result.figures
     sim_json.emit(
         sys.stdout,
         type="trials",
         bay=bay,
-        trials=[
-            {
-                "name": trial.name,
-                "actual_mm": trial.actual_mm,
-                "ultrasonic_mm": trial.ultrasonic_mm,
-                "worst_error_mm": trial.worst_error_mm,
-                "true_radius_px": trial.true_radius_px,
-                "radius_px": trial.radius_px,
-                "decision": trial.decision,
-                "expected": trial.expected,
-                "waited_s": trial.waited_s,
-                "right": trial.right,
-            }
-            for trial in result.trials
-        ],
-        number=figures.trials,
-        nearest_mm=figures.nearest_mm,
-        farthest_mm=figures.farthest_mm,
-        worst_error_mm=figures.worst_error_mm,
-        false_stops=figures.false_stops,
-        missed_stops=figures.missed_stops,
+        trials=[asdict(trial) for trial in result.trials],
+        **asdict(result.figures),
         undecided=result.undecided,
         longest_wait_s=result.longest_wait_s,
-        accuracy=figures.accuracy,
     )

@@ -29,7 +29,7 @@ from gateway.sim import scenario as scenarios
 from gateway.sim import trials
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.emulator import EmulatedRanger, check_built
-from gateway.sim.ranger import SimulatedRanger
+from gateway.sim.ranger import SimulatedRanger, options_of
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import TruckHold
 from gateway.supervisor import Task
@@ -263,13 +263,12 @@ class _Simulation:
             self._loop.call_soon_threadsafe(self._stop.set)
 
     def _ranger(self, bay: Bay) -> SimulatedRanger | EmulatedRanger:
-        world = (bay.scenario, bay.world, bay.origin_ns, self._clock)
+        options = options_of(bay.scenario, bay.world, bay.origin_ns)
         if self._args.ranger == "simulated":
-            return SimulatedRanger.of(*world)
+            return SimulatedRanger(clock=self._clock, **options)
         log = self._args.ranger_log
-        return EmulatedRanger.of(
-            *world, log=log.with_name(f"{log.name}.{bay.name}") if log and len(self._bays) > 1 else log
-        )
+        log = log.with_name(f"{log.name}.{bay.name}") if log and len(self._bays) > 1 else log
+        return EmulatedRanger(clock=self._clock, log=log, **options)
 
     def _watchers(self, hub: Hub) -> list[Task]:
         tasks: list[Task] = []

@@ -17,7 +17,6 @@ A circle that does not fit the ranger's distance is a contradiction, and a cause
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 from gateway.config import FusionConfig
 from gateway.core import agreement
@@ -27,6 +26,7 @@ from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import DEAD, FRESH_FRAME, VISION_FINE, Quality, RangeReading, VisionReading
 from gateway.core.scale import distance_of
 from gateway.core.state import (
+    Failure,
     FunctionCheck,
     FusionMemory,
     Guidance,
@@ -238,26 +238,16 @@ def _recovering(
 ) -> tuple[FusionMemory, VisionReading, RangeReading]:
     """Of a sensor that was dead, nothing counts until it has been alive for recovery_s: it must not flicker."""
     memory = state.memory
-    was = Failure(memory.vision_failed, memory.vision_alive_since_ns)
-    now = _failure(was, vision, now_ns, config.vision_deadline_s, config, new=vision is not state.vision)
-    if now != was:
-        memory = replace(memory, vision_failed=now.quality, vision_alive_since_ns=now.alive_since_ns)
-    if now.quality is not None and vision.quality in FRESH_FRAME:
-        vision = replace(_without_circle(vision, now.quality), detail=RECOVERING)
-    was = Failure(memory.range_failed, memory.range_alive_since_ns)
-    now = _failure(was, rng, now_ns, config.range_deadline_s, config, new=rng is not state.range)
-    if now != was:
-        memory = replace(memory, range_failed=now.quality, range_alive_since_ns=now.alive_since_ns)
-    if now.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
-        rng = replace(rng, quality=now.quality, distance_mm=None, detail=RECOVERING)
+    new_vision, new_range = vision is not state.vision, rng is not state.range
+    seen = _failure(memory.vision_failure, vision, now_ns, config.vision_deadline_s, config, new=new_vision)
+    heard = _failure(memory.range_failure, rng, now_ns, config.range_deadline_s, config, new=new_range)
+    if (seen, heard) != (memory.vision_failure, memory.range_failure):
+        memory = replace(memory, vision_failure=seen, range_failure=heard)
+    if seen.quality is not None and vision.quality in FRESH_FRAME:
+        vision = replace(_without_circle(vision, seen.quality), detail=RECOVERING)
+    if heard.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
+        rng = replace(rng, quality=heard.quality, distance_mm=None, detail=RECOVERING)
     return memory, vision, rng
-
-
-class Failure(NamedTuple):
-    """How a sensor was dead, and since when it has been alive again without a gap; None: it was not, or is not yet."""
-
-    quality: Quality | None
-    alive_since_ns: int | None
 
 
 def _failure(

@@ -76,6 +76,15 @@ class TruckPosition:
 
 
 @dataclass(frozen=True, slots=True)
+class Failure:
+    """How a sensor was dead until it has been alive for recovery_s, and since when it has been without a gap; None: it
+    was not, or is not yet."""
+
+    quality: Quality | None = None
+    alive_since_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class FusionMemory:
     """What the decision must remember between steps. All times monotonic ns; None: not pending."""
 
@@ -87,10 +96,8 @@ class FusionMemory:
     latched: bool = False  # stop by D stays until reset; only with latch_stop
     mark: TruckPosition | None = None  # the newest pair with D = 1 by equation 14 itself; it ends with D
     no_cause_since_ns: int | None = None  # no cause for a stop since
-    vision_failed: Quality | None = None  # how the camera was dead, until it has been good for recovery_s
-    vision_alive_since_ns: int | None = None
-    range_failed: Quality | None = None
-    range_alive_since_ns: int | None = None
+    vision_failure: Failure = Failure()
+    range_failure: Failure = Failure()
     pairs: tuple[tuple[float, float], ...] = ()  # (R px, Z mm), the newest that fit each other, oldest first
     followed: tuple[float, float] | None = None  # R and Z when R was last seen to follow Z
     marker_confirmed: bool = False  # of this visit: R has followed Z, or fitted what was learned

@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
 KILL_S = 0.3  # real time for the kernel to end a killed process
 CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGSYS}
-MAX_MESSAGES = 10_000  # of one child, taken at once: more than its socket holds, and an end for one that never stops
+MAX_MESSAGES = 1000  # of one child, taken at once: more than its socket holds, and an end for one that never stops
 # sys.path travels last: what the parent can import, the child can.
 BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.processes.child import main; main()"
 ENVIRONMENT = {

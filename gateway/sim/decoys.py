@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
+from gateway.sim.canvas import Plane, clouds
 from gateway.vision.pixels import Image
 
 SUPER = 4
 RED = (45, 35, 190)
 Colour = tuple[float, float, float]
-Plane = NDArray[np.float32]
 
 
 @dataclass(slots=True)
@@ -84,38 +84,32 @@ class Drawing:
         return np.asarray(np.clip(np.rint(grainy), 0, 255), np.uint8)
 
 
-def _clouds(chance: np.random.Generator, shape: tuple[int, int], cells: tuple[int, int]) -> Plane:
-    """Smooth noise of unit spread."""
-    small = chance.standard_normal(cells, dtype=np.float32)
-    return np.asarray(cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
-
-
 def _concrete(chance: np.random.Generator, shape: tuple[int, int]) -> NDArray[np.float32]:
-    grey = 125 + 14 * _clouds(chance, shape, (9, 12)) + 9 * _clouds(chance, shape, (90, 120))
+    grey = 125 + 14 * clouds(chance, shape, (9, 12)) + 9 * clouds(chance, shape, (90, 120))
     return np.asarray(grey[..., None] * np.array([0.97, 1.0, 1.0], np.float32), np.float32)
 
 
 def _wood(chance: np.random.Generator, shape: tuple[int, int]) -> NDArray[np.float32]:
     """Planks with a grain, red-brown."""
     y, x = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32) / shape[0]
-    warp = 0.05 * _clouds(chance, shape, (4, 3))
+    warp = 0.05 * clouds(chance, shape, (4, 3))
     grain = np.sin(140 * (y + warp)) * 0.5 + np.sin(47 * (y + warp) + 3 * x) * 0.5
     planks = (np.floor(x * 5) * 0.377) % 1 - 0.5
-    light = 1 + 0.13 * grain + 0.18 * planks + 0.05 * _clouds(chance, shape, (60, 80))
+    light = 1 + 0.13 * grain + 0.18 * planks + 0.05 * clouds(chance, shape, (60, 80))
     return np.asarray(light[..., None] * np.array([68, 96, 152], np.float32), np.float32)
 
 
 def _rust(chance: np.random.Generator, shape: tuple[int, int]) -> NDArray[np.float32]:
     """Painted steel with blooms of rust."""
-    steel = 105 + 8 * _clouds(chance, shape, (60, 80))
-    bloom = 1 / (1 + np.exp(-4 * (_clouds(chance, shape, (14, 18)) + 0.5 * _clouds(chance, shape, (60, 80)) - 0.6)))
+    steel = 105 + 8 * clouds(chance, shape, (60, 80))
+    bloom = 1 / (1 + np.exp(-4 * (clouds(chance, shape, (14, 18)) + 0.5 * clouds(chance, shape, (60, 80)) - 0.6)))
     base = steel[..., None] * np.array([1.0, 1.0, 0.97], np.float32)
-    rusty = np.array([44, 66, 128], np.float32) * (1 + 0.15 * _clouds(chance, shape, (100, 130)))[..., None]
+    rusty = np.array([44, 66, 128], np.float32) * (1 + 0.15 * clouds(chance, shape, (100, 130)))[..., None]
     return np.asarray(base + bloom[..., None] * (rusty - base), np.float32)
 
 
 def _leaves(chance: np.random.Generator, shape: tuple[int, int]) -> NDArray[np.float32]:
-    rough = np.exp(0.5 * _clouds(chance, shape, (70, 95)))
+    rough = np.exp(0.5 * clouds(chance, shape, (70, 95)))
     return np.asarray(rough[..., None] * np.array([38, 82, 62], np.float32), np.float32)
 
 

@@ -18,10 +18,7 @@ from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
 from gateway.errors import ConfigError, LinkError
 from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM
 from gateway.sim.hcsr04 import SensorErrors
-from gateway.sim.ranger import faults_of, no_faults
 from gateway.sim.ranger_board import Faults, RangerFault
-from gateway.sim.scenario import Scenario
-from gateway.sim.world import World
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 ELF = FIRMWARE / "build" / "ranger.elf"
@@ -90,7 +87,7 @@ class EmulatedRanger:
         seed: int = 0,
         errors: SensorErrors | None = None,
         air_c: float = 20.0,
-        faults: Callable[[int], Faults] = no_faults,
+        faults: Callable[[int], Faults] = lambda _: {},
         boot_s: float = 0.0,
         resets_on_open: bool = False,
         log: Path | None = None,
@@ -109,29 +106,6 @@ class EmulatedRanger:
         self._arguments += ["--dtr"] if resets_on_open else []
         self._process: asyncio.subprocess.Process | None = None
         self.forced: dict[RangerFault, float] = {}
-
-    @classmethod
-    def of(
-        cls, scenario: Scenario, world: World, origin_ns: int, clock: SystemClock, *, log: Path | None = None
-    ) -> Self:
-        """The ranger of one simulated bay; world time 0 is `origin_ns` of the clock."""
-
-        def distance_mm(t_ns: int) -> float:
-            return world.distance_mm((t_ns - origin_ns) / NS_PER_S)
-
-        def faults(t_ns: int) -> Faults:
-            return faults_of(scenario, (t_ns - origin_ns) / NS_PER_S)
-
-        sensor = scenario.ranger
-        return cls(
-            distance_mm,
-            clock,
-            seed=scenario.seed,
-            errors=SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout),
-            air_c=sensor.temperature_c,
-            faults=faults,
-            log=log,
-        )
 
     async def __aenter__(self) -> Self:
         self._directory = Path(tempfile.mkdtemp(prefix="ranger-"))

@@ -10,7 +10,7 @@ import tty
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.sim.hcsr04 import SensorErrors
@@ -20,7 +20,6 @@ from gateway.sim.world import World
 
 MAX_SLEEP_NS = 20_000_000
 """The board looks up at least so often: for questions, for faults, for the cable."""
-
 
 # What a scenario's fault is to the board, with its amount; of an echo, the scenario has it.
 OF_SCENARIO: Mapping[FaultKind, tuple[RangerFault, float]] = {
@@ -50,10 +49,16 @@ def faults_of(scenario: Scenario, t_s: float) -> Faults:
     return found
 
 
-def no_faults(t_ns: int) -> Faults:
-    """The schedule of a healthy ranger."""
-    del t_ns
-    return {}
+def options_of(scenario: Scenario, world: World, origin_ns: int) -> dict[str, Any]:
+    """Of one simulated bay's ranger, simulated or emulated; world time 0 is `origin_ns` of the clock."""
+    sensor = scenario.ranger
+    return {
+        "distance_mm": lambda t_ns: world.distance_mm((t_ns - origin_ns) / NS_PER_S),
+        "faults": lambda t_ns: faults_of(scenario, (t_ns - origin_ns) / NS_PER_S),
+        "seed": scenario.seed,
+        "errors": SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout),
+        "air_c": sensor.temperature_c,
+    }
 
 
 class SimulatedRanger:
@@ -72,9 +77,7 @@ class SimulatedRanger:
         seed: int = 0,
         errors: SensorErrors | None = None,
         air_c: float = 20.0,
-        thermometer: bool = False,
-        baud: int = 9600,
-        faults: Callable[[int], Faults] = no_faults,
+        faults: Callable[[int], Faults] = lambda _: {},
         boot_s: float = 0.0,
         resets_on_open: bool = False,
     ) -> None:
@@ -86,8 +89,6 @@ class SimulatedRanger:
             seed=seed,
             errors=errors,
             air_c=air_c,
-            thermometer=thermometer,
-            baud=baud,
             boot_ns=round(boot_s * NS_PER_S),
         )
         self._master: int | None = None
@@ -95,26 +96,6 @@ class SimulatedRanger:
         self.forced: dict[RangerFault, float] = {}
         self.dropped_bytes = 0
         """Sent while no program had the port open, or into a full one."""
-
-    @classmethod
-    def of(cls, scenario: Scenario, world: World, origin_ns: int, clock: Clock) -> Self:
-        """The ranger of one simulated bay; world time 0 is `origin_ns` of the clock."""
-
-        def distance_mm(t_ns: int) -> float:
-            return world.distance_mm((t_ns - origin_ns) / NS_PER_S)
-
-        def faults(t_ns: int) -> Faults:
-            return faults_of(scenario, (t_ns - origin_ns) / NS_PER_S)
-
-        sensor = scenario.ranger
-        return cls(
-            distance_mm,
-            clock,
-            seed=scenario.seed,
-            errors=SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout),
-            air_c=sensor.temperature_c,
-            faults=faults,
-        )
 
     async def __aenter__(self) -> Self:
         self._directory = Path(tempfile.mkdtemp(prefix="ranger-"))

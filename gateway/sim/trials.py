@@ -71,7 +71,7 @@ class TrialResult:
 class Figures:
     """The rows of Table II."""
 
-    trials: int
+    number: int  # of trials
     nearest_mm: float | None
     farthest_mm: float | None
     worst_error_mm: float | None
@@ -98,7 +98,7 @@ class TrialReport:
         ours, paper = self.figures, self.paper
         thresholds = f"R >= {self.radius_threshold_px:g} px and Z <= {self.distance_threshold_mm / 10:g} cm"
         return [
-            ("Number of trials", str(paper.trials), str(ours.trials)),
+            ("Number of trials", str(paper.number), str(ours.number)),
             ("Distance range", _span(paper), _span(ours)),
             ("Maximum ultrasonic error", _cm(paper.worst_error_mm), _cm(ours.worst_error_mm)),
             ("Stop threshold", "R >= 180 px and Z <= 30 cm", thresholds),
@@ -173,7 +173,7 @@ class Evaluation:
         results = [result for trial in trials if (result := trial.result(self._judge)) is not None]
         errors = [r.worst_error_mm for r in results if r.worst_error_mm is not None]
         figures = Figures(
-            trials=len(results),
+            number=len(results),
             nearest_mm=min((r.actual_mm for r in results), default=None),
             farthest_mm=max((r.actual_mm for r in results), default=None),
             worst_error_mm=max(errors, default=None),

@@ -21,12 +21,9 @@ Rules
 - A process is started only when the previous one has ended: one writer for the memory, one owner for the device.
 - A film that is not to be repeated (`finite`) is not begun again. Where no frame may be skipped (`lossless`), it
   continues after the frame that a detector failed on; else it stays lost.
-- `frames` + `skipped` + `lost` is the number of the newest frame reported: what is neither a result nor lost was
-  skipped.
 """
 
 import random
-from collections import deque
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
@@ -35,11 +32,11 @@ from gateway.core.detection import Detection
 from gateway.core.readings import PictureHealth, Quality, VisionReading, VisionStats
 from gateway.supervisor import delay_s
 from gateway.vision.picture.judge import PictureJudge
+from gateway.vision.process.frame_counts import FrameCounts
 from gateway.vision.transport.messages import FrameResult
 from gateway.vision.transport.progress import Progress
 
 NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
 PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for so long
 MAX_BUILD_FACTOR = 4  # times as long may the next build of a detector take that was not ready in time
 MOST_SKIPPED = 1_000_000  # frames between two that are processed; a number beyond that is nonsense
@@ -94,7 +91,7 @@ class ProcessMonitor:
     camera: CameraConfig
     vision: VisionConfig
     rng: random.Random
-    stats: VisionStats = field(default_factory=VisionStats)
+    _counts: FrameCounts = field(default_factory=FrameCounts)
     _state: ProcessState = ProcessState.ABSENT
     _token: int = 0
     _since_ns: int = 0  # of the state
@@ -112,12 +109,10 @@ class ProcessMonitor:
     _film_begun: bool = False  # a finite source has given a frame
     _film_first_seq: int = 1  # of the film that has begun
     _over: bool = False  # the film is lost, and not begun again
-    _last_seq: int = 0  # newest frame that has a result, or never gets one
     _progress: Progress = field(default_factory=Progress)
     _judge: PictureJudge = field(init=False)
     _picture: PictureHealth | None = None
     _picture_ns: int = 0
-    _results_ns: deque[int] = field(default_factory=lambda: deque(maxlen=4096))  # within the last second
     _out: list[Action] = field(default_factory=list)
     _readings: list[VisionReading] = field(default_factory=list)  # to be emitted
 
@@ -131,9 +126,8 @@ class ProcessMonitor:
         """
         self._count_out(lost=self._at_work())
         return replace(
-            ProcessMonitor(self.label, self.camera, vision, self.rng, self.stats),
+            ProcessMonitor(self.label, self.camera, vision, self.rng, FrameCounts(self.stats, self._counts.last_seq)),
             _token=self._token,
-            _last_seq=self._last_seq,
             _over=self._over,
             _reported_ns=self._reported_ns,
         )
@@ -157,7 +151,7 @@ class ProcessMonitor:
         if not self._is(token):
             return
         if self._state is not ProcessState.RUNNING or not self._is_new(result.seq):
-            self.failed(token, f"result of frame {result.seq} after that of frame {self._last_seq}", now_ns)
+            self.failed(token, f"result of frame {result.seq} after that of frame {self._counts.last_seq}", now_ns)
             return
         if not 0 <= result.t_capture_ns <= now_ns:
             self.failed(token, "result of a frame of another time", now_ns)
@@ -178,7 +172,7 @@ class ProcessMonitor:
                 frame_id=result.seq,
                 x_n=found.x_n,
                 y_n=found.y_n,
-                stats=self._with_result(result, now_ns),
+                stats=self._counts.with_result(result, now_ns),
                 stage_ns=found.stage_ns,
                 ellipse=found.ellipse,
                 confidence=found.confidence,
@@ -263,6 +257,10 @@ class ProcessMonitor:
         return self._state is ProcessState.RUNNING and now_ns - self._alive_ns < NS_PER_S
 
     @property
+    def stats(self) -> VisionStats:
+        return self._counts.stats
+
+    @property
     def token(self) -> int:
         """Of the process that was started last."""
         return self._token
@@ -298,20 +296,20 @@ class ProcessMonitor:
         return self._alive_ns + max(self._allowed_ns, round(self.vision.deadline_s * NS_PER_S))
 
     def _is_new(self, seq: int) -> bool:
-        return self._last_seq < seq <= self._last_seq + MOST_SKIPPED
+        return self._counts.last_seq < seq <= self._counts.last_seq + MOST_SKIPPED
 
     def _can_be(self, noted: Progress, now_ns: int) -> bool:
         seqs = (noted.captured_seq, noted.work_seq)
         times_ns = (noted.captured_ns, noted.work_t_capture_ns, noted.work_began_ns, noted.detector_ns)
         return (
             min(seqs) >= 0
-            and max(seqs) <= self._last_seq + MOST_SKIPPED
+            and max(seqs) <= self._counts.last_seq + MOST_SKIPPED
             and 0 <= min(times_ns) <= max(times_ns) <= now_ns
         )
 
     def _at_work(self) -> bool:
         """The detector has begun a frame whose result has not arrived."""
-        return self._progress.work_began_ns > 0 and self._progress.work_seq > self._last_seq
+        return self._progress.work_began_ns > 0 and self._progress.work_seq > self._counts.last_seq
 
     def _judge_silence(self, now_ns: int) -> None:
         if self._state is ProcessState.BUILDING:
@@ -343,7 +341,7 @@ class ProcessMonitor:
         self._link_is_down = True
         self._link_failures = 1 if well_for_long else self._link_failures + 1
         self._due_ns = now_ns + round(delay_s(self.camera.reconnect, self._link_failures, self.rng) * NS_PER_S)
-        self._emit_fault(Quality.LINK_DOWN, now_ns, self._last_seq, why, now_ns)
+        self._emit_fault(Quality.LINK_DOWN, now_ns, self._counts.last_seq, why, now_ns)
 
     def _process_fault(self, why: str, now_ns: int) -> None:
         self._end(why)
@@ -353,7 +351,7 @@ class ProcessMonitor:
         delay = delay_s(PROCESS_BACKOFF, self._process_failures, self.rng) if self._process_failures else 0.0
         self._process_failures += 1
         self._due_ns = now_ns + round(delay * NS_PER_S)
-        t_ns, seq = (progress.work_t_capture_ns, progress.work_seq) if at_work else (now_ns, self._last_seq)
+        t_ns, seq = (progress.work_t_capture_ns, progress.work_seq) if at_work else (now_ns, self._counts.last_seq)
         self._emit_fault(Quality.PROCESS_FAULT, t_ns, seq, why, now_ns)
         if self._film_begun and not self._lossless:
             self._link_down(why, now_ns)
@@ -368,11 +366,9 @@ class ProcessMonitor:
             self._out.append(GiveUp(why))  # after the fault has been reported
 
     def _start(self, now_ns: int) -> None:
-        if self._started and self._link_is_down:
-            self.stats = replace(self.stats, reopens=self.stats.reopens + 1)
-        elif self._started:
-            self.stats = replace(self.stats, restarts=self.stats.restarts + 1)
-        next_seq = self._last_seq + 1
+        if self._started:
+            self._counts.process_started(link_was_down=self._link_is_down)
+        next_seq = self._counts.last_seq + 1
         if not self._film_begun:
             self._film_first_seq = next_seq
         self._token += 1
@@ -380,40 +376,18 @@ class ProcessMonitor:
         self._started, self._reaped = True, False
         self._out.append(Start(self._token, next_seq, discard=next_seq - self._film_first_seq))
 
-    # Readings and counts.
-
     def _is(self, token: int) -> bool:
         return token == self._token and self._state not in (ProcessState.ABSENT, ProcessState.ENDING)
 
-    def _with_result(self, result: FrameResult, now_ns: int) -> VisionStats:
-        """The statistics with this result in them."""
-        old = self.stats
-        self._last_seq = result.seq
-        self._results_ns.append(now_ns)
-        frames = old.frames + 1
-        skipped = result.seq - frames - old.lost
-        latency_ms = max(0, now_ns - min(result.t_capture_ns, result.unchanged_since_ns)) / NS_PER_MS
-        rate_hz = self._rate_hz(now_ns)
-        self.stats = VisionStats(frames, skipped, old.lost, old.restarts, old.reopens, rate_hz, latency_ms)
-        return self.stats
-
-    def _rate_hz(self, now_ns: int) -> float:
-        while self._results_ns and now_ns - self._results_ns[0] >= NS_PER_S:
-            self._results_ns.popleft()
-        return float(len(self._results_ns))
-
     def _count_out(self, *, lost: bool = False) -> None:
         """Of the process that ends: every frame that it has numbered and that has no result is lost or skipped."""
-        noted = self._progress
-        self._last_seq = max(self._last_seq, noted.work_seq, 0 if self._lossless else noted.captured_seq)
-        self._progress = Progress()
-        lost_frames = self.stats.lost + lost
-        self.stats = replace(self.stats, lost=lost_frames, skipped=self._last_seq - self.stats.frames - lost_frames)
+        noted, self._progress = self._progress, Progress()
+        self._counts.process_ended(max(noted.work_seq, 0 if self._lossless else noted.captured_seq), lost=lost)
 
     def _emit_fault(self, quality: Quality, t_ns: int, seq: int, why: str, now_ns: int) -> None:
-        self.stats = replace(self.stats, rate_hz=self._rate_hz(now_ns))
+        stats = self._counts.at_fault(now_ns)
         self._reported_ns = max(t_ns, self._reported_ns)  # a reader of the newest reading must not miss it
-        self._readings.append(VisionReading(self._reported_ns, quality, frame_id=seq, detail=why, stats=self.stats))
+        self._readings.append(VisionReading(self._reported_ns, quality, frame_id=seq, detail=why, stats=stats))
 
 
 def _quality(detection: Detection) -> Quality:

@@ -1,7 +1,7 @@
 """Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the vision process only."""
 
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 from numpy.typing import NDArray
@@ -10,7 +10,10 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
 from gateway.vision.pixels import bgr8
 from gateway.vision.source.contract import Frame, Source
-from gateway.vision.source.frame_time import FrameTime
+from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
+
+if TYPE_CHECKING:
+    from gateway.vision.source.specs import CameraSpec, StreamSpec
 
 # Read by OpenCV when a stream is opened. Setting it replaces OpenCV's own default, so TCP must be named again. Without
 # `nobuffer` and `low_delay` FFmpeg holds back several frames. An operator's own setting wins (RTSP over UDP, say).
@@ -20,18 +23,18 @@ FFMPEG_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
 class CaptureSource(Source):
     """A live source: frames arrive at its own pace, and the newest is the one that counts.
 
-    `late_s`: a source whose frames have been later than this for as long is lost. Opened again, it begins without a
-    backlog.
+    `stamps`: of its frames, unless the spec has the time of arrival instead. A source whose frames have been later than
+    `late_s` of the spec for as long is lost. Opened again, it begins without a backlog.
     """
 
     def __init__(
-        self, capture: cv2.VideoCapture, label: str, clock: Clock, frame_time: FrameTime, late_s: float
+        self, capture: cv2.VideoCapture, spec: "CameraSpec | StreamSpec", clock: Clock, stamps: FrameTime
     ) -> None:
         self._capture = capture
-        self._label = label
+        self._label = spec.label
         self._clock = clock
-        self._frame_time = frame_time
-        self._late_ns = round(late_s * NS_PER_S)
+        self._frame_time = ArrivalTime() if spec.by_arrival else stamps
+        self._late_ns = round(spec.late_s * NS_PER_S)
         self._late_since_ns: int | None = None
 
     def read(self) -> Frame:
@@ -65,54 +68,34 @@ def frame_of(image: NDArray[Any], t_capture_ns: int, label: str) -> Frame:
         raise LinkError(f"{label}: {error}") from error
 
 
-def open_camera(
-    device: int | str,
-    clock: Clock,
-    *,
-    label: str,
-    width_px: int | None,
-    height_px: int | None,
-    fps: float | None,
-    frame_time: FrameTime,
-    late_s: float,
-) -> CaptureSource:
+def open_camera(spec: "CameraSpec", clock: Clock) -> CaptureSource:
     """A V4L2 camera. Raises LinkError when there is no such camera, or another program has it."""
-    capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
+    capture = cv2.VideoCapture(spec.device, cv2.CAP_V4L2)
     if not capture.isOpened():
-        raise LinkError(f"{label}: cannot be opened: missing, busy, or no permission (group video)")
+        raise LinkError(f"{spec.label}: cannot be opened: missing, busy, or no permission (group video)")
     wishes = (
-        (cv2.CAP_PROP_FRAME_WIDTH, width_px),
-        (cv2.CAP_PROP_FRAME_HEIGHT, height_px),
-        (cv2.CAP_PROP_FPS, fps),
+        (cv2.CAP_PROP_FRAME_WIDTH, spec.width_px),
+        (cv2.CAP_PROP_FRAME_HEIGHT, spec.height_px),
+        (cv2.CAP_PROP_FPS, spec.fps),
     )
     for key, wish in wishes:
         if wish is not None:
             capture.set(key, wish)  # a driver may give something else without an error: the first frame is checked
-    return CaptureSource(capture, label, clock, frame_time, late_s)
+    return CaptureSource(capture, spec, clock, BufferTime())
 
 
-def open_stream(
-    url: str,
-    clock: Clock,
-    *,
-    label: str,
-    open_timeout_s: float,
-    read_timeout_s: float,
-    frame_time: FrameTime,
-    late_s: float,
-) -> CaptureSource:
+def open_stream(spec: "StreamSpec", clock: Clock) -> CaptureSource:
     """A stream. Raises LinkError when the server cannot be reached, refuses, or sends nothing that FFmpeg understands.
 
-    The process monitor's deadlines hold whatever FFmpeg does with its own time limits. `url` may hold a password;
-    `label` is for messages.
+    The process monitor's deadlines hold whatever FFmpeg does with its own time limits.
     """
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
     parameters = [
-        *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(open_timeout_s * 1000)),
-        *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(read_timeout_s * 1000)),
+        *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(spec.open_timeout_s * 1000)),
+        *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(spec.read_timeout_s * 1000)),
         *(cv2.CAP_PROP_N_THREADS, 1),  # FFmpeg's frame threads each hold a frame back
     ]
-    capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, parameters)
+    capture = cv2.VideoCapture(spec.url, cv2.CAP_FFMPEG, parameters)
     if not capture.isOpened():
-        raise LinkError(f"{label}: cannot be opened: no answer, refused, or not a video stream")
-    return CaptureSource(capture, label, clock, frame_time, late_s)
+        raise LinkError(f"{spec.label}: cannot be opened: no answer, refused, or not a video stream")
+    return CaptureSource(capture, spec, clock, PresentationTime())

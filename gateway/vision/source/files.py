@@ -2,6 +2,7 @@
 
 import logging
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 
@@ -12,29 +13,33 @@ from gateway.vision.pixels import PICTURE_SUFFIXES, natural_key
 from gateway.vision.source.capture import frame_of
 from gateway.vision.source.contract import Frame, Source
 
+if TYPE_CHECKING:
+    from gateway.vision.source.specs import FileSpec
+
 log = logging.getLogger(__name__)
 
 VIDEO_FPS = 25.0  # for a file without a rate, or with an impossible one
 
 
-def open_file(path: Path, clock: Clock, *, label: str, fps: float, fast: bool, loop: bool) -> Source:
+def open_file(spec: "FileSpec", clock: Clock) -> Source:
     """What the path is at this moment decides. Raises LinkError when there is nothing there that can be read.
 
     `fps` is the pace of pictures; a video has its own. `fast` leaves every pace out.
     """
+    path, label = Path(spec.path), spec.label
     try:
         if path.is_dir():
             pictures = sorted((p for p in path.iterdir() if _is_picture(p)), key=natural_key)
             if not pictures:
                 raise LinkError(f"{label}: no pictures in this folder")
-            return FolderSource(pictures, label, clock, fps=fps, fast=fast, loop=loop)
+            return FolderSource(pictures, spec, clock)
         if not path.exists():
             raise LinkError(f"{label}: no such file or folder")
     except OSError as error:
         raise LinkError(f"{label}: cannot be read: {error.strerror}") from error
     if _is_picture(path) and path.suffix.lower() != ".gif":  # FFmpeg plays an animated GIF at its own rate
-        return FolderSource([path], label, clock, fps=fps, fast=fast, loop=loop)
-    return VideoSource(path, label, clock, fast=fast, loop=loop)
+        return FolderSource([path], spec, clock)
+    return VideoSource(path, spec, clock)
 
 
 def _is_picture(path: Path) -> bool:
@@ -65,14 +70,13 @@ class FolderSource(Source):
 
     may_repeat = True
 
-    def __init__(self, pictures: list[Path], label: str, clock: Clock, *, fps: float, fast: bool, loop: bool) -> None:
-        self.lossless = fast
-        self.finite = not loop
+    def __init__(self, pictures: list[Path], spec: "FileSpec", clock: Clock) -> None:
+        self.lossless = spec.fast
+        self.finite = not spec.loop
         self._pictures = pictures
-        self._label = label
+        self._label = spec.label
         self._clock = clock
-        self._loop = loop
-        self._pace = None if fast else Pace(1 / fps, clock)
+        self._pace = None if spec.fast else Pace(1 / spec.fps, clock)
         self._next = 0
         self._given = 0  # in this round
 
@@ -95,7 +99,7 @@ class FolderSource(Source):
     def _begin_again(self) -> None:
         if self._given == 0:
             raise LinkError(f"{self._label}: no picture here can be read")
-        if not self._loop:
+        if self.finite:
             if self._pace:
                 self._pace.wait()  # the last picture has its full time, too
             raise LinkError(f"{self._label}: ended")
@@ -110,16 +114,15 @@ class VideoSource(Source):
 
     may_repeat = True
 
-    def __init__(self, path: Path, label: str, clock: Clock, *, fast: bool, loop: bool) -> None:
-        self.lossless = fast
-        self.finite = not loop
+    def __init__(self, path: Path, spec: "FileSpec", clock: Clock) -> None:
+        self.lossless = spec.fast
+        self.finite = not spec.loop
         self._path = path
-        self._label = label
+        self._label = spec.label
         self._clock = clock
-        self._loop = loop
         self._capture = self._open()
         fps = self._capture.get(cv2.CAP_PROP_FPS)
-        self._pace = None if fast else Pace(1 / (fps if 0.1 <= fps <= 1000 else VIDEO_FPS), clock)
+        self._pace = None if spec.fast else Pace(1 / (fps if 0.1 <= fps <= 1000 else VIDEO_FPS), clock)
 
     def _open(self) -> cv2.VideoCapture:
         try:
@@ -132,7 +135,7 @@ class VideoSource(Source):
 
     def read(self) -> Frame:
         ok, image = self._capture.read()
-        if not ok and self._loop:
+        if not ok and not self.finite:
             self.close()
             self._capture = self._open()  # seeking to 0 is not exact in every container; opening is
             ok, image = self._capture.read()

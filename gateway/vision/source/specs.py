@@ -13,7 +13,6 @@ from gateway.clock import Clock
 from gateway.errors import ConfigError
 from gateway.registry import Registry
 from gateway.vision.source.contract import Source, SourceSpec
-from gateway.vision.source.frame_time import ArrivalTime, BufferTime, PresentationTime
 
 if TYPE_CHECKING:
     from gateway.config import CameraConfig
@@ -46,16 +45,7 @@ class CameraSpec:
     def open(self, clock: Clock) -> Source:
         from gateway.vision.source.capture import open_camera  # noqa: PLC0415 - OpenCV stays out of the main process
 
-        return open_camera(
-            self.device,
-            clock,
-            label=self.label,
-            width_px=self.width_px,
-            height_px=self.height_px,
-            fps=self.fps,
-            frame_time=ArrivalTime() if self.by_arrival else BufferTime(),
-            late_s=self.late_s,
-        )
+        return open_camera(self, clock)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +66,7 @@ class StreamSpec:
     def open(self, clock: Clock) -> Source:
         from gateway.vision.source.capture import open_stream  # noqa: PLC0415 - as above
 
-        return open_stream(
-            self.url,
-            clock,
-            label=self.label,
-            open_timeout_s=self.open_timeout_s,
-            read_timeout_s=self.read_timeout_s,
-            frame_time=ArrivalTime() if self.by_arrival else PresentationTime(),
-            late_s=self.late_s,
-        )
+        return open_stream(self, clock)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +86,7 @@ class FileSpec:
     def open(self, clock: Clock) -> Source:
         from gateway.vision.source.files import open_file  # noqa: PLC0415 - as above
 
-        return open_file(Path(self.path), clock, label=self.label, fps=self.fps, fast=self.fast, loop=self.loop)
+        return open_file(self, clock)
 
 
 def source_spec(config: "CameraConfig") -> SourceSpec:

@@ -62,6 +62,16 @@ def test_a_child_that_talks_faster_than_it_is_heard_holds_up_nobody() -> None:
     run(scene())
 
 
+def test_all_that_waits_in_a_socket_is_read_at_once() -> None:
+    """A result that has arrived is not late; and what one flood may cost the event loop is not much more."""
+    ours, theirs = Channel[Any, Any].pair(ANYTHING)
+    child, waiting = Channel[Any, Any](theirs, ANYTHING), 0
+    with ours.sock, theirs:
+        while child.offer(0):
+            waiting += 1
+    assert 100 < waiting < MAX_MESSAGES <= 5 * waiting
+
+
 def test_a_child_that_says_what_is_no_message_has_failed_and_is_killed() -> None:
     async def scene() -> None:
         pool: Pool[Any, Any] = Pool("bay1", LoopClock(), Codec(int))

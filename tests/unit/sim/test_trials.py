@@ -71,7 +71,7 @@ def test_ideal_sensors_reach_the_papers_figures() -> None:
     report = run()
     by_distance = sorted(report.trials, key=lambda trial: trial.actual_mm)
 
-    assert report.figures.trials == PAPER.trials == 10
+    assert report.figures.number == PAPER.number == 10
     assert report.figures.nearest_mm == pytest.approx(250, abs=0.3)
     assert report.figures.farthest_mm == pytest.approx(520, abs=0.3)
     assert report.figures.worst_error_mm == 0
@@ -191,7 +191,7 @@ def test_a_run_cut_short_reports_only_the_trials_that_came_to_rest() -> None:
     world = World(scenario)
     report = evaluate([ideal(world.truth(k * STEP_S)) for k in range(int(16 / STEP_S))])
 
-    assert 1 <= report.figures.trials <= 3
+    assert 1 <= report.figures.number <= 3
 
 
 def test_waiting_for_the_start_is_no_trial() -> None:

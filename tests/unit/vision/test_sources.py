@@ -403,7 +403,7 @@ class Driver:
 
 
 def live(driver: Driver, clock: StepClock, frame_time: FrameTime) -> CaptureSource:
-    return CaptureSource(driver, "cam", clock, frame_time, 1.0)  # type: ignore[arg-type]  # has the methods that are used
+    return CaptureSource(driver, CameraSpec("1"), clock, frame_time)  # type: ignore[arg-type]  # has what is used
 
 
 def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted(clock: StepClock) -> None:
@@ -417,11 +417,11 @@ def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted
     assert not source.lossless
     assert not source.may_repeat
     assert not source.finite
-    with pytest.raises(LinkError, match="cam: 2 channels: only grey"):
+    with pytest.raises(LinkError, match="camera 1: 2 channels: only grey"):
         source.read()
-    with pytest.raises(LinkError, match="cam: lost: a frame could not be decoded"):
+    with pytest.raises(LinkError, match="camera 1: lost: a frame could not be decoded"):
         source.read()
-    with pytest.raises(LinkError, match="cam: lost: it gave no further frame"):
+    with pytest.raises(LinkError, match="camera 1: lost: it gave no further frame"):
         source.read()
     source.close()
     assert driver.released == 1
@@ -440,7 +440,7 @@ def test_a_stream_that_stays_behind_is_lost_and_says_how_far(clock: StepClock) -
     driver = Driver(clock, [shade(1)] * 500, (15.0 * n for n in range(500)))
     source = live(driver, clock, PresentationTime())
     assert [source.read().t_capture_ns for _ in range(101)] == [n * 15_000_000 for n in range(101)]
-    with pytest.raises(LinkError, match=r"^cam: its frames arrive 1\.5 s late$"):
+    with pytest.raises(LinkError, match=r"^camera 1: its frames arrive 1\.5 s late$"):
         shades(source, 500)
     assert clock.now == 101 * 30_000_000
 
