@@ -21,8 +21,7 @@ TRIED = """
 import ctypes, json, mmap, os, resource, signal, socket, sys, threading
 from pathlib import Path
 from gateway.processes import sandbox
-from gateway.vision.transport import ring
-from gateway.vision.transport.ring import Ring
+from gateway.vision.transport.ring import Ring, RingSpec
 
 if os.geteuid() == 0:  # the ordinary case: not root, and the same user as the gateway
     os.setgroups([])
@@ -32,9 +31,9 @@ ctypes.CDLL(None).prctl(4, 1, 0, 0, 0)  # PR_SET_DUMPABLE: as it is where the us
 libc = ctypes.CDLL(None, use_errno=True)
 libc.mmap.restype = ctypes.c_void_p
 folder, confined = Path(sys.argv[1]), sys.argv[2] == "confined"
-spec = ring.create(0.02)
+spec = RingSpec.create(0.02)
 gateway = os.getpid()
-reader = ring.reader(spec)
+reader = spec.reader()
 told, telling = os.pipe()
 
 
