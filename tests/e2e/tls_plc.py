@@ -9,6 +9,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
+from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
 
 Image = dict[str, Any]
@@ -19,7 +20,10 @@ class RefusedError(Exception):
 
 
 class TlsPlc:
-    """Reads the whole block and writes 80 to 82 in one FC 23 request, as a PLC's cycle does; a context manager."""
+    """Reads the whole block and writes 80 to 82 in one FC 23 request, as a PLC's cycle does; a context manager.
+
+    A gateway on a busy machine answers 04 while its control task is late: the PLC tries again in its next cycle.
+    """
 
     def __init__(self, port: int, context: ssl.SSLContext, period_s: float = 0.05) -> None:
         self._sock = context.wrap_socket(
@@ -94,7 +98,11 @@ class TlsPlc:
             while not self._end.wait(self._period_s):
                 if self._beating.is_set():
                     self.heartbeat += 1
-                self.cycle()
+                try:
+                    self.cycle()
+                except RefusedError as refused:
+                    if refused.args != (ModbusException.DEVICE_FAILURE,):
+                        raise
         except BaseException as error:  # noqa: BLE001 - told where the test waits
             self._failures.append(error)
 
