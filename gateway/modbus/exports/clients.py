@@ -1,6 +1,6 @@
 """Finished programs that poll and write by themselves: TwinCAT's Modbus TCP blocks, CODESYS' library ModbusFB. Pure.
 
-Both work a bay through the same stages: read, take the words over if that went well, write if the gateway takes writes,
+Both take a bay through the same stages: read, copy the words if that succeeded, write if the gateway accepts writes,
 pause. What was received is copied in one statement, so that the function block never sees half of it. A failed write
 does not take the outputs away: the gateway itself reports that the PLC is lost.
 """
@@ -99,7 +99,7 @@ def codesys(targets: tuple[Target, ...]) -> Pou:
             Var(f"{target.instance}_Read", "ModbusFB.ClientRequestReadHoldingRegisters", "function code 3"),
             Var(f"{target.instance}_Send", "ModbusFB.ClientRequestWriteMultipleRegisters", "function code 16"),
             Var(f"{target.instance}_Connect", "BOOL", ""),
-            Var(f"{target.instance}_Lost", "TON", "no connection for too long: try anew"),
+            Var(f"{target.instance}_Lost", "TON", "no connection for too long: connect again"),
             Var(f"{target.instance}_Address", "ARRAY [0..3] OF BYTE", "", f"[{', '.join(octets(target))}]"),
         ),
         "Polls and writes by itself. Needs the library ModbusFB; no Modbus device in the device tree.",
@@ -140,7 +140,7 @@ def _program(
 def _own(name: str) -> tuple[Var, ...]:
     return (
         Var(f"{name}_Received", BLOCK, "what the client writes into"),
-        Var(f"{name}_PollOk", "BOOL", "the last read that ended ended without an error"),
+        Var(f"{name}_PollOk", "BOOL", "the last completed read had no error"),
         Var(f"{name}_Pause", "TON", ""),
-        Var(f"{name}_Stage", "UINT", "0 pause, 1 begin, 2 read, 3 taken over, 4 write"),
+        Var(f"{name}_Stage", "UINT", "0 pause, 1 begin, 2 read, 3 copied, 4 write"),
     )

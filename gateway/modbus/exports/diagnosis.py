@@ -98,7 +98,7 @@ SOUND: tuple[Check, ...] = (
         Diagnosis.WORD_ORDER,
         f"(#Raw.known_u32 = {SWAPPED_UINT32})"
         f" OR ((#Raw.known_u32 = {KNOWN_UINT32}) AND (#Raw.known_f32 <> {KNOWN_FLOAT32}))",
-        "the known constants come with their words swapped",
+        "the known constants arrive with their words swapped",
         "export again with the other --word-order, or change modbus.word_order",
     ),
     Check(
@@ -110,7 +110,7 @@ SOUND: tuple[Check, ...] = (
     Check(
         Diagnosis.TORN,
         "#Raw.seq_begin <> #Raw.seq_end",
-        "the block is put together from two images",
+        "the block holds parts of two images",
         "read all 100 registers in one request",
     ),
     Check(
@@ -131,7 +131,7 @@ ALIVE: tuple[Check, ...] = (
     Check(
         Diagnosis.HEARTBEAT,
         "NOT #Beating",
-        "the heartbeat does not move, or has not been seen to move yet",
+        "the heartbeat does not change, or no change was seen yet",
         "normal for a moment after the start; else restart the gateway and keep its log",
     ),
 )
@@ -140,22 +140,22 @@ VALUES: tuple[Check, ...] = (
     Check(
         Diagnosis.STOP,
         "#Raw.stop <> 0",
-        "the gateway says stop, and the truck is not in place",
-        "register reason says why",
+        "stop is on, and the truck is not in place",
+        "the cause is in register reason",
         Needs.MAY_MOVE,
     ),
     Check(
         Diagnosis.VISION,
         "#Raw.vision_quality <> 0",
         "the camera's measurement is not good",
-        "register vision_quality says why",
+        "the cause is in register vision_quality",
         Needs.MAY_MOVE,
     ),
     Check(
         Diagnosis.RANGER,
         "#Raw.range_quality <> 0",
         "the ranger's measurement is not good",
-        "register range_quality says why",
+        "the cause is in register range_quality",
     ),
     Check(
         Diagnosis.NO_MAY_MOVE,
@@ -167,8 +167,8 @@ VALUES: tuple[Check, ...] = (
     Check(
         Diagnosis.CAMERA,
         _none_of("vision_quality", FRESH_FRAME),
-        "no live camera stands behind in_place; a covered marker (no_target, coasted) is none of this",
-        "register vision_quality says why",
+        "in_place without a live camera; a covered marker (no_target, coasted) does not count",
+        "the cause is in register vision_quality",
         Needs.IN_PLACE,
     ),
 )

@@ -59,9 +59,7 @@ def _raw(register: Register, target: Target) -> list[dict[str, Any]]:
     if register.kind.is_float:
         high, _ = target.high_low(register.address)
         tags.append(_opc(f"{register.name}_high", f"HRUS{high + 1}", "Int4", target))
-    return [
-        tag | {"readOnly": True, "documentation": f"as it stands in the register: {_none(register)}"} for tag in tags
-    ]
+    return [tag | {"readOnly": True, "documentation": f"as in the register: {_none(register)}"} for tag in tags]
 
 
 def _expression(register: Register) -> dict[str, Any]:

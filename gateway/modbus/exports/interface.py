@@ -31,14 +31,14 @@ class Var:
 BLOCK, DATA, TIMER = "BLOCK", "DATA", "TIMER"  # the polled words; the decoded block; an on-delay timer
 
 INPUTS: tuple[Var, ...] = (
-    Var("PollOk", "BOOL", "the last poll that ended ended without an error; TRUE where your client can't tell"),
+    Var("PollOk", "BOOL", "the last completed poll had no error; TRUE where your client does not report it"),
     Var("Words", BLOCK, f"registers 0 to {BLOCK_WORDS - 1}, of one request"),
-    Var("HeartbeatTimeout", "TIME", "the heartbeat must move within it", f"T#{HEARTBEAT_TIMEOUT_MS}ms"),
+    Var("HeartbeatTimeout", "TIME", "the heartbeat must change within this time", f"T#{HEARTBEAT_TIMEOUT_MS}ms"),
     Var("EnableRequest", "BOOL", "the bay is wanted in use"),
     Var("TruckPresent", "BOOL", "a truck is in the bay; back to FALSE: it has left"),
     Var("Reset", "BOOL", "rising: end the latched stop, or that of a truck that moved, if its cause is gone"),
-    Var("Trigger", "BOOL", "rising: measure anew; the block does the handshake"),
-    Var("Acknowledge", "BOOL", "TRUE while ResultReady: the result was taken over"),
+    Var("Trigger", "BOOL", "rising: start a measurement; the block does the handshake"),
+    Var("Acknowledge", "BOOL", "TRUE while ResultReady: the result was read"),
     Var(
         "Release",
         "BOOL",
@@ -49,17 +49,17 @@ INPUTS: tuple[Var, ...] = (
 
 OUTPUTS: tuple[Var, ...] = (
     Var("MayMove", "BOOL", "TRUE: the truck may move. Never a condition for loading"),
-    Var("InPlace", "BOOL", "TRUE: the truck stands in place. The only condition for loading"),
+    Var("InPlace", "BOOL", "TRUE: the truck is in place. The only condition for loading"),
     Var("Moved", "BOOL", "TRUE: the truck left its place without release"),
     Var("Held", "BOOL", "TRUE: InPlace is held by the ranger alone, the marker is covered"),
     Var("MustStop", "BOOL", "TRUE: the truck must stop; also whenever nothing is known", "TRUE"),
     Var("Alive", "BOOL", "TRUE: Data is of a live gateway"),
     Var("Diagnostic", "UINT", "0, or the check that failed", "1"),
-    Var("Reason", "UINT", "register reason: why the gateway says stop", "40"),
-    Var("TriggerReady", "BOOL", "TRUE: a rising Trigger would be taken"),
+    Var("Reason", "UINT", "register reason: why stop is on", "40"),
+    Var("TriggerReady", "BOOL", "TRUE: a rising Trigger would be accepted"),
     Var("Measuring", "BOOL", "TRUE: a triggered measurement runs"),
     Var("ResultReady", "BOOL", "TRUE: Data.result_... hold the result of the trigger; acknowledge it"),
-    Var("TriggerFailed", "BOOL", "TRUE: the newest trigger brought no result; until the next one"),
+    Var("TriggerFailed", "BOOL", "TRUE: the newest trigger gave no result; until the next one"),
     *(
         Var(name, "UINT", f"write it to register {FIRST_WRITTEN + place}, where [modbus] writes is on")
         for place, name in enumerate(WRITTEN)
@@ -73,14 +73,16 @@ MEMORY: tuple[Var, ...] = (
     Var("Sound", "BOOL", "the newest image passed the checks of an image"),
     Var("HeartbeatTimer", TIMER, ""),
     Var("LastHeartbeat", "UINT", ""),
-    Var("Seen", "BOOL", "LastHeartbeat is of a sound image, and none but sound ones came since"),
+    Var("Seen", "BOOL", "LastHeartbeat is of a valid image, and all images since were valid"),
     Var("Changed", "BOOL", ""),
     Var("Changes", "UINT", "how often the heartbeat was seen to change"),
     Var("Beating", "BOOL", ""),
     Var("TriggerWas", "BOOL", ""),
     Var("TriggerBit", "BOOL", "as it is written"),
     Var("AcknowledgeBit", "BOOL", "as it is written"),
-    Var("Stage", "UINT", "of the triggered measurement: 0 none, 1 asked, 2 taken, 3 result held, 4 acknowledged"),
+    Var(
+        "Stage", "UINT", "of a triggered measurement: 0 none, 1 requested, 2 accepted, 3 result held, 4 acknowledged"
+    ),
     Var("Entered", "BOOL", "Stage has just changed"),
     Var("StageTimer", TIMER, ""),
 )

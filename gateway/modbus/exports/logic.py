@@ -18,7 +18,7 @@ from gateway.modbus.registers.register_map import dead_image
 
 _PLAIN = {"×": "x", "–": "-", "°": "deg", "±": "+-", "µ": "u"}
 _HEARTBEAT = f"""\
-(* The heartbeat counts in sound images only: seen to move {HEARTBEAT_CHANGES} times, with none but sound ones between.
+(* The heartbeat counts in valid images only: {HEARTBEAT_CHANGES} changes, with no invalid image between.
    An image left over from before and one frozen image make a single change. *)
 #Changed := FALSE;
 IF #Sound THEN
@@ -42,7 +42,7 @@ END_IF;
 """
 
 _OUTPUTS = """\
-(* Whatever is not known to be right takes both outputs away. Nothing of a doubtful image is handed on: Data then reads
+(* Whatever is not known to be right turns both outputs off. Nothing of a doubtful image is passed on: Data then reads
    as that of a gateway that has stopped deciding. *)
 #Alive := (#Diagnostic = 0) OR (#Diagnostic >= {first_alive});
 IF #Alive THEN
@@ -60,7 +60,7 @@ END_IF;
 
 # The trigger's bit goes up only when the gateway knows this PLC and was seen to have the bit off: then it is an edge.
 _TRIGGER = """\
-(* A triggered measurement, step by step: ask, be taken, read, acknowledge. Each step but the reader's has its time. *)
+(* A triggered measurement, step by step: request, accept, read, acknowledge. Each step but the read has a timeout. *)
 #Entered := FALSE;
 IF #Trigger AND (NOT #TriggerWas) AND (#Stage = 0) THEN
   #Stage := 1;
@@ -172,14 +172,16 @@ def dead_fields() -> Iterator[tuple[str, str]]:
 
 def _sound() -> str:
     """The checks of an image itself, before anything in it counts."""
-    lines = ["(* The first check that fails says why both outputs are off. First those of the image itself. *)"]
+    lines = [
+        "(* The first check that fails turns outputs off. First those of the image itself. *)"
+    ]
     return "\n".join([*lines, *_chain(SOUND), "#Sound := #Diagnostic = 0;", ""])
 
 
 def _values() -> str:
     """The checks of a sound image."""
     chain = indented("\n".join(_chain((*ALIVE, *VALUES))))
-    return f"(* Then what a sound image says, for the output that it names. *)\nIF #Sound THEN\n{chain}\nEND_IF;\n"
+    return f"(* Then the checks of the values in a valid image. *)\nIF #Sound THEN\n{chain}\nEND_IF;\n"
 
 
 def _chain(checks: Sequence[Check]) -> Iterator[str]:
@@ -191,7 +193,7 @@ def _chain(checks: Sequence[Check]) -> Iterator[str]:
 
 def _requests() -> str:
     """What is written to the gateway: its bits are put together by adding, which every language can."""
-    lines = ["(* What is written to the gateway, where it takes writes. *)", "#PlcControl := 0;"]
+    lines = ["(* What is written to the gateway, where it accepts writes. *)", "#PlcControl := 0;"]
     for name, bit in REQUESTS:
         lines.append(f"IF #{name} THEN\n  #PlcControl := #PlcControl + {1 << bit};\nEND_IF;")
     return "\n".join([*lines, _HEARTBEAT_OUT])

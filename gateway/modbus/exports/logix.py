@@ -2,27 +2,41 @@
 
 Logix has signed numbers only, no functions and no TRUE: words are masked into DINT, floats are copied bit by bit (COP,
 low word first, as Logix keeps them), a BOOL is set to 1 or 0. All after the decoding is the common logic,
-translated statement by statement.
+translated statement by statement, as the decoding is.
 """
 
 import re
 
 from gateway.core.plc import Control
+from gateway.modbus.exports.decode import decode
 from gateway.modbus.exports.diagnosis import Diagnosis
-from gateway.modbus.exports.fields import Field, fields
 from gateway.modbus.exports.interface import OUTPUTS
 from gateway.modbus.exports.logic import dead_fields, iec, logic, nothing
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers.register_map import Register
 
 _TIMER = re.compile(r"^(\w+)\(IN := (.+), PT := (\w+|T#\d+ms)\);$", re.MULTILINE)
+_WORD = r"(Words\[\d+\])"
+_DECODING = (
+    (rf"^(.+) := LG_Real\(High := {_WORD}, Low := {_WORD}\);", r"Pair[0] := \3;\nPair[1] := \2;\nCOP(Pair[0], \1, 1);"),
+    (rf"LG_UDInt\(High := {_WORD}, Low := {_WORD}\)", r"(\1 * 65536) + (\2 AND 65535)"),
+    (rf"WORD_TO_UINT\({_WORD}\)", r"(\1 AND 65535)"),
+    (rf"WORD_TO_INT\({_WORD}\)", r"\1"),
+    (r"\w+_TO_REAL\((.+)\)", r"\1"),
+    (rf":= {_WORD} <>", r":= (\1 AND 65535) <>"),
+    (r":= (.+ <> .+);", r":= (\1);"),
+    (r":= 0\.0;", ":= 0;"),
+)
+"""Statements of decode.py, and what they are here."""
 _COPY = re.compile(r"^( *)Data := (Raw|Nothing);$", re.MULTILINE)
 
 
 def body(target: Target) -> str:
     """The routine "Logic"."""
-    decode = "// The words of one poll, as fields.\n" + "\n".join(_decode(field, target) for field in fields())
-    return f"{decode}\n\n{translated(logic())}"
+    text = iec(decode(target))
+    for statement, here in _DECODING:
+        text = re.sub(statement, here, text, flags=re.MULTILINE)
+    text = re.sub(r"16#([0-9A-F]+)", lambda found: str(int(found[1], 16)), text)
+    return f"{text}\n{translated(logic())}"
 
 
 def off() -> str:
@@ -54,35 +68,3 @@ def _timer(found: re.Match[str]) -> str:
     name, on, limit = found[1], found[2], found[3]
     preset = limit[2:-2] if limit.startswith("T#") else f"{limit}Ms"
     return f"{name}.PRE := {preset};\n{name}.TimerEnable := {on};\nTONR({name});"
-
-
-def _decode(field: Field, target: Target) -> str:
-    name, register = f"Raw.{field.name}", field.register
-    word = f"(Words[{register.address}] AND 65535)"
-    if field.part == "valid":
-        none = f"IF NOT {name} THEN\n  Raw.{register.name} := 0;\nEND_IF;"
-        return f"{name} := ({_valid(register, target)});\n{none}"
-    if field.part == "bit":
-        return f"{name} := ((Words[{register.address}] AND {1 << field.bit}) <> 0);"
-    if field.part in ("high", "low"):
-        first = (field.part == "high") == (target.word_order == "big")
-        return f"{name} := {_pair(register.address + (0 if first else 2), target)};"
-    if register.kind.is_float:
-        high, low = target.high_low(register.address)
-        return f"Pair[0] := Words[{low}];\nPair[1] := Words[{high}];\nCOP(Pair[0], {name}, 1);"
-    if register.words == 2:
-        return f"{name} := {_pair(register.address, target)};"
-    value = f"Words[{register.address}]" if register.kind.low < 0 else word
-    return f"{name} := {value}{'' if register.scale == 1 else f' * {register.scale}'};"
-
-
-def _pair(address: int, target: Target) -> str:
-    high, low = target.high_low(address)
-    return f"(Words[{high}] * 65536) + (Words[{low}] AND 65535)"
-
-
-def _valid(register: Register, target: Target) -> str:
-    if register.kind.is_float:
-        high, _ = target.high_low(register.address)
-        return f"(Words[{high}] AND 32640) <> 32640"
-    return f"(Words[{register.address}] AND 65535) <> {register.kind.no_value}"

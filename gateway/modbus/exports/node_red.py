@@ -25,11 +25,7 @@ def flow(target: Target) -> list[dict[str, Any]]:
     """The nodes, wired; ids are derived from the bay's name, so that two bays fit into one Node-RED."""
     bay = target.identifier
     ids = {part: f"lg-{bay}-{part}" for part in ("tab", "client", "read", "tick", "judge", *OUTPUTS)}
-    read = {
-        "id": ids["read"],
-        "type": "modbus-read",
-        "z": ids["tab"],
-        "name": f"{BLOCK_WORDS} registers of {bay}",
+    polled = {
         "topic": "poll",
         "showStatusActivities": True,
         "logIOActivities": False,
@@ -48,30 +44,16 @@ def flow(target: Target) -> list[dict[str, Any]]:
         "ioFile": "",
         "useIOForPayload": False,
         "emptyMsgOnFail": True,
-        "x": 160,
-        "y": 120,
-        "wires": [[ids["judge"]], []],
     }
-    tick = {
-        "id": ids["tick"],
-        "type": "inject",
-        "z": ids["tab"],
-        "name": "watchdog",
+    ticking = {
         "props": [{"p": "topic", "vt": "str"}],
         "repeat": "0.1",
         "crontab": "",
         "once": True,
         "onceDelay": 0.1,
         "topic": "tick",
-        "x": 140,
-        "y": 180,
-        "wires": [[ids["judge"]]],
     }
-    judge = {
-        "id": ids["judge"],
-        "type": "function",
-        "z": ids["tab"],
-        "name": "judge and decode",
+    judging = {
         "func": code(target),
         "outputs": len(OUTPUTS),
         "timeout": 0,
@@ -79,16 +61,8 @@ def flow(target: Target) -> list[dict[str, Any]]:
         "initialize": "",
         "finalize": "",
         "libs": [],
-        "x": 390,
-        "y": 150,
-        "wires": [[ids[name]] for name in OUTPUTS],
     }
-    debugs = [_debug(ids[name], ids["tab"], name, 60 + 50 * n) for n, name in enumerate(OUTPUTS[:-1])]
-    write = {
-        "id": ids["write"],
-        "type": "modbus-write",
-        "z": ids["tab"],
-        "name": f"registers {FIRST_WRITTEN} to {FIRST_WRITTEN + len(WRITTEN) - 1} of {bay}",
+    written = {
         "showStatusActivities": False,
         "showErrors": True,
         "showWarnings": True,
@@ -99,12 +73,24 @@ def flow(target: Target) -> list[dict[str, Any]]:
         "server": ids["client"],
         "emptyMsgOnFail": False,
         "keepMsgProperties": False,
-        "x": 650,
-        "y": 260,
-        "wires": [[], []],
     }
-    tab = {"id": ids["tab"], "type": "tab", "label": f"Loading bay {target.bay}", "disabled": False, "info": ""}
-    return [tab, _client(ids["client"], target), read, tick, judge, *debugs, write]
+
+    def node(
+        part: str, kind: str, name: str, keys: dict[str, Any], at: tuple[int, int], wires: list[list[str]]
+    ) -> dict[str, Any]:
+        head = {"id": ids[part], "type": kind, "z": ids["tab"], "name": name}
+        return head | keys | {"x": at[0], "y": at[1], "wires": wires}
+
+    last = FIRST_WRITTEN + len(WRITTEN) - 1
+    return [
+        {"id": ids["tab"], "type": "tab", "label": f"Loading bay {target.bay}", "disabled": False, "info": ""},
+        _client(ids["client"], target),
+        node("read", "modbus-read", f"{BLOCK_WORDS} registers of {bay}", polled, (160, 120), [[ids["judge"]], []]),
+        node("tick", "inject", "watchdog", ticking, (140, 180), [[ids["judge"]]]),
+        node("judge", "function", "judge and decode", judging, (390, 150), [[ids[name]] for name in OUTPUTS]),
+        *(node(name, "debug", name, _debug(name), (630, 60 + 50 * n), []) for n, name in enumerate(OUTPUTS[:-1])),
+        node("write", "modbus-write", f"registers {FIRST_WRITTEN} to {last} of {bay}", written, (650, 260), [[], []]),
+    ]
 
 
 def _client(name: str, target: Target) -> dict[str, Any]:
@@ -132,21 +118,14 @@ def _client(name: str, target: Target) -> dict[str, Any]:
     }
 
 
-def _debug(name: str, tab: str, label: str, y: int) -> dict[str, Any]:
+def _debug(name: str) -> dict[str, Any]:
     return {
-        "id": name,
-        "type": "debug",
-        "z": tab,
-        "name": label,
-        "active": label != "data",
+        "active": name != "data",
         "tosidebar": True,
         "console": False,
-        "tostatus": label != "data",
+        "tostatus": name != "data",
         "complete": "payload",
         "targetType": "msg",
-        "x": 630,
-        "y": y,
-        "wires": [],
     }
 
 

@@ -53,11 +53,8 @@ def _project(targets: tuple[Target, ...], program: structured_text.Pou) -> str:
 """)
 
 
-def _type(made: structured_text.Words | structured_text.Struct) -> str:
-    if isinstance(made, structured_text.Words):
-        base = _array("WORD", 0, made.size - 1)
-    else:
-        base = "<struct>\n" + "".join(map(_variable, made.members)) + "</struct>"
+def _type(made: structured_text.Type) -> str:
+    base = _kind(made.of) if isinstance(made.of, str) else f"<struct>\n{''.join(map(_variable, made.of))}</struct>"
     return f"<dataType name={quoteattr(made.name)}>\n<baseType>{base}</baseType>\n</dataType>\n"
 
 
@@ -95,12 +92,9 @@ def _start(var: Var) -> str:
 
 def _kind(kind: str) -> str:
     if found := re.fullmatch(r"ARRAY \[(\d+)\.\.(\d+)\] OF (\w+)", kind):
-        return _array(found[3], int(found[1]), int(found[2]))
+        low, high, of = found.groups()
+        return f'<array><dimension lower="{low}" upper="{high}" /><baseType><{of} /></baseType></array>'
     return f"<{kind} />" if kind in _ELEMENTARY else f"<derived name={quoteattr(kind)} />"
-
-
-def _array(of: str, low: int, high: int) -> str:
-    return f'<array><dimension lower="{low}" upper="{high}" /><baseType><{of} /></baseType></array>'
 
 
 files = one_file("{}-loading-gateway.xml", text)

@@ -12,27 +12,27 @@ from gateway.modbus.reference import situations
 
 REMEDY: dict[Reason, str] = {
     Reason.NONE: "nothing",
-    Reason.TARGET_REACHED: "nothing: the truck is at its mark; in_place says when it stands there",
+    Reason.TARGET_REACHED: "nothing: the truck is at its mark; in_place turns on when it has stopped there",
     Reason.STOP_LATCHED: "let the truck leave, or reset the stop; handshake.md",
     Reason.MOVED: "look at the truck and the spout; then let it leave, or reset and bring it back; visit.md",
     Reason.STARTING: "wait; after 10 s look at vision_quality and range_quality",
     Reason.VISION_STALE: "camera's cable and frame rate; the gateway's load",
-    Reason.CAMERA_DOWN: "camera's power, cable and address; `gateway check` tells the configured one",
+    Reason.CAMERA_DOWN: "camera's power, cable and address; `gateway check` shows the configured one",
     Reason.NO_TARGET: "normal without a truck and while in_place is held; else clean the marker and the lens, look at"
     " the light",
-    Reason.VISION_FAULT: "it restarts by itself; if it comes again, keep the gateway's log",
+    Reason.VISION_FAULT: "it restarts by itself; if it happens again, keep the gateway's log",
     Reason.TARGET_COASTED: "wait: it ends in a moment, as a measurement or as no_target",
     Reason.RANGE_STALE: "the ranger's USB cable; the gateway's load",
-    Reason.RANGER_DOWN: "the ranger's USB cable and power; `gateway check` tells the configured port",
+    Reason.RANGER_DOWN: "the ranger's USB cable and power; `gateway check` shows the configured port",
     Reason.NO_ECHO: "normal without a truck; else the sensor's aim, dirt, steam",
     Reason.RANGE_TOO_NEAR: "back the truck off; look for something in front of the sensor",
     Reason.RANGE_TOO_FAR: "normal without a truck; else the sensor's aim",
     Reason.RANGER_STUCK: "wire of ECHO, 5 V at the sensor; then replace the sensor",
     Reason.RANGE_UNSTABLE: "something moves in the cone; fasten the sensor; look for a second ultrasonic source",
     Reason.RANGER_VERSION: "flash the firmware that came with this gateway; firmware.md",
-    Reason.SENSORS_DISAGREE: "something stands before one of them, or marker, lens or camera is another; visit.md",
+    Reason.SENSORS_DISAGREE: "an obstacle in front of one of them, or another marker, lens or camera; visit.md",
     Reason.GATEWAY_FAULT: "restart the gateway; keep its log",
-    Reason.SHUTDOWN: "somebody stops the gateway; it must be started again",
+    Reason.SHUTDOWN: "the gateway was stopped; start it again",
     Reason.PLC_LOST: "write plc_heartbeat in every cycle, or set heartbeat_required = false",
 }
 
@@ -56,7 +56,7 @@ def diagnoses() -> str:
     checks = (
         (c.needs.outputs, str(int(c.diagnosis)), f"`{c.diagnosis.name.lower()}`", c.meaning, c.action) for c in CHECKS
     )
-    return markdown_table(("takes away", "Diagnostic", "name", "what it means", "what to do"), (fine, *checks))
+    return markdown_table(("turns off", "Diagnostic", "name", "what it means", "what to do"), (fine, *checks))
 
 
 def reasons() -> str:

@@ -62,8 +62,8 @@ def _head(targets: tuple[Target, ...]) -> str:
 //   "{INSTANCE}".{bay}.TruckPresent := "lightBarrier";
 //   "spoutMayGoDown" := "{INSTANCE}".{bay}.InPlace;
 // In "{BUFFERS}" look at InterfaceId (the hardware identifier of your interface; {_HARDWARE} is X1) and at ID (a
-// number that no other connection of the CPU uses). The data block must stay without optimized access: MB_CLIENT wants
-// it so.
+// number that no other connection of the CPU uses). The data block must stay without optimized access: MB_CLIENT
+// requires it.
 // MB_Unit_ID is set here; its default, 255, is no bay of the gateway. Modes 103 and 116 take addresses as they are on
 // the wire and need firmware 4.2 or later.
 """

@@ -28,19 +28,11 @@ Section = tuple[Literal["VAR_INPUT", "VAR_OUTPUT", "VAR"], tuple[Var, ...]]
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
-    """A type: an array of WORD, from 0."""
+class Type:
+    """A data type: an array, as a declaration names it, or a structure of elementary members."""
 
     name: str
-    size: int
-
-
-@dataclass(frozen=True, slots=True)
-class Struct:
-    """A type: a structure of elementary members."""
-
-    name: str
-    members: tuple[Var, ...]
+    of: str | tuple[Var, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +47,13 @@ class Pou:
     comment: str = ""
 
 
-def types() -> tuple[Words | Struct, ...]:
+def types() -> tuple[Type, ...]:
     """In the order that a compiler requires."""
     members = tuple(Var(field.name, field.kind, field.comment) for field in fields())
-    return Words(BLOCK, BLOCK_WORDS), Words(WRITE, len(WRITTEN)), Struct(DATA, members)
+    arrays = (
+        Type(name, f"ARRAY [0..{size - 1}] OF WORD") for name, size in ((BLOCK, BLOCK_WORDS), (WRITE, len(WRITTEN)))
+    )
+    return *arrays, Type(DATA, members)
 
 
 def library(target: Target) -> tuple[Pou, ...]:
@@ -116,11 +111,11 @@ def called(bay: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def type_text(made: Words | Struct) -> str:
+def type_text(made: Type) -> str:
     """The declaration, `TYPE` to `END_TYPE`."""
-    if isinstance(made, Words):
-        return f"TYPE {made.name} : ARRAY [0..{made.size - 1}] OF WORD;\nEND_TYPE\n"
-    members = "\n".join(f"  {member.name} : {member.kind}; (* {member.comment} *)" for member in made.members)
+    if isinstance(made.of, str):
+        return f"TYPE {made.name} : {made.of};\nEND_TYPE\n"
+    members = "\n".join(f"  {member.name} : {member.kind}; (* {member.comment} *)" for member in made.of)
     return f"TYPE {made.name} : STRUCT\n{members}\nEND_STRUCT;\nEND_TYPE\n"
 
 
@@ -177,7 +172,7 @@ Loading gateway: map version {MAP_VERSION}, word order "{first.word_order}".
 {bays}
 
    InPlace is the only condition for loading. MayMove lets the truck move; loading while it is on would be loading
-   a truck that moves. Both are FALSE while any check fails; Diagnostic says which:
+   a truck that moves. Both are FALSE while any check fails; Diagnostic is the number of that check:
 {codes}
 
    Read {BLOCK_WORDS} registers from address 0, function code 3 or 4, in ONE request, every 50 to 100 ms, and call the

@@ -22,7 +22,7 @@ def files(targets: tuple[Target, ...]) -> dict[str, str]:
     return made
 
 
-def _type(made: structured_text.Words | structured_text.Struct) -> str:
+def _type(made: structured_text.Type) -> str:
     return (
         f'  <DUT Name="{made.name}" Id="{_id(made.name)}">\n{_declaration(structured_text.type_text(made))}  </DUT>\n'
     )

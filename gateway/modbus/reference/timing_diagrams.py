@@ -81,7 +81,7 @@ def word(name: str) -> Signal:
 
 BIT, PLC_SIDE, NUMBER = "gateway", "plc", "number"
 MEASUREMENT = SignalSequence(
-    "One triggered measurement, and a trigger that came too early",
+    "One triggered measurement, and a trigger that arrives too early",
     900,
     {},
     {100: (Control.TRIGGER,), 300: (Control.TRIGGER, Control.RESULTS_ACK), 380: (), 500: (Control.TRIGGER,), 560: (),
@@ -100,7 +100,7 @@ MEASUREMENT = SignalSequence(
     approach({0: 900.0}),
 )  # fmt: skip
 LATCH = SignalSequence(
-    "A latched stop: a reset while its cause stands is refused, a later one ends it",
+    "A latched stop: a reset while its cause is active is refused, a later one ends it",
     1500,
     {"fusion": {"latch_stop": True}},
     {100: (Control.RESET,), 200: (), 700: (Control.RESET,), 800: (), 1200: (Control.RESET,), 1300: ()},
@@ -116,7 +116,7 @@ LATCH = SignalSequence(
     approach({0: 900.0, 400: 250.0, 1000: 900.0}),
 )
 HEARTBEAT = SignalSequence(
-    "The PLC's heartbeat stops and comes back (heartbeat_deadline_s = 0.5)",
+    "The PLC's heartbeat stops and starts again (heartbeat_deadline_s = 0.5)",
     1800,
     {"modbus": {"handshake": {"heartbeat_deadline_s": 0.5}}},
     {},

@@ -35,14 +35,14 @@ class HandshakeBit(IntEnum):
 HANDSHAKE_MEANING: dict[HandshakeBit, str] = {
     HandshakeBit.WRITES_ON: "the handshake block can be written",
     HandshakeBit.PLC_ALIVE: "plc_heartbeat has changed within its deadline",
-    HandshakeBit.PLC_LOST: "plc_heartbeat has stood still for longer than its deadline",
+    HandshakeBit.PLC_LOST: "plc_heartbeat has not changed for longer than its deadline",
     HandshakeBit.STOP_LATCHED: "stop is latched: until a reset, a release, or the truck has left",
-    HandshakeBit.TRIGGER_READY: "a rising trigger would be taken",
-    HandshakeBit.TRIGGER_ACK: "the trigger was taken; goes off with the trigger bit",
+    HandshakeBit.TRIGGER_READY: "a rising trigger would be accepted",
+    HandshakeBit.TRIGGER_ACK: "the trigger was accepted; turns off with the trigger bit",
     HandshakeBit.ACQUIRING: "a triggered measurement runs",
     HandshakeBit.RESULTS_VALID: "the result registers hold the result of acquisition_id",
-    HandshakeBit.OVERRUN: "a trigger came while none could be taken, and was lost; until the next one taken",
-    HandshakeBit.TIMED_OUT: "the newest acquisition got no result; until the next trigger taken",
+    HandshakeBit.OVERRUN: "a trigger arrived while none could be accepted, and was lost; until the next accepted one",
+    HandshakeBit.TIMED_OUT: "the newest acquisition got no result; until the next accepted trigger",
 }
 
 
@@ -89,11 +89,11 @@ HANDSHAKE: tuple[Register, ...] = (
              lambda s, _: int(s.plc.recipe_verdict), named(RECIPE_MEANING)),
     Register(86, "reset_verdict", UINT16, 1, "", "what became of the newest reset",
              lambda s, _: int(s.plc.reset_verdict), named(RESET_MEANING)),
-    Register(87, "acquisition_id", UINT16, 1, "", "number of the newest trigger taken: 1 to 65535, 1 again; 0: none",
+    Register(87, "acquisition_id", UINT16, 1, "", "number of the newest accepted trigger: 1 to 65535, 1 again; 0: none",
              lambda s, _: s.plc.acquisition),
     Register(88, "result_id", UINT16, 1, "", "acquisition_id that the held result belongs to; 0: no result is held",
              lambda s, _: 0 if (held := _held(s)) is None else held.number),
-    Register(89, "result_outcome", UINT16, 1, "", "what the held result says",
+    Register(89, "result_outcome", UINT16, 1, "", "outcome of the held result",
              lambda s, _: 0 if (held := _held(s)) is None else int(held.outcome), named(OUTCOME_MEANING)),
     Register(90, "result_u", MEASURED_INT16, 0.1, "px", "marker centre of the held result, to the right",
              part(_held, "u_px")),
@@ -104,7 +104,7 @@ HANDSHAKE: tuple[Register, ...] = (
     Register(93, "result_distance", MEASURED_UINT16, 1, "mm", "distance of the held result",
              part(_held, "distance_mm")),
     Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
-    Register(95, "plc_writes", UINT16, 1, "", "writes taken since the start of the gateway, modulo 65536",
+    Register(95, "plc_writes", UINT16, 1, "", "writes accepted since the start of the gateway, modulo 65536",
              lambda s, _: s.plc.writes & 0xFFFF),
     Register(96, "write_conflicts", UINT16, 1, "", "writes refused because another PLC owns the block: count since the "
              "start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF),

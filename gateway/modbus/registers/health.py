@@ -29,13 +29,13 @@ def _active(state: StateVector, _: int) -> Value:
 
 
 HEALTH: tuple[Register, ...] = (
-    Register(60, "ne107", UINT16, 1, "", "NAMUR NE 107 status of the bay: the signal that counts most",
+    Register(60, "ne107", UINT16, 1, "", "NAMUR NE 107 status of the bay: the most severe active signal",
              lambda s, _: int(status(s)), named(NE107_MEANING)),
-    Register(61, "ne107_active", UINT16, 1, "", "every NE 107 signal that holds, one bit each; 0: good", _active,
+    Register(61, "ne107_active", UINT16, 1, "", "every active NE 107 signal, one bit each; 0: good", _active,
              bits=_BITS),
-    Register(62, "guidance", UINT16, 1, "", "what the driver is told", lambda s, _: int(s.guidance.code),
+    Register(62, "guidance", UINT16, 1, "", "instruction for the driver", lambda s, _: int(s.guidance.code),
              named(GUIDANCE_MEANING)),
-    Register(63, "guidance_amount", MEASURED_UINT16, 1, "mm", "how much of what guidance says, where it is known",
+    Register(63, "guidance_amount", MEASURED_UINT16, 1, "mm", "distance of the instruction, where it is known",
              lambda s, _: s.guidance.amount_mm),
     Register(64, "offset_u", MEASURED_INT16, 0.1, "px", "marker minus aim point, to the right; where configured",
              lambda s, _: s.guidance.offset_u_px),
@@ -43,7 +43,7 @@ HEALTH: tuple[Register, ...] = (
              lambda s, _: s.guidance.offset_v_px),
     Register(66, "offset", MEASURED_INT16, 1, "mm", "offset_u at the marker's distance, where its true size is known",
              lambda s, _: s.guidance.offset_mm),
-    Register(67, "closing_speed", MEASURED_INT16, 1, "mm/s", "positive: the truck comes nearer",
+    Register(67, "closing_speed", MEASURED_INT16, 1, "mm/s", "positive: the truck approaches",
              lambda s, _: s.guidance.closing_mm_s),
     Register(68, "distance_to_go", MEASURED_INT16, 1, "mm", "until D = 1; negative: past it",
              lambda s, _: s.guidance.to_go_mm),

@@ -19,10 +19,10 @@ class PositionBit(IntEnum):
 
 
 POSITION_MEANING: dict[PositionBit, str] = {
-    PositionBit.MAY_MOVE: "the truck may move, as in register may_move; says nothing about loading",
-    PositionBit.IN_PLACE: "the truck stands in place, as in register in_place: the only condition for loading",
-    PositionBit.HELD: "in place is held by the ranger alone: the marker is covered; held_time says for how long",
-    PositionBit.MOVED: "the truck left its place without release; register moved says how",
+    PositionBit.MAY_MOVE: "the truck may move, as in register may_move; never a condition for loading",
+    PositionBit.IN_PLACE: "the truck is in place, as in register in_place: the only condition for loading",
+    PositionBit.HELD: "in place is held by the ranger alone: the marker is covered; held_time is the time since then",
+    PositionBit.MOVED: "the truck left its place without release; how it was detected: register moved",
     PositionBit.RELEASED: "the PLC has released the truck, which has not left yet",
 }
 
@@ -44,14 +44,14 @@ def _held_s(state: StateVector, _: int) -> Value:
 
 
 POSITION: tuple[Register, ...] = (
-    Register(35, "position_status", UINT16, 1, "", "where the truck stands, one bit each", _status,
+    Register(35, "position_status", UINT16, 1, "", "position of the truck, one bit each", _status,
              bits=named(POSITION_MEANING)),
-    Register(36, "in_place", UINT16, 1, "", "1: the truck stands in place; the only condition for loading; else 0",
+    Register(36, "in_place", UINT16, 1, "", "1: the truck is in place; the only condition for loading; else 0",
              lambda s, _: int(s.in_place)),
     Register(37, "moved", UINT16, 1, "", "since it was in place, has the truck moved without release?",
              lambda s, _: int(s.visit.moved), named(MOVED_MEANING)),
     Register(38, "held_time", MEASURED_UINT16, 1, "s", "in_place has been held by the ranger alone for so long",
              _held_s),
-    Register(39, "visit_phase", UINT16, 1, "", "where the visit stands; for people, decide on in_place and may_move",
+    Register(39, "visit_phase", UINT16, 1, "", "phase of the visit; for people, decide on in_place and may_move",
              lambda s, _: int(s.visit.phase), named(VISIT_PHASE_MEANING)),
 )  # fmt: skip

@@ -69,7 +69,7 @@ class StatusBit(IntEnum):
 
 STATUS_MEANING: dict[StatusBit, str] = {
     StatusBit.STOP: "stop is on, as in register stop",
-    StatusBit.MAY_MOVE: "the truck may move, as in register may_move; says nothing about loading",
+    StatusBit.MAY_MOVE: "the truck may move, as in register may_move; never a condition for loading",
     StatusBit.D: "D = 1, the paper's stop decision",
     StatusBit.D_UNKNOWABLE: "D can't be computed: a sensor has no good, fresh value",
     StatusBit.VISION_GOOD: "u, v, radius are fresh and valid",
@@ -80,9 +80,9 @@ STATUS_MEANING: dict[StatusBit, str] = {
     StatusBit.VISION_FAULT: "vision_quality is a fault: neither good, nor waiting, nor merely without a target",
     StatusBit.RANGE_FAULT: "range_quality is a fault: neither good nor waiting",
     StatusBit.DISAGREE: "camera and ranger contradict each other",
-    StatusBit.GATEWAY_FAULT: "the control task does not run: no values, stop on; heartbeat and counters stand still",
+    StatusBit.GATEWAY_FAULT: "the control task does not run: no values, stop on; heartbeat and counters do not change",
     StatusBit.SHUTDOWN: "the gateway is shutting down",
-    StatusBit.CLAMPED: "an integer value stands at its register's limit; its float32 mirror has the true one",
+    StatusBit.CLAMPED: "an integer value is at its register's limit; its float32 mirror has the true one",
 }
 
 
@@ -160,7 +160,7 @@ REGISTERS: tuple[Register, ...] = (
     Register(0, "seq_begin", UINT16, 1, "", "sequence number of the image; equal to seq_end in one image", _sequence),
     Register(1, "map_version", UINT16, 1, "", "version of this table; grows when registers are added; none ever moves",
              lambda s, _: MAP_VERSION),
-    Register(2, "heartbeat", UINT16, 1, "", "+1 with every fusion tick, modulo 65536; stands still when fusion does",
+    Register(2, "heartbeat", UINT16, 1, "", "+1 with every fusion tick, modulo 65536; stops when fusion does",
              lambda s, _: s.heartbeat & 0xFFFF),
     Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", _status,
              bits=_STATUS),
@@ -190,7 +190,7 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: s.range.stats.rate_hz),
     Register(19, "vision_latency", MEASURED_UINT16, 0.1, "ms", "capture to result, newest frame",
              lambda s, _: s.vision.stats.latency_ms),
-    Register(20, "frame_id", UINT32, 1, "", "number of the newest frame looked at, modulo 2^32",
+    Register(20, "frame_id", UINT32, 1, "", "number of the newest frame processed, modulo 2^32",
              lambda s, _: s.vision.frame_id & 0xFFFF_FFFF),
     Register(22, "timestamp", UINT64, 1, "ms", "Unix time of this image, UTC; never use it to judge freshness",
              lambda _, unix_ns: unix_ns // NS_PER_MS),
@@ -229,11 +229,11 @@ REGISTERS: tuple[Register, ...] = (
     *PICTURE[:2],
     *HEALTH,
     PICTURE[2],
-    Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was come by; no value: no fresh frame",
+    Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was found; no value: no fresh frame",
              _tracking, _TRACKING),
     Register(71, "confidence", MEASURED_UINT16, 0.1, "%", "of the detection, where the method gives one",
              percent(_vision, "confidence")),
-    Register(72, "visible", MEASURED_UINT16, 0.1, "%", "share of the marker's rim that was seen, where the method says",
+    Register(72, "visible", MEASURED_UINT16, 0.1, "%", "share of the marker's rim that was seen, where known",
              percent(_vision, "visible")),
     Register(73, "predicted_u", MEASURED_INT16, 0.1, "px", f"centre, rightwards: {_NEVER_DECIDE}",
              part(_predicted, "u_px")),

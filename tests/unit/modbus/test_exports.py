@@ -424,7 +424,7 @@ def test_logix_decodes_the_image(target: Target) -> None:
         elif found := re.fullmatch(r"COP\(Pair\[0\], Raw\.(\w+), 1\);", line):
             raw[found[1]] = struct.unpack("<f", struct.pack("<2h", *pair))[0]
         else:
-            assert re.fullmatch(r"//.*|IF NOT Raw\.\w+ THEN|  Raw\.\w+ := 0;|END_IF;|", line), line
+            assert re.fullmatch(r"\(\*.*|IF NOT Raw\.\w+ THEN|  Raw\.\w+ := 0;|END_IF;|", line), line
     assert set(raw) == {field.name for field in fields()}
     for name, value in decode(image()).items():
         if BY_NAME[name].words == 4:

@@ -1,4 +1,4 @@
-// What the gateway says and why, big; what the driver is told, beside it.
+// The decision and its reason, large; the instruction for the driver beside it.
 
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
 import { CODES } from '../lib/guidance.js';
