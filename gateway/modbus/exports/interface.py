@@ -80,9 +80,7 @@ MEMORY: tuple[Var, ...] = (
     Var("TriggerWas", "BOOL", ""),
     Var("TriggerBit", "BOOL", "as it is written"),
     Var("AcknowledgeBit", "BOOL", "as it is written"),
-    Var(
-        "Stage", "UINT", "of a triggered measurement: 0 none, 1 requested, 2 accepted, 3 result held, 4 acknowledged"
-    ),
+    Var("Stage", "UINT", "of a triggered measurement: 0 none, 1 requested, 2 accepted, 3 result held, 4 acknowledged"),
     Var("Entered", "BOOL", "Stage has just changed"),
     Var("StageTimer", TIMER, ""),
 )

@@ -172,9 +172,7 @@ def dead_fields() -> Iterator[tuple[str, str]]:
 
 def _sound() -> str:
     """The checks of an image itself, before anything in it counts."""
-    lines = [
-        "(* The first check that fails turns outputs off. First those of the image itself. *)"
-    ]
+    lines = ["(* The first check that fails turns outputs off. First those of the image itself. *)"]
     return "\n".join([*lines, *_chain(SOUND), "#Sound := #Diagnostic = 0;", ""])
 
 
