@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from http.cookies import SimpleCookie
 from typing import Any
@@ -24,6 +24,8 @@ from gateway.web.auth.passwords import Passwords
 from gateway.web.auth.security import SecurityMiddleware
 from gateway.web.auth.sessions import caller_of
 from gateway.web.server.app import HANDLERS, RULES
+from tests.unit.web import asgi
+from tests.unit.web.asgi import Answer, Headers, answer_to
 from tests.virtual_time import LoopClock
 
 # Both are "correct horse battery"; the smallest that the configuration takes.
@@ -82,17 +84,6 @@ def stand_ins(logins: Logins) -> FastAPI:
 
 
 @dataclass
-class Answer:
-    status: int
-    headers: dict[str, str]
-    text: str
-
-    @property
-    def json(self) -> Any:
-        return json.loads(self.text)
-
-
-@dataclass
 class SecuredApp:
     """The security middleware with its audit records."""
 
@@ -137,8 +128,8 @@ class Browser:
 
     async def post(self, path: str, body: object = None, headers: Mapping[str, str] | None = None) -> Answer:
         """With everything that an honest page sends; a header with the value "-" is left out."""
-        said = {"origin": f"{self.scheme}://{self.host}", "content-type": "application/json", "x-csrf-token": self.csrf}
-        return await self.call("POST", path, {**said, **(headers or {})}, json.dumps(body or {}).encode())
+        sent = {"origin": f"{self.scheme}://{self.host}", "content-type": "application/json", "x-csrf-token": self.csrf}
+        return await self.call("POST", path, {**sent, **(headers or {})}, json.dumps(body or {}).encode())
 
     async def login(self, name: str, password: str = PASSWORD, **more: object) -> Answer:
         self.csrf = (await self.get("/api/session")).json["csrf"]
@@ -150,63 +141,36 @@ class Browser:
     async def call(self, method: str, path: str, headers: Mapping[str, str], body: bytes | None = None) -> Answer:
         return await self.raw(method, path, self._headers(headers, body), [body or b""])
 
-    def scope(self, kind: str, path: str, headers: list[tuple[bytes, bytes]]) -> dict[str, Any]:
-        path, _, query = path.partition("?")
-        return {
-            "type": kind,
-            "asgi": {"version": "3.0"},
-            "http_version": "1.1",
-            "scheme": self.scheme,
-            "path": path,
-            "raw_path": path.encode(),
-            "root_path": "",
-            "query_string": query.encode(),
-            "headers": headers,
-            "client": (self.address, 40000),
-            "server": ("10.0.0.5", 8080),
-        }
+    def signed(self) -> Headers:
+        """The headers of a POST, but for the length of its body."""
+        return self._headers({"origin": ORIGIN, "x-csrf-token": self.csrf})
 
-    async def raw(self, method: str, path: str, headers: list[tuple[bytes, bytes]], parts: list[bytes]) -> Answer:
-        """`parts` are the pieces in which the body arrives."""
-        inbox: list[Message] = [
-            {"type": "http.request", "body": part, "more_body": n < len(parts) - 1} for n, part in enumerate(parts)
-        ]
-        sent: list[Message] = []
-
-        async def receive() -> Message:
-            if not inbox:
-                await asyncio.Event().wait()
-            return inbox.pop(0)
-
-        async def send(message: Any) -> None:
-            sent.append(message)
-
-        await self.secured_app.middleware({**self.scope("http", path, headers), "method": method}, receive, send)
-        assert [message["type"] for message in sent[:1]] == ["http.response.start"]
-        found = {key.decode().lower(): value.decode() for key, value in sent[0]["headers"]}
-        assert len(found) == len(sent[0]["headers"]), f"a header twice: {sent[0]['headers']}"
-        for name, morsel in SimpleCookie(found.get("set-cookie", "")).items():
+    async def raw(self, method: str, path: str, headers: Headers, parts: Sequence[bytes]) -> Answer:
+        scope = asgi.scope("http", path, headers, address=self.address, scheme=self.scheme)
+        answer = await answer_to(self.secured_app.middleware, method, scope, parts)
+        for name, morsel in SimpleCookie(answer.headers.get("set-cookie", "")).items():
             if morsel.value:
                 self.cookies[name] = morsel.value
             else:
                 self.cookies.pop(name, None)
-        return Answer(sent[0]["status"], found, b"".join(message.get("body", b"") for message in sent[1:]).decode())
+        return answer
 
     async def socket(self, path: str, headers: Mapping[str, str] | None = None) -> "Socket":
         """A WebSocket, after the server's first word."""
-        said = {"origin": f"{self.scheme}://{self.host}", **(headers or {})}
-        made = Socket(self.secured_app.middleware, self.scope("websocket", path, self._headers(said, None)))
+        sent = {"origin": f"{self.scheme}://{self.host}", **(headers or {})}
+        scope = asgi.scope("websocket", path, self._headers(sent), address=self.address, scheme=self.scheme)
+        made = Socket(self.secured_app.middleware, scope)
         await made.settle()
         return made
 
-    def _headers(self, more: Mapping[str, str], body: bytes | None) -> list[tuple[bytes, bytes]]:
-        said = {"host": self.host}
+    def _headers(self, more: Mapping[str, str], body: bytes | None = None) -> Headers:
+        sent = {"host": self.host}
         if self.cookies:
-            said["cookie"] = "; ".join(f"{name}={value}" for name, value in self.cookies.items())
+            sent["cookie"] = "; ".join(f"{name}={value}" for name, value in self.cookies.items())
         if body is not None:
-            said["content-length"] = str(len(body))
-        said.update(more)
-        return [(key.encode(), value.encode("latin-1")) for key, value in said.items() if value != "-"]
+            sent["content-length"] = str(len(body))
+        sent.update(more)
+        return [(key.encode(), value.encode("latin-1")) for key, value in sent.items() if value != "-"]
 
 
 class Socket:

@@ -5,12 +5,15 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.table import GatewayConditions
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import image_of
@@ -64,7 +67,13 @@ class Plant:
     conditions: GatewayConditions = field(default_factory=GatewayConditions)
     asks: list[StateRequest] = field(default_factory=list)
     answering: bool = True
-    near: Channel[ToWeb, FromWeb] | None = None
+
+    def loading(self, bay: str = "bay1", **seen: Any) -> None:
+        """A truck at 900 mm, seen by both sensors now."""
+        now_ns = self.client.clock.now_ns()
+        reading = VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, **seen)
+        self.controls[bay].on_vision(reading)
+        self.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
 @asynccontextmanager
@@ -105,7 +114,6 @@ async def plant(
     made = Plant(
         client, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, monitor
     )
-    made.near = near
 
     def tell() -> None:
         for done in file.finished():

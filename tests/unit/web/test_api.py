@@ -11,49 +11,36 @@ import pytest
 
 from gateway.alarms.table import BAY_ALARMS, Suppression
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, ModbusConfig, RecipeConfig
-from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.plc import PlcWrite, Writer, WriteVerdict
-from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import FunctionCheck
 from gateway.web.auth.access import Level
 from gateway.web.auth.sessions import Caller
-from gateway.web.server import openapi
 from gateway.web.server.api import MAX_NUMBER
+from tests.unit.web.asgi import Answer
 from tests.unit.web.gateway_client import Plant, plant
-from tests.unit.web.programs import Said, api_client
+from tests.unit.web.programs import COMPONENTS, api_client, fits
 from tests.virtual_time import in_virtual_time
 
-DOCUMENT = openapi.document()
+
+def fitting(answer: Answer, model: str) -> Any:
+    assert answer.status == 200, answer.body
+    return fits(answer.body, model)
 
 
-def fits(said: Said, model: str) -> Any:
-    """The body, if it is what the description says."""
-    assert said.status == 200, said.body
-    schema = {"$ref": f"#/components/schemas/{model}", "components": DOCUMENT["components"]}
-    for one in said.json if isinstance(said.json, list) else [said.json]:
-        jsonschema.Draft202012Validator(schema).validate(one)
-    return said.json
-
-
-def wrong(said: Said, status: int, error: str) -> str:
+def wrong(said: Answer, status: int, error: str) -> str:
     """The text, if it is a problem of this kind."""
     assert (said.status, said.json["error"]) == (status, error)
     assert said.headers["content-type"] == "application/problem+json"
-    jsonschema.validate(said.json, DOCUMENT["components"]["schemas"]["Problem"])
+    jsonschema.validate(said.json, COMPONENTS["schemas"]["Problem"])
     assert said.json["status"] == status
     return str(said.json["detail"])
 
 
-def loading(made: Plant, bay: str = "bay1") -> None:
-    now_ns = made.client.clock.now_ns()
-    made.controls[bay].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7))
-    made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
-
-
 async def kept_loading(made: Plant) -> None:
     while True:
-        loading(made)
+        made.loading()
         await asyncio.sleep(0.05)
 
 
@@ -66,11 +53,11 @@ async def test_state_of_all_bays_and_of_one() -> None:
     async with plant(bays=2) as made:
         ask = api_client(made)
         await asyncio.sleep(1.2)
-        loading(made)
+        made.loading()
         await made.client.update_links()
-        both = fits(await ask.get("/api/state"), "BayView")
+        both = fitting(await ask.get("/api/state"), "BayView")
         assert [bay["bay"] for bay in both] == ["bay1", "bay2"]
-        one = fits(await ask.get("/api/bays/bay1/state"), "BayView")
+        one = fitting(await ask.get("/api/bays/bay1/state"), "BayView")
         assert (one["state"]["radius_px"], one["state"]["distance_mm"]) == (100.0, 900.0)
         assert one["state"]["may_move"] is True
         assert 0 <= one["age_ms"] < 1500
@@ -82,7 +69,7 @@ async def test_state_of_all_bays_and_of_one() -> None:
 async def test_of_many_bays_all_are_young() -> None:
     async with plant(bays=20) as made:
         for _ in range(2):
-            told = fits(await api_client(made).get("/api/state"), "BayView")
+            told = fitting(await api_client(made).get("/api/state"), "BayView")
             assert len(told) == 20
             assert max(bay["age_ms"] for bay in told) < 1600
             await asyncio.sleep(5)
@@ -99,11 +86,11 @@ async def test_thresholds_are_those_of_the_recipe_in_force() -> None:
     config = GatewayConfig(bays=(bay,), recipes=(recipe,), modbus=modbus)
 
     async with plant(config=config) as made:
-        before = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
+        before = fitting(await api_client(made).get("/api/bays/bay1/state"), "BayView")
         verdict = made.controls["bay1"].on_write(PlcWrite(Writer("10.0.0.1"), recipe=5))
         assert verdict is WriteVerdict.TAKEN
         await asyncio.sleep(2)
-        after = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
+        after = fitting(await api_client(made).get("/api/bays/bay1/state"), "BayView")
         told = [(b["thresholds"]["radius_threshold_px"], b["aim"]["u_px"]) for b in (before, after)]
         assert told == [(180.0, 300.0), (140.0, 320.0)]
         assert (before["thresholds"]["recipe_name"], after["thresholds"]["recipe_name"]) == (None, "short truck")
@@ -122,7 +109,7 @@ async def test_no_such_bay(path: str) -> None:
 async def test_a_main_process_that_says_nothing_is_told_as_such() -> None:
     async with plant(keep=False) as made:
         ask = api_client(made)
-        assert fits(await ask.get("/api/bays/bay1/state"), "BayView")["state"] is None
+        assert fitting(await ask.get("/api/bays/bay1/state"), "BayView")["state"] is None
         wrong(await ask.get("/api/bays/bay1/registers"), 503, "not_known")
         wrong(await ask.get("/api/bays/bay1/snapshot.jpg"), 503, "no_frame")
         assert (await ask.get("/healthz")).status == 503
@@ -135,16 +122,16 @@ async def test_events_are_told_from_a_number_on() -> None:
         for _ in range(3):
             lost(made, "bay2")
             await asyncio.sleep(1)
-            loading(made, "bay2")
+            made.loading("bay2")
             await asyncio.sleep(1)
         await asyncio.sleep(3)
-        told = fits(await ask.get("/api/events"), "EventsView")
+        told = fitting(await ask.get("/api/events"), "EventsView")
         numbers = [row["number"] for row in told["events"]]
         assert numbers == list(range(1, told["newest"] + 1))
         assert told["events"][0]["event"]["kind"] == "start"
-        some = fits(await ask.get("/api/events", "after=3&limit=2"), "EventsView")
+        some = fitting(await ask.get("/api/events?after=3&limit=2"), "EventsView")
         assert [row["number"] for row in some["events"]] == [4, 5]
-        one = fits(await ask.get("/api/bays/bay1/events"), "EventsView")
+        one = fitting(await ask.get("/api/bays/bay1/events"), "EventsView")
         assert {row["event"]["bay"] for row in one["events"]} == {"bay1"}
         assert one["newest"] == told["newest"]
         kinds = [row["event"]["kind"] for row in told["events"] if row["event"]["bay"] == "bay2"]
@@ -169,7 +156,7 @@ async def test_events_are_told_from_a_number_on() -> None:
 async def test_a_number_out_of_its_range_is_named(query: str, said: str) -> None:
     async with plant() as made:
         for path in ("/api/events", "/api/bays/bay1/events"):
-            assert wrong(await api_client(made).get(path, query), 400, "query").startswith(said)
+            assert wrong(await api_client(made).get(f"{path}?{query}"), 400, "query").startswith(said)
 
 
 @in_virtual_time
@@ -177,7 +164,7 @@ async def test_registers_are_the_words_that_a_plc_reads() -> None:
     async with plant() as made, asyncio.TaskGroup() as group:
         task = group.create_task(kept_loading(made))
         await asyncio.sleep(1.5)
-        told = fits(await api_client(made).get("/api/bays/bay1/registers"), "RegistersView")
+        told = fitting(await api_client(made).get("/api/bays/bay1/registers"), "RegistersView")
         task.cancel()
         rows = {row["name"]: row for row in told["registers"]}
         report = made.client.report("bay1")
@@ -228,16 +215,16 @@ class TestAlarms:
     async def test_an_alarm_is_told_acknowledged_by_name_and_changes_nothing_else(self) -> None:
         async with plant() as made:
             ask = api_client(made)
-            loading(made)
+            made.loading()
             await asyncio.sleep(0.1)
             lost(made)
             await asyncio.sleep(5)
-            (alarm, *_) = fits(await ask.get("/api/alarms"), "AlarmsView")["alarms"]
+            (alarm, *_) = fitting(await ask.get("/api/alarms"), "AlarmsView")["alarms"]
             assert (alarm["id"], alarm["state"]) == ("bay1.camera_down", "unacknowledged")
             assert (alarm["priority"], alarm["detail"]) == ("high", "no such device")
             before = made.hub.state("bay1")
             said = await ask.post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 1, "note": "gone to look"})
-            told = fits(said, "AlarmsView")
+            told = fitting(said, "AlarmsView")
             now = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
             assert (now["state"], now["who"], now["note"]) == ("acknowledged", "anna", "gone to look")
             assert told["summary"]["by_bay"]["bay1"] == len([a for a in told["alarms"] if a["bay"] == "bay1"])
@@ -255,7 +242,7 @@ class TestAlarms:
             ask.caller = Caller("", Level.TECHNICIAN, "10.0.0.9", "token")
             lost(made)
             await asyncio.sleep(5)
-            told = fits(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
+            told = fitting(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
             alarm = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
             assert alarm["who"] == "10.0.0.9 (without login, role technician)"
 
@@ -274,12 +261,12 @@ class TestAlarms:
                 ("shelve", {"minutes": 5}), ("unshelve", None), ("remove", None), ("restore", None),
                 ("acknowledge", None),
             ):  # fmt: skip
-                fits(await ask.post(f"/api/alarms/task_crashed/{action}", body), "AlarmsView")
+                fitting(await ask.post(f"/api/alarms/task_crashed/{action}", body), "AlarmsView")
                 states.append(state())
             assert states == ["shelved", "unacknowledged", "out_of_service", "unacknowledged", "acknowledged"]
             await asyncio.sleep(70)
             assert state() == "latched_acknowledged"
-            fits(await ask.post("/api/alarms/task_crashed/reset"), "AlarmsView")
+            fitting(await ask.post("/api/alarms/task_crashed/reset"), "AlarmsView")
             assert state() == ""
 
     @in_virtual_time
@@ -304,10 +291,10 @@ class TestAlarms:
             assert wrong(await ask.post(f"{base}/shelve"), 400, "body").startswith("minutes")
             assert wrong(await ask.post(f"{base}/shelve", {"minutes": 721}), 400, "body").startswith("minutes")
             for body in (b"{", b"null", b'{"note": "\\ud800"}', b"note=x", b"[" * 100_000):
-                assert wrong(await ask.ask("POST", f"{base}/acknowledge", body=body), 400, "body").startswith("body")
+                assert wrong(await ask.call("POST", f"{base}/acknowledge", body), 400, "body").startswith("body")
             for content in ("text/plain", "application/x-www-form-urlencoded", "application/json"):  # all is JSON
                 headers = {"Content-Type": content}
-                said = await ask.ask("POST", f"{base}/acknowledge", body=b'{"note": "x"}', headers=headers)
+                said = await ask.call("POST", f"{base}/acknowledge", b'{"note": "x"}', headers)
                 assert "not possible" in wrong(said, 409, "refused")
             assert made.monitor.changes() == ()
 
@@ -330,8 +317,8 @@ async def test_a_function_check_suppresses_and_says_so() -> None:
     async with plant() as made:
         made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
         await asyncio.sleep(2)
-        summary = fits(await api_client(made).get("/api/alarms"), "AlarmsView")["summary"]
+        summary = fitting(await api_client(made).get("/api/alarms"), "AlarmsView")["summary"]
         hidden = sum(Suppression.FUNCTION_CHECK in kind.suppressed_by for kind in BAY_ALARMS)
         assert (summary["suppressed"], summary["active"], summary["first"]) == (hidden, 0, None)
-        one = fits(await api_client(made).get("/api/bays/bay1/state"), "BayView")
+        one = fitting(await api_client(made).get("/api/bays/bay1/state"), "BayView")
         assert one["function_check"] == "MAY_MOVE_OFF"

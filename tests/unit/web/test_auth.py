@@ -19,7 +19,7 @@ from gateway.web.auth.audit_log import AuditKind
 from gateway.web.auth.bodies import BODY_S
 from gateway.web.auth.security import ENDED, REQUEST_S
 from gateway.web.server.app import RULES
-from tests.unit.web.auth import HOST, ORIGIN, PASSWORD, Browser, example, secured_app
+from tests.unit.web.auth import ORIGIN, PASSWORD, Browser, example, secured_app
 from tests.virtual_time import in_virtual_time
 
 NEEDS = {"driver": Level.DRIVER, "viewer": Level.VIEWER, "technician": Level.TECHNICIAN, "none": Level.OPEN}
@@ -351,11 +351,7 @@ async def test_nothing_tells_whether_a_user_exists() -> None:
 async def test_huge_bodies(path: str, limit: int) -> None:
     browser = Browser(secured_app())
     await browser.login("tom")
-    cookie = f"g1-session={browser.cookies['g1-session']}".encode()
-    headers = [
-        (b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"cookie", cookie),
-        (b"x-csrf-token", browser.csrf.encode()),
-    ]  # fmt: skip
+    headers = browser.signed()
     method = "GET" if path == "/api/state" else "POST"
     told = str(limit + 1).encode()
     for length in (told, b"99999999999999999999", b"-1", b"1_0", b"0x10", b""):
@@ -375,21 +371,8 @@ async def test_huge_bodies(path: str, limit: int) -> None:
 async def test_a_body_that_never_comes() -> None:
     browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
-    headers = [(b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"x-csrf-token", browser.csrf.encode())]
     before_s = asyncio.get_running_loop().time()
-
-    async def silent() -> Any:
-        await asyncio.Event().wait()
-
-    sent: list[Any] = []
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
-    await browser.secured_app.middleware(
-        {**browser.scope("http", "/api/login", headers), "method": "POST"}, silent, send
-    )
-    assert sent[0]["status"] == 408
+    assert (await browser.raw("POST", "/api/login", browser.signed(), [])).status == 408
     assert asyncio.get_running_loop().time() - before_s == pytest.approx(BODY_S)
 
 
@@ -397,10 +380,7 @@ async def test_a_body_that_never_comes() -> None:
 async def test_a_body_arrives_whole_however_it_is_cut() -> None:
     browser = Browser(secured_app())
     await browser.login("tom")
-    cookie = f"g1-session={browser.cookies['g1-session']}".encode()
-    headers = [(b"host", HOST.encode()), (b"origin", ORIGIN.encode()), (b"cookie", cookie),
-               (b"x-csrf-token", browser.csrf.encode())]  # fmt: skip
-    answer = await browser.raw("POST", "/api/bays/north/trial", headers, [b"a", b"", b"bc", b"d"])
+    answer = await browser.raw("POST", "/api/bays/north/trial", browser.signed(), [b"a", b"", b"bc", b"d"])
     assert answer.json["body"] == "abcd"
 
 

@@ -8,10 +8,8 @@ from msgspec import structs
 
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
-from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.plc import Writer
-from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck
 from gateway.errors import LinkError
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
@@ -26,17 +24,11 @@ from gateway.web.ipc.messages import (
     WebSetup,
 )
 from gateway.web.server.gateway_client import RefusedError
-from tests.unit.web.gateway_client import Plant, plant
+from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full
 from tests.virtual_time import in_virtual_time
 
 ANNA = Writer("127.0.0.1", "anna", "technician")
-
-
-def fresh(made: Plant, bay: str = "bay1") -> None:
-    now_ns = made.client.clock.now_ns()
-    made.controls[bay].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=1))
-    made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
 @in_virtual_time
@@ -132,7 +124,7 @@ async def test_a_hung_main_process_is_noticed() -> None:
 @in_virtual_time
 async def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() -> None:
     async with plant() as made:
-        fresh(made)
+        made.loading()
         assert made.hub.state("bay1").may_move
         await made.client.command(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
         assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
@@ -172,7 +164,7 @@ async def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_mes
     async with plant(bays=64) as made:
         track = tuple((5_000_000_000 + n * 60_000_000, 812.4 + n) for n in range(16))
         for control in made.controls.values():
-            fresh(made, control.name)
+            made.loading(control.name)
             state = made.hub.state(control.name)
             reading = replace(
                 state.vision,

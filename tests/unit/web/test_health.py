@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from gateway.config import GatewayConfig, ModbusConfig
-from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FusionMemory, Tick
 from gateway.web.ipc.messages import SystemStatus, TaskStatus
@@ -19,17 +18,11 @@ from tests.unit.web.programs import api_client
 from tests.virtual_time import in_virtual_time
 
 
-def loading(made: Plant) -> None:
-    now_ns = made.client.clock.now_ns()
-    made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7))
-    made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
-
-
 async def judged(
     made: Plant, happens: Callable[[Plant], object] = lambda _: None, *, verbose: bool = False
 ) -> HealthView:
     await asyncio.sleep(1.2)
-    loading(made)
+    made.loading()
     happens(made)
     await made.client.update_links()
     return health(made.client, verbose=verbose)
@@ -93,7 +86,7 @@ async def test_a_control_task_that_does_not_tick_fails() -> None:
     async with plant() as made:
         made.links = full()
         await asyncio.sleep(1.2)
-        loading(made)
+        made.loading()
         control = made.controls["bay1"]
         step = control._step
         control._step = lambda seen, *more, **named: None if isinstance(seen, Tick) else step(seen, *more, **named)  # type: ignore[method-assign]
@@ -170,4 +163,4 @@ async def test_verbose_is_asked_for_by_name() -> None:
         made.links = full()
         await judged(made)
         assert (await api_client(made).get("/healthz")).json["parts"] is None
-        assert len((await api_client(made).get("/healthz", "verbose")).json["parts"]) > 8
+        assert len((await api_client(made).get("/healthz?verbose")).json["parts"]) > 8

@@ -11,8 +11,7 @@ from prometheus_client.core import Metric
 from prometheus_client.openmetrics import parser as openmetrics_parser
 
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
-from gateway.core.detection import Circle
-from gateway.core.readings import PictureFault, PictureHealth, Quality, RangeReading, VisionReading, VisionStats
+from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.web.host.status import MAX_STAGES, LatencyHistograms
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, SystemStatus
@@ -62,20 +61,14 @@ def parsed(body: bytes) -> Samples:
     return Samples({family.name: family for family in families})
 
 
-def loading(made: Plant) -> None:
-    now_ns = made.client.clock.now_ns()
-    stats = VisionStats(frames=8, skipped=2, rate_hz=29.5, latency_ms=11.0)
-    health = PictureHealth(0.5, 0.01, 0.4, 0.6, 0.2, None, status=1 << PictureFault.DUSTY)
-    made.controls["bay1"].on_vision(
-        VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, stats=stats, picture=health)
-    )
-    made.controls["bay1"].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
+STATS = VisionStats(frames=8, skipped=2, rate_hz=29.5, latency_ms=11.0)
+HEALTH = PictureHealth(0.5, 0.01, 0.4, 0.6, 0.2, None, status=1 << PictureFault.DUSTY)
 
 
 async def told(made: Plant, links: SystemStatus | None = None) -> Samples:
     made.links = full() if links is None else links
     await asyncio.sleep(1.2)
-    loading(made)
+    made.loading(stats=STATS, picture=HEALTH)
     await made.client.update_links()
     body, content_type = text(MetricsSource(made.client, PAGES, PROCESSES))
     assert content_type.startswith("text/plain; version=")
@@ -210,7 +203,7 @@ async def test_openmetrics_for_those_who_ask() -> None:
     async with plant(bays=2) as made:
         made.links = full()
         await asyncio.sleep(1.2)
-        said = await api_client(made, PAGES).get("/metrics", headers={"Accept": OPENMETRICS})
+        said = await api_client(made, PAGES).get("/metrics", {"Accept": OPENMETRICS})
         assert said.status == 200
         assert said.headers["content-type"].startswith("application/openmetrics-text")
         parse: Callable[[str], Iterator[Metric]] = openmetrics_parser.text_string_to_metric_families

@@ -20,8 +20,9 @@ from gateway.web.tuning import trial
 from gateway.web.tuning.routes import ADDRESSES
 from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.trial import EndedError
+from tests.unit.web.asgi import Answer
 from tests.unit.web.gateway_client import Plant, plant
-from tests.unit.web.programs import ApiClient, Said, api_client
+from tests.unit.web.programs import ApiClient, api_client
 from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, picture
 from tests.virtual_time import in_virtual_time, run
 
@@ -46,10 +47,10 @@ class Bay:
     service: TuningService
     api_client: ApiClient
 
-    async def get(self, path: str, query: str = "") -> Said:
-        return await self.api_client.get(f"/api/bays/bay1/{path}", query)
+    async def get(self, path: str) -> Answer:
+        return await self.api_client.get(f"/api/bays/bay1/{path}")
 
-    async def post(self, path: str, **body: object) -> Said:
+    async def post(self, path: str, **body: object) -> Answer:
         return await self.api_client.post(f"/api/bays/bay1/{path}", body)
 
     def film(self, seq: int = 1, u: float = MARKER[0]) -> None:

@@ -4,35 +4,25 @@ import asyncio
 import json
 from typing import Any
 
-import jsonschema
-
 from gateway.core.detection import Circle, Ellipse, Tracking
-from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.readings import Quality, VisionReading
 from gateway.web.ipc.messages import SystemStatus
-from gateway.web.server import openapi, views
-from tests.unit.web.gateway_client import Plant, plant
+from gateway.web.server import views
+from tests.unit.web import programs
+from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full
+from tests.unit.web.programs import COMPONENTS
 from tests.virtual_time import in_virtual_time
-
-COMPONENTS = openapi.document()["components"]
 
 
 def fits(text: str, model: str) -> Any:
-    """The parsed text, with no field that the description does not have."""
-    schema = {"$ref": f"#/components/schemas/{model}", "components": COMPONENTS}
-    told = json.loads(text)
-    jsonschema.Draft202012Validator(schema).validate(told)
+    """As described, with no field that the description does not have."""
+    told = programs.fits(text, model)
     assert set(told) == set(COMPONENTS["schemas"][model]["properties"])
     return told
 
 
-def loading(made: Plant, bay: str = "bay1") -> None:
-    now_ns = made.client.clock.now_ns()
-    stages = (("hsv", 1_250_000), ("fit", 400_000))
-    made.controls[bay].on_vision(
-        VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, stage_ns=stages)
-    )
-    made.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
+STAGES = (("hsv", 1_250_000), ("fit", 400_000))
 
 
 @in_virtual_time
@@ -40,7 +30,7 @@ async def test_the_live_view_of_some_bays() -> None:
     async with plant(bays=3) as made:
         made.links = full()
         await asyncio.sleep(1.2)
-        loading(made, "bay2")
+        made.loading("bay2", stage_ns=STAGES)
         await made.client.update_links()
         told = fits(views.live_json(made.client, ("bay2", "bay3")), "LiveView")
         assert [bay["bay"] for bay in told["bays"]] == ["bay2", "bay3"]
@@ -85,7 +75,7 @@ async def test_before_anything_is_known() -> None:
 async def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
     async with plant() as made:
         await asyncio.sleep(1.2)
-        loading(made)
+        made.loading()
         await made.client.update_links()
         told = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
         guidance = made.hub.state("bay1").guidance
