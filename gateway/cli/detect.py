@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--stages", metavar="DIR", type=Path, help="write the method's stages of every picture into DIR"
     )
     parser.add_argument(
-        "--track", metavar="FPS", type=_pace, help="take the pictures for one sequence of so many frames a second"
+        "--track", metavar="FPS", type=_frame_rate, help="take the pictures for one sequence of so many frames a second"
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="take the settings from this configuration")
     parser.add_argument("--bay", metavar="NAME", help="which bay of it (default: the first)")
@@ -60,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--min-fill", metavar="F", type=float, help="paper: 0 to 1; 0: off")
 
 
-def _pace(text: str) -> float:
+def _frame_rate(text: str) -> float:
     try:
         fps = float(text)
     except ValueError:

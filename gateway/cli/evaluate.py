@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from gateway.config import VisionConfig
     from gateway.vision.offline.evaluation.labels import Label, Labels
     from gateway.vision.offline.evaluation.report import About
-    from gateway.vision.offline.evaluation.result import Result, SeriesOf
-    from gateway.vision.offline.evaluation.trial import MakeDetector
+    from gateway.vision.offline.evaluation.runner import MakeDetector
+    from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 
 NAME = "evaluate"
 HELP = "measure detection on labelled pictures"
@@ -91,7 +91,7 @@ def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for labels, pictures and arguments that must be edited."""
     vision_args.quiet_opencv()
     from gateway.clock import SystemClock
-    from gateway.vision.offline.evaluation import labels, requirements, result, trial
+    from gateway.vision.offline.evaluation import labels, requirements, runner, summary
 
     if not 0.01 <= args.fps <= 1000:
         raise ConfigError(f"--fps {args.fps:g}: must be 0.01 to 1000")
@@ -109,9 +109,9 @@ def main(args: argparse.Namespace) -> int:
     with vision_args.progress("evaluate", len(chosen)) as advance:
         follow = series if args.tracking else None
         how = {"follow": follow, "fps": args.fps, "mean_radius": args.radius == "mean", "advance": advance}
-        outcomes = trial.run(found, chosen, registry, SystemClock(), **how)
+        outcomes = runner.run(found, chosen, registry, SystemClock(), **how)
     results = [
-        result.result(name, rows, series, split=args.split == "both", followed=args.tracking)
+        summary.summary(name, rows, series, split=args.split == "both", followed=args.tracking)
         for name, rows in outcomes.items()
     ]
     unmet = tuple(
@@ -121,7 +121,7 @@ def main(args: argparse.Namespace) -> int:
         _report(args, results, found, series, unmet if required else None)
     if args.json:
         document = {"folder": str(args.folder), "split": args.split, "unmet": unmet}
-        print(json.dumps(document | {"methods": [result.as_json(r, series) for r in results]}, allow_nan=False))
+        print(json.dumps(document | {"methods": [summary.as_json(r, series) for r in results]}, allow_nan=False))
     else:
         _show(results)
     for line in unmet:
@@ -129,7 +129,7 @@ def main(args: argparse.Namespace) -> int:
     return 1 if unmet else 0
 
 
-def _show(results: "Sequence[Result]", width: int | None = None) -> None:
+def _show(results: "Sequence[Summary]", width: int | None = None) -> None:
     """Everything that was measured of every method; a narrow terminal gets two tables of the parts."""
     from gateway.cli.tables import console, show
     from gateway.vision.offline.evaluation import tables
@@ -143,13 +143,13 @@ def _show(results: "Sequence[Result]", width: int | None = None) -> None:
             show(out, tables.sequences(result), widest=_WIDEST)
         if result.constancy:
             show(out, tables.constancy(result), widest=_WIDEST)
-        if count := result.whole.vague_labels:
+        if count := result.total.vague_labels:
             out.print(f"{count} of the labels may themselves be off by more than 5 % of R (tol_px)")
     out.print("centre and radius: median, p95 and bias of the answers on the target", style="dim")
 
 
 def _series(pattern: str | None) -> "SeriesOf":
-    from gateway.vision.offline.evaluation.result import series_by
+    from gateway.vision.offline.evaluation.summary import series_by
 
     try:
         return series_by(pattern)
@@ -189,13 +189,13 @@ def _half(found: "Labels", split: str | None) -> Sequence["Label"]:
 
 def _report(
     args: argparse.Namespace,
-    results: "list[Result]",
+    results: "list[Summary]",
     found: "Labels",
     series: "SeriesOf",
     unmet: tuple[str, ...] | None,
 ) -> None:
     from gateway.vision.detect.registry import rejection_meanings
-    from gateway.vision.offline.evaluation import report, trial
+    from gateway.vision.offline.evaluation import report, runner
     from gateway.vision.offline.reports.page import write
 
     about = _about(args, results, unmet)
@@ -205,7 +205,7 @@ def _report(
             results,
             about,
             series,
-            lambda label: trial.picture(found, label),
+            lambda label: runner.picture(found, label),
             rejection_meanings(),
             worst=args.worst,
             advance=advance,
@@ -214,10 +214,10 @@ def _report(
     print(f"report: {args.report}", file=sys.stderr)
 
 
-def _about(args: argparse.Namespace, results: "list[Result]", unmet: tuple[str, ...] | None) -> "About":
+def _about(args: argparse.Namespace, results: "list[Summary]", unmet: tuple[str, ...] | None) -> "About":
     from gateway.vision.offline.evaluation.report import About
 
-    whole = results[0].whole
+    whole = results[0].total
     settings = f"settings: {args.config or 'defaults'}{f', bay {args.bay}' if args.bay else ''}"
     facts = [
         f"{whole.pictures} pictures: {whole.with_marker} with a marker, {whole.without} without; {settings}",

@@ -115,11 +115,11 @@ class _Examples:
         return self._decode(self._paths[label.file])
 
     def _from_file(self, path: Path) -> None:
-        from gateway.vision.offline.evaluation import labels, trial
+        from gateway.vision.offline.evaluation import labels, runner
 
         found = labels.load_file(path)
         for label in found.labels:
-            trial.picture(found, label)  # its size is checked against the label's place
+            runner.picture(found, label)  # its size is checked against the label's place
             self.labels.append(label)
             self._paths[label.file] = found.path(label)
 

@@ -32,7 +32,7 @@ WITHDRAWN = MarkerRadii(0.0, 0.0, 0)
 
 
 @dataclass(slots=True)
-class Pace:
+class RadiiUpdates:
     """Of what is known again and again, what is worth a message: what is new, and what would else expire."""
 
     _sent: MarkerRadii = WITHDRAWN

@@ -13,7 +13,7 @@ from gateway.processes.channel import Failed, Gone
 from gateway.processes.child import shown
 from gateway.processes.pool import Pool, Role
 from gateway.vision.detect import registry
-from gateway.vision.detect.radii import MarkerRadii, Pace
+from gateway.vision.detect.radii import MarkerRadii, RadiiUpdates
 from gateway.vision.process import monitor
 from gateway.vision.process.monitor import Action, ProcessMonitor
 from gateway.vision.source.checks import FrameRules
@@ -70,7 +70,7 @@ class VisionService:
         self._ring = ring
         self._turns: _Turns | None = None
         self._monitor: ProcessMonitor | None = None
-        self._pace = Pace()
+        self._radii_updates = RadiiUpdates()
 
     @property
     def settings(self) -> VisionConfig:
@@ -101,7 +101,7 @@ class VisionService:
         if self._turns is None or self._monitor is None or not self._uses_radius_limits:
             return
         now_ns = self._clock.now_ns()
-        if (message := self._pace.due(radii_px, now_ns)) is not None and self._monitor.reads_messages(now_ns):
+        if (message := self._radii_updates.due(radii_px, now_ns)) is not None and self._monitor.reads_messages(now_ns):
             self._turns.send(self._monitor.token, message)
 
     async def run(self) -> None:

@@ -16,8 +16,8 @@ from gateway.errors import ConfigError
 from gateway.vision.offline.evaluation import case_cards, plots
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.report import About, html, worst_of
-from gateway.vision.offline.evaluation.result import result, series_by
 from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, judge
+from gateway.vision.offline.evaluation.summary import series_by, summary
 from gateway.vision.offline.reports.chart import Axis, Chart, log_ticks, round_ticks
 from gateway.vision.offline.reports.page import plain, write
 from gateway.vision.offline.reports.tables import number, share
@@ -74,7 +74,7 @@ def look(_: Label) -> Image:
 
 
 def test_one_file_that_fetches_nothing(outcomes: list[Outcome]) -> None:
-    results = [result(name, outcomes, EVERY, split=True, followed=True) for name in ("paper", "robust")]
+    results = [summary(name, outcomes, EVERY, split=True, followed=True) for name in ("paper", "robust")]
     drawn = 0
 
     def advance() -> None:
@@ -105,7 +105,7 @@ def test_a_page_that_fetches_something_is_noticed(bad: str) -> None:
 
 
 def test_a_set_with_nothing_to_draw_still_gives_a_page() -> None:
-    empty = result("m", [judge(Label(file="e", found=False), Detection(None))], EVERY, split=True, followed=False)
+    empty = summary("m", [judge(Label(file="e", found=False), Detection(None))], EVERY, split=True, followed=False)
     text = html([empty], About("t", ()), EVERY, look, {})
     page = Balanced(text)
     assert "svg" not in page.count
@@ -193,7 +193,7 @@ def test_ticks_are_round_and_inside() -> None:
 def test_a_sequence_has_a_gap_and_a_mark_where_nothing_was_answered() -> None:
     answers = [Circle(60, 50, 20), Circle(61, 50, 20), None, Circle(60, 54, 20)]
     rows = [outcome(n, circle, series="s", frame=10 + n) for n, circle in enumerate(answers)]
-    svg = plots.sequence(result("m", rows[::-1], EVERY, split=False, followed=True), "s", EVERY)
+    svg = plots.sequence(summary("m", rows[::-1], EVERY, split=False, followed=True), "s", EVERY)
     lines = re.findall(r'<polyline points="([^"]+)"', svg)
     assert [len(line.split()) for line in lines] == [2, 1]
     assert svg.count("no answer") == 1
@@ -230,7 +230,7 @@ def test_the_table_fits_the_terminal(
     outcomes: list[Outcome], width: int, tables: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     outcomes.append(judge(Label(file="g.png", found=False, group="a_group_of_22_letters_"), Detection(None)))
-    evaluate._show([result("paper", outcomes, EVERY, split=True, followed=True)], width)
+    evaluate._show([summary("paper", outcomes, EVERY, split=True, followed=True)], width)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
     assert not any("…" in line for line in lines), "nothing is cut"

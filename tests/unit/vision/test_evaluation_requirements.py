@@ -7,8 +7,8 @@ from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError
 from gateway.vision.offline.evaluation import requirements
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.result import Result, result, series_by
 from gateway.vision.offline.evaluation.scoring import Outcome, judge
+from gateway.vision.offline.evaluation.summary import Summary, series_by, summary
 
 
 def picture(n: int, found: Detection, **more: object) -> Outcome:
@@ -17,13 +17,13 @@ def picture(n: int, found: Detection, **more: object) -> Outcome:
 
 
 @pytest.fixture
-def measured() -> Result:
+def measured() -> Summary:
     """8 of 10 on the target, 6 of them close, one wrong, one false of two empty ones; R Z strays by 2 %."""
     seen = [Detection(Circle(101, 100, 50))] * 6 + [Detection(Circle(100, 100, 60))] * 2
     outcomes = [picture(n, found, frame=n) for n, found in enumerate(seen)]
     outcomes += [picture(8, Detection(None), frame=8), picture(9, Detection(Circle(300, 100, 50)), frame=9)]
     outcomes += [judge(Label(file="e", found=False), Detection(None)), judge(Label(file="f", found=False), seen[0])]
-    return result("m", outcomes, series_by(None), split=False, followed=True)
+    return summary("m", outcomes, series_by(None), split=False, followed=True)
 
 
 @pytest.mark.parametrize(
@@ -46,27 +46,27 @@ def measured() -> Result:
         ("rz=1", "rz <= 1 % required, but it can't be measured in this set"),
     ],
 )
-def test_each_figure(measured: Result, text: str, unmet: str) -> None:
+def test_each_figure(measured: Summary, text: str, unmet: str) -> None:
     (wanted,) = requirements.parse([text])
     assert wanted.unmet(measured) == unmet
 
 
 def test_what_a_set_cannot_tell_is_not_met() -> None:
-    empty = result(
+    empty = summary(
         "m", [judge(Label(file="e", found=False), Detection(None))], series_by(None), split=False, followed=False
     )
-    for figure in requirements.GATES:
-        if figure.name not in ("false", "ms"):
-            limit = 0 if figure.at_least else 1e9
-            assert "can't be measured in this set" in requirements.Requirement(figure, limit).unmet(empty), figure.name
-    marked = result("m", [picture(0, Detection(None), frame=0)], series_by(None), split=False, followed=True)
+    for metric in requirements.METRICS:
+        if metric.name not in ("false", "ms"):
+            limit = 0 if metric.at_least else 1e9
+            assert "can't be measured in this set" in requirements.Requirement(metric, limit).unmet(empty), metric.name
+    marked = summary("m", [picture(0, Detection(None), frame=0)], series_by(None), split=False, followed=True)
     assert "can't be measured in this set" in requirements.parse(["false=0"])[0].unmet(marked)
     assert requirements.parse(["acquired=0.5"])[0].unmet(marked) == "acquired >= 0.5 share required, measured 0"
 
 
 def test_r_times_z_is_gated_by_the_worst_series() -> None:
     outcomes = [picture(n, Detection(Circle(100, 100, 50 + n)), z_cm=100, series=s) for n, s in enumerate("aabb")]
-    found = result("m", outcomes, series_by(None), split=False, followed=False)
+    found = summary("m", outcomes, series_by(None), split=False, followed=False)
     assert requirements.parse(["rz=1"])[0].unmet(found) == ""
     assert requirements.parse(["rz=0.98"])[0].unmet(found) == "rz <= 0.98 % required, measured 0.9901"
 
@@ -76,13 +76,13 @@ def test_acquisition_is_gated_by_the_worst_sequence() -> None:
     half = [
         picture(4 + n, Detection(Circle(100, 100, 50) if n % 2 == 0 else None), frame=n, series="bad") for n in range(4)
     ]
-    found = result("m", good + half, series_by(None), split=False, followed=True)
+    found = summary("m", good + half, series_by(None), split=False, followed=True)
     assert requirements.parse(["acquired=0.9"])[0].unmet(found) == "acquired >= 0.9 share required, measured 0.5"
 
 
 def test_several_in_one_or_in_many() -> None:
     found = requirements.parse(["detected=0.9, false=0", "centre_p95 = 2.5"])
-    assert [(one.figure.name, one.limit) for one in found] == [("detected", 0.9), ("false", 0), ("centre_p95", 2.5)]
+    assert [(one.metric.name, one.limit) for one in found] == [("detected", 0.9), ("false", 0), ("centre_p95", 2.5)]
     assert requirements.parse([]) == ()
 
 
@@ -106,6 +106,6 @@ def test_requirements_that_must_be_edited(text: str, says: str) -> None:
 
 
 def test_the_help_names_every_figure() -> None:
-    for figure in requirements.GATES:
-        line = f"  {figure.name:14} {figure.unit:9} {figure.meaning}\n"
-        assert line in (evaluate.__doc__ or ""), figure.name
+    for metric in requirements.METRICS:
+        line = f"  {metric.name:14} {metric.unit:9} {metric.meaning}\n"
+        assert line in (evaluate.__doc__ or ""), metric.name

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from gateway.core.detection import Circle, Detection, Ellipse, Tracking
 from gateway.vision.offline.evaluation.constancy import constancy
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.result import UNGROUPED, as_json, in_sequence, result, series_by
-from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, acquisition, badness, figures, judge, wilson
+from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, acquisition, badness, judge, scores, wilson
+from gateway.vision.offline.evaluation.summary import UNGROUPED, as_json, in_sequence, series_by, summary
 
 TRUE = Label(file="a.png", found=True, u=100, v=50, r=40)
 EMPTY = Label(file="e.png", found=False)
@@ -70,7 +70,7 @@ def test_figures_by_hand() -> None:
         judge(EMPTY, seen(), 14_000_000),
         judge(Label(file="v", found=True, u=100, v=50, r=40, tol_px=2.1), Detection(None), 16_000_000),
     ]
-    f = figures(outcomes)
+    f = scores(outcomes)
     assert (f.pictures, f.with_marker, f.without) == (8, 6, 2)
     assert (f.on_target, f.close, f.wrong, f.missed, f.coasted, f.false, f.vague_labels) == (3, 2, 1, 2, 1, 1, 1)
     assert [f.detected_share, f.close_share] == pytest.approx([1 / 2, 1 / 3])
@@ -83,9 +83,9 @@ def test_figures_by_hand() -> None:
 
 
 def test_nothing_to_measure_is_none_and_not_zero() -> None:
-    f = figures([judge(EMPTY, Detection(None))])
+    f = scores([judge(EMPTY, Detection(None))])
     assert (f.detected_share, f.detected_low, f.close_share, f.centre_median_px, f.radius_p95_pct) == (None,) * 5
-    assert figures([]).ms_median is None
+    assert scores([]).ms_median is None
 
 
 def test_wilson_against_tabulated_values() -> None:
@@ -147,7 +147,7 @@ def test_groups_halves_series_and_sequences() -> None:
         on("cam2_c.png", series="mine", frame=2),
     ]
     series = series_by("^(cam[0-9])_")
-    found = result("m", outcomes, series, split=True, followed=True)
+    found = summary("m", outcomes, series, split=True, followed=True)
     assert {name: part.pictures for name, part in found.groups.items()} == {"x": 1, "y": 2, UNGROUPED: 3}
     assert sum(part.pictures for part in found.halves.values()) == 6
     tuning = sum(outcome.label.tuning_half for outcome in outcomes)
@@ -162,5 +162,5 @@ def test_groups_halves_series_and_sequences() -> None:
     assert rows[1]["radius_error_pct"] == pytest.approx(2.5)
     assert series_by(None)(outcomes[0].label) == "x"
     assert series_by("zzz")(outcomes[0].label) == ""
-    plain = result("m", [on("a")], series, split=False, followed=False)
+    plain = summary("m", [on("a")], series, split=False, followed=False)
     assert (plain.groups, plain.halves, plain.sequences, plain.constancy) == ({}, {}, (), ())

@@ -17,7 +17,7 @@ from gateway.sim.scenario import parse
 from gateway.sim.world import World
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import Detector, RadiusLimited
-from gateway.vision.detect.radii import LIFE_NS, PERIOD_NS, WITHDRAWN, MarkerRadii, Pace
+from gateway.vision.detect.radii import LIFE_NS, PERIOD_NS, WITHDRAWN, MarkerRadii, RadiiUpdates
 from gateway.vision.detect.robust import roi_search
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.roi_search import RoiSearch
@@ -312,29 +312,29 @@ def test_it_holds_until_its_time() -> None:
 
 
 def test_what_is_new_is_sent_at_most_ten_times_a_second() -> None:
-    pace = Pace()
-    sent = [n for n in range(1000) if pace.due((100.0 + n, 200.0 + n), n * MS)]
+    updates = RadiiUpdates()
+    sent = [n for n in range(1000) if updates.due((100.0 + n, 200.0 + n), n * MS)]
     assert sent == [0, *range(PERIOD_NS // MS, 1000, PERIOD_NS // MS)]
 
 
 def test_what_stands_is_said_again_before_it_expires() -> None:
-    pace = Pace()
-    sent = {n: due for n in range(1000) if (due := pace.due((100.0, 200.0), n * MS)) is not None}
+    updates = RadiiUpdates()
+    sent = {n: due for n in range(1000) if (due := updates.due((100.0, 200.0), n * MS)) is not None}
     assert list(sent) == [0, 250, 500, 750]
     assert sent[250] == MarkerRadii(100.0, 200.0, 250 * MS + LIFE_NS)
 
 
 def test_a_small_change_waits() -> None:
-    pace = Pace()
-    assert pace.due((100.0, 200.0), 0) is not None
-    assert pace.due((104.0, 208.0), 120 * MS) is None
-    assert pace.due((100.0, 211.0), 120 * MS) == MarkerRadii(100.0, 211.0, 120 * MS + LIFE_NS)
+    updates = RadiiUpdates()
+    assert updates.due((100.0, 200.0), 0) is not None
+    assert updates.due((104.0, 208.0), 120 * MS) is None
+    assert updates.due((100.0, 211.0), 120 * MS) == MarkerRadii(100.0, 211.0, 120 * MS + LIFE_NS)
 
 
 def test_what_is_not_known_any_more_is_withdrawn_once() -> None:
-    pace = Pace()
-    assert pace.due(None, 0) is None
-    pace.due((100.0, 200.0), 0)
-    assert pace.due(None, 20 * MS) == WITHDRAWN
-    assert pace.due(None, 40 * MS) is None
-    assert pace.due((100.0, 200.0), 60 * MS) is not None
+    updates = RadiiUpdates()
+    assert updates.due(None, 0) is None
+    updates.due((100.0, 200.0), 0)
+    assert updates.due(None, 20 * MS) == WITHDRAWN
+    assert updates.due(None, 40 * MS) is None
+    assert updates.due((100.0, 200.0), 60 * MS) is not None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.vision.detect.geometry import same_candidate
-from gateway.vision.detect.robust.redness import Level, Plane, redness
+from gateway.vision.detect.robust.redness import Plane, PyramidLevel, redness
 
 RADII = np.arange(4.5, 13.0, 0.75, dtype=np.float32)  # px of a level that are voted for
 CELL = 2  # px of a level in a cell of the votes
@@ -33,7 +33,7 @@ class Seed:
     weight: float
 
 
-def votes(level: Level) -> list[Seed]:
+def votes(level: PyramidLevel) -> list[Seed]:
     """Every edge pixel votes for the centres that lie on its redder side at each of RADII; the peaks are seeds."""
     red = cv2.GaussianBlur(redness(level.bgr), (5, 5), 1.0)
     height, width = red.shape
@@ -68,7 +68,7 @@ def _cast(
     return flat.reshape(RADII.size, rows, columns)
 
 
-def _peaks(sheets: NDArray[np.float32], level: Level) -> list[Seed]:
+def _peaks(sheets: NDArray[np.float32], level: PyramidLevel) -> list[Seed]:
     smooth = np.stack([cv2.GaussianBlur(sheet, (3, 3), 0.8) for sheet in sheets]) * 4  # of the blur's gain at a peak
     smooth[1:-1] = 0.5 * smooth[1:-1] + 0.25 * (smooth[:-2] + smooth[2:])
     best = smooth.max(axis=0)
@@ -84,7 +84,7 @@ def _peaks(sheets: NDArray[np.float32], level: Level) -> list[Seed]:
     return seeds
 
 
-def blobs(level: Level, radii_px: tuple[float, float]) -> list[Seed]:
+def blobs(level: PyramidLevel, radii_px: tuple[float, float]) -> list[Seed]:
     """Connected parts above each of several thresholds of redness that are about as wide as high."""
     red = cv2.GaussianBlur(redness(level.bgr), (3, 3), 0.0)
     middle, top = float(np.median(red)), float(red.max())
@@ -99,7 +99,7 @@ def blobs(level: Level, radii_px: tuple[float, float]) -> list[Seed]:
     return seeds
 
 
-def _round_ones(stats: Plane, level: Level, radii_px: tuple[float, float]) -> list[Seed]:
+def _round_ones(stats: Plane, level: PyramidLevel, radii_px: tuple[float, float]) -> list[Seed]:
     left, top, width, height, area = stats.T
     radius = 0.5 * np.sqrt(width * height) * level.factor
     fits = (radius >= 0.8 * radii_px[0]) & (radius <= 1.2 * radii_px[1])

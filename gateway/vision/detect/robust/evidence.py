@@ -13,7 +13,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust import ellipses
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, RaySamples, Shapes, sample_rays
-from gateway.vision.detect.robust.redness import Level, Plane
+from gateway.vision.detect.robust.redness import Plane, PyramidLevel
 from gateway.vision.pixels import Image
 
 EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is measured
@@ -54,7 +54,7 @@ class Evidence:
     colour: tuple[float, float, float]  # median BGR inside
 
 
-def gather(levels: Sequence[Level], seeds: Sequence[Seed]) -> list[Evidence | None]:
+def gather(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Evidence | None]:
     """For each seed, in order; None where no rim fits the edges round it."""
     if not seeds:
         return []
@@ -73,7 +73,7 @@ def gather(levels: Sequence[Level], seeds: Sequence[Seed]) -> list[Evidence | No
     return measure(levels, which, shapes)
 
 
-def of_ellipses(levels: Sequence[Level], rims: Sequence[Ellipse]) -> list[Evidence | None]:
+def of_ellipses(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list[Evidence | None]:
     """For each rim that is already known, in order."""
     if not rims:
         return []
@@ -83,17 +83,17 @@ def of_ellipses(levels: Sequence[Level], rims: Sequence[Ellipse]) -> list[Eviden
     return measure(levels, which, _to_levels(levels, which, shapes))
 
 
-def _levels_of(levels: Sequence[Level], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
+def _levels_of(levels: Sequence[PyramidLevel], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
     octave = np.floor(np.log2(np.maximum(radius_px / EVIDENCE_RADIUS_PX / levels[0].factor, 1e-9)))
     return np.clip(octave, 0, len(levels) - 1).astype(np.intp)
 
 
-def _to_levels(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
+def _to_levels(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
     factor = np.array([level.factor for level in levels], np.float64)[which, None]
     return np.hstack([(shapes[:, :2] - (factor - 1) / 2) / factor, shapes[:, 2:4] / factor, shapes[:, 4:]])
 
 
-def _closer(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
+def _closer(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
     """Each shape fitted anew to the edges near it; NaN stays NaN."""
     good = np.isfinite(shapes).all(axis=1)
     result = np.full_like(shapes, np.nan)
@@ -136,7 +136,7 @@ def _fall(rays: RaySamples) -> Plane:
     return fall
 
 
-def measure(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes) -> list[Evidence | None]:
+def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Shapes) -> list[Evidence | None]:
     """The evidence for each rim, px of its level; None for NaN and where hardly any of the rim is in the picture."""
     result: list[Evidence | None] = [None] * len(shapes)
     good = np.nonzero(np.isfinite(shapes).all(axis=1))[0]

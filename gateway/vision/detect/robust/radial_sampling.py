@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust.redness import Level, Plane, redness
+from gateway.vision.detect.robust.redness import Plane, PyramidLevel, redness
 from gateway.vision.pixels import Image
 
 RAYS = 48
@@ -26,7 +26,7 @@ class RaySamples:
     bgr: Image  # with a fourth axis of 3
 
 
-def sample_rays(levels: Sequence[Level], which: NDArray[np.intp], shapes: Shapes, shares: Plane) -> RaySamples:
+def sample_rays(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Shapes, shares: Plane) -> RaySamples:
     """Samples of K ellipses, each on the level `which` (K,), at `shares` (S,) of the way from centre to rim.
 
     A ray's angle is the parameter of the ellipse, so that each ray meets the rim at share 1.

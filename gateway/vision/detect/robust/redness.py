@@ -25,7 +25,7 @@ def redness(bgr: Image) -> Plane:
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class PyramidLevel:
     """A reduced picture: its pixel (i, j) is the mean of a factor x factor square of the full one."""
 
     bgr: Image
@@ -39,12 +39,12 @@ class Level:
         return (px - (self.factor - 1) / 2) / self.factor
 
 
-def pyramid(image: Image, first: int, smallest_side: int) -> list[Level]:
+def pyramid(image: Image, first: int, smallest_side: int) -> list[PyramidLevel]:
     """Reduced by `first`, 2 `first`, 4 `first`, ... down to `smallest_side`. Rows and columns left over are cut off."""
-    levels = [Level(_reduced(image, first), first)]
+    levels = [PyramidLevel(_reduced(image, first), first)]
     while min(levels[-1].bgr.shape[:2]) >= 2 * smallest_side:
         last = levels[-1]
-        levels.append(Level(_reduced(last.bgr, 2), last.factor * 2))
+        levels.append(PyramidLevel(_reduced(last.bgr, 2), last.factor * 2))
     return levels
 
 

@@ -19,7 +19,7 @@ from gateway.vision.detect.robust.decision import (
     weight,
 )
 from gateway.vision.detect.robust.evidence import EVIDENCE_RADIUS_PX, Evidence
-from gateway.vision.detect.robust.redness import Level, pyramid
+from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image
@@ -70,7 +70,7 @@ def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate
     return candidate if failed_gate(candidate, limits) is None else None
 
 
-def _seeds(levels: Sequence[Level], limits: Limits) -> list[Seed]:
+def _seeds(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
     """Votes and blobs in turn, the strongest first."""
     smallest, largest = limits.min_radius_px, limits.max_radius_px
     # Levels finer than the smallest disc needs serve close measurement only: most of the time would be spent there.
@@ -101,7 +101,7 @@ def _worth_a_rim(seeds: Sequence[Seed], looked: Sequence[Evidence | None]) -> tu
 
 
 def _refined(
-    image: Image, levels: Sequence[Level], worth: Sequence[Evidence]
+    image: Image, levels: Sequence[PyramidLevel], worth: Sequence[Evidence]
 ) -> tuple[list[Candidate], list[Rejected]]:
     """Their rims at full resolution, and the evidence on these."""
     rims: list[Rim] = []

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gateway.vision.offline.evaluation.result import Result, SeriesOf
 from gateway.vision.offline.evaluation.scoring import CLOSE, Outcome
+from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 from gateway.vision.offline.reports.chart import Axis, Chart
 
 _FLOOR_PX, _CEILING_PX = 0.01, 1000.0
 
 
-def centre_errors(results: Sequence[Result]) -> str:
+def centre_errors(results: Sequence[Summary]) -> str:
     """Cumulative share of the pictures with a marker against the centre's error; a miss never arrives."""
     chart = Chart(
         Axis("centre error, px", _FLOOR_PX, _CEILING_PX, log=True),
@@ -21,16 +21,16 @@ def centre_errors(results: Sequence[Result]) -> str:
     drawn = False
     for style, result in enumerate(results):
         errors = sorted(o.centre_px for o in result.outcomes if o.centre_px is not None)
-        if not errors or not result.whole.with_marker:
+        if not errors or not result.total.with_marker:
             continue
         drawn = True
-        share = 100 / result.whole.with_marker
+        share = 100 / result.total.with_marker
         points = [(_FLOOR_PX, 0.0), *((error, share * (n + 1)) for n, error in enumerate(errors))]
         chart.line([*points, (_CEILING_PX, points[-1][1])], style, result.method, step=True)
     return chart.svg() if drawn else ""
 
 
-def radius_errors(results: Sequence[Result]) -> str:
+def radius_errors(results: Sequence[Summary]) -> str:
     """Histogram of the signed radius error of answers on the target."""
     shares = [[100 * o.radius_share for o in r.outcomes if o.on_target and o.radius_share is not None] for r in results]
     every = [value for values in shares for value in values]
@@ -47,7 +47,7 @@ def radius_errors(results: Sequence[Result]) -> str:
     return chart.svg()
 
 
-def radius_against_truth(results: Sequence[Result]) -> str:
+def radius_against_truth(results: Sequence[Summary]) -> str:
     """Signed radius error of answers on the target against the true radius."""
     points = [[_radius_point(o) for o in r.outcomes if o.on_target] for r in results]
     flat = [point for found in points for point, _ in found]
@@ -68,7 +68,7 @@ def radius_against_truth(results: Sequence[Result]) -> str:
     return chart.svg()
 
 
-def r_times_z(results: Sequence[Result], series: SeriesOf) -> str:
+def r_times_z(results: Sequence[Summary], series: SeriesOf) -> str:
     """R Z over its series' median, against Z."""
     found: list[list[tuple[tuple[float, float], str]]] = []
     for result in results:
@@ -93,7 +93,7 @@ def r_times_z(results: Sequence[Result], series: SeriesOf) -> str:
     return chart.svg()
 
 
-def sequence(result: Result, name: str, series: SeriesOf) -> str:
+def sequence(result: Summary, name: str, series: SeriesOf) -> str:
     """Centre error against the frame number of one sequence; what is missed leaves a gap and a mark at the top."""
     frames = [(o.label.frame, o.centre_px) for o in result.outcomes if series(o.label) == name and o.label.found]
     rows = sorted(

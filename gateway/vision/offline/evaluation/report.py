@@ -8,8 +8,8 @@ from itertools import zip_longest
 from gateway.core.detection import Tracking
 from gateway.vision.offline.evaluation import case_cards, plots, tables
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.result import Result, SeriesOf
 from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Outcome, Verdict, badness
+from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 from gateway.vision.offline.reports.page import figure, page, plain, table, tile
 from gateway.vision.offline.reports.tables import Row, Table, number, share
 from gateway.vision.pixels import Image
@@ -29,7 +29,7 @@ class About:
 
 
 def html(
-    results: Sequence[Result],
+    results: Sequence[Summary],
     about: About,
     series: SeriesOf,
     look: Look,
@@ -67,8 +67,8 @@ def _verdict_of_gate(unmet: tuple[str, ...] | None) -> list[str]:
     return [f'<p><strong class="bad">Not everything required is met:</strong></p><ul class="notes">{items}</ul>']
 
 
-def _tiles(result: Result) -> str:
-    f = result.whole
+def _tiles(result: Summary) -> str:
+    f = result.total
     tiles = []
     if f.with_marker:
         interval = f"95 % interval {share(f.detected_low)} to {share(f.detected_high)}"
@@ -107,7 +107,7 @@ def _how_to_read(notes: Sequence[str]) -> str:
     )
 
 
-def _charts(results: Sequence[Result], series: SeriesOf) -> list[str]:
+def _charts(results: Sequence[Summary], series: SeriesOf) -> list[str]:
     drawn = (
         (plots.centre_errors(results), "How many pictures have a centre error below x. A curve that ends below 100 % "
          "has missed the rest."),
@@ -120,7 +120,7 @@ def _charts(results: Sequence[Result], series: SeriesOf) -> list[str]:
     return ["<h2>Errors</h2>", f'<div class="charts">{"".join(figures)}</div>'] if figures else []
 
 
-def _followed(result: Result, series: SeriesOf) -> list[str]:
+def _followed(result: Summary, series: SeriesOf) -> list[str]:
     if not result.sequences:
         return []
     body = ["<h2>Followed from frame to frame</h2>", table(tables.sequences(result))]
@@ -131,7 +131,7 @@ def _followed(result: Result, series: SeriesOf) -> list[str]:
     return body
 
 
-def _constancy(results: Sequence[Result]) -> list[str]:
+def _constancy(results: Sequence[Summary]) -> list[str]:
     shown = [table(tables.constancy(result)) for result in results if result.constancy]
     if not shown:
         return []
@@ -145,7 +145,7 @@ def _constancy(results: Sequence[Result]) -> list[str]:
 
 
 def _cases(
-    result: Result,
+    result: Summary,
     worst: int,
     look: Look,
     reasons: Mapping[str, str],
@@ -179,7 +179,7 @@ def worst_of(outcomes: Iterable[Outcome], most: int) -> list[Outcome]:
     return sorted((turns + rest)[:most], key=badness)
 
 
-def _all(result: Result, *, named: bool) -> str:
+def _all(result: Summary, *, named: bool) -> str:
     heads = ("file", "group", "verdict", "u", "v", "R", "centre error, px", "radius error, %", "confidence", "ms")
     rows: list[Row] = []
     for o in result.outcomes:

@@ -4,27 +4,27 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from gateway.errors import ConfigError
-from gateway.vision.offline.evaluation.result import Result
+from gateway.vision.offline.evaluation.summary import Summary
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Metric:
     name: str
     at_least: bool  # else: at most
     unit: str
     meaning: str
-    read: Callable[[Result], float | None]  # None: not measured in this set, which does not meet any requirement
+    read: Callable[[Summary], float | None]  # None: not measured in this set, which does not meet any requirement
 
 
-def _wrong(result: Result) -> float | None:
-    return result.whole.wrong if result.whole.with_marker else None
+def _wrong(result: Summary) -> float | None:
+    return result.total.wrong if result.total.with_marker else None
 
 
-def _false(result: Result) -> float | None:
-    return result.whole.false if result.whole.without else None
+def _false(result: Summary) -> float | None:
+    return result.total.false if result.total.without else None
 
 
-def _acquired(result: Result) -> float | None:
+def _acquired(result: Summary) -> float | None:
     shares = [
         0.0 if found.after is None or found.after.detected_share is None else found.after.detected_share
         for found in result.sequences
@@ -32,39 +32,39 @@ def _acquired(result: Result) -> float | None:
     return min(shares, default=None)
 
 
-def _rz(result: Result) -> float | None:
+def _rz(result: Summary) -> float | None:
     return max((series.largest_pct for series in result.constancy), default=None)
 
 
-GATES = (
-    Figure("detected", True, "share", "answers on the target", lambda r: r.whole.detected_share),
-    Figure("within", True, "share", "centre and radius within 5 %", lambda r: r.whole.close_share),
-    Figure("wrong", False, "count", "answers elsewhere, in pictures with a marker", _wrong),
-    Figure("false", False, "count", "answers in pictures without", _false),
-    Figure("centre_median", False, "px", "centre error, median", lambda r: r.whole.centre_median_px),
-    Figure("centre_p95", False, "px", "centre error, 95 % are below", lambda r: r.whole.centre_p95_px),
-    Figure("radius_median", False, "%", "radius error, median", lambda r: r.whole.radius_median_pct),
-    Figure("radius_p95", False, "%", "radius error, 95 % are below", lambda r: r.whole.radius_p95_pct),
-    Figure("acquired", True, "share", "on the target after acquisition (worst sequence)", _acquired),
-    Figure("rz", False, "%", "R times Z: largest deviation of any series", _rz),
-    Figure("ms", False, "ms", "time a picture, median", lambda r: r.whole.ms_median),
+METRICS = (
+    Metric("detected", True, "share", "answers on the target", lambda r: r.total.detected_share),
+    Metric("within", True, "share", "centre and radius within 5 %", lambda r: r.total.close_share),
+    Metric("wrong", False, "count", "answers elsewhere, in pictures with a marker", _wrong),
+    Metric("false", False, "count", "answers in pictures without", _false),
+    Metric("centre_median", False, "px", "centre error, median", lambda r: r.total.centre_median_px),
+    Metric("centre_p95", False, "px", "centre error, 95 % are below", lambda r: r.total.centre_p95_px),
+    Metric("radius_median", False, "%", "radius error, median", lambda r: r.total.radius_median_pct),
+    Metric("radius_p95", False, "%", "radius error, 95 % are below", lambda r: r.total.radius_p95_pct),
+    Metric("acquired", True, "share", "on the target after acquisition (worst sequence)", _acquired),
+    Metric("rz", False, "%", "R times Z: largest deviation of any series", _rz),
+    Metric("ms", False, "ms", "time a picture, median", lambda r: r.total.ms_median),
 )
-_BY_NAME = {figure.name: figure for figure in GATES}
+_BY_NAME = {metric.name: metric for metric in METRICS}
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    figure: Figure
+    metric: Metric
     limit: float
 
-    def unmet(self, result: Result) -> str:
+    def unmet(self, result: Summary) -> str:
         """What is wrong, in words; empty: met."""
-        value = self.figure.read(result)
-        sign = ">=" if self.figure.at_least else "<="
-        wanted = f"{self.figure.name} {sign} {self.limit:g} {self.figure.unit} required"
+        value = self.metric.read(result)
+        sign = ">=" if self.metric.at_least else "<="
+        wanted = f"{self.metric.name} {sign} {self.limit:g} {self.metric.unit} required"
         if value is None:
             return f"{wanted}, but it can't be measured in this set"
-        met = value >= self.limit if self.figure.at_least else value <= self.limit
+        met = value >= self.limit if self.metric.at_least else value <= self.limit
         return "" if met else f"{wanted}, measured {value:.4g}"
 
 
@@ -89,5 +89,5 @@ def parse(texts: Sequence[str]) -> tuple[Requirement, ...]:
 
 def markdown() -> str:
     """The table for docs/commissioning-vision.md."""
-    rows = [f"| `{g.name}` | {'at least' if g.at_least else 'at most'} | {g.unit} | {g.meaning} |" for g in GATES]
+    rows = [f"| `{g.name}` | {'at least' if g.at_least else 'at most'} | {g.unit} | {g.meaning} |" for g in METRICS]
     return "\n".join(["| name | limit is | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

@@ -87,7 +87,7 @@ def judge(
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class Scores:
     """The figures of a set of pictures. Shares are of the pictures with a marker; None: nothing to take it from."""
 
     pictures: int
@@ -114,7 +114,7 @@ class Figures:
     ms_p95: float | None
 
 
-def figures(outcomes: Iterable[Outcome]) -> Figures:
+def scores(outcomes: Iterable[Outcome]) -> Scores:
     """Counts and error statistics; percentiles are interpolated."""
     all_ = list(outcomes)
     marked = [outcome for outcome in all_ if outcome.label.found]
@@ -125,7 +125,7 @@ def figures(outcomes: Iterable[Outcome]) -> Figures:
     mean = [100 * outcome.mean_radius_share for outcome in on if outcome.mean_radius_share is not None]
     times = [outcome.took_ns / 1e6 for outcome in all_]
     low, high = wilson(len(on), len(marked)) if marked else (None, None)
-    return Figures(
+    return Scores(
         pictures=len(all_),
         with_marker=len(marked),
         without=len(all_) - len(marked),
@@ -158,7 +158,7 @@ class Acquisition:
     series: str
     frames: int
     acquired_after: int | None  # frames with a marker before the first answer on it; None: never
-    after: Figures | None  # of the frames from that one on
+    after: Scores | None  # of the frames from that one on
 
 
 def acquisition(series: str, outcomes: Sequence[Outcome]) -> Acquisition:
@@ -167,7 +167,7 @@ def acquisition(series: str, outcomes: Sequence[Outcome]) -> Acquisition:
     if first is None:
         return Acquisition(series, len(outcomes), None, None)
     before = sum(outcome.label.found for outcome in outcomes[:first])
-    return Acquisition(series, len(outcomes), before, figures(outcomes[first:]))
+    return Acquisition(series, len(outcomes), before, scores(outcomes[first:]))
 
 
 def badness(outcome: Outcome) -> tuple[int, float]:

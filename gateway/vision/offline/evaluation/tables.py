@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
-from gateway.vision.offline.evaluation.result import Result
-from gateway.vision.offline.evaluation.scoring import Figures
+from gateway.vision.offline.evaluation.scoring import Scores
+from gateway.vision.offline.evaluation.summary import Summary
 from gateway.vision.offline.reports.tables import Cell, Row, Table, faults, number, percent
 
 ALL_FRAMES = "(all frames)"  # a sequence without a name
 RATES = 6  # columns after the first; the errors follow
-_COLUMNS: tuple[tuple[str, Callable[[Figures], Cell]], ...] = (
+_COLUMNS: tuple[tuple[str, Callable[[Scores], Cell]], ...] = (
     ("pictures", lambda f: str(f.pictures)),
     ("found %", lambda f: percent(f.detected_share)),
     ("in 5 %", lambda f: percent(f.close_share)),
@@ -24,16 +24,16 @@ _COLUMNS: tuple[tuple[str, Callable[[Figures], Cell]], ...] = (
 )
 
 
-def parts(result: Result) -> Table:
+def parts(result: Summary) -> Table:
     """The set, its halves and its groups. Centre and radius: median, p95 and bias."""
-    named = [("whole", "whole set", result.whole)]
+    named = [("whole", "whole set", result.total)]
     named += [("half", name, part) for name, part in result.halves.items()]
     named += [("", name, part) for name, part in result.groups.items()]
     rows: list[Row] = [(look, [name, *(cell(part) for _, cell in _COLUMNS)]) for look, name, part in named]
     return Table(f"Method {result.method}", ("part", *(head for head, _ in _COLUMNS)), rows)
 
 
-def sequences(result: Result) -> Table:
+def sequences(result: Summary) -> Table:
     heads = ("sequence", "frames", "after", "found %", "in 5 %", "wrong", "coasted", "p95 px")
     rows: list[Row] = []
     for found in result.sequences:
@@ -46,7 +46,7 @@ def sequences(result: Result) -> Table:
     return Table(f"Followed from frame to frame, method {result.method}: since the first on target", heads, rows)
 
 
-def constancy(result: Result) -> Table:
+def constancy(result: Summary) -> Table:
     heads = ("series", "pictures", "px cm", "typical", "largest", "labels", "offset cm", "with it")
     rows: list[Row] = []
     for part in result.constancy:

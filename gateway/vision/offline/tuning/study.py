@@ -11,7 +11,7 @@ from gateway.core.detection import Circle
 from gateway.errors import ConfigError
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Figures, Outcome, figures, judge
+from gateway.vision.offline.evaluation.scoring import Outcome, Scores, judge, scores
 from gateway.vision.offline.tuning import exposure, proposal, samples, thresholds
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.offline.tuning.samples import Example
@@ -31,7 +31,7 @@ class Study:
     gates: Mapping[str, float]
     admits_now: Admission
     admits_proposed: Admission
-    effect: dict[str, Figures]  # what the paper's method finds: by setting, in order
+    effect: dict[str, Scores]  # what the paper's method finds: by setting, in order
     found: tuple[Outcome, ...]  # with the proposal and its gates
 
 
@@ -53,12 +53,12 @@ def study(
         raise ConfigError("no example has a pixel well inside its marker: are the radii right?")
     now = thresholds.current(params)
     proposed, margins = thresholds.propose(examples)
-    trials = {"now": params, "proposed thresholds": proposed.apply(params)}
+    settings = {"now": params, "proposed thresholds": proposed.apply(params)}
     halves = _halves(labels, examples, params)
-    outcomes: dict[str, list[Outcome]] = {name: [] for name in (*trials, _CROSS)}
+    outcomes: dict[str, list[Outcome]] = {name: [] for name in (*settings, _CROSS)}
     for label in labels:
         image = look(label)
-        for name, setting in trials.items():
+        for name, setting in settings.items():
             outcomes[name].append(judge(label, pipeline.detect(image, setting)))
         if halves:
             outcomes[_CROSS].append(judge(label, pipeline.detect(image, halves[not label.tuning_half])))
@@ -69,8 +69,8 @@ def study(
     for label in labels:
         found.append(judge(label, pipeline.detect(look(label), gated)))
         advance()
-    effect = {name: figures(rows) for name, rows in outcomes.items() if rows}
-    effect["proposed thresholds and gates"] = figures(found)
+    effect = {name: scores(rows) for name, rows in outcomes.items() if rows}
+    effect["proposed thresholds and gates"] = scores(found)
     return Study(
         examples=tuple(examples),
         lights=tuple(lights),

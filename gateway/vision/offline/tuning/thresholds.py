@@ -202,7 +202,7 @@ def _plateau(red: Red, name: str, examples: Sequence[Example]) -> tuple[int, int
 
 
 def _scores(red: Red, name: str, examples: Sequence[Example]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The score for every value of one bound, the others as they are: one histogram a class instead of many trials."""
+    """The score for every value of one bound, the others as they are: one histogram a class instead of many tries."""
     column = {"hue_low": 0, "hue_high": 0, "s_min": 1, "v_min": 2}[name]
     upper = name == "hue_high"  # an upper bound lets in what is not larger, the others what is not smaller
     values = {

@@ -12,7 +12,7 @@ Guaranteed for every frame:
 
 How the second is kept: each frame a share of 1/ROUND of the grid is scanned, so that all of it is covered
 after ROUND frames. A red point that the last search of the full frame did not have nearby requires another
-one. Points that it had, the clutter, lie in *zones*, a step of the grid wider than they were. What stays inside a
+one. Points that it had lie in *zones*, a step of the grid wider than they were. What stays inside a
 zone is not larger than its box. While that is less than the marker, no zone can hide a rival; else, and where something
 that the window cuts is close to the marker, the full frame is searched every ROUND frames.
 """
@@ -52,7 +52,7 @@ class Marker:
 
 
 @dataclass(frozen=True, slots=True)
-class Clutter:
+class OtherRed:
     """What the last search of a full frame saw besides the marker."""
 
     unknown: Mask  # (rows, columns) uint8, 255 where a red grid point would be new
@@ -69,7 +69,7 @@ class ExactTracker:
         self._now_ns = now_ns
         self._marker: Marker | None = None
         self._before: Marker | None = None
-        self._clutter: Clutter | None = None
+        self._others: OtherRed | None = None
         self._shape: tuple[int, ...] = ()
         self._turn = 0  # which share of the grid is next
         self._since_full = 0  # frames
@@ -93,13 +93,13 @@ class ExactTracker:
         else:
             own = extent(found.chosen)
             self._moved(own, t_ns)
-            self._clutter = self._clutter_of(self.search.grid(image), found, own)
+            self._others = self._other_red(self.search.grid(image), found, own)
         return found.detection
 
     def _near(self, image: Image, t_ns: int, seen: pipeline.Seen) -> Detection | None:
         """The window's result; None where the full frame must be searched."""
-        marker, clutter = self._marker, self._clutter
-        if marker is None or clutter is None or image.shape != self._shape:
+        marker, others = self._marker, self._others
+        if marker is None or others is None or image.shape != self._shape:
             return None
         height, width = image.shape[:2]
         opening = self.search.opening
@@ -116,16 +116,16 @@ class ExactTracker:
         own = extent(chosen)
         near = own.grown(opening.side_px - 1, width, height)
         self._since_full += 1
-        hidden = clutter.largest_px2 >= found.area_px2 or any(box.meets(near) for _, box in cut)
+        hidden = others.largest_px2 >= found.area_px2 or any(box.meets(near) for _, box in cut)
         due = hidden and self._since_full >= ROUND
-        changed = due or self._new_red(image, near, clutter)
+        changed = due or self._new_red(image, near, others)
         seen("rescan", None)
         if changed:
             return None
         self._moved(own, t_ns, expected)
         return found
 
-    def _new_red(self, image: Image, near: Box, clutter: Clutter) -> bool:
+    def _new_red(self, image: Image, near: Box, others: OtherRed) -> bool:
         """Scan the next share of the grid: is there red that was not known, and is not the marker?"""
         grid = self.search.grid(image)
         count = len(grid.ys)
@@ -136,7 +136,7 @@ class ExactTracker:
         fresh = grid.scan_rows(image, first, end)
         rows, columns = grid.inside(near)
         fresh[max(rows.start - first, 0) : max(rows.stop - first, 0), columns] = 0
-        return bool(cv2.hasNonZero(cv2.bitwise_and(fresh, clutter.unknown[first:end])))
+        return bool(cv2.hasNonZero(cv2.bitwise_and(fresh, others.unknown[first:end])))
 
     def _expected(self, t_ns: int, width: int, height: int) -> Box:
         """Where the contour's box should be: each of its sides moves on as between the last two frames."""
@@ -158,7 +158,7 @@ class ExactTracker:
         error_px = 0 if expected is None else box.farthest_side(expected)
         self._before, self._marker = self._marker, Marker(box, t_ns, error_px)
 
-    def _clutter_of(self, grid: ScanGrid, found: Found, own: Box) -> Clutter:
+    def _other_red(self, grid: ScanGrid, found: Found, own: Box) -> OtherRed:
         """All red grid points but the marker's own, and a step of the grid round each."""
         near = own.grown(self.search.opening.side_px - 1, grid.width, grid.height)
         rows, columns = grid.inside(near)
@@ -166,7 +166,7 @@ class ExactTracker:
         others[rows, columns] = 0
         zones = np.asarray(cv2.dilate(others, np.ones((3, 3), np.uint8)), np.uint8)
         largest = max((box.largest_contour_px2 for box in grid.clusters(zones)), default=0)
-        return Clutter(np.where(zones, 0, 255).astype(np.uint8), largest)
+        return OtherRed(np.where(zones, 0, 255).astype(np.uint8), largest)
 
 
 def _leap(before_ns: int, now_ns: int, next_ns: int) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 from gateway.vision.offline.evaluation.constancy import Constancy, constancy
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Acquisition, Figures, Outcome, acquisition, figures
+from gateway.vision.offline.evaluation.scoring import Acquisition, Outcome, Scores, acquisition, scores
 
 UNGROUPED = "(no group)"
 HALVES = ("tuning half", "reporting half")
@@ -16,14 +16,14 @@ SeriesOf = Callable[[Label], str]
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class Summary:
     """One method on one set of pictures."""
 
     method: str
     outcomes: tuple[Outcome, ...]
-    whole: Figures
-    halves: dict[str, Figures]  # empty: not split
-    groups: dict[str, Figures]
+    total: Scores
+    halves: dict[str, Scores]  # empty: not split
+    groups: dict[str, Scores]
     sequences: tuple[Acquisition, ...]  # empty: not followed
     constancy: tuple[Constancy, ...]
 
@@ -44,7 +44,7 @@ def series_by(pattern: str | None) -> SeriesOf:
     return series
 
 
-def result(method: str, outcomes: Sequence[Outcome], series: SeriesOf, *, split: bool, followed: bool) -> Result:
+def summary(method: str, outcomes: Sequence[Outcome], series: SeriesOf, *, split: bool, followed: bool) -> Summary:
     """`followed`: frames of a sequence were given to the method in order, so that it could follow the marker."""
     groups: dict[str, list[Outcome]] = defaultdict(list)
     for outcome in outcomes:
@@ -52,23 +52,23 @@ def result(method: str, outcomes: Sequence[Outcome], series: SeriesOf, *, split:
     halves = {}
     if split:
         for name, tuning in zip(HALVES, (True, False), strict=True):
-            halves[name] = figures(outcome for outcome in outcomes if outcome.label.tuning_half is tuning)
-    return Result(
+            halves[name] = scores(outcome for outcome in outcomes if outcome.label.tuning_half is tuning)
+    return Summary(
         method=method,
         outcomes=tuple(outcomes),
-        whole=figures(outcomes),
+        total=scores(outcomes),
         halves=halves,
-        groups={name: figures(members) for name, members in groups.items()} if set(groups) != {UNGROUPED} else {},
+        groups={name: scores(members) for name, members in groups.items()} if set(groups) != {UNGROUPED} else {},
         sequences=_sequences(outcomes, series) if followed else (),
         constancy=_constancy(outcomes, series),
     )
 
 
-def as_json(found: Result, series: SeriesOf) -> dict[str, Any]:
+def as_json(found: Summary, series: SeriesOf) -> dict[str, Any]:
     """Plain values with stable names; every picture with its numbers."""
     return {
         "method": found.method,
-        "whole": asdict(found.whole),
+        "whole": asdict(found.total),
         "halves": {name: asdict(part) for name, part in found.halves.items()},
         "groups": {name: asdict(part) for name, part in found.groups.items()},
         "sequences": [asdict(sequence) for sequence in found.sequences],

@@ -15,8 +15,8 @@ from gateway.errors import ConfigError
 from gateway.vision.detect.method import Detector
 from gateway.vision.offline import inputs
 from gateway.vision.offline.evaluation.labels import Label, Labels, outside
-from gateway.vision.offline.evaluation.result import SeriesOf, in_sequence
 from gateway.vision.offline.evaluation.scoring import Outcome, judge
+from gateway.vision.offline.evaluation.summary import SeriesOf, in_sequence
 from gateway.vision.pixels import Image
 
 MakeDetector = Callable[[bool], Detector]  # True: one that follows the marker from frame to frame

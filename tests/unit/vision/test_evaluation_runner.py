@@ -11,8 +11,8 @@ from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError
 from gateway.vision.detect.method import Detector
 from gateway.vision.offline.evaluation.labels import Label, Labels, load
-from gateway.vision.offline.evaluation.result import series_by
-from gateway.vision.offline.evaluation.trial import picture, run
+from gateway.vision.offline.evaluation.runner import picture, run
+from gateway.vision.offline.evaluation.summary import series_by
 from gateway.vision.pixels import Image
 
 
