@@ -21,7 +21,7 @@ class Failed(Message, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Gone:
-    """From the pool: the process of a child has ended."""
+    """In place of a message: the child's process has ended."""
 
     how: str
     crashed: bool = False  # by a fault of the child's code: SIGSEGV, SIGABRT and their like

@@ -1,6 +1,6 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
-Started by `pool` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the
+Started by `slot` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the
 one whose `run(channel, job)` does the work; only what it imports is loaded. Its `CODEC` defines which messages it may
 be sent, its job among them. NAME is what `top` shows.
 """

@@ -334,9 +334,9 @@ class TestAStandingBay:
         received: Counter[type] = Counter()
         report = service._report
 
-        def counted(monitor: Any, token: int, message: Any, now_ns: int) -> None:
+        def counted(monitor: Any, message: Any, now_ns: int) -> None:
             received[type(message)] += 1
-            report(monitor, token, message, now_ns)
+            report(monitor, message, now_ns)
 
         monkeypatch.setattr(service, "_report", counted)
 

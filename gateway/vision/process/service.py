@@ -11,7 +11,7 @@ from gateway.core.readings import VisionReading
 from gateway.errors import ConfigError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.child import shown
-from gateway.processes.pool import Pool, Role
+from gateway.processes.slot import ProcessSlot, Role
 from gateway.vision.detect import registry
 from gateway.vision.detect.radii import MarkerRadii, RadiiUpdates
 from gateway.vision.process import monitor
@@ -36,7 +36,7 @@ from gateway.vision.transport.ring import RingSpec
 log = logging.getLogger(__name__)
 
 MODULE = "gateway.vision.process.vision_process"
-VisionPool = Pool[ToVision, FromVision]
+VisionSlot = ProcessSlot[ToVision, FromVision]
 
 
 class VisionService:
@@ -68,7 +68,7 @@ class VisionService:
         self._detector = detector or DetectorSpec(vision)
         self._rng = rng or random.Random()
         self._ring = ring
-        self._turns: _Turns | None = None
+        self._loop: _MonitorLoop | None = None
         self._monitor: ProcessMonitor | None = None
         self._radii_updates = RadiiUpdates()
 
@@ -87,8 +87,8 @@ class VisionService:
                 raise ConfigError(f"vision.{key} can't change while the gateway runs")
         self._use(vision)
         self._detector = DetectorSpec(vision, self._detector.factory)
-        if self._turns is not None:
-            self._turns.end()
+        if self._loop is not None:
+            self._loop.end()
 
     def _use(self, vision: VisionConfig) -> None:
         self._vision = vision
@@ -98,11 +98,11 @@ class VisionService:
     def expect(self, radii_px: tuple[float, float] | None) -> None:
         """The marker's radius lies between these now, px; None: unknown. To be called repeatedly: it expires
         soon. Only for a method that uses it."""
-        if self._turns is None or self._monitor is None or not self._uses_radius_limits:
+        if self._loop is None or self._monitor is None or not self._uses_radius_limits:
             return
         now_ns = self._clock.now_ns()
         if (message := self._radii_updates.due(radii_px, now_ns)) is not None and self._monitor.reads_messages(now_ns):
-            self._turns.send(self._monitor.token, message)
+            self._loop.send(message)
 
     async def run(self) -> None:
         """Until cancelled; afterwards there is no process and no memory left. Raises ConfigError, or LinkError
@@ -119,17 +119,17 @@ class VisionService:
                 else:
                     self._monitor.progress(progress.read(), self._clock.now_ns())
                     self._monitor = self._monitor.successor(self._vision)
-                carry_out = lambda action, pool: self._carry_out(action, pool, ring)  # noqa: E731
-                self._turns = _Turns(self._monitor, progress, self._clock, carry_out)
-                async with VisionPool(self._bay, self._clock, FROM_VISION, self._turns.on_arrival) as pool:
-                    await self._turns.run(pool)
+                carry_out = lambda action, slot: self._carry_out(action, slot, ring)  # noqa: E731
+                self._loop = _MonitorLoop(self._monitor, progress, self._clock, carry_out)
+                async with VisionSlot(self._bay, self._clock, FROM_VISION, self._loop.on_arrival) as slot:
+                    await self._loop.run(slot)
         finally:
-            self._turns = None
+            self._loop = None
             progress.close()
             if self._ring is None:
                 ring.close()
 
-    def _carry_out(self, action: Action, pool: VisionPool, ring: RingSpec) -> None:
+    def _carry_out(self, action: Action, slot: VisionSlot, ring: RingSpec) -> None:
         match action:
             case monitor.Emit(reading):
                 self._emit(reading)
@@ -146,10 +146,10 @@ class VisionService:
                     self._camera_cpus(),
                     self._camera.deadline_s / 4,
                 )
-                pool.start(token, Role(MODULE, f"gw-worker-{self._bay}", job, ring.fds, self._vision.affinity))
-            case monitor.Kill(token, why):
+                slot.start(Role(MODULE, f"gw-worker-{self._bay}", job, ring.fds, self._vision.affinity))
+            case monitor.Kill(_, why):
                 log.debug("%s: vision process ended: %s", self._bay, why)
-                pool.kill(token)
+                slot.kill()
             case monitor.GiveUp(why):
                 raise ConfigError(f"{self._bay}: {why}")
 
@@ -160,8 +160,8 @@ class VisionService:
         return self._camera.affinity
 
 
-class _Turns:
-    """Takes a turn when something arrives, and when a deadline passes: report, settle, carry out.
+class _MonitorLoop:
+    """Whenever something arrives or a deadline passes: report it to the monitor, settle, carry out its actions.
 
     What arrives is dealt with in the event loop's own call, since the control task waits for it; the task wakes only
     for deadlines, and for what went wrong.
@@ -172,70 +172,71 @@ class _Turns:
         monitor: ProcessMonitor,
         progress: ProgressPage,
         clock: Clock,
-        carry_out: Callable[[Action, VisionPool], None],
+        carry_out: Callable[[Action, VisionSlot], None],
     ) -> None:
         self._monitor = monitor
         self._progress = progress
         self._clock = clock
         self._carry_out = carry_out
-        self._pool: VisionPool | None = None
+        self._slot: VisionSlot | None = None
         self._armed_ns: int | None = None  # when the task wakes by itself; None: not
-        self._deadline_ns: int | None = 0  # the monitor's, since the last turn
+        self._deadline_ns: int | None = 0  # the monitor's, since it last settled
         self._failure: BaseException | None = None
         self._over = False
 
     def end(self) -> None:
         """Let `run` return."""
         self._over = True
-        if self._pool is not None:
-            self._pool.wake()
+        if self._slot is not None:
+            self._slot.wake()
 
-    def send(self, token: int, message: MarkerRadii) -> None:
-        """To this process, if there is one."""
-        if self._pool is not None and not self._over:
-            self._pool.send(token, message)
+    def send(self, message: MarkerRadii) -> None:
+        """To the process, if there is one."""
+        if self._slot is not None and not self._over:
+            self._slot.send(message)
 
-    async def run(self, pool: VisionPool) -> None:
+    async def run(self, slot: VisionSlot) -> None:
         """Until cancelled or ended, or something raises."""
-        self._pool = pool
+        self._slot = slot
         while not self._over:
-            self._take(pool, everything=True)
+            self._take(slot, everything=True)
             self._armed_ns = self._deadline_ns
             left_ns = None if self._armed_ns is None else max(0, self._armed_ns - self._clock.now_ns())
-            await pool.wait(None if left_ns is None else left_ns / NS_PER_S)
+            await slot.wait(None if left_ns is None else left_ns / NS_PER_S)
             if self._failure is not None:
                 raise self._failure
 
     def on_arrival(self) -> None:
-        if self._pool is None or self._failure is not None or self._over:
+        if self._slot is None or self._failure is not None or self._over:
             return
         try:
-            self._take(self._pool, everything=False)
+            self._take(self._slot, everything=False)
         except BaseException as error:  # noqa: BLE001 - raised again in the task, whose failure it is
             self._failure = error
-            self._pool.wake()
+            self._slot.wake()
             return
         deadline_ns = self._deadline_ns
         if deadline_ns is not None and (self._armed_ns is None or deadline_ns < self._armed_ns):
-            self._pool.wake()
+            self._slot.wake()
 
-    def _take(self, pool: VisionPool, *, everything: bool) -> None:
+    def _take(self, slot: VisionSlot, *, everything: bool) -> None:
         now_ns, deadline_ns = self._clock.now_ns(), self._deadline_ns
         # A result that was not read is not late: when a deadline has passed, all that has arrived is reported first.
         late = deadline_ns is not None and now_ns >= deadline_ns
-        for token, message in pool.messages(every=everything or late):
+        for message in slot.messages(every=everything or late):
             if isinstance(message, (Gone, Failed, SourceLost)):  # the notes name the frame that was being worked on
                 self._monitor.progress(self._progress.read(), self._clock.now_ns())
-            _report(self._monitor, token, message, self._clock.now_ns())
+            _report(self._monitor, message, self._clock.now_ns())
         for reading in self._monitor.readings():
-            self._carry_out(monitor.Emit(reading), pool)
+            self._carry_out(monitor.Emit(reading), slot)
         self._monitor.progress(self._progress.read(), self._clock.now_ns())
         for action in self._monitor.settle(self._clock.now_ns() if everything or late else now_ns):
-            self._carry_out(action, pool)
+            self._carry_out(action, slot)
         self._deadline_ns = self._monitor.next_deadline_ns()
 
 
-def _report(to: ProcessMonitor, token: int, message: FromVision | Failed | Gone, now_ns: int) -> None:
+def _report(to: ProcessMonitor, message: FromVision | Failed | Gone, now_ns: int) -> None:
+    token = to.token  # its predecessor has ended
     match message:
         case FrameResult():
             to.result(token, message, now_ns)

@@ -17,7 +17,7 @@ from gateway.errors import ConfigError, LinkError
 from gateway.net import tls
 from gateway.net.listener import listening
 from gateway.processes.channel import Failed, Gone
-from gateway.processes.pool import Pool, Role
+from gateway.processes.slot import ProcessSlot, Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.request_handler import RequestHandler
 from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
@@ -27,7 +27,6 @@ PAUSE_S = 0.01  # between two turns: a web process is not served more often
 MAX_MESSAGES = 8  # read in one turn; a web process in order has one request pending, and now and then a command
 MAX_FULL_TURNS = 100  # in a row with more messages than that, more than a second: it is out of control
 MODULE = "gateway.web.server.process"
-CHILD = 1
 
 
 class WebProcessService:
@@ -68,38 +67,38 @@ class WebProcessService:
         role: Role[ToWeb] = Role(MODULE, "gw-hmi", job, (*rings, *listening))
         thread = ThreadPoolExecutor(1, thread_name_prefix="file")
         own.callback(thread.shutdown, wait=False, cancel_futures=True)
-        async with Pool[ToWeb, FromWeb]("hmi", self._setup.clock, FROM_WEB) as pool:
-            file_requests = ConfigFileRequests(self._file, self._setup.clock, thread, pool.wake)
-            pool.start(CHILD, role)
+        async with ProcessSlot[ToWeb, FromWeb]("hmi", self._setup.clock, FROM_WEB) as slot:
+            file_requests = ConfigFileRequests(self._file, self._setup.clock, thread, slot.wake)
+            slot.start(role)
             full = 0
             while True:
                 try:
                     async with asyncio.timeout(SILENT_S):
-                        await pool.wait(None)
+                        await slot.wait(None)
                 except TimeoutError:
                     raise LinkError(f"the web process has sent nothing for {SILENT_S:g} s") from None
                 request: StateRequest | None = None
-                messages = list(pool.messages(most=MAX_MESSAGES))
+                messages = slot.messages(most=MAX_MESSAGES)
                 full = full + 1 if len(messages) >= MAX_MESSAGES else 0
                 if full > MAX_FULL_TURNS:
                     raise LinkError("the web process sends messages without pause")
-                for _, message in messages:
+                for message in messages:
                     match message:
                         case StateRequest():
                             request = message  # the newest answers all before it
                         case Command():
-                            pool.send(CHILD, self._handler.execute(message))
+                            slot.send(self._handler.execute(message))
                         case FileRequest():
                             if (refused := file_requests.submit(message)) is not None:
-                                pool.send(CHILD, refused)
+                                slot.send(refused)
                         case Failed(why):
                             raise LinkError(why)
                         case Gone(how):
                             raise LinkError(f"the web process {how}")
                 for reply in file_requests.finished():
-                    pool.send(CHILD, reply)
+                    slot.send(reply)
                 if request is not None:
-                    pool.send(CHILD, self._handler.answer(request))
+                    slot.send(self._handler.answer(request))
                 await asyncio.sleep(PAUSE_S)
 
 

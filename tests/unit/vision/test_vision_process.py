@@ -151,7 +151,7 @@ def test_what_a_process_says_is_short_and_printable_in_every_log(message: type[S
     monitor = ProcessMonitor("cam", CameraConfig(), VisionConfig(), random.Random(1))
     monitor.settle(0)
     monitor.ready(monitor.token, 0)
-    service._report(monitor, monitor.token, message("lost\n12:00 all is well\x1b[2J" + 60_000 * "x"), 0)
+    service._report(monitor, message("lost\n12:00 all is well\x1b[2J" + 60_000 * "x"), 0)
     (reading,) = monitor.readings()
     assert "lost\\n12:00 all is well\\x1b[2Jxxx" in reading.detail
     assert len(reading.detail) < 600
@@ -162,22 +162,22 @@ def test_what_a_process_says_is_short_and_printable_in_every_log(message: type[S
 
 @dataclass
 class MainSide:
-    """`_Turns` with a process that is played by the test: its messages, its notes, the time."""
+    """`_MonitorLoop` with a process that is played by the test: its messages, its notes, the time."""
 
     now: int = MS
     notes: Progress = field(default_factory=Progress)
-    arrived: list[tuple[int, Any]] = field(default_factory=list)
+    arrived: list[Any] = field(default_factory=list)
     readings: list[VisionReading] = field(default_factory=list)
     waked: int = 0
 
     def __post_init__(self) -> None:
         vision = VisionConfig(deadline_s=0.5)
         self.monitor = ProcessMonitor("cam", CameraConfig(deadline_s=1.0), vision, random.Random(1))
-        self.turns = service._Turns(self.monitor, cast("Any", self), cast("Any", self), self.carry_out)
-        self.turns._pool = cast("Any", self)
-        self.turns.on_arrival()
+        self.loop = service._MonitorLoop(self.monitor, cast("Any", self), cast("Any", self), self.carry_out)
+        self.loop._slot = cast("Any", self)
+        self.loop.on_arrival()
         self.arrive(Ready(), Opened(lossless=False))
-        self.turns.on_arrival()
+        self.loop.on_arrival()
         self.waked = 0
 
     def now_ns(self) -> int:
@@ -186,22 +186,22 @@ class MainSide:
     def read(self) -> Progress:
         return self.notes
 
-    def carry_out(self, action: Action, pool: Any) -> None:
+    def carry_out(self, action: Action, slot: Any) -> None:
         if isinstance(action, Emit):
             self.readings.append(action.reading)
 
-    def messages(self, *, every: bool) -> Iterator[tuple[int, Any]]:
-        """Without `every` the oldest one, as the pool does."""
+    def messages(self, *, every: bool) -> list[Any]:
+        """Without `every` the oldest one, as the slot does."""
         most = len(self.arrived) if every else 1
         taken, self.arrived = self.arrived[:most], self.arrived[most:]
-        yield from taken
+        return taken
 
     def wake(self) -> None:
         self.waked += 1
 
     def arrive(self, *messages: Any) -> None:
-        self.arrived += [(self.monitor.token, message) for message in messages]
-        self.turns.on_arrival()
+        self.arrived += messages
+        self.loop.on_arrival()
 
     def works(self, seq: int, began_ms: int) -> None:
         t_ns = began_ms * MS
@@ -244,27 +244,27 @@ def test_at_a_deadline_the_notes_are_read_before_anything_is_judged(main_side: M
     main_side.works(1, began_ms=10)
     for main_side.now in (500 * MS, 509 * MS, 511 * MS):
         assert main_side.readings == []
-        main_side.turns._take(cast("Any", main_side), everything=True)
+        main_side.loop._take(cast("Any", main_side), everything=True)
     (reading,) = main_side.readings
     assert (reading.quality, reading.t_ns) == (Quality.PROCESS_FAULT, 10 * MS)
 
 
 def test_a_deadline_that_comes_sooner_wakes_the_task(main_side: MainSide) -> None:
-    main_side.turns._armed_ns = 400 * MS
+    main_side.loop._armed_ns = 400 * MS
     main_side.arrive()
     assert main_side.waked == 0
-    main_side.turns._armed_ns = 600 * MS
+    main_side.loop._armed_ns = 600 * MS
     main_side.arrive()
     assert main_side.waked == 1
 
 
 def test_what_goes_wrong_while_messages_are_read_is_the_task_s_failure(main_side: MainSide) -> None:
-    def fails(action: Action, pool: Any) -> None:
+    def fails(action: Action, slot: Any) -> None:
         raise ZeroDivisionError
 
-    main_side.turns._carry_out = fails
+    main_side.loop._carry_out = fails
     main_side.arrive(FrameResult(1, 0, SEEN, 0))
-    assert isinstance(main_side.turns._failure, ZeroDivisionError)
+    assert isinstance(main_side.loop._failure, ZeroDivisionError)
     assert main_side.waked == 1
     main_side.arrive(FrameResult(2, 0, SEEN, 0))  # nothing is read any more
     assert len(main_side.arrived) == 1

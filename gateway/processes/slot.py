@@ -1,6 +1,6 @@
-"""A few child processes: start them, exchange messages, kill and reap them. Decides nothing.
+"""One child process at a time: start it, exchange messages, kill and reap it. Decides nothing.
 
-Every child is a fresh interpreter (spawned, never forked) that runs `gateway.processes.child`. It does not import the
+A child is a fresh interpreter (spawned, never forked) that runs `gateway.processes.child`. It does not import the
 parent's main module, and no helper process is needed beside it. It dies with its parent: the kernel sees to that, even
 when the parent is killed without warning.
 """
@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Generic, Self, TypeVar
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
 KILL_S = 0.3  # real time for the kernel to end a killed process
 CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGSYS}
-MAX_MESSAGES = 1000  # of one child, taken at once: more than its socket holds, and an end for one that never stops
+MAX_MESSAGES = 1000  # taken at once: more than its socket holds, and an end for one that never stops
 # sys.path travels last: what the parent can import, the child can.
 BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.processes.child import main; main()"
 ENVIRONMENT = {
@@ -42,8 +42,8 @@ ENVIRONMENT = {
 }
 
 
-Out = TypeVar("Out")  # messages to the children
-In = TypeVar("In")  # and from them
+Out = TypeVar("Out")  # messages to the child
+In = TypeVar("In")  # and from it
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,26 +67,25 @@ class Child(Generic[Out, In]):
     pidfd: int
 
 
-class Pool(Generic[Out, In]):
-    """Use as `async with`: at the end no process is left. Not for more than one event loop.
+class ProcessSlot(Generic[Out, In]):
+    """A place for one process at a time. Use as `async with`: at the end no process is left. For one event loop.
 
     `on_arrival` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without
     it, `wait` returns. Taken in the event loop's own call, a result does not wait for a task to be scheduled.
-    `codec` reads what the children send; a child that sends anything else is `Failed`, and killed.
+    `codec` reads what the child sends; a child that sends anything else is `Failed`, and killed.
     """
 
     def __init__(self, label: str, clock: Clock, codec: Codec, on_arrival: Callable[[], None] | None = None) -> None:
         self._codec = codec
         self._label = label
         self._clock = clock
-        self._children: dict[int, Child[Out, In]] = {}
+        self._child: Child[Out, In] | None = None
         self._news = asyncio.Event()
         self._on_arrival = on_arrival or self._news.set
-        self._readable: set[int] = set()  # whose sockets can be read
-        self._ended: set[int] = set()  # whose processes have ended
+        self._ended = False  # the event loop has seen the process end
 
-    def start(self, token: int, role: Role[Out]) -> None:
-        """Start a process and send it its job. Takes a few ms. Raises LinkError."""
+    def start(self, role: Role[Out]) -> None:
+        """Start a process, where there is none, and send it its job. Takes a few ms. Raises LinkError."""
         channel, theirs = Channel[Out, In | Failed].pair(self._codec)
         cpus = ",".join(map(str, role.affinity or ()))
         words = [role.module, role.name, str(os.getpid()), str(theirs.fileno()), cpus]
@@ -101,71 +100,50 @@ class Pool(Generic[Out, In]):
             except OSError as error:
                 channel.close()
                 raise LinkError(f"cannot start process {role.name}: {error}") from error
-        child = Child(process, channel, os.pidfd_open(process.pid))
-        self._children[token] = child
-        loop = asyncio.get_running_loop()
-        loop.add_reader(channel.sock, self._arrived, self._readable, token)
-        loop.add_reader(child.pidfd, self._arrived, self._ended, token)
-        self.send(token, role.job)
+        self._watch(Child(process, channel, os.pidfd_open(process.pid)))
+        self.send(role.job)
 
-    def send(self, token: int, message: Out) -> None:
-        """Never waits. A child that does not take its messages is killed; one that has ended is ignored."""
-        child = self._children.get(token)
-        if child is not None and not child.channel.offer(message):
-            child.process.kill()
+    def send(self, message: Out) -> None:
+        """Never waits. A child that does not take its messages is killed; without one nothing is sent."""
+        if self._child is not None and not self._child.channel.offer(message):
+            self._child.process.kill()
 
-    def kill(self, token: int) -> None:
+    def kill(self) -> None:
         """At once; `messages` reports when the process has ended."""
-        if (child := self._children.get(token)) is not None:
-            child.process.kill()
+        if self._child is not None:
+            self._child.process.kill()
 
     def wake(self) -> None:
         """Let `wait` return."""
         self._news.set()
 
-    def _arrived(self, where: set[int], token: int) -> None:
-        where.add(token)
-        self._on_arrival()
+    def messages(self, *, every: bool = True, most: int = MAX_MESSAGES) -> list[In | Failed | Gone]:
+        """All that has arrived; `Gone` is the last message of a process, once. Never waits.
 
-    def messages(self, *, every: bool = True, most: int = MAX_MESSAGES) -> Iterator[tuple[int, In | Failed | Gone]]:
-        """All that has arrived; `Gone` is the last message of each process, once. Never waits.
-
-        Without `every` only from those that the event loop has seen send or end, and only the oldest of each that
-        has not ended: it will see the others, too. That spares some system calls. Of one that sends faster than it is
-        read no more than `most` are taken at once; the event loop sees the rest.
+        Without `every`, for `on_arrival`: only the oldest, unless the process has ended; the event loop calls again for
+        the others. That spares some system calls. Of a child that sends faster than it is read no more than `most` are
+        taken at once.
         """
-        ended, active = set(self._ended), self._readable | self._ended
-        self._readable.clear()  # not replaced: the event loop's readers hold these very sets
-        self._ended.clear()
-        found: list[tuple[int, Child[Out, In], int | None, list[In | Failed]]] = []
-        for token, child in self._children.items():
-            if not every and token not in active:
-                continue
-            polled = every or token in ended
-            # Before reading, so that the last messages are not missed.
-            status = child.process.poll() if polled else None
-            limit = MAX_MESSAGES if status is not None else most if polled else 1
-            found.append((token, child, status, child.channel.received(limit)))
-        for token, child, status, arrived in found:
-            for message in arrived:
-                yield token, message
-            if status is not None:
-                self._forget(token)
-                yield token, Gone(_how(status), crashed=-status in CRASHES)
-            elif child.channel.ended:
-                asyncio.get_running_loop().remove_reader(child.channel.sock)
-                child.process.kill()  # closed, or no use any more: whatever it still does
+        child = self._child
+        if child is None:
+            return []
+        polled, self._ended = every or self._ended, False
+        status = child.process.poll() if polled else None  # before reading, so that the last messages are not missed
+        limit = MAX_MESSAGES if status is not None else most if polled else 1
+        arrived: list[In | Failed | Gone] = [*child.channel.received(limit)]
+        if status is not None:
+            self._forget(child)
+            arrived.append(Gone(_how(status), crashed=-status in CRASHES))
+        elif child.channel.ended:
+            asyncio.get_running_loop().remove_reader(child.channel.sock)
+            child.process.kill()  # closed, or no use any more: whatever it still does
+        return arrived
 
     async def wait(self, seconds: float | None) -> None:
-        """Until something arrives, at most so long (in seconds of the pool's clock)."""
-        if seconds is None:
-            await self._news.wait()
-        else:
-            try:
-                async with self._clock.timeout(seconds):
-                    await self._news.wait()
-            except TimeoutError:
-                pass
+        """Until something arrives, at most so long (in seconds of the slot's clock)."""
+        with suppress(TimeoutError):
+            async with self._clock.timeout(seconds) if seconds is not None else nullcontext():
+                await self._news.wait()
         self._news.clear()
 
     async def __aenter__(self) -> Self:
@@ -174,31 +152,39 @@ class Pool(Generic[Out, In]):
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """SIGTERM, a short grace, SIGKILL; every process is reaped."""
+        """SIGTERM, a short grace, SIGKILL; the process is reaped."""
+        if (child := self._child) is None:
+            return
         self._on_arrival = self._news.set
         try:
-            for child in self._children.values():
-                child.process.terminate()
-            async with asyncio.timeout(GRACE_S):
-                while self._children:
-                    for _ in self.messages():
-                        pass
-                    if self._children:
+            child.process.terminate()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(GRACE_S):
+                    self.messages()
+                    while self._child is not None:
                         await self.wait(None)
-        except TimeoutError:
-            pass
+                        self.messages()
         finally:
-            for child in self._children.values():
+            if self._child is not None:
                 child.process.kill()
-            for token, child in list(self._children.items()):
                 try:
                     child.process.wait(KILL_S)
                 except subprocess.TimeoutExpired:
                     log.error("%s: process %d cannot be killed", self._label, child.process.pid)
-                self._forget(token)
+                self._forget(child)
 
-    def _forget(self, token: int) -> None:
-        child = self._children.pop(token)
+    def _watch(self, child: Child[Out, In]) -> None:
+        self._child, self._ended = child, False
+        loop = asyncio.get_running_loop()
+        loop.add_reader(child.channel.sock, self._arrived, False)
+        loop.add_reader(child.pidfd, self._arrived, True)
+
+    def _arrived(self, ended: bool) -> None:
+        self._ended |= ended
+        self._on_arrival()
+
+    def _forget(self, child: Child[Out, In]) -> None:
+        self._child = None
         loop = asyncio.get_running_loop()
         loop.remove_reader(child.channel.sock)
         loop.remove_reader(child.pidfd)
