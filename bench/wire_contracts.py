@@ -9,6 +9,8 @@ descriptions) are not compared. Exit code 1 if anything that was there is gone o
 
 import argparse
 import ast
+import csv
+import io
 import json
 import re
 import subprocess
@@ -31,6 +33,12 @@ TABLES = {  # page: columns that are words
 NAMES = ("name", "method", "address")  # columns that name a row; else its first
 WORDS = {"description", "summary", "title", "info", "tags", "example", "examples"}
 BLOCK = re.compile(r"<!-- generated: ([a-z][a-z ]*) -->\n(.*?)<!-- end -->", re.DOTALL)
+
+COMMENTS = re.compile(
+    r"\(\*.*?\*\)|/\*.*?\*/|//.*?(?=\n|\\n|\]\]>)|<(documentation|Description|AdditionalHelpText)>.*?</\1>"
+    r'|"documentation": "(?:[^"\\]|\\.)*"|const MEANING = .*?;(?=\\n)',
+    re.DOTALL,
+)
 
 Read = Callable[[str], str | None]
 Contract = dict[str, object]
@@ -90,6 +98,13 @@ def leaves(value: object, place: str) -> Iterator[tuple[str, object]]:
         yield place, value
 
 
+def program(path: str, text: str) -> list[object]:
+    """The lines of a PLC export, or its rows, without comments and descriptions."""
+    if path.endswith(".csv"):
+        return [row | {"Description": ""} for row in csv.DictReader(io.StringIO(text))]
+    return [line.strip() for line in COMMENTS.sub("", text).splitlines() if line.strip()]
+
+
 def options(source: str) -> Iterator[tuple[str, object]]:
     """What `add_argument` and `add_parser` are called with first: option names, positional names, verbs."""
     for node in ast.walk(ast.parse(source)):
@@ -115,7 +130,7 @@ def contracts(commit: str | None) -> Contract:
     for path in ["docs/openapi.json", *files(commit, "docs/schemas")]:
         found.update({f"{path}: {place}": leaf for place, leaf in leaves(json.loads(read(path) or "{}"), "")})
     for path in files(commit, "docs/plc"):
-        found[path] = read(path)
+        found[path] = program(path, read(path) or "")
     header = "firmware/ranger/src/protocol_constants.h"
     found[header] = re.sub(r"/\*.*?\*/|//[^\n]*", "", read(header) or "", flags=re.DOTALL)
     for path in files(commit, "gateway/cli"):

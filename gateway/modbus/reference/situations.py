@@ -91,7 +91,7 @@ SITUATIONS: dict[str, tuple[tuple[Scene, ...], Ending | None]] = {
     "held, camera dead": ((*HELD, Scene(1000, vision=None)), None),
     "held, ranger dead": ((*HELD, Scene(1000, vision=Quality.NO_TARGET, range=None)), None),
     "held, no echo": ((*HELD, Scene(1000, vision=Quality.NO_TARGET, range=Quality.NO_ECHO)), None),
-    "in place, the gateway's decision has stopped": (PLACED, lambda _: None),
+    "in place, the gateway's decision stands still": (PLACED, lambda _: None),
     "in place, the gateway shuts down": (PLACED, lambda state: forced_stop(state, Reason.SHUTDOWN, state.t_ns)),
 }
 COLUMNS = ("D", "stop", "may_move", "in_place", "moved", "reason", "visit_phase")
