@@ -20,7 +20,6 @@ from rich.progress import track
 from rich.table import Table
 
 from gateway.config import VisionConfig
-from gateway.sim import decoys
 from gateway.sim.render import render
 from gateway.sim.scenario import Fault, FaultKind, load
 from gateway.sim.world import World
@@ -30,6 +29,7 @@ from gateway.vision.offline.evaluation import labels
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import ON, Verdict, judge
 from gateway.vision.pixels import Image, bgr8
+from tests import decoys
 from tests.disturb import DISTURBANCES
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "config" / "scenarios"

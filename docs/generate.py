@@ -25,14 +25,14 @@ from gateway.modbus.exports.target import Target
 from gateway.modbus.reference import reaction_time, situations, timing_diagrams
 from gateway.modbus.reference import server as modbus_reference
 from gateway.ranger.hcsr04 import c_header, protocol
-from gateway.sim import gallery, robust_gallery, scenario
+from gateway.sim import scenario
 from gateway.sinks.mqtt import reference
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
 from gateway.vision.detect import reference as detection
 from gateway.vision.offline.evaluation import labels, requirements, scoring
-from gateway.vision.view import example
 from gateway.web.server import app, openapi
 from gateway.web.server.metrics import text as metrics
+from tests import doc_pictures
 from tests.failure_mode_tests import marked_tests
 
 DOCS = Path(__file__).resolve().parent
@@ -118,9 +118,7 @@ def texts() -> Iterator[tuple[Path, str]]:
 
 def pictures() -> None:
     """Write the pictures anew. Their own tests compare them within a grey level: processors round differently."""
-    made = {f"vision-{name}": image for name, image in example.figures().items()} | gallery.pictures()
-    made |= robust_gallery.pictures()
-    for name, image in made.items():
+    for name, image in doc_pictures.pictures().items():
         path = DOCS / "images" / f"{name}.png"
         if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9]):
             raise OSError(f"cannot write {path}")

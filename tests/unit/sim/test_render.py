@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.sim.gallery import pictures
 from gateway.sim.render import Painter, _streak, brightness, disc_cover, render
 from gateway.sim.scenario import Light, Scenario, parse
 from gateway.sim.world import Truth, World
 from gateway.vision.detect.paper.pipeline import detect
 from gateway.vision.detect.registry import detector
+from tests.doc_pictures import pictures
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -299,9 +299,12 @@ def test_motion_blur_smears_the_rim_along_the_way(plain: Painter) -> None:
 
 def test_the_documents_pictures_are_up_to_date() -> None:
     """Within a grey level or so: another processor may round differently."""
-    for name, made in pictures().items():
+    made_now = pictures()
+    assert set(made_now) == {"simulator", "simulator-rust", "vision-fig3", "vision-fig4", "vision-robust"}
+    for name, made in made_now.items():
         kept = cv2.imread(str(IMAGES / f"{name}.png"))
 
         assert kept is not None
         assert made.shape == kept.shape, "run ./dev docs"
-        assert np.abs(made.astype(int) - kept).mean() < 1.0, "run ./dev docs"
+        most = 0.5 if name.startswith("vision-fig") else 1.0
+        assert np.abs(made.astype(int) - kept).mean() < most, "run ./dev docs"

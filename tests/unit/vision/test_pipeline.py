@@ -13,7 +13,7 @@ from gateway.config import Intrinsics, VisionConfig
 from gateway.core.detection import Circle, Detection
 from gateway.vision.detect import lens as intrinsics
 from gateway.vision.detect.paper import method, pipeline, stages
-from gateway.vision.view import example
+from tests import example_scene
 
 ROOT = Path(__file__).parents[3]
 PAPER = VisionConfig()
@@ -82,18 +82,18 @@ def test_a_disc_is_found_where_it_is(
 
 def test_the_drawn_scene() -> None:
     """Scratches of paint leave the rim: the enclosing circle holds their stumps."""
-    found = pipeline.detect(example.scene(), PAPER)
+    found = pipeline.detect(example_scene.scene(), PAPER)
     assert found.circle is not None
-    assert found.circle.u_px == pytest.approx(example.TRUTH.u_px, abs=1)
-    assert found.circle.v_px == pytest.approx(example.TRUTH.v_px, abs=1)
-    assert 2.5 < found.circle.radius_px - example.TRUTH.radius_px < 4
+    assert found.circle.u_px == pytest.approx(example_scene.TRUTH.u_px, abs=1)
+    assert found.circle.v_px == pytest.approx(example_scene.TRUTH.v_px, abs=1)
+    assert 2.5 < found.circle.radius_px - example_scene.TRUTH.radius_px < 4
     assert found.candidates > 1
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_same_bits_as_the_plain_opencv_program(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    image = cv2.resize(rng.integers(0, 256, (24, 32, 3), dtype=np.uint8), (320, 240)) if seed else example.scene()
+    image = cv2.resize(rng.integers(0, 256, (24, 32, 3), dtype=np.uint8), (320, 240)) if seed else example_scene.scene()
     circle = circle_of(np.asarray(image, np.uint8))
     assert plain(np.asarray(image, np.uint8)) == ((circle.u_px, circle.v_px), circle.radius_px)
 
@@ -209,7 +209,7 @@ def test_each_stage_is_timed(image: NDArray[np.uint8]) -> None:
 
 
 def test_trace_holds_what_each_stage_gives() -> None:
-    image = example.scene()
+    image = example_scene.scene()
     trace = pipeline.trace(image, PAPER)
 
     assert trace.image is image

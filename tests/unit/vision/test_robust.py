@@ -9,13 +9,13 @@ import pytest
 
 from gateway.config import Intrinsics, VisionConfig
 from gateway.core.detection import Circle, Detection
-from gateway.sim import decoys
 from gateway.vision.detect.robust.decision import GATES
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.method import REJECTIONS, STAGES
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import WEAKER
 from gateway.vision.track.follower import JUMP
+from tests import decoys
 
 pytestmark = pytest.mark.one_interpreter
 

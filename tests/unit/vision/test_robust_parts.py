@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from gateway.core.detection import Ellipse
-from gateway.sim import decoys
 from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.reference import SHARE_MEANING
 from gateway.vision.detect.robust import candidates, colours, ellipses, evidence
@@ -18,6 +17,7 @@ from gateway.vision.detect.robust.evidence import Evidence, masked_median
 from gateway.vision.detect.robust.redness import pyramid, redness
 from gateway.vision.detect.robust.rim import Rim, refine
 from gateway.vision.detect.robust.search import _rim_near
+from tests import decoys
 from tests.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
 
 LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)

@@ -12,10 +12,10 @@ from hypothesis.extra.numpy import arrays
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle
-from gateway.sim import decoys
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.pixels import Image
+from tests import decoys
 
 pytestmark = pytest.mark.one_interpreter
 

@@ -1,4 +1,4 @@
-"""A drawn loading bay, with exact truth: the documentation's pictures and some tests are made from it. Pure, seeded.
+"""A drawn loading bay, with exact truth, for tests and the documentation's pictures. Pure, seeded.
 
 Red disc with a white ring on stained concrete behind steel bars; dust and chips on the disc, flakes and streaks of rust
 round it, a red lamp, three scratches of red paint that leave the rim, uneven light, blur and sensor noise.
@@ -10,11 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.config import VisionConfig
 from gateway.core.detection import Circle
-from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
-from gateway.vision.view.figures import figure3, figure4
 
 WIDTH, HEIGHT = 640, 480
 TRUTH = Circle(u_px=352.3, v_px=236.8, radius_px=92.4)
@@ -61,18 +58,6 @@ def scene(seed: int = 7) -> Image:
 
     noisy = cv2.GaussianBlur(picture, (0, 0), 0.8) + rng.normal(0, 1.5, picture.shape)
     return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)
-
-
-def figures() -> dict[str, Image]:
-    """The sheets `fig3` and `fig4` of the scene, reduced in size and to 64 levels, for docs/images/."""
-    trace = pipeline.trace(scene(), VisionConfig())
-    sheets = {"fig3": figure3(trace)["fig3"], "fig4": figure4(trace)["fig4"]}
-    return {name: _reduced(sheet) for name, sheet in sheets.items()}
-
-
-def _reduced(sheet: Image) -> Image:
-    small = np.asarray(cv2.resize(sheet, None, fx=0.65, fy=0.65, interpolation=cv2.INTER_AREA), np.uint8)
-    return small // 4 * 4 + small // 64  # black stays 0, white 255
 
 
 def _inside(depth_px: Plane) -> Plane:
