@@ -1,7 +1,8 @@
 """What is the same for everybody who runs the tests, so that a red test is red for everybody.
 
 Property tests search the same examples in every run. `pytest --hypothesis-profile=wild` searches new ones: for finding
-faults, not for judging a change.
+faults, not for judging a change. `brief` searches a tenth of them: `./dev test` uses it on the interpreters other than
+the main one.
 
 The programs that tests start see a user's environment: with PYTHONUNBUFFERED, which build machines set, some faults of
 a program's end do not show.
@@ -15,5 +16,6 @@ for name in [name for name in os.environ if name.startswith("PYTHON")]:
     del os.environ[name]
 
 settings.register_profile("steady", derandomize=True, deadline=None)
+settings.register_profile("brief", settings.get_profile("steady"), max_examples=10)
 settings.register_profile("wild", deadline=None, max_examples=300)
 settings.load_profile("steady")

@@ -28,6 +28,7 @@ from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.web.ipc.messages import StateRequest
 from gateway.web.server import views
+from tests.examples import examples
 from tests.unit.web.gateway_client import Plant, plant
 from tests.virtual_time import LoopClock, run
 
@@ -123,7 +124,7 @@ WAIT = st.tuples(st.just("wait"), st.sampled_from([1, 30, 260, 450, 5000]))
 
 
 @given(history=st.lists(st.one_of(SEEN, HEARD, STANDS, WAIT, OTHERS), max_size=25))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_two_outputs_ever_disagree(history: list[tuple[Any, ...]]) -> None:
     run(_played(history))
 

@@ -13,6 +13,7 @@ from gateway.config import Reconnect
 from gateway.errors import ConfigError, GatewayError, LinkError, ProtocolError
 from gateway.supervisor import CrashLoopError, Supervisor, Task, delay_s
 from tests import virtual_time
+from tests.examples import examples
 from tests.virtual_time import LoopClock
 
 BACKOFF = Reconnect(min_s=0.25, max_s=5.0)
@@ -66,7 +67,7 @@ class Failing:
 
 
 @given(st.floats(0.01, 60), st.floats(0, 600), st.integers(0, 10_000), st.integers(0, 2**32))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_delay_lies_between_its_limits(min_s: float, more_s: float, attempt: int, seed: int) -> None:
     backoff = Reconnect(min_s=min_s, max_s=max(0.05, min(600.0, min_s + more_s)))
     delay = delay_s(backoff, attempt, random.Random(seed))

@@ -27,6 +27,7 @@ from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import PictureFault, PictureHealth, Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, TruckPosition, Visit
+from tests.examples import examples
 from tests.permitted import permitted
 
 S = 1_000_000_000
@@ -526,4 +527,4 @@ class Life(RuleBasedStateMachine):
 
 
 TestLife = Life.TestCase
-TestLife.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+TestLife.settings = settings(max_examples=examples(60), stateful_step_count=40, deadline=None)

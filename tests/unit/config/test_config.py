@@ -28,6 +28,7 @@ from gateway.config.strict.errors import explain, without_password
 from gateway.config.strict.section import Section, bounds_of, inner_model
 from gateway.config.strict.toml_file import merge
 from gateway.errors import ConfigError
+from tests.examples import examples
 
 ROOT = Path(__file__).parents[3]
 
@@ -132,7 +133,7 @@ TREES = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from("abc"), TREES), st.dictionaries(st.sampled_from("abc"), TREES))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
     below: dict[str, Any], over: dict[str, Any]
 ) -> None:
@@ -629,7 +630,7 @@ JUNK: st.SearchStrategy[Any] = st.recursive(
 
 
 @given(st.dictionaries(KEYS, JUNK, max_size=5))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_junk_is_a_config_or_a_config_error(data: dict[str, Any]) -> None:
     lines: list[str] = []
     try:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.config.strict.toml_file import line_of
+from tests.examples import examples
 
 TEXT = """\
 site = "plant1"   # line 1
@@ -130,7 +131,7 @@ VALUES = st.sampled_from(
     tables=st.lists(st.tuples(st.booleans(), st.integers(0, 3), st.lists(VALUES, max_size=3)), max_size=6),
     comment=st.sampled_from(["", " # x", ' # """ [', "  "]),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_every_key_of_any_document_is_found(tables: list[tuple[bool, int, list[str]]], comment: str) -> None:
     """Documents are written together with the truth about their lines, and tomllib agrees about their keys."""
     lines: list[str] = []

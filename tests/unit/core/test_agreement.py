@@ -13,6 +13,7 @@ from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.state import FusionMemory
+from tests.examples import examples
 
 MS = 1_000_000
 CONFIG = FusionConfig()
@@ -167,7 +168,7 @@ def test_equation_14_alone_asks_no_such_thing() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 500) | st.none(), st.floats(20, 4000) | st.none()), max_size=60))
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_it_is_bounded_and_never_forgets_that_it_doubts(seen: list[tuple[float | None, float | None]]) -> None:
     pairs = Pairs()
     for radius_px, distance_mm in seen:

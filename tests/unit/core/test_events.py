@@ -12,6 +12,7 @@ from gateway.core.events import Event, EventKind, diff
 from gateway.core.fusion import initial, step
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FusionMemory, StateVector, Tick
+from tests.examples import examples
 
 CALM = StateVector(bay="bay3", t_ns=77, stop=False, may_move=True)
 
@@ -112,7 +113,7 @@ MOVES = st.lists(
 
 
 @given(MOVES)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 def test_over_any_time_events_tell_the_whole_story(moves: list[tuple[int, Quality, float, bool]]) -> None:
     """Replaying the events alone gives the last state's stop, target, faults and disagreement."""
     state = initial("bay1", 0)

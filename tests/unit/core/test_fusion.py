@@ -15,6 +15,7 @@ from gateway.core.detection import Circle
 from gateway.core.fusion import RANGE_REASON, VISION_REASON, Observation, forced_stop, initial, step
 from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.state import Guidance, GuidanceCode, Reason, StateVector, Tick
+from tests.examples import examples
 
 MS = 1_000_000
 S = 1_000 * MS
@@ -97,7 +98,7 @@ def test_thresholds_are_configurable() -> None:
     st.floats(0, 1e6),
     st.floats(1e-3, 1e6),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_any_thresholds_decide_as_equation_14(r_th: float, z_th: float, radius_px: float, distance_mm: float) -> None:
     config = plain(radius_threshold_px=r_th, distance_threshold_mm=z_th)
 
@@ -562,7 +563,7 @@ def test_debounce_goes_by_time_even_between_readings() -> None:
         st.tuples(st.sampled_from([10, 50, 90, 100]), st.sampled_from([100.0, 200.0, 100.0, 200.0, None])), max_size=40
     ),
 )
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 def test_d_never_turns_before_its_time(raise_s: float, clear_s: float, rows: list[tuple[int, float | None]]) -> None:
     """Each turn of D must be preceded by its debounce time of unbroken contrary evidence, and no longer."""
     config = plain(raise_debounce_s=raise_s, clear_debounce_s=clear_s)
@@ -903,4 +904,4 @@ class FusionMachine(RuleBasedStateMachine):
 
 
 TestFusionMachine = FusionMachine.TestCase
-TestFusionMachine.settings = settings(max_examples=150, stateful_step_count=30, deadline=None)
+TestFusionMachine.settings = settings(max_examples=examples(150), stateful_step_count=30, deadline=None)

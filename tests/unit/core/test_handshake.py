@@ -25,6 +25,7 @@ from gateway.core.plc import (
 )
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FusionMemory, StateVector
+from tests.examples import examples
 
 MS = 1_000_000
 S = 1000 * MS
@@ -313,7 +314,7 @@ def moves(draw: st.DrawFn) -> list[tuple[PlcWrite | None, StateVector]]:
 
 
 @given(moves())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_invariants(played: list[tuple[PlcWrite | None, StateVector]]) -> None:
     plc, control, started = FRESH, 0, 0
     for written, seen in played:

@@ -15,6 +15,7 @@ from gateway.core.interlock import Rules
 from gateway.core.plc import Control, PlcWrite, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading, VisionStats
 from gateway.core.state import FunctionCheck, GuidanceCode, Reason, StateVector, Tick
+from tests.examples import examples
 
 MS = 1_000_000
 S = 1000 * MS
@@ -394,7 +395,7 @@ def _observation(move: tuple[Any, ...], now_ns: int) -> Observation:
         ["", "heartbeat_required", "heartbeat_required enable_required", "heartbeat_required truck_required"]
     ),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_invariants(moves: list[tuple[int, tuple[Any, ...]]], keys: dict[str, Any], required: str) -> None:
     under = rules(required, **keys)
     state = interlock.initial("bay1", T0, under)

@@ -22,6 +22,7 @@ from gateway.core.plc import (
 )
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Reason, StateVector, Tick
+from tests.examples import examples
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -331,7 +332,7 @@ MOVES = st.lists(
 
 
 @given(MOVES, st.booleans())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_never_do_two_writers_take_effect_in_one_ownership(moves: list[Any], required: bool) -> None:
     """The block is at any time what its owner alone has made of it, told once more here from the accepted writes."""
     bay = Bay(heartbeat_required=required)

@@ -19,6 +19,7 @@ from gateway.core.readings import DEAD, Quality, RangeReading, VisionReading
 from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, Tick, TruckPosition, VisitPhase
 from gateway.sim.scenario import Scenario
+from tests.examples import examples
 from tests.visit_bench import MOMENTS_HZ, PLC, Bench, Levels, gateway, truck
 from tests.visit_judge import Row, complaints
 
@@ -1000,7 +1001,7 @@ OBSERVED = st.one_of(
 
 
 @given(st.lists(st.tuples(OBSERVED, st.integers(1, 400)), max_size=120))
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_stop_never_comes_later_than_by_equation_14_alone(moves: list[tuple[tuple[str, Quality, float], int]]) -> None:
     """At every step: where the plain decision says stop, the held one does."""
     rules = {

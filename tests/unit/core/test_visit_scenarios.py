@@ -14,6 +14,7 @@ from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason
 from gateway.sim import scenario as scenarios
 from gateway.sim.scenario import FaultKind
+from tests.examples import examples
 from tests.visit_bench import MOMENTS_HZ, Bench, Levels, Moment, gateway, truck
 from tests.visit_judge import Row, complaints
 from tests.visit_stories import play
@@ -151,7 +152,7 @@ def test_a_plc_that_holds_its_release_bit_all_day_gains_nothing(name: str) -> No
 
 
 @given(st.integers(0, 2**31))
-@settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(12), suppress_health_check=[HealthCheck.too_slow])
 def test_whatever_a_visit_brings_nothing_that_must_not_be_is_said(seed: int) -> None:
     """Trucks that roll, drive off or change; lamps, echoes, dead sensors, restarts, and a PLC that writes at random."""
     bench = play(seed)

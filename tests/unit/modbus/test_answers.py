@@ -14,6 +14,7 @@ from gateway.modbus.protocol.answers import FUNCTIONS, Access, Peer, Unit, answe
 from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.registers.bits import coil_of
 from tests import modbus_oracle as oracle
+from tests.examples import examples
 
 ANYBODY = Peer("10.0.0.9")
 WORDS = [(1000 + 257 * n) & 0xFFFF for n in range(100)]
@@ -224,7 +225,7 @@ def test_identity_in_parts_has_every_object_once() -> None:
     assert parts == 4
 
 
-@settings(max_examples=1500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(1500), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(min_size=1, max_size=253), st.booleans())
 def test_any_bytes_at_all(request: bytes, writes_on: bool) -> None:
     Pair(writes_on).check(request)

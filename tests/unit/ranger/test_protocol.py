@@ -27,6 +27,7 @@ from gateway.ranger.hcsr04.protocol import (
     tenths_at_20c,
     wire_ms,
 )
+from tests.examples import examples
 
 DOCS = Path(__file__).parents[3] / "docs" / "ranger.md"
 
@@ -264,7 +265,7 @@ def test_damage_never_makes_a_measurement(sent: list[Measurement], data: st.Data
     assert all(m in sent for m in accepted[:-1])
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(measurements)
 def test_every_flip_of_one_bit_is_noticed(message: Measurement) -> None:
     line = encode_measurement(message)

@@ -20,6 +20,7 @@ from gateway.ranger.hcsr04.protocol import (
     frame,
 )
 from gateway.ranger.hcsr04.session import Hcsr04Session, distance_mm, speed_of_sound_m_s
+from tests.examples import examples
 
 MS = 1_000_000
 S = 1000 * MS
@@ -480,7 +481,7 @@ wire = st.one_of(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(st.lists(st.tuples(wire, st.integers(0, 2 * S), st.booleans()), max_size=40))
 @pytest.mark.failure_mode("R7")
 def test_whatever_comes_a_distance_is_good_recent_and_possible(steps: list[tuple[bytes, int, bool]]) -> None:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from gateway.sim.scenario import Scenario, parse
 from gateway.sim.world import Motion, World
+from tests.examples import examples
 
 STILL = {"amplitude_mm": 0.0}
 
@@ -183,7 +184,7 @@ LEGS = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(LEGS, st.floats(0, 1))
 def test_any_drive_is_smooth_keeps_its_limits_and_arrives(legs: list[dict[str, float]], share: float) -> None:
     world = World(parse({"vibration": STILL, "legs": legs}))

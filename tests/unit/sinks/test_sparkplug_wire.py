@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, QualityCode, WireError, decode, encode
 from tests.e2e.sparkplug_plant import schema
+from tests.examples import examples
 
 UINT64 = st.integers(0, 2**64 - 1)
 TEXT = st.text(max_size=40)
@@ -52,7 +53,7 @@ def shown(value: Any, datatype: DataType) -> Any:
 
 
 @given(PAYLOADS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_what_we_write_the_compilers_code_reads(payload: Payload) -> None:
     found = schema().Payload.FromString(encode(payload))
     assert (found.timestamp if found.HasField("timestamp") else None) == payload.timestamp_ms
@@ -72,7 +73,7 @@ def test_what_we_write_the_compilers_code_reads(payload: Payload) -> None:
 
 
 @given(PAYLOADS)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 def test_without_types_only_the_types_are_missing(payload: Payload) -> None:
     bare, whole = (schema().Payload.FromString(encode(payload, typed=typed)) for typed in (False, True))
     assert not any(metric.HasField("datatype") for metric in bare.metrics)
@@ -82,7 +83,7 @@ def test_without_types_only_the_types_are_missing(payload: Payload) -> None:
 
 
 @given(PAYLOADS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_what_the_compilers_code_writes_we_read(payload: Payload) -> None:
     theirs = schema().Payload.FromString(encode(payload)).SerializeToString()
     found = decode(theirs)
@@ -94,7 +95,7 @@ def test_what_the_compilers_code_writes_we_read(payload: Payload) -> None:
 
 
 @given(st.binary(max_size=300))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 def test_any_bytes_are_a_payload_or_a_clear_no(data: bytes) -> None:
     try:
         found = decode(data)
@@ -104,7 +105,7 @@ def test_any_bytes_are_a_payload_or_a_clear_no(data: bytes) -> None:
 
 
 @given(PAYLOADS, st.integers(0, 400))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_a_payload_that_is_cut_off_never_raises_anything_else(payload: Payload, at: int) -> None:
     try:
         decode(encode(payload)[:at])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gateway.errors import ConfigError
 from gateway.vision.offline import inputs
 from gateway.vision.offline.inputs import InputError, Picture, decode, expand, read
+from tests.examples import examples
 
 RED = (20, 20, 220)
 
@@ -173,7 +174,7 @@ def test_a_file_cut_short_is_an_error_and_never_half_a_picture(put: Put, suffix:
     assert "damaged" in wrong(path)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.sampled_from([".png", ".jpg", ".gif", ".tif", ".bmp", ".webp"]), st.data())
 def test_flipped_bytes_give_a_picture_or_an_error(suffix: str, data: st.DataObject) -> None:
     whole = bytearray(encoded(suffix, scene(size=(16, 24))))
@@ -187,7 +188,7 @@ def test_flipped_bytes_give_a_picture_or_an_error(suffix: str, data: st.DataObje
     assert image.shape[2] == 3
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.binary(max_size=200))
 def test_any_bytes_are_an_error(data: bytes) -> None:
     with pytest.raises(InputError):

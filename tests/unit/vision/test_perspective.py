@@ -15,6 +15,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_matrix
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.perspective import DiscPose, disc_pose
+from tests.examples import examples
 
 PINHOLE = Intrinsics(fx=1200, fy=1190, cx=960, cy=540)
 BARREL = Intrinsics(fx=1200, fy=1190, cx=960, cy=540, distortion=(-0.25, 0.08, 0.001, -0.0005))
@@ -82,7 +83,7 @@ def pose(disc: Disc, lens: Intrinsics, facing: NDArray[np.float64] | None = None
     return found
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     st.floats(-0.35, 0.35),
     st.floats(-0.2, 0.2),
@@ -201,7 +202,7 @@ def test_beyond_the_lens_model_s_range_there_is_no_pose() -> None:
     assert disc_pose(Ellipse(900.0, 240.0, 30.0, 28.0, 0.0), folded) is None
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.builds(Ellipse, *[st.one_of(st.floats(-100, 2500), st.floats())] * 5), st.sampled_from([PINHOLE, BARREL]))
 def test_no_ellipse_raises(ellipse: Ellipse, lens: Intrinsics) -> None:
     found = disc_pose(ellipse, lens, RADIUS_MM)

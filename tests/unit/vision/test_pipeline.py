@@ -14,6 +14,7 @@ from gateway.core.detection import Circle, Detection
 from gateway.vision.detect import lens as intrinsics
 from gateway.vision.detect.paper import method, pipeline, stages
 from tests import example_scene
+from tests.examples import examples
 
 ROOT = Path(__file__).parents[3]
 PAPER = VisionConfig()
@@ -141,7 +142,7 @@ def test_views_of_a_larger_picture_give_the_same() -> None:
     assert circle_of(image[::-1]).v_px == pytest.approx(239 - circle_of(image).v_px, abs=1e-3)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(arrays(np.uint8, array_shapes(min_dims=2, max_dims=2, max_side=40).map(lambda s: (*s, 3))))
 def test_any_picture_gives_a_circle_or_none(image: NDArray[np.uint8]) -> None:
     found = pipeline.detect(image, VisionConfig(min_area_px2=0))

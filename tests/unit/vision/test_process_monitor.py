@@ -15,6 +15,7 @@ from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionRe
 from gateway.vision.process.monitor import Action, Emit, GiveUp, Kill, ProcessMonitor, Start
 from gateway.vision.transport.messages import FrameResult
 from gateway.vision.transport.progress import Progress
+from tests.examples import examples
 
 MS = 1_000_000
 SEEN = Detection(Circle(10.0, 20.0, 30.0), x_n=0.1, y_n=0.2, stage_ns=(("hsv", 7), ("circle", 3)))
@@ -929,4 +930,4 @@ class Chaos(RuleBasedStateMachine):
 
 
 TestChaos = Chaos.TestCase
-TestChaos.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+TestChaos.settings = settings(max_examples=examples(60), stateful_step_count=40, deadline=None)

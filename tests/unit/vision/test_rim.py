@@ -13,6 +13,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.rim import Rim, refine
 from gateway.vision.pixels import Image
+from tests.examples import examples
 
 RED, GREY = (40.0, 45.0, 190.0), (120.0, 128.0, 122.0)
 TRUTH = Ellipse(80.37, 76.81, 52.2, 52.2, 0.0)
@@ -270,7 +271,7 @@ def test_an_absurd_seed_finds_nothing(seed: Ellipse) -> None:
 numbers = st.one_of(st.floats(-50, 150), st.floats())
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(
     st.builds(Ellipse, numbers, numbers, numbers, numbers, numbers),
     st.integers(1, 70),

@@ -16,6 +16,7 @@ from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.pixels import Image
 from tests import decoys
+from tests.examples import examples
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -95,7 +96,7 @@ sides = st.integers(1, 48)
 coordinates = st.floats(-1e6, 1e6) | st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1e300])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.tuples(sides, sides).flatmap(lambda shape: arrays(np.uint8, (*shape, 3))))
 def test_any_picture_gives_an_answer_that_is_whole(image: Image) -> None:
     found = detect(image, PARAMS)
@@ -107,7 +108,7 @@ def test_any_picture_gives_an_answer_that_is_whole(image: Image) -> None:
         assert PARAMS.min_confidence <= found.confidence <= 1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     window=st.tuples(*[st.integers(-500, 500)] * 4),
     expected=st.builds(Circle, coordinates, coordinates, coordinates),

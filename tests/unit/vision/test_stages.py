@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.vision.detect.paper import stages
+from tests.examples import examples
 
 RNG_SEED = 20
 
@@ -188,7 +189,7 @@ def shoelace(contour: NDArray[np.int32]) -> float:
     return abs(int((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())) / 2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.integers(1, 40), st.integers(1, 40), st.floats(0.02, 0.98), st.integers(0, 2**32 - 1))
 def test_area_is_the_shoelace_formula(height: int, width: int, share: float, seed: int) -> None:
     for contour in stages.contours(random_mask(height, width, share, seed)):

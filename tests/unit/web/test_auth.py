@@ -19,6 +19,7 @@ from gateway.web.auth.audit_log import AuditKind
 from gateway.web.auth.bodies import BODY_S
 from gateway.web.auth.security import ENDED, REQUEST_S
 from gateway.web.server.app import RULES
+from tests.examples import examples
 from tests.unit.web.auth import ORIGIN, PASSWORD, Browser, example, secured_app
 from tests.virtual_time import in_virtual_time
 
@@ -188,7 +189,7 @@ async def test_what_there_is_not(method: str, path: str, status: int) -> None:
 
 
 @given(st.text(max_size=60))
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_no_path_slips_past_its_row(text: str) -> None:
     """Whatever the row lets through to the files below /static has no way up."""
     found = find("GET", "/static/" + text, RULES)
@@ -623,7 +624,7 @@ texts = st.text(st.characters(max_codepoint=255), max_size=200)
 
 
 @given(cookie=texts, host=texts, origin=texts, token=texts, authorization=texts)
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @in_virtual_time
 async def test_no_header_opens_a_door_or_breaks_it(
     cookie: str, host: str, origin: str, token: str, authorization: str
@@ -641,7 +642,7 @@ async def test_no_header_opens_a_door_or_breaks_it(
 
 
 @given(st.lists(st.tuples(st.sampled_from(["g1-session", "other", " g1-session ", "", "G1-SESSION"]), texts)))
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @in_virtual_time
 async def test_a_cookie_beside_ours_does_not_hide_it(others: list[tuple[str, str]]) -> None:
     browser = Browser(secured_app("none"))

@@ -17,6 +17,7 @@ from gateway.errors import ConfigError
 from gateway.web.profile import parameter_schema, profile
 from gateway.web.profile.redact import redacted
 from gateway.web.profile.toml_edit import with_keys
+from tests.examples import examples
 
 SHARED = """\
 # One bay.
@@ -388,7 +389,7 @@ def concerned(line: str, changed: set[str]) -> bool:
     return continued or "[vision]" in line or "vision = {" in line or any(key in line for key in changed)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(text=files(), changes=CHANGES, pick=st.integers(0, 2))
 @example(text="[[bays]]\nname='bay1'\n[fusion]\nradius_threshold_px = 120.0", changes={"method": "paper"}, pick=0)
 def test_whatever_the_file_looks_like_it_says_the_wanted_after_a_save(
