@@ -7,4 +7,4 @@ USUAL = 100  # of the profile "steady"
 
 def examples(count: int) -> int:
     """For `settings(max_examples=...)`, where the profile's number is not enough or too much."""
-    return max(5, count * settings.default.max_examples // USUAL)
+    return max(5, count * settings().max_examples // USUAL)
