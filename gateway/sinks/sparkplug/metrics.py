@@ -131,15 +131,11 @@ def readings(state: StateVector) -> dict[str, Reading]:
 def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) -> tuple[Metric, ...]:
     """`now` as metrics, in the table's order. Births carry units."""
     return tuple(
-        Metric(row.name, timestamp_ms, row.datatype, *_split(now[row.name]), unit=row.unit if birth else "")
+        Metric(row.name, timestamp_ms, row.datatype, value, quality=quality, unit=row.unit if birth else "")
         for row in DEVICE
         if row.name in now
+        for value, quality in (now[row.name],)
     )
-
-
-def _split(reading: Reading) -> tuple[Value, bool, QualityCode]:
-    value, quality = reading
-    return value, False, quality
 
 
 def markdown() -> str:

@@ -16,7 +16,7 @@ from gateway.core.state import StateVector
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading
-from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, decode, encode
+from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, booleans, encode
 
 NAMESPACE = "spBv1.0"
 SEQ_MODULO = 256
@@ -159,10 +159,9 @@ class EdgeNode:
 
     def _is_rebirth(self, payload: bytes) -> bool:
         try:
-            command = decode(payload)
+            return (NODE_REBIRTH, True) in booleans(payload)
         except WireError:
             return False
-        return any(metric.name == NODE_REBIRTH and metric.value is True for metric in command.metrics)
 
     # From the bays.
 

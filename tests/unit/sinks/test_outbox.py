@@ -32,43 +32,24 @@ def test_an_entry_stays_until_it_is_acknowledged() -> None:
     assert len(outbox) == 0
 
 
-def test_order_is_kept_across_kinds() -> None:
-    outbox = MemoryOutbox(Limits(10))
+@pytest.mark.parametrize(
+    ("limit", "drop_last", "kept"),
+    [
+        (10, (2, 3, 6), [1, 2, 3, 4, 5, 6, 7]),  # in order across kinds
+        (3, (1, 3, 5, 6, 7), [5, 6, 7]),  # the oldest common entries go first, then the oldest of all
+        (4, (1, 3, 5, 7), [1, 3, 5, 7]),
+        (2, (1, 2), [1, 2]),  # full of others, a common one is not taken
+    ],
+)
+def test_when_full_common_entries_are_dropped_before_the_others(
+    limit: int, drop_last: tuple[int, ...], kept: list[int]
+) -> None:
+    outbox = MemoryOutbox(Limits(limit))
     for number in range(1, 8):
-        outbox.put(entry(number, drop_last=number in (2, 3, 6)))
-    assert ids(outbox) == [f"b-{n}" for n in range(1, 8)]
-
-
-def test_when_full_the_oldest_common_entry_goes_before_any_drop_last_one() -> None:
-    outbox = MemoryOutbox(Limits(3))
-    for number, drop_last in ((1, True), (2, False), (3, True), (4, False), (5, True)):
-        outbox.put(entry(number, drop_last=drop_last))
-    assert outbox.dropped == 2
-    assert ids(outbox) == ["b-1", "b-3", "b-5"]
-
-
-def test_full_of_drop_last_entries_a_common_one_is_not_taken() -> None:
-    outbox = MemoryOutbox(Limits(2))
-    for number, drop_last in ((1, True), (2, True), (3, False)):
-        outbox.put(entry(number, drop_last=drop_last))
-    assert outbox.dropped == 1
-    assert ids(outbox) == ["b-1", "b-2"]
-
-
-def test_full_of_drop_last_entries_the_oldest_goes_for_a_newer_one() -> None:
-    outbox = MemoryOutbox(Limits(2))
-    for number in (1, 2, 3):
-        outbox.put(entry(number, drop_last=True))
-    assert outbox.dropped == 1
-    assert ids(outbox) == ["b-2", "b-3"]
-
-
-def test_the_acknowledgement_of_an_entry_dropped_on_its_way_takes_no_other() -> None:
-    outbox = MemoryOutbox(Limits(2))
-    for number in (1, 2, 3):
-        outbox.put(entry(number))
-    outbox.acknowledge("b-1")
-    assert ids(outbox) == ["b-2", "b-3"]
+        outbox.put(entry(number, drop_last=number in drop_last))
+    outbox.acknowledge("b-0")  # of one that was dropped on its way
+    assert outbox.dropped == 7 - len(kept)
+    assert ids(outbox) == [f"b-{number}" for number in kept]
 
 
 def test_room_for_nothing_is_no_outbox() -> None:

@@ -1,13 +1,14 @@
 """An edge node without a socket: what was told on a dying link is told again, and no host can make it deaf for good."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from gateway.core.state import StateVector
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
-from gateway.sinks.sparkplug.wire import decode
+from tests.e2e.sparkplug_plant import schema
 
 T0 = 1_700_000_000_000
 STATES = {"bay1": StateVector(bay="bay1", stop=True)}
@@ -22,10 +23,14 @@ def change(edge: EdgeNode, *at_ms: int) -> None:
         edge.changed(StateVector(bay="bay1", stop=n % 2 == 0), T0 + n)
 
 
+def decoded(message: Message) -> Any:
+    return schema().Payload.FromString(message.payload)
+
+
 def told(messages: list[Message]) -> list[int]:
     """Times, after T0, of the historical values of Stop."""
-    found = [metric for message in messages for metric in decode(message.payload).metrics]
-    return [metric.timestamp_ms - T0 for metric in found if metric.historical and metric.name == "Stop"]
+    found = [metric for message in messages for metric in decoded(message).metrics]
+    return [metric.timestamp - T0 for metric in found if metric.is_historical and metric.name == "Stop"]
 
 
 def session(edge: EdgeNode, at_ms: int) -> list[Message]:
@@ -93,7 +98,7 @@ def test_changes_that_took_each_other_back_before_they_could_be_told_are_told() 
 
     messages = edge.states(STATES, T0 + 10)
     assert told(messages) == [5, 6, 7, 8]
-    assert [decode(message.payload).seq for message in messages] == [2]
+    assert [decoded(message).seq for message in messages] == [2]
     assert edge.states(STATES, T0 + 20) == []
     assert edge.stats.data == told_before + 1
 
@@ -104,8 +109,8 @@ def test_a_single_change_is_told_as_it_is() -> None:
     edge.changed(replace(STATES["bay1"], stop=False), T0 + 5)
     (message,) = edge.states({"bay1": replace(STATES["bay1"], stop=False)}, T0 + 6)
     assert told([message]) == []
-    (stop,) = [metric for metric in decode(message.payload).metrics if metric.name == "Stop"]
-    assert stop.value is False
+    (stop,) = [metric for metric in decoded(message).metrics if metric.name == "Stop"]
+    assert (stop.is_null, stop.boolean_value) == (False, False)
 
 
 def test_much_history_goes_out_in_several_messages_that_count_on() -> None:
@@ -113,7 +118,7 @@ def test_much_history_goes_out_in_several_messages_that_count_on() -> None:
     change(edge, *range(1, 121))
     births = session(edge, 1000)
     assert told(births) == list(range(1, 121))
-    assert [decode(message.payload).seq for message in births] == [0, 1, 2, 3, 4]
+    assert [decoded(message).seq for message in births] == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,13 @@
-"""Our encoder and decoder against code that the Protocol Buffers compiler made from the specification's layout."""
+"""What is encoded and what is read of commands, against code that the Protocol Buffers compiler made."""
 
+import contextlib
 import math
 from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, QualityCode, WireError, decode, encode
+from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, QualityCode, WireError, booleans, encode
 from tests.e2e.sparkplug_plant import schema
 from tests.examples import examples
 
@@ -16,11 +17,9 @@ VALUES: dict[DataType, st.SearchStrategy[Any]] = {
     DataType.INT32: st.integers(-(2**31), 2**31 - 1),
     DataType.INT64: st.integers(-(2**63), 2**63 - 1),
     DataType.UINT32: st.integers(0, 2**32 - 1),
-    DataType.UINT64: UINT64,
     DataType.DOUBLE: st.floats(allow_nan=False),
     DataType.BOOLEAN: st.booleans(),
     DataType.STRING: TEXT,
-    DataType.DATETIME: UINT64,
 }
 
 
@@ -40,7 +39,7 @@ def metrics(draw: st.DrawFn) -> Metric:
 
 PAYLOADS = st.builds(
     Payload,
-    timestamp_ms=st.none() | UINT64,
+    timestamp_ms=UINT64,
     metrics=st.lists(metrics(), max_size=5).map(tuple),
     seq=st.none() | st.integers(0, 255),
 )
@@ -56,14 +55,13 @@ def shown(value: Any, datatype: DataType) -> Any:
 @settings(max_examples=examples(200), deadline=None)
 def test_what_we_write_the_compilers_code_reads(payload: Payload) -> None:
     found = schema().Payload.FromString(encode(payload))
-    assert (found.timestamp if found.HasField("timestamp") else None) == payload.timestamp_ms
+    assert found.timestamp == payload.timestamp_ms
     assert (found.seq if found.HasField("seq") else None) == payload.seq
     assert len(found.metrics) == len(payload.metrics)
     for read, wrote in zip(found.metrics, payload.metrics, strict=True):
         assert (read.name, read.timestamp, read.datatype) == (wrote.name, wrote.timestamp_ms, wrote.datatype)
         assert read.is_historical == wrote.historical
         assert read.is_null == (wrote.value is None)
-        assert wrote.datatype is not None
         if wrote.value is not None:
             assert getattr(read, read.WhichOneof("value")) == shown(wrote.value, wrote.datatype)
         properties = dict(zip(read.properties.keys, read.properties.values, strict=True))
@@ -86,38 +84,23 @@ def test_without_types_only_the_types_are_missing(payload: Payload) -> None:
 @settings(max_examples=examples(200), deadline=None)
 def test_what_the_compilers_code_writes_we_read(payload: Payload) -> None:
     theirs = schema().Payload.FromString(encode(payload)).SerializeToString()
-    found = decode(theirs)
-    assert (found.timestamp_ms, found.seq) == (payload.timestamp_ms, payload.seq)
-    for read, wrote in zip(found.metrics, payload.metrics, strict=True):
-        assert wrote.datatype is not None
-        assert (read.name, read.datatype, read.historical) == (wrote.name, wrote.datatype, wrote.historical)
-        assert read.value == shown(wrote.value, wrote.datatype)
+    assert booleans(theirs) == {
+        (metric.name, metric.value) for metric in payload.metrics if isinstance(metric.value, bool)
+    }
 
 
-@given(st.binary(max_size=300))
-@settings(max_examples=examples(500), deadline=None)
-def test_any_bytes_are_a_payload_or_a_clear_no(data: bytes) -> None:
-    try:
-        found = decode(data)
-    except WireError:
-        return
-    assert all(isinstance(metric.name, str) for metric in found.metrics)
+@given(st.binary(max_size=300) | st.builds(lambda payload, at: encode(payload)[:at], PAYLOADS, st.integers(0, 400)))
+@settings(max_examples=examples(700), deadline=None)
+def test_any_bytes_are_a_payload_or_a_wire_error(data: bytes) -> None:
+    with contextlib.suppress(WireError):
+        assert all(isinstance(name, str) for name, _ in booleans(data))
 
 
-@given(PAYLOADS, st.integers(0, 400))
-@settings(max_examples=examples(200), deadline=None)
-def test_a_payload_that_is_cut_off_never_raises_anything_else(payload: Payload, at: int) -> None:
-    try:
-        decode(encode(payload)[:at])
-    except WireError:
-        return
-
-
-def test_a_float_and_what_nobody_asked_for_are_borne() -> None:
+def test_fields_that_are_not_used_are_skipped() -> None:
     theirs = schema().Payload(uuid="x", body=b"y")
     theirs.metrics.add(name="f", float_value=0.5, is_transient=True, alias=7)
-    (metric,) = decode(theirs.SerializeToString()).metrics
-    assert (metric.name, metric.value, metric.datatype) == ("f", 0.5, None)
+    theirs.metrics.add(name="b", boolean_value=True, is_transient=True, alias=8)
+    assert booleans(theirs.SerializeToString()) == {("b", True)}
 
 
 def test_not_a_number_is_no_value_of_ours() -> None:
