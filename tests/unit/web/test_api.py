@@ -98,7 +98,7 @@ async def test_thresholds_are_those_of_the_recipe_in_force() -> None:
         assert after["deadlines"]["plc_ms"] == 1000.0
 
 
-@pytest.mark.parametrize("path", ["state", "events", "registers", "snapshot.jpg", "snapshot.png"])
+@pytest.mark.parametrize("path", ["state", "events", "registers", "snapshot.jpg", "snapshot.png", "picture", "profile"])
 @in_virtual_time
 async def test_no_such_bay(path: str) -> None:
     async with plant() as made:

@@ -1,31 +1,23 @@
 """The gateway client: pulls as often as its viewers need, keeps every event, notices a silent main process."""
 
 import asyncio
-from dataclasses import replace
 
 import pytest
-from msgspec import structs
 
-from gateway.clock import SystemClock
-from gateway.config import BayConfig, GatewayConfig, VisionConfig
+from gateway.config import VisionConfig
 from gateway.core.events import EventKind
 from gateway.core.plc import Writer
 from gateway.core.state import FunctionCheck
 from gateway.errors import LinkError
-from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.web.ipc.messages import (
     MAX_EVENTS,
     MAX_STATES,
     ApplySettings,
     SetFunctionCheck,
     StateRequest,
-    SystemStatus,
-    TaskStatus,
-    WebSetup,
 )
 from gateway.web.server.gateway_client import RefusedError
 from tests.unit.web.gateway_client import plant
-from tests.unit.web.links import full
 from tests.virtual_time import in_virtual_time
 
 ANNA = Writer("127.0.0.1", "anna", "technician")
@@ -157,30 +149,3 @@ async def test_an_order_for_no_bay_is_refused() -> None:
     async with plant() as made:
         with pytest.raises(RefusedError, match="no bay 'bay7'"):
             await made.client.command(SetFunctionCheck("bay7", FunctionCheck.MAY_MOVE_OFF), ANNA)
-
-
-@in_virtual_time
-async def test_the_fullest_answer_and_the_largest_configuration_fit_into_one_message() -> None:
-    async with plant(bays=64) as made:
-        track = tuple((5_000_000_000 + n * 60_000_000, 812.4 + n) for n in range(16))
-        for control in made.controls.values():
-            made.loading(control.name)
-            state = made.hub.state(control.name)
-            reading = replace(
-                state.vision,
-                detail="x" * 500,
-                stage_ns=tuple((f"stage {n}", 123_456 + n) for n in range(12)),
-                ellipse=None,
-            )
-            memory = replace(state.memory, track=track)
-            made.hub.publish(replace(state, vision=reading, memory=memory, seq=state.seq + 1))
-            for mode in (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF):
-                control.check_function(mode)
-        answer = made.feed.answer(StateRequest(1, made.client.bays[:MAX_STATES]))
-        rows = tuple(TaskStatus(f"bay{n}.simulated-ranger", True, 1, 0, 0, "e" * 200) for n in range(64 * 4))
-        answer = structs.replace(answer, links=SystemStatus(rows, full().sinks))
-        assert len(answer.bays) == MAX_STATES
-        assert len(Codec.packed(answer)) < MAX_MESSAGE_BYTES
-        bays = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, 65))
-        about = WebSetup(GatewayConfig(bays=bays), SystemClock(), {})
-        assert len(Codec.packed(about)) < MAX_MESSAGE_BYTES / 2

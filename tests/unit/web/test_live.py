@@ -206,10 +206,3 @@ async def test_many_pages_share_one_rendering() -> None:
         answers = made.client.answers
         assert all(len(page.sent) >= 28 for page in pages)
         assert len(rendered) <= answers + 1
-
-
-@in_virtual_time
-async def test_the_drivers_view_says_fault_while_nothing_is_known() -> None:
-    async with plant(keep=False) as made:
-        view = json.loads(views.driver_json(made.client, ("bay1",)))
-        assert (view["code"], view["stop"], view["age_ms"]) == ("FAULT", True, None)

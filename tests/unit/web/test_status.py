@@ -20,7 +20,8 @@ from gateway.alarms.monitor import REPORTED_CHANGES
 from gateway.alarms.records import MAX_NOTE, AlarmChange, AlarmSummary
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
-from gateway.config import GatewayConfig, ModbusConfig, MqttConfig
+from gateway.clock import SystemClock
+from gateway.config import BayConfig, GatewayConfig, ModbusConfig, MqttConfig
 from gateway.core.readings import Quality, VisionReading
 from gateway.hub import Hub
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
@@ -28,7 +29,16 @@ from gateway.sinks.contract import LinkStatus, Sink
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import TaskRecord
 from gateway.web.host.status import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector
-from gateway.web.ipc.messages import BOUNDS_S, TO_WEB, Histogram, StateReply, StateRequest, TaskStatus
+from gateway.web.ipc.messages import (
+    BOUNDS_S,
+    MAX_STATES,
+    TO_WEB,
+    Histogram,
+    StateReply,
+    StateRequest,
+    TaskStatus,
+    WebSetup,
+)
 from gateway.web.server.process_usage import ProcessUsage, by_name, process_usage
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full, mqtt, server, sparkplug
@@ -109,8 +119,16 @@ async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -
         return "".join(chance.choices(string.ascii_lowercase + " ", k=length))
 
     async with plant(bays=64) as made:
-        for bay in made.client.bays:
-            made.controls[bay].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
+        track = tuple((5_000_000_000 + n * 60_000_000, 812.4 + n) for n in range(16))
+        stages = tuple((f"stage {n}", 123_456 + n) for n in range(12))
+        for name in made.client.bays:
+            made.loading(name, stage_ns=stages, detail=words(500))
+            state = made.hub.state(name)
+            made.hub.publish(replace(state, memory=replace(state.memory, track=track), seq=state.seq + 1))
+        answer = made.feed.answer(StateRequest(1, made.client.bays))
+        assert len(answer.bays) == MAX_STATES
+        for control in made.controls.values():
+            control.on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
         await asyncio.sleep(8)
         alarms = made.monitor.summary(MAX_ALARMS)
         assert len(alarms.alarms) == 100
@@ -150,14 +168,14 @@ async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -
                 for m in range(9)
             ),
         )
-        made.links = links
-        answer = made.feed.answer(StateRequest(1, made.client.bays))
         packed = Codec.packed(structs.replace(answer, links=links))
         assert len(packed) < MAX_MESSAGE_BYTES, len(packed)
         again: StateReply = TO_WEB.unpacked(packed)
         assert again.links == links
         assert again.links is not None
         assert isinstance(again.links.alarms, AlarmSummary)
+    bays = tuple(BayConfig(name=f"bay{n}", unit_id=n) for n in range(1, 65))
+    assert len(Codec.packed(WebSetup(GatewayConfig(bays=bays), SystemClock(), {}))) < MAX_MESSAGE_BYTES / 2
 
 
 class TestProcesses:

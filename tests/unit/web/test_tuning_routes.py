@@ -315,13 +315,6 @@ async def test_a_trial_that_a_newer_one_took_back_is_no_fault(monkeypatch: pytes
         assert page.service.trial_thread.withdrawn == 1
 
 
-@in_virtual_time
-async def test_there_is_no_other_bay() -> None:
-    async with bay() as page:
-        told = await page.api_client.get("/api/bays/bay9/profile")
-        assert (told.status, told.json["detail"]) == (404, "there is no bay 'bay9'")
-
-
 def test_saving_shows_the_difference_first_and_writes_just_that(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
     path.write_text(FILE)

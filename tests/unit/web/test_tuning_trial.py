@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -286,14 +287,20 @@ def test_something_else_than_the_marker_is_told() -> None:
     assert any("above the limit" in text for text in said(remarks([one], small, ROBUST, wrong), "max_radius_share"))
 
 
+@cache
+def followed() -> tuple[list[Snapshot], TrialResult]:
+    """A recording with a frame every 100 ms."""
+    frames = [frame(n) for n in range(1, 8)]
+    return frames, trial.run(frames, PAPER, ROBUST, DetectionCache(), Ticks())
+
+
 @pytest.mark.parametrize(
     ("tried_ms", "in_force_ms", "told_so"), [(120, 40, True), (90, 40, False), (120, 110, False), (40, 120, False)]
 )
 def test_slower_than_the_camera_is_told_where_this_process_can_tell(
     tried_ms: float, in_force_ms: float, told_so: bool
 ) -> None:
-    frames = [frame(n) for n in range(1, 8)]  # one every 100 ms
-    result = trial.run(frames, PAPER, ROBUST, DetectionCache(), Ticks())
+    frames, result = followed()
     timed = replace(
         result,
         tried=replace(result.tried, times=measures.StageTimes(tried_ms, ())),
@@ -306,8 +313,8 @@ def test_slower_than_the_camera_is_told_where_this_process_can_tell(
 
 
 def test_frames_that_were_left_out_of_a_recording_do_not_make_the_camera_slow() -> None:
-    frames = [replace(frame(n), seq=3 * n) for n in range(1, 8)]  # the camera's own pace is one every 33 ms
-    result = trial.run(frames, PAPER, ROBUST, DetectionCache(), Ticks())
+    frames, result = followed()
+    frames = [replace(one, seq=3 * one.seq) for one in frames]  # the camera's own pace is one every 33 ms
     times = measures.StageTimes(50, ())
     timed = replace(
         result,
