@@ -9,6 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Generic
 
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.definition import AlarmDefinition, BayInputs, GatewayConditions, GatewayInputs, Inputs
+from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.records import (
     MAX_NOTE,
     MAX_SHELVE_MIN,
@@ -21,16 +24,7 @@ from gateway.alarms.records import (
     OperatorAction,
 )
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
-from gateway.alarms.table import (
-    BAY_ALARMS,
-    GATEWAY_ALARMS,
-    AlarmDefinition,
-    BayInputs,
-    GatewayConditions,
-    GatewayInputs,
-    Inputs,
-    alarm_id,
-)
+from gateway.alarms.table import alarm_id
 from gateway.clock import NS_PER_S
 from gateway.config import FusionConfig
 from gateway.core.state import StateVector

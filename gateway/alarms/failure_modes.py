@@ -41,7 +41,7 @@ class FailureMode:
     """One row. `within_ms`: from the failure to the registers, at most, with the default configuration; None: the
     registers do not change because of it, or it is refused at once. `approaching`, `in_place`: the outputs after that
     time, for a truck that approached or was in place when it happened; None: it does not happen then. `alarm`: an id of
-    gateway/alarms/table.py."""
+    gateway/alarms/bay_alarms.py and gateway_alarms.py."""
 
     id: str
     failure: str

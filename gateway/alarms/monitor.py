@@ -4,9 +4,9 @@ the clock, which is passed in."""
 from collections.abc import Callable, Iterable, Mapping
 from typing import NoReturn
 
+from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.engine import AlarmEngine
 from gateway.alarms.records import ActionReply, AlarmChange, AlarmSummary, OperatorAction
-from gateway.alarms.table import GatewayConditions
 from gateway.clock import Clock
 from gateway.config import FusionConfig
 from gateway.core.state import StateVector

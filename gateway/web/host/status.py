@@ -4,8 +4,8 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
-from gateway.alarms.table import GatewayConditions
 from gateway.bay_file import BayFiles
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig

@@ -12,9 +12,11 @@ from fastapi import Depends, Path, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.records import OperatorAction
 from gateway.alarms.states import AlarmEvent
-from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS, alarm_id
+from gateway.alarms.table import alarm_id
 from gateway.clock import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.web.auth.access import Level

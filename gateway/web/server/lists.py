@@ -5,9 +5,10 @@ from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any
 
+from gateway.alarms.definition import AlarmDefinition
 from gateway.alarms.records import Alarm, AlarmChange
 from gateway.alarms.states import AlarmState
-from gateway.alarms.table import ALARM_DEFINITIONS, AlarmDefinition
+from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.config import BayConfig
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.register import Register

@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from gateway.alarms import states, table
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.definition import GatewayConditions, Priority, Suppression
 from gateway.alarms.engine import HISTORY, AlarmEngine
+from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.records import (
     MAX_NOTE,
     MAX_SHELVE_MIN,
@@ -20,7 +23,6 @@ from gateway.alarms.records import (
     OperatorAction,
 )
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
-from gateway.alarms.table import GatewayConditions, Priority, Suppression
 from gateway.config import FusionConfig
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
@@ -199,7 +201,7 @@ NO_ALARM = {
 
 
 class TestTheTable:
-    @pytest.mark.parametrize("kind", [kind.id for kind in table.BAY_ALARMS])
+    @pytest.mark.parametrize("kind", [kind.id for kind in BAY_ALARMS])
     def test_each_cause_raises_its_alarm_and_no_other(self, kind: str) -> None:
         changes = look(board(), CAUSES[kind], *LONG)
         assert [change.id for change in changes if change.after is U] == [f"bay1.{kind}"]
@@ -417,7 +419,7 @@ class TestWhatIsTold:
         assert [a.id for a in standing.alarms] == ["bay2.camera_down", "bay1.maintenance", "bay1.plc_lost"]
         assert dict(standing.counts)[U] == 2
         assert dict(standing.counts)[A] == 1
-        assert sum(count for _, count in standing.counts) == 2 * len(table.BAY_ALARMS) + len(table.GATEWAY_ALARMS)
+        assert sum(count for _, count in standing.counts) == 2 * len(BAY_ALARMS) + len(GATEWAY_ALARMS)
         assert dict(standing.announced) == {"maintenance": 1, "camera_down": 1, "plc_lost": 1}
         assert standing.newest_change == 4
         short = alarms.summary(most=1)

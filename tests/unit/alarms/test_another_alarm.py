@@ -1,9 +1,10 @@
 """An alarm that the package does not know, from outside it: raised, shown first by its priority, acknowledged."""
 
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.definition import AlarmDefinition, BayInputs, Priority
 from gateway.alarms.engine import AlarmEngine
 from gateway.alarms.records import ActionReply, OperatorAction
 from gateway.alarms.states import AlarmEvent, AlarmState
-from gateway.alarms.table import BAY_ALARMS, AlarmDefinition, BayInputs, Priority
 from gateway.config import FusionConfig
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, VisionReading

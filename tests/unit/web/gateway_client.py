@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
-from gateway.alarms.table import GatewayConditions
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig

@@ -9,7 +9,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from gateway.alarms.table import BAY_ALARMS, Suppression
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.definition import Suppression
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, GuidanceConfig, ModbusConfig, RecipeConfig
 from gateway.core.events import EventKind
 from gateway.core.plc import PlcWrite, Writer, WriteVerdict

@@ -10,7 +10,8 @@ from prometheus_client import parser
 from prometheus_client.core import Metric
 from prometheus_client.openmetrics import parser as openmetrics_parser
 
-from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.web.host.status import MAX_STAGES, LatencyHistograms

@@ -15,11 +15,12 @@ import psutil
 import pytest
 from msgspec import structs
 
+from gateway.alarms.bay_alarms import BAY_ALARMS
 from gateway.alarms.engine import MAX_DETAIL
+from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.monitor import REPORTED_CHANGES
 from gateway.alarms.records import MAX_NOTE, AlarmChange, AlarmSummary
 from gateway.alarms.states import AlarmEvent, AlarmState
-from gateway.alarms.table import BAY_ALARMS, GATEWAY_ALARMS
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, ModbusConfig, MqttConfig
 from gateway.core.readings import Quality, VisionReading

@@ -1,0 +1,397 @@
+"""The alarms that each bay has. Pure.
+
+docs/alarms.md is made from the rows. ISA-18.2: an alarm is something a person must act on, in time. What needs no
+action is none: an empty bay, a truck in place, a marker hidden for a moment, a sensor that starts.
+"""
+
+from collections.abc import Callable
+
+from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
+from gateway.core.ne107 import degraded
+from gateway.core.plc import PlcLink
+from gateway.core.readings import DEAD, PictureFault, Quality
+from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
+
+ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
+Condition = Callable[[BayInputs], bool]
+Detail = Callable[[BayInputs], str]
+
+
+def _vision(quality: Quality) -> tuple[Condition, Detail]:
+    return lambda inputs: inputs.state.vision.quality is quality, lambda inputs: inputs.state.vision.detail
+
+
+def _range(quality: Quality) -> tuple[Condition, Detail]:
+    return lambda inputs: inputs.state.range.quality is quality, lambda inputs: inputs.state.range.detail
+
+
+def expected_mm(inputs: BayInputs) -> float | None:
+    """How far the marker looks: by the cross-check where it is configured, else by R Z = R_th Z_th. None: no marker."""
+    state = inputs.state
+    if state.z_vision_mm is not None:
+        return state.z_vision_mm
+    circle = state.vision.circle
+    if circle is None or circle.radius_px <= 0:
+        return None
+    return inputs.distance_threshold_mm * inputs.radius_threshold_px / circle.radius_px
+
+
+def _no_echo(inputs: BayInputs) -> bool:
+    if inputs.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
+        return False
+    far_mm = expected_mm(inputs)
+    return far_mm is not None and far_mm < ECHO_DUE_MM
+
+
+def _disagree_detail(inputs: BayInputs) -> str:
+    far_mm, near_mm = inputs.state.z_vision_mm, inputs.state.range.distance_mm
+    return "" if far_mm is None or near_mm is None else f"camera {far_mm:.0f} mm, ranger {near_mm:.0f} mm"
+
+
+def _truck_moved(inputs: BayInputs) -> bool:
+    """Where no PLC can release a truck, every one that leaves has moved: only one under the spout is reported."""
+    visit = inputs.state.visit
+    return visit.moved is not Moved.NO and (visit.moved_covered or inputs.state.plc.link is not PlcLink.UNUSED)
+
+
+def _truck_moved_detail(inputs: BayInputs) -> str:
+    place, now_mm = inputs.state.visit.place, inputs.state.range.distance_mm
+    was = "" if place is None else f"; in place at {place.distance_mm:.0f} mm"
+    return f"{MOVED_MEANING[inputs.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
+
+
+def _in_place_lost(inputs: BayInputs) -> bool:
+    state, visit = inputs.state, inputs.state.visit
+    was_in_place = visit.place is not None and not visit.in_place and not visit.released and visit.moved is Moved.NO
+    alive = not {state.vision.quality, state.range.quality} & (DEAD | {Quality.WAITING})
+    return was_in_place and alive and state.d is not False and state.function_check is FunctionCheck.OFF
+
+
+def _jump(inputs: BayInputs) -> float | None:
+    scale = inputs.state.memory.scale
+    return None if scale is None else scale.jump
+
+
+def _scale_detail(inputs: BayInputs) -> str:
+    scale, jump = inputs.state.memory.scale, _jump(inputs)
+    if scale is None or jump is None:
+        return ""
+    return f"R x Z {scale.newest.px_mm:.0f} px mm, {100 * jump:+.0f} %; learned from {scale.visits} visits"
+
+
+def _picture(*faults: PictureFault) -> tuple[Condition, Detail]:
+    def holds(inputs: BayInputs) -> bool:
+        return (health := inputs.state.picture) is not None and any(fault in health.faults for fault in faults)
+
+    return holds, _picture_detail
+
+
+def _picture_detail(inputs: BayInputs) -> str:
+    """What of the picture is wrong, with the numbers."""
+    health = inputs.state.picture
+    if health is None or not health.faults:
+        return ""
+    numbers = {
+        PictureFault.DARK: f"brightness {health.brightness:.1%}",
+        PictureFault.BRIGHT: f"{health.clipped:.0%} burnt out",
+        PictureFault.FLAT: f"contrast {health.contrast:.1%}",
+        PictureFault.BLURRED: "" if health.sharpness is None else f"sharpness {health.sharpness:.0%}",
+        PictureFault.DUSTY: "" if health.veil is None else f"veil {health.veil:.0%}",
+        PictureFault.SHIFTED: "" if health.shift_px is None else f"shift {health.shift_px:.0f} px",
+    }
+    return ", ".join(f"{fault.name.lower()} ({numbers[fault]})".replace(" ()", "") for fault in health.faults)
+
+
+_STOPS = "stop is on, may_move and in_place are off: no truck may move, and none may be loaded"
+
+BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
+    AlarmDefinition(
+        "control_dead",
+        "Control task dead",
+        Priority.HIGH,
+        "nothing computes this bay's state any more; the PLC reads stop, reason GATEWAY_FAULT",
+        _STOPS,
+        ("a fault in the software", "a machine that is overloaded or short of memory"),
+        "work by hand; look at the machine's load and the gateway's log; restart the gateway; report the log",
+        5,
+        lambda inputs: inputs.state.reason is Reason.GATEWAY_FAULT,
+        on_delay_s=0.5,
+        suppressed_by=frozenset({Suppression.SHUTDOWN}),
+    ),
+    AlarmDefinition(
+        "plc_lost",
+        "PLC heartbeat lost",
+        Priority.HIGH,
+        "the PLC's heartbeat is required and does not arrive, or does not change",
+        "stop is on and may_move off: no truck may move; in_place stays, and a release ends",
+        ("the PLC is in stop or was restarted", "network or cable", "the heartbeat is missing in the PLC's program"),
+        "look at the PLC and at its network; see docs/handshake.md",
+        5,
+        lambda inputs: inputs.state.plc.missed,
+        on_delay_s=1.0,
+        suppressed_by=frozenset({Suppression.NOT_COMPUTED, Suppression.SHUTDOWN}),
+    ),
+    AlarmDefinition(
+        "camera_down",
+        "Camera down",
+        Priority.HIGH,
+        "the camera cannot be opened or was lost",
+        _STOPS,
+        ("cable or power of the camera", "wrong camera.url", "another program has the camera"),
+        "look at the camera's power and cable; the detail holds the error that the gateway got",
+        10,
+        *_vision(Quality.LINK_DOWN),
+    ),
+    AlarmDefinition(
+        "camera_stale",
+        "Camera without new pictures",
+        Priority.HIGH,
+        "the newest picture is older than its deadline",
+        _STOPS,
+        ("the stream stalls", "pictures that never change", "a machine that is overloaded", "deadlines that are tight"),
+        "look at the live picture and at the rates; restart the camera",
+        10,
+        *_vision(Quality.STALE),
+    ),
+    AlarmDefinition(
+        "vision_fault",
+        "Vision process fault",
+        Priority.HIGH,
+        "the process that looks for the marker died, hung or failed, and starting it again does not help",
+        _STOPS,
+        (
+            "a picture that the software cannot cope with",
+            "a machine that is overloaded or short of memory",
+            "a camera's driver that hangs and holds up the process: the detail says `no sign of life`",
+        ),
+        "look at the machine's load and the gateway's log; report the log",
+        10,
+        *_vision(Quality.PROCESS_FAULT),
+    ),
+    AlarmDefinition(
+        "ranger_down",
+        "Ranger down",
+        Priority.HIGH,
+        "the ranger's port cannot be opened or was lost",
+        _STOPS,
+        ("USB or serial cable", "power of the Arduino", "wrong ranger.port", "another program has the port"),
+        "look at the Arduino's light and cable; the detail holds the error that the gateway got",
+        10,
+        *_range(Quality.LINK_DOWN),
+    ),
+    AlarmDefinition(
+        "ranger_stale",
+        "Ranger silent",
+        Priority.HIGH,
+        "the port is open, but no distance has arrived before its deadline",
+        _STOPS,
+        ("the Arduino hangs or runs another sketch", "wrong ranger.baud", "a damaged cable"),
+        "press the Arduino's reset; look at docs/ranger.md",
+        10,
+        *_range(Quality.STALE),
+    ),
+    AlarmDefinition(
+        "ranger_stuck",
+        "Ranger stuck",
+        Priority.HIGH,
+        "the ultrasonic sensor's ECHO pin does not move",
+        _STOPS,
+        ("a wire to the sensor is off", "the sensor is broken or has no power"),
+        "look at the sensor's four wires (docs/wiring.md); exchange the sensor",
+        30,
+        *_range(Quality.STUCK),
+    ),
+    AlarmDefinition(
+        "ranger_version",
+        "Ranger with other firmware",
+        Priority.HIGH,
+        "the ranger uses another protocol version than the gateway",
+        _STOPS,
+        ("the gateway was updated and the Arduino was not, or the other way round",),
+        "flash the firmware that belongs to this gateway (docs/firmware.md)",
+        30,
+        *_range(Quality.WRONG_VERSION),
+    ),
+    AlarmDefinition(
+        "ranger_no_echo",
+        "No echo, though the marker is near",
+        Priority.MEDIUM,
+        f"the marker looks nearer than {ECHO_DUE_MM / 1000:g} m, and the ranger still hears nothing or something far",
+        _STOPS,
+        ("the sensor points past the truck", "dust or ice on the sensor", "a surface that swallows sound"),
+        "look at the sensor: clean it, point it at the truck's flat side",
+        10,
+        _no_echo,
+        lambda inputs: f"the marker looks {expected_mm(inputs):.0f} mm away",
+        on_delay_s=5.0,
+        off_delay_s=10.0,
+    ),
+    AlarmDefinition(
+        "ranger_unstable",
+        "Distances jump",
+        Priority.MEDIUM,
+        "for a while now readings jump more than the glitch gate allows",
+        _STOPS,
+        ("another ultrasonic sensor nearby", "dust or steam in between", "compressed air", "a loose sensor"),
+        "look at what is between sensor and truck, and for other sensors; see docs/ranger.md",
+        15,
+        *_range(Quality.UNSTABLE),
+        on_delay_s=10.0,
+        off_delay_s=10.0,
+    ),
+    AlarmDefinition(
+        "ranger_too_near",
+        "Something on the ranger",
+        Priority.MEDIUM,
+        "for a while now something has been nearer than the ranger can measure (2 cm)",
+        _STOPS,
+        ("dirt, ice or a cover on the sensor", "something leans against it"),
+        "look at the sensor and clear it",
+        15,
+        *_range(Quality.TOO_NEAR),
+        on_delay_s=10.0,
+        off_delay_s=10.0,
+    ),
+    AlarmDefinition(
+        "sensors_disagree",
+        "Camera and ranger disagree",
+        Priority.HIGH,
+        "R and Z do not fit each other: one of the two is wrong",
+        _STOPS,
+        (
+            "the ranger measures something else than the truck",
+            "a marker of another size, or something that looks like one",
+            "the camera was moved, or its focal length is wrong",
+            "marker, camera or lens was exchanged, and the learned R x Z (docs/visit.md) is still that of the old one",
+        ),
+        "measure the distance by hand, see which one is wrong, and mend that one; after an exchange stop the gateway, "
+        "delete the bay's file in state_dir and start it: what was learned is forgotten",
+        10,
+        lambda inputs: inputs.state.memory.disagree,
+        _disagree_detail,
+        on_delay_s=0.0,  # it lasts for scale_lasting_s or cross_check.lasting_s before it is called one
+    ),
+    AlarmDefinition(
+        "picture_blind",
+        "Camera sees nothing",
+        Priority.MEDIUM,
+        "pictures arrive, but they are dark, over-exposed or without any contrast",
+        "no marker can be found: stop is on, and no truck can be in place",
+        ("the light is off or failed", "something covers the lens", "the sun or a lamp shines into the lens", "fog"),
+        "look at the live picture; switch the light on, clean the lens, take away what covers it; set the exposure",
+        30,
+        *_picture(PictureFault.DARK, PictureFault.BRIGHT, PictureFault.FLAT),
+        off_delay_s=10.0,
+    ),
+    AlarmDefinition(
+        "picture_poor",
+        "Picture getting worse",
+        Priority.LOW,
+        "the picture is blurred, or has been veiled by dust for long",
+        "markers are found late or not at all, and their radius is less sure",
+        ("dust, dirt, water or a cobweb on the lens", "the focus has moved", "a dust filter that fails"),
+        "clean the lens and its window; focus; look at the dust extraction",
+        8 * 60,
+        *_picture(PictureFault.BLURRED, PictureFault.DUSTY),
+        on_delay_s=10.0,
+        off_delay_s=60.0,
+    ),
+    AlarmDefinition(
+        "camera_moved",
+        "Camera moved",
+        Priority.MEDIUM,
+        "the fixed background is not where it was when the gateway learned it",
+        "aim point, offset and the distance seen by the camera are wrong by as much",
+        ("something hit the camera or its mount", "a loose screw", "it was turned or zoomed"),
+        "put the camera back or align it anew (docs/commissioning-vision.md), then restart the gateway: it learns the "
+        "background again",
+        60,
+        *_picture(PictureFault.SHIFTED),
+        off_delay_s=60.0,
+    ),
+    AlarmDefinition(
+        "maintenance",
+        "Maintenance required",
+        Priority.LOW,
+        "NE 107 M: works, but something had to be restarted within 10 minutes, or 1 line in 100 arrives damaged",
+        "it may fail soon",
+        ("a loose cable", "electric noise on the serial line", "a camera or disk that begins to fail"),
+        "look at the counters, and mend what restarts, reopens or is damaged",
+        8 * 60,
+        lambda inputs: degraded(inputs.state),
+        on_delay_s=10.0,
+        off_delay_s=60.0,
+    ),
+    AlarmDefinition(
+        "function_check_forgotten",
+        "Function check still on",
+        Priority.LOW,
+        "a function check was begun half an hour ago and has not been ended",
+        "may_move is off, or alarms mean less than they seem to",
+        ("the technician forgot to end it",),
+        "ask the technician; end the function check on the technician's page",
+        60,
+        lambda inputs: inputs.state.function_check is not FunctionCheck.OFF,
+        lambda inputs: inputs.state.function_check.name.lower(),
+        on_delay_s=30 * MINUTE_S,
+        off_delay_s=0.0,
+        suppressed_by=frozenset({Suppression.SHUTDOWN}),
+    ),
+    AlarmDefinition(
+        "truck_moved",
+        "Truck moved",
+        Priority.HIGH,
+        "a truck that was in place has left it: with the marker covered, as under the spout, or, where the PLC writes, "
+        "without its release",
+        "in_place is off; a spout that is down may be torn off, or may spill",
+        (
+            "brakes that do not hold, or a truck that settles on its springs by more than visit.band_mm",
+            "the driver drove off",
+            "the PLC's program does not set release before the truck leaves (docs/visit.md)",
+        ),
+        "stop loading and raise the spout; check that no person is hurt; bring the truck into place or let it leave",
+        1,
+        _truck_moved,
+        _truck_moved_detail,
+        on_delay_s=0.0,  # the truck has moved further than visit.band_mm before it is called so
+    ),
+    AlarmDefinition(
+        "in_place_lost",
+        "In place lost, though the truck has not moved",
+        Priority.MEDIUM,
+        "a truck that was in place is no longer confirmed, though both sensors are alive, and it has neither "
+        "moved nor been released",
+        "in_place is off: loading must not go on; stop is on",
+        (
+            "the marker has been covered for longer than visit.hold_limit_s",
+            "dust or the spout before the ranger: no distance, or one that contradicts the camera",
+            "a sensor was away for a moment while the marker was covered",
+        ),
+        "raise the spout until the camera sees the marker: in_place returns by itself; else look at both sensors",
+        5,
+        _in_place_lost,
+        lambda inputs: inputs.state.visit.ended,
+        on_delay_s=5.0,
+    ),
+    AlarmDefinition(
+        "scale_changed",
+        "Marker of another size, or camera changed",
+        Priority.MEDIUM,
+        "R x Z of the newest truck in place differs by more than a tenth from what was learned from those before",
+        "D = 1 is reached at another place than before; what was learned does not fit, so good pairs of R and Z may be "
+        "taken for a contradiction",
+        (
+            "a truck whose marker has another size",
+            "the camera or the ranger was moved or exchanged",
+            "zoom or focus of the lens was changed",
+        ),
+        "measure where the truck is; put marker, camera or lens right. Where the change is meant to stay: set the "
+        "thresholds anew (docs/wiring.md), then stop the gateway, delete the bay's file in state_dir and start it, "
+        "with no function check on: what was learned is forgotten",
+        60,
+        lambda inputs: _jump(inputs) is not None,
+        _scale_detail,
+        on_delay_s=0.0,
+        off_delay_s=5.0,
+    ),
+)

@@ -1,0 +1,104 @@
+"""What defines an alarm, and what its condition is evaluated on. Pure."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import Generic, TypeVar
+
+from gateway.core.state import FunctionCheck, Reason, StateVector
+
+MINUTE_S = 60.0
+
+
+class Priority(IntEnum):
+    """How much hangs on a quick answer. The numbers are on the wire."""
+
+    LOW = 1
+    MEDIUM = 2
+    HIGH = 3
+
+
+class Suppression(StrEnum):
+    """Why an alarm means nothing for the moment."""
+
+    FUNCTION_CHECK = "function_check"
+    NOT_COMPUTED = "not_computed"
+    SHUTDOWN = "shutdown"
+
+
+SUPPRESSION_MEANING: dict[Suppression, str] = {
+    Suppression.FUNCTION_CHECK: "a technician works on the bay and may_move is off",
+    Suppression.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors; control_dead reports it",
+    Suppression.SHUTDOWN: "the gateway is shutting down",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BayInputs:
+    """The input of the alarms of one bay. The thresholds are those of the bay's configuration."""
+
+    state: StateVector
+    radius_threshold_px: float
+    distance_threshold_mm: float
+
+    @property
+    def suppressions(self) -> frozenset[Suppression]:
+        """What holds of the reasons to suppress."""
+        state = self.state
+        holds = {
+            Suppression.FUNCTION_CHECK: state.function_check is FunctionCheck.MAY_MOVE_OFF,
+            Suppression.NOT_COMPUTED: state.reason is Reason.GATEWAY_FAULT,
+            Suppression.SHUTDOWN: state.reason is Reason.SHUTDOWN,
+        }
+        return frozenset(suppression for suppression, on in holds.items() if on)
+
+
+@dataclass(frozen=True, slots=True)
+class GatewayConditions:
+    """The input of the gateway's alarms. None: there is no such part."""
+
+    sinks_connected: Mapping[str, bool] = field(default_factory=dict)  # by name, of the configured ones
+    plc_reads: bool | None = None  # does one of modbus.plc_addresses send requests? None: none is configured
+    store_fault: str = ""  # of the file that keeps events
+    events_lost: int = 0  # counter
+    crashes: int = 0  # counter: tasks that failed with an unexpected error
+    crashed: str = ""  # the newest of them
+    bay_file_fault: str = ""  # why a bay's file can't be written
+    bay_file_damaged: str = ""  # bays whose file could not be read, until a technician has checked them
+
+
+@dataclass(frozen=True, slots=True)
+class GatewayInputs:
+    """The conditions of now and of the look before."""
+
+    now: GatewayConditions
+    before: GatewayConditions
+
+    @property
+    def suppressions(self) -> frozenset[Suppression]:
+        return frozenset()
+
+
+Inputs = TypeVar("Inputs", BayInputs, GatewayInputs)
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmDefinition(Generic[Inputs]):
+    """One row. `condition`: is its cause active? It must be for `on_delay_s` to be raised, and inactive for
+    `off_delay_s` to return to normal. `suppressed_by`: when it has no meaning; the gateway's own are never suppressed.
+    """
+
+    id: str
+    title: str
+    priority: Priority
+    meaning: str
+    consequence: str
+    causes: tuple[str, ...]
+    action: str
+    respond_min: int  # within so many minutes
+    condition: Callable[[Inputs], bool] = field(repr=False)
+    detail: Callable[[Inputs], str] = field(repr=False, default=lambda _: "")
+    on_delay_s: float = 2.0
+    off_delay_s: float = 5.0
+    latching: bool = False
+    suppressed_by: frozenset[Suppression] = frozenset(Suppression)
