@@ -32,7 +32,7 @@ NESTED = b"\x91" * (MAX_MESSAGE_BYTES - 1) + b"\xc0"
 
 
 def tuples(depth: int) -> object:
-    """2 to the `depth` elements, in a few bytes of a pickle: whoever hashes it is busy for good."""
+    """2 to the `depth` elements, in a few bytes of a pickle: hashing it never ends."""
     made: object = ()
     for _ in range(depth):
         made = (made, made)
@@ -41,34 +41,46 @@ def tuples(depth: int) -> object:
 
 HOSTILE: dict[str, bytes] = {
     "nothing": b"",
-    "tuples in tuples that a hash never gets to the end of": pickle.dumps(("Ask", 1, (tuples(45),))),
-    "a class to be written into": b"\x80\x04cgateway.model\nFunctionCheck\nN}\x8c\x0aPERMIT_OFFK\x00s\x86b.",
+    "tuples in tuples whose hash takes for ever": pickle.dumps(("StateRequest", 1, (tuples(45),))),
+    "a class whose attributes are set": b"\x80\x04cgateway.core.state\nFunctionCheck\nN}\x8c\x0aPERMIT_OFFK\x00s\x86b.",
     "a function to be called": b"\x80\x04cposix\nsystem\n\x8c\x04true\x85R.",
     "lists in lists": NESTED,
-    "lists in lists in the place of a name": b"\x95\xa3Ask\x01" + NESTED,
+    "lists in lists in the place of a name": b"\x95\xacStateRequest\x01" + NESTED,
     "maps in maps, as deep as a message can": b"\x81" * MAX_MESSAGE_BYTES,
-    "maps whose keys are lists": b"\x95\xa3Ask\x01\x81\x92\x01\x02\x03\x00\xc3",
-    "four thousand million names, it says": b"\x95\xa3Ask\x01\xdd\xff\xff\xff\xff",
-    "a text of four gigabytes, it says": b"\x95\xa3Ask\x01\x91\xdb\xff\xff\xff\xff",
-    "more bays than are answered": Codec.packed(["Ask", 1, ["bay1"] * 7, 0, True]),
-    "another type than the field's": Codec.packed(["Ask", "1", ["bay1"], 0, True]),
-    "a field too many": Codec.packed(["Ask", 1, ["bay1"], 0, True, {"function_check": 0}]),
-    "a record of another kind": Codec.packed(["Answer", 1, 2, 3, []]),
-    "a number that is no mode": Codec.packed(["Order", 1, ANNA, ["Check", "bay1", 3]]),
-    "a reading in the place of a mode": Codec.packed(["Order", 1, ANNA, ["Check", "bay1", {"t_ns": 1, "quality": 0}]]),
-    "settings out of their range": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", '{"deadline_s": 1e9}', None]]),
-    "settings with a key of their own": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", '{"__class__": 1}', None]]),
-    "settings as lists in lists": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", "[" * 60_000, None]]),
-    "settings as a map": Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", {"method": "paper"}, None]]),
+    "maps whose keys are lists": b"\x95\xacStateRequest\x01\x81\x92\x01\x02\x03\x00\xc3",
+    "a stated length of 4 billion names": b"\x95\xacStateRequest\x01\xdd\xff\xff\xff\xff",
+    "a stated length of 4 GB of text": b"\x95\xacStateRequest\x01\x91\xdb\xff\xff\xff\xff",
+    "more bays than are answered": Codec.packed(["StateRequest", 1, ["bay1"] * 7, 0, True]),
+    "another type than the field's": Codec.packed(["StateRequest", "1", ["bay1"], 0, True]),
+    "a field too many": Codec.packed(["StateRequest", 1, ["bay1"], 0, True, {"function_check": 0}]),
+    "a record of another kind": Codec.packed(["StateReply", 1, 2, 3, []]),
+    "a number that is no mode": Codec.packed(["Command", 1, ANNA, ["SetFunctionCheck", "bay1", 3]]),
+    "a reading in the place of a mode": Codec.packed(["Command", 1, ANNA, ["SetFunctionCheck", "bay1", {"t_ns": 1, "quality": 0}]]),
+    "settings out of their range": Codec.packed(["Command", 1, ANNA, ["ApplySettings", "bay1", '{"deadline_s": 1e9}', None]]),
+    "settings with an unknown key": Codec.packed(["Command", 1, ANNA, ["ApplySettings", "bay1", '{"__class__": 1}', None]]),
+    "settings as lists in lists": Codec.packed(["Command", 1, ANNA, ["ApplySettings", "bay1", "[" * 60_000, None]]),
+    "settings as a map": Codec.packed(["Command", 1, ANNA, ["ApplySettings", "bay1", {"method": "paper"}, None]]),
     "something compressed": COMPRESSED + zlib.compress(GOOD),
-    "a whole message and more": GOOD + GOOD,
+    "a complete message and more": GOOD + GOOD,
     "half a message": GOOD[:-3],
 }
 
 
+@pytest.mark.parametrize(
+    "message",
+    [
+        ["StateRequest", 1, ["bay1"], 0, True],
+        ["Command", 1, ANNA, ["SetFunctionCheck", "bay1", 1]],
+        ["Command", 1, ANNA, ["ApplySettings", "bay1", "{}", None]],
+    ],
+)
+def test_what_the_hostile_messages_are_made_of_is_accepted(message: list[object]) -> None:
+    FROM_WEB.unpacked(Codec.packed(message))
+
+
 @pytest.fixture
 def little_memory() -> Iterator[None]:
-    """Half a gigabyte more than there is now, for whatever believes a length that lies."""
+    """Half a gigabyte more than there is now, for a reader that trusts a false length."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (512 << 20), before[1]))
@@ -94,7 +106,7 @@ def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
         FROM_WEB.unpacked(data)
 
 
-def test_any_byte_may_be_another() -> None:
+def test_a_message_with_any_byte_changed_is_a_command_or_refused() -> None:
     data = Codec.packed(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.PERMIT_OFF)))
     taken = 0
     for place, byte in itertools.product(range(len(data)), range(256)):
@@ -109,10 +121,11 @@ def test_any_byte_may_be_another() -> None:
     assert 256 < taken < 10_000  # other letters in names, another number, another mode
 
 
-def test_what_is_wrong_with_settings_is_told_without_what_was_written() -> None:
-    data = Codec.packed(["Order", 1, ANNA, ["Apply", "bay1", '{"coast_s": "rtsp://anna:secret@camera"}', None]])
+def test_an_error_in_settings_does_not_quote_them() -> None:
+    data = Codec.packed(["Command", 1, ANNA, ["ApplySettings", "bay1", '{"coast_s": "rtsp://anna:secret@camera"}', None]])
     with pytest.raises(ProtocolError) as refused:
         FROM_WEB.unpacked(data)
+    assert "a VisionConfig out of its range" in str(refused.value)
     assert "secret" not in str(refused.value)
     assert refused.value.__cause__ is None
 
@@ -137,7 +150,7 @@ def test_a_message_that_would_not_fit_is_compressed_and_a_bomb_is_refused() -> N
         reader.unpacked(COMPRESSED + b"no zlib")
 
 
-def test_a_number_of_numpy_s_is_a_number() -> None:
+def test_a_number_of_numpy_is_read_as_a_number() -> None:
     numbers = (np.float64(1.5), np.int64(3), np.bool_(True))
     again = Codec(tuple[float, int, bool]).unpacked(Codec.packed(numbers))
     assert (again, [type(one) for one in again]) == ((1.5, 3, True), [float, int, bool])
@@ -145,18 +158,18 @@ def test_a_number_of_numpy_s_is_a_number() -> None:
         Codec.packed(np.zeros(1))
 
 
-def test_last_words_with_a_path_that_is_no_utf_8_are_a_message_all_the_same() -> None:
-    words = Failed(child.shown("LinkError: /films/\udcfc.avi: gone"))
-    assert FROM_WEB.unpacked(Codec.packed(words)) == Failed(r"LinkError: /films/\udcfc.avi: gone")
+def test_a_final_message_with_a_path_that_is_not_utf_8_is_still_a_message() -> None:
+    failed = Failed(child.shown("LinkError: /films/\udcfc.avi: gone"))
+    assert FROM_WEB.unpacked(Codec.packed(failed)) == Failed(r"LinkError: /films/\udcfc.avi: gone")
     assert len(child.shown("x" * 10_000)) == child.MAX_CHARACTERS
 
 
-def test_what_is_no_data_is_a_bug_here() -> None:
+def test_only_data_can_be_packed() -> None:
     with pytest.raises(NotImplementedError, match="object is no data"):
         Codec.packed(object())
 
 
-def test_all_that_the_web_process_is_told_comes_out_as_it_went_in() -> None:
+def test_a_status_of_the_system_is_read_as_it_was_written() -> None:
     links = full()
     assert record_of(SystemStatus, record_packed(links)) == links
 
