@@ -7,7 +7,7 @@ import pytest
 
 from gateway import event_loop
 from gateway.sinks.mqtt.broker import Broker
-from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, ProtocolVersion, connect
+from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, connect
 from gateway.sinks.mqtt.topics import Message
 
 PUBLISH, DISCONNECT = 3, 14
@@ -66,7 +66,7 @@ def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(re
                 keepalive_s=30,
                 acknowledge_s=30,
                 tls=None,
-                version=ProtocolVersion.V5,
+                version="5",
             ) as link,
             asyncio.TaskGroup() as group,
         ):

@@ -21,7 +21,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from pydantic import ValidationError
 
 from gateway.config import BayConfig, GatewayConfig, SparkplugConfig
-from gateway.sinks.sparkplug.bd_seq import next_bd_seq
+from gateway.sinks.sparkplug.bd_seq import BdSeq
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Packet, Tap
 from tests.e2e.sparkplug_plant import SparkPlant, decode, host_state, kind, rebirth_request, values
@@ -532,8 +532,8 @@ def _bd_seq_counts(life: Life, hosted: Life) -> None:
     assert bd_seqs(wills(life)) == [0, 1]
     assert bd_seqs(wills(hosted))[:3] == [254, 255, 0][: len(hosted.connects)]
     name = "test-bdseq"
-    first = next_bd_seq(name)
-    assert [next_bd_seq(name) for _ in range(3)] == [(first + n) % 256 for n in (1, 2, 3)]
+    first = BdSeq(name)()
+    assert [BdSeq(name)() for _ in range(3)] == [(first + n) % 256 for n in (1, 2, 3)]
 
 
 @assertions("topics-ddata-payload", "operational-behavior-data-publish-dbirth-change", "principles-rbe-recommended")

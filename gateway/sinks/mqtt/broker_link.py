@@ -19,9 +19,8 @@ import math
 import socket
 import ssl
 from collections.abc import AsyncIterator, Sequence
-from enum import Enum
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import aiomqtt
 from aiomqtt.exceptions import MqttConnectError
@@ -44,16 +43,10 @@ UNSUPPORTED_PROTOCOL_VERSION = (1, 132)  # CONNACK of MQTT 3.1.1 and of MQTT 5
 _log = logging.getLogger("mqtt")
 
 
-class ProtocolVersion(Enum):
-    """The versions of MQTT that the gateway supports."""
-
-    V5 = "5"
-    V311 = "3.1.1"
-
-
-_VERSIONS = {
-    ProtocolVersion.V5: aiomqtt.ProtocolVersion.V5,
-    ProtocolVersion.V311: aiomqtt.ProtocolVersion.V311,
+Version = Literal["5", "3.1.1"]
+_VERSIONS: dict[Version, aiomqtt.ProtocolVersion] = {
+    "5": aiomqtt.ProtocolVersion.V5,
+    "3.1.1": aiomqtt.ProtocolVersion.V311,
 }
 
 
@@ -69,7 +62,7 @@ class NotAcceptedError(LinkError):
 class BrokerLink:
     """A live connection. Real seconds, not the gateway's clock: the broker has no simulated time."""
 
-    def __init__(self, client: aiomqtt.Client, broker: Broker, acknowledge_s: float, version: ProtocolVersion) -> None:
+    def __init__(self, client: aiomqtt.Client, broker: Broker, acknowledge_s: float, version: Version) -> None:
         self.version = version
         self._client = client
         self._broker = broker
@@ -83,7 +76,7 @@ class BrokerLink:
         """
         try:
             async with self._in_flight, asyncio.timeout(self._acknowledge_s):
-                properties = None if self.version is ProtocolVersion.V311 else _properties(message)
+                properties = None if self.version == "3.1.1" else _properties(message)
                 await self._client.publish(
                     message.topic, message.payload, qos=message.qos, retain=message.retain, properties=properties
                 )
@@ -138,7 +131,7 @@ async def connect(
     keepalive_s: int,
     acknowledge_s: float,
     tls: ssl.SSLContext | None,
-    version: ProtocolVersion = ProtocolVersion.V311,
+    version: Version = "3.1.1",
     will_at_disconnect: bool = False,
 ) -> AsyncIterator[BrokerLink]:
     """Raises LinkError when there is no broker, NotAcceptedError where it does not accept the connection.
@@ -161,7 +154,7 @@ async def connect(
             except aiomqtt.MqttError as error:
                 raise NotAcceptedError(f"{broker}: {error}", certain=False) from error
             yield BrokerLink(client, broker, acknowledge_s, version)
-            if will_at_disconnect and version is ProtocolVersion.V5:
+            if will_at_disconnect and version == "5":
                 client.keep_will()
             await client.send_disconnect()  # skipped when the body raises: then the broker must publish the will
         except aiomqtt.MqttError as error:
@@ -181,7 +174,7 @@ class _Client(aiomqtt.Client):
         client_id: str,
         will: Message,
         keepalive_s: int,
-        version: ProtocolVersion,
+        version: Version,
     ) -> None:
         super().__init__(
             broker.host,

@@ -19,7 +19,7 @@ from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import broker_of, tls_context
-from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError, ProtocolVersion
+from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError, Version
 from gateway.sinks.mqtt.topics import Message
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ class VersionChoice:
     def __init__(self, configured: Literal["auto", "5", "3.1.1"]) -> None:
         self._fixed = configured != "auto"
         self._accepted = False
-        self.next = ProtocolVersion.V5 if configured == "auto" else ProtocolVersion(configured)
+        self.next: Version = "5" if configured == "auto" else configured
 
     def accepted(self) -> None:
         """The broker has accepted `next`."""
@@ -47,7 +47,7 @@ class VersionChoice:
         if self._fixed or (self._accepted and not certain):
             return
         self._accepted = False
-        self.next = ProtocolVersion.V311 if self.next is ProtocolVersion.V5 else ProtocolVersion.V5
+        self.next = "3.1.1" if self.next == "5" else "5"
 
 
 class BrokerSession:

@@ -8,7 +8,6 @@ file of our name (a pipe, a link, gigabytes) is read without waiting, or not at 
 import contextlib
 import os
 import stat
-from pathlib import Path
 
 from gateway.shared_state import folder
 
@@ -20,33 +19,26 @@ class BdSeq:
     """Every call is the next number: 0 to 255, in a circle. Where it can't be kept, each start begins at zero."""
 
     def __init__(self, instance: str) -> None:
-        self._instance = instance
+        self._path = folder() / f"loading-gateway-bdseq.{instance}"
         self._last: int | None = None  # of this process; continues where the file can't be written
 
     def __call__(self) -> int:
-        self._last = next_bd_seq(self._instance, self._last)
+        """Never waits, never raises."""
+        self._last = ((self._kept() if self._last is None else self._last) + 1) % MODULO
+        fresh = self._path.with_name(f"{self._path.name}.new")
+        with contextlib.suppress(OSError):
+            fresh.unlink(missing_ok=True)
+            fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(fd, "w") as file:
+                file.write(str(self._last))
+            fresh.replace(self._path)
         return self._last
 
-
-def next_bd_seq(instance: str, last: int | None = None) -> int:
-    """One more than `last`; than the one in the file, where this process has none. Never waits, never raises."""
-    path = folder() / f"loading-gateway-bdseq.{instance}"
-    number = ((_kept(path) if last is None else last) + 1) % MODULO
-    fresh = path.with_name(f"{path.name}.new")
-    with contextlib.suppress(OSError):
-        fresh.unlink(missing_ok=True)
-        fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(fd, "w") as file:
-            file.write(str(number))
-        fresh.replace(path)
-    return number
-
-
-def _kept(path: Path) -> int:
-    """-1: none."""
-    with contextlib.suppress(OSError, ValueError):
-        fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-        with os.fdopen(fd, "rb") as file:
-            if stat.S_ISREG(os.fstat(fd).st_mode):
-                return int(file.read(MAX_BYTES).decode("ascii")) % MODULO
-    return -1
+    def _kept(self) -> int:
+        """-1: none."""
+        with contextlib.suppress(OSError, ValueError):
+            fd = os.open(self._path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            with os.fdopen(fd, "rb") as file:
+                if stat.S_ISREG(os.fstat(fd).st_mode):
+                    return int(file.read(MAX_BYTES).decode("ascii")) % MODULO
+        return -1

@@ -60,7 +60,7 @@ def test_the_client_speaks_on_the_socket_it_is_given() -> None:
                 client_id="c",
                 will=Message("w", b""),
                 keepalive_s=5,
-                version=broker_link.ProtocolVersion.V5,
+                version="5",
             )
             assert client._client.socket() is ours
             assert client._client._max_inflight_messages == 20  # until a broker states fewer

@@ -4,41 +4,26 @@ from typing import Literal
 
 import pytest
 
-from gateway.sinks.mqtt.broker_link import ProtocolVersion
 from gateway.sinks.mqtt.session import VersionChoice
 
-V5, V311 = ProtocolVersion.V5, ProtocolVersion.V311
 
-
-def test_a_broker_that_does_not_know_5_is_asked_with_311() -> None:
-    versions = VersionChoice("auto")
-    assert versions.next is V5
-    versions.failed(certain=True)
-    assert versions.next is V311
-    versions.accepted()
-    versions.failed(certain=False)  # a bad moment: what it has accepted is kept
-    assert versions.next is V311
-    versions.failed(certain=True)  # another broker at the same address
-    assert versions.next is V5
-
-
-def test_silence_lets_both_have_their_turn_until_one_is_accepted() -> None:
-    versions = VersionChoice("auto")
-    seen = []
-    for _ in range(4):
-        seen.append(versions.next)
-        versions.failed(certain=False)
-    assert seen == [V5, V311, V5, V311]
-    versions.accepted()
-    for _ in range(3):
-        versions.failed(certain=False)
-    assert versions.next is V5
-
-
-@pytest.mark.parametrize(("asked", "protocol"), [("5", V5), ("3.1.1", V311)])
-def test_what_was_asked_for_stays(asked: Literal["5", "3.1.1"], protocol: ProtocolVersion) -> None:
-    versions = VersionChoice(asked)
-    for certain in (True, False, True):
-        assert versions.next is protocol
-        versions.failed(certain=certain)
-    assert versions.next is protocol
+@pytest.mark.parametrize(
+    ("configured", "tries"),
+    [
+        # A broker without MQTT 5. What it has accepted is kept, until another one at that address refuses it.
+        ("auto", ["5 refused", "3.1.1 accepted", "3.1.1 no answer", "3.1.1 refused", "5 accepted"]),
+        # Without an answer both are tried in turn, until one is accepted.
+        ("auto", [*["5 no answer", "3.1.1 no answer"] * 2, "5 accepted", *["5 no answer"] * 3]),
+        ("5", ["5 refused", "5 no answer", "5 refused", "5 accepted"]),
+        ("3.1.1", ["3.1.1 refused", "3.1.1 no answer", "3.1.1 refused", "3.1.1 accepted"]),
+    ],
+)
+def test_the_version_of_each_try(configured: Literal["auto", "5", "3.1.1"], tries: list[str]) -> None:
+    versions = VersionChoice(configured)
+    for expected in tries:
+        version, result = expected.split(" ", 1)
+        assert versions.next == version
+        if result == "accepted":
+            versions.accepted()
+        else:
+            versions.failed(certain=result == "refused")
