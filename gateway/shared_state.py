@@ -106,7 +106,7 @@ class SharedStateWriter:
 
     def __enter__(self) -> Self:
         _sweep()
-        _refuse_namesake(self._instance)
+        _refuse_same_instance(self._instance)
         self._fd = _claim(self._path, self._instance)
         try:
             os.posix_fallocate(self._fd, 0, _SIZE)  # a full memory disk must fail here, not by SIGBUS at a write
@@ -260,7 +260,7 @@ def _claim(path: Path, instance: str) -> int:
     raise _already_running(instance, _pid_at(path))
 
 
-def _refuse_namesake(instance: str) -> None:
+def _refuse_same_instance(instance: str) -> None:
     """Another process with this instance but other bays would not be in the way of our files, but of our names."""
     for path in folder().glob(f"loading-gateway.{instance}.*"):
         if _held(path) and (pid := _pid_at(path)) not in (0, os.getpid()) and _held_for_long(path):

@@ -1,4 +1,4 @@
-"""Other processes read the vector whole, know when its writer is dead, and can do it no harm."""
+"""Other processes read complete vectors, know when the writer is dead, and can't disturb it."""
 
 import contextlib
 import errno
@@ -15,6 +15,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import cast
 
@@ -27,16 +28,26 @@ from gateway.core.fusion import initial
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import ConfigError, LinkError
-from gateway.shared_state import SharedStateReader, SharedStateWriter, attachable, path_of
+from gateway.shared_state import SharedStateReader, SharedStateWriter, SharedVector, attachable, path_of
 
 
 @pytest.fixture(autouse=True)
 def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder of our own: other gateways of this machine are none of a test's business. Leaks no descriptor."""
+    """A folder of our own, without other gateways of this machine. Leaks no descriptor."""
     monkeypatch.setattr(shared_state, "folder", lambda: tmp_path)
     before = len(os.listdir("/proc/self/fd"))
     yield tmp_path
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+Shared = tuple[SharedStateWriter, SharedStateReader]
+
+
+@pytest.fixture
+def shared(own_folder: Path) -> Iterator[Shared]:
+    """Writer and reader of one bay."""
+    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+        yield writer, reader
 
 
 VALID_NS = 60_000_000_000
@@ -74,9 +85,12 @@ def other_process(folder: Path, code: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 WRITER = """
+import subprocess
 with SharedStateWriter("line1", "bay1") as writer:
     writer.write(StateVector("bay1", t_ns=7, valid_until_ns=10**15))
+    child = subprocess.Popen(["sleep", "60"], close_fds=False)
     print("ready", flush=True)
+    print(child.pid, flush=True)
     sys.stdin.readline()
 """
 
@@ -101,35 +115,34 @@ def numbered(seq: int) -> StateVector:
 # What is read is what was written.
 
 
-def test_a_good_state_is_read_as_it_was_written() -> None:
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(numbered(8))
-
-        found = asdict(reader.read())
-        written_ns = found.pop("valid_until_ns") - VALID_NS
-        assert 0 <= SystemClock().now_ns() - written_ns < VALID_NS
-        assert found == {
-            "bay": "bay1",
-            "pid": os.getpid(),
-            "seq": 8,
-            "t_ns": 24,
-            "t_vision_ns": 40,
-            "t_range_ns": -8,
-            "frame_id": 56,
-            "u_px": 8.25,
-            "v_px": 8.5,
-            "radius_px": 8.75,
-            "distance_mm": 20.0,
-            "z_vision_mm": 12.0,
-            "vision_quality": Quality.GOOD,
-            "range_quality": Quality.GOOD,
-            "reason": Reason.NONE,
-            "d": False,
-            "stop": False,
-            "may_move": True,
-            "in_place": False,
-            "moved": Moved.NO,
-        }
+def test_a_good_state_is_read_as_it_was_written(shared: Shared) -> None:
+    writer, reader = shared
+    writer.write(numbered(8))
+    found = asdict(reader.read())
+    written_ns = found.pop("valid_until_ns") - VALID_NS
+    assert 0 <= SystemClock().now_ns() - written_ns < VALID_NS
+    assert found == {
+        "bay": "bay1",
+        "pid": os.getpid(),
+        "seq": 8,
+        "t_ns": 24,
+        "t_vision_ns": 40,
+        "t_range_ns": -8,
+        "frame_id": 56,
+        "u_px": 8.25,
+        "v_px": 8.5,
+        "radius_px": 8.75,
+        "distance_mm": 20.0,
+        "z_vision_mm": 12.0,
+        "vision_quality": Quality.GOOD,
+        "range_quality": Quality.GOOD,
+        "reason": Reason.NONE,
+        "d": False,
+        "stop": False,
+        "may_move": True,
+        "in_place": False,
+        "moved": Moved.NO,
+    }
 
 
 @dataclass(frozen=True)
@@ -142,7 +155,11 @@ class Later(SystemClock):
         return SystemClock().now_ns() + self.by_ns
 
 
-def test_a_gateway_that_stands_still_is_not_believed() -> None:
+def has_no_number(found: SharedVector) -> bool:
+    return all(map(math.isnan, (found.u_px, found.v_px, found.radius_px, found.distance_mm, found.z_vision_mm)))
+
+
+def test_an_old_state_of_a_live_gateway_is_withdrawn() -> None:
     """Stopped, hung, or its control task dead: its lock is held, and its last state looked good."""
     with SharedStateWriter("line1", "bay1") as writer:
         writer.write(numbered(8))
@@ -150,56 +167,32 @@ def test_a_gateway_that_stands_still_is_not_believed() -> None:
             assert reader.read().may_move
         with SharedStateReader("line1", "bay1", Later(by_ns=VALID_NS)) as reader:
             found = reader.read()
-
-    numbers = (found.u_px, found.v_px, found.radius_px, found.distance_mm, found.z_vision_mm)
-    assert all(map(math.isnan, numbers))
+            writer.write(replace(numbered(8), vision=VisionReading(1, Quality.COASTED)))
+            assert reader.read().vision_quality is Quality.STALE
+    assert has_no_number(found)
     assert (found.vision_quality, found.range_quality) == (Quality.STALE, Quality.STALE)
     assert (found.d, found.stop, found.may_move, found.reason) == (None, True, False, Reason.GATEWAY_FAULT)
     assert (found.seq, found.t_ns, found.frame_id) == (8, 24, 56)
 
 
-def test_of_a_gateway_that_stands_still_nothing_is_coasted_any_more() -> None:
-    with SharedStateWriter("line1", "bay1") as writer:
-        writer.write(replace(numbered(8), vision=VisionReading(1, Quality.COASTED)))
-        with SharedStateReader("line1", "bay1", Later(by_ns=VALID_NS)) as reader:
-            assert reader.read().vision_quality is Quality.STALE
-
-
-def test_where_there_is_no_value_there_is_nan() -> None:
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(replace(initial("bay1", 7), valid_until_ns=VALID_NS))
-        found = reader.read()
-
-    numbers = (found.u_px, found.v_px, found.radius_px, found.distance_mm, found.z_vision_mm)
-    assert all(map(math.isnan, numbers))
+def test_a_missing_value_is_nan(shared: Shared) -> None:
+    writer, reader = shared
+    writer.write(replace(initial("bay1", 7), valid_until_ns=VALID_NS))
+    found = reader.read()
+    assert has_no_number(found)
     assert (found.vision_quality, found.range_quality) == (Quality.WAITING, Quality.WAITING)
     assert (found.d, found.stop, found.may_move, found.reason) == (None, True, False, Reason.STARTING)
 
 
-@pytest.mark.parametrize("d", [None, False, True])
-@pytest.mark.parametrize("reason", Reason)
-def test_every_decision_and_reason_fits(d: bool | None, reason: Reason) -> None:
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(replace(numbered(1), d=d, reason=reason, stop=bool(d), may_move=not d))
+def test_every_decision_reason_and_quality_fits_and_the_newest_state_is_read(shared: Shared) -> None:
+    writer, reader = shared
+    for seq, (d, reason, quality) in enumerate(product((None, False, True), Reason, Quality), 1):
+        readings = VisionReading(1, quality), RangeReading(2, quality)
+        state = replace(numbered(seq), d=d, reason=reason, stop=bool(d), may_move=not d)
+        writer.write(replace(state, vision=readings[0], range=readings[1]))
         found = reader.read()
-
-    assert (found.d, found.reason, found.stop, found.may_move) == (d, reason, bool(d), not d)
-
-
-@pytest.mark.parametrize("quality", Quality)
-def test_every_quality_fits(quality: Quality) -> None:
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(replace(numbered(1), vision=VisionReading(1, quality), range=RangeReading(2, quality)))
-        found = reader.read()
-
-    assert (found.vision_quality, found.range_quality) == (quality, quality)
-
-
-def test_the_newest_state_is_read() -> None:
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        for seq in range(1, 6):
-            writer.write(numbered(seq))
-            assert reader.read().seq == seq
+        assert (found.seq, found.d, found.reason, found.stop, found.may_move) == (seq, d, reason, bool(d), not d)
+        assert (found.vision_quality, found.range_quality) == (quality, quality)
 
 
 def test_bays_and_instances_are_apart() -> None:
@@ -215,20 +208,20 @@ def test_bays_and_instances_are_apart() -> None:
     assert attachable() == []
 
 
-def test_a_half_written_slot_is_never_shown(own_folder: Path) -> None:
+def test_a_half_written_slot_is_never_shown(shared: Shared) -> None:
     """The writer died, or is paused, while it filled the slot that is not pointed to."""
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        for seq in (1, 2):
-            writer.write(numbered(seq))
-            other = shared_state._HEAD.size + (seq + 1 & 1) * shared_state._SLOT_SIZE
-            with path_of("line1", "bay1").open("r+b") as file:
-                file.seek(other)
-                file.write(b"\xaa" * 30)
-            assert reader.read().seq == seq
+    writer, reader = shared
+    for seq in (1, 2):
+        writer.write(numbered(seq))
+        other = shared_state._HEAD.size + (seq + 1 & 1) * shared_state._SLOT_SIZE
+        with path_of("line1", "bay1").open("r+b") as file:
+            file.seek(other)
+            file.write(b"\xaa" * 30)
+        assert reader.read().seq == seq
 
 
-def test_a_slot_that_is_whole_but_not_yet_pointed_to_is_not_shown() -> None:
-    """Between the reader's look at the count and at the slot come a write, and most of another one."""
+def test_a_complete_slot_that_is_not_yet_pointed_to_is_not_shown(shared: Shared) -> None:
+    """While the reader reads the count and the slot, one write is made, and most of another one."""
 
     class Overtaken:
         def __init__(self, memory: mmap.mmap, meanwhile: list[Callable[[], None]]) -> None:
@@ -243,16 +236,16 @@ def test_a_slot_that_is_whole_but_not_yet_pointed_to_is_not_shown() -> None:
         def close(self) -> None:
             self.memory.close()
 
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(numbered(1))
+    writer, reader = shared
+    writer.write(numbered(1))
 
-        def nearly_twice() -> None:
-            writer.write(numbered(2))
-            writer.write(numbered(3))
-            writer._map[shared_state._COUNT_AT : shared_state._HEAD.size] = shared_state._COUNT.pack(2)
+    def nearly_twice() -> None:
+        writer.write(numbered(2))
+        writer.write(numbered(3))
+        writer._map[shared_state._COUNT_AT : shared_state._HEAD.size] = shared_state._COUNT.pack(2)
 
-        reader._map = cast("mmap.mmap", Overtaken(reader._map, [nearly_twice]))
-        assert [reader.read().seq, reader.read().seq] == [2, 2]
+    reader._map = cast("mmap.mmap", Overtaken(reader._map, [nearly_twice]))
+    assert [reader.read().seq, reader.read().seq] == [2, 2]
 
 
 # Other processes.
@@ -269,8 +262,8 @@ with SharedStateReader("line1", "bay1") as reader:
             failed += 1
             continue
         n = x.seq
-        whole = (x.t_ns, x.t_vision_ns, x.t_range_ns, x.frame_id, x.u_px, x.v_px, x.radius_px, x.distance_mm)
-        torn += whole != (3 * n, 5 * n, -n, 7 * n, n + 0.25, n + 0.5, n + 0.75, 2.5 * n)
+        found = (x.t_ns, x.t_vision_ns, x.t_range_ns, x.frame_id, x.u_px, x.v_px, x.radius_px, x.distance_mm)
+        torn += found != (3 * n, 5 * n, -n, 7 * n, n + 0.25, n + 0.5, n + 0.75, 2.5 * n)
         torn += x.z_vision_mm != 1.5 * n
         backwards += n < last
         last = n
@@ -297,95 +290,69 @@ def test_no_torn_vector_while_the_writer_writes_as_fast_as_it_can(own_folder: Pa
 
 
 @pytest.mark.failure_mode("G11")
-def test_a_killed_writer_is_dead_to_its_readers_and_the_next_writer_sweeps(own_folder: Path) -> None:
+def test_a_gateway_in_another_process(own_folder: Path) -> None:
+    """It keeps others of its instance out; stopped, it is alive; killed, it is dead, even while its children live."""
     path = path_of("line1", "bay1")
     with other_process(own_folder, WRITER) as process, SharedStateReader("line1", "bay1") as reader:
-        assert (reader.read().t_ns, reader.read().pid) == (7, process.pid)
-        assert attachable() == [("line1", "bay1")]
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-
-        with pytest.raises(LinkError, match="the gateway that wrote this state is dead"):
-            reader.read()
-        assert path.exists()
-        assert attachable() == []
-
-        with SharedStateWriter("line2", "bay9"):
-            assert not path.exists()  # whoever starts next sweeps, whatever its name
-        with SharedStateWriter("line1", "bay1") as writer:
-            writer.write(numbered(3))
-            with pytest.raises(LinkError):  # still attached to the corpse
-                reader.read()
-            with SharedStateReader("line1", "bay1") as again:
-                assert (again.read().seq, again.read().pid) == (3, os.getpid())
-
-
-def test_a_killed_writer_is_dead_even_if_its_children_live_on(own_folder: Path) -> None:
-    code = """
-import subprocess
-with SharedStateWriter("line1", "bay1") as writer:
-    writer.write(StateVector("bay1", t_ns=7, valid_until_ns=10**15))
-    child = subprocess.Popen(["sleep", "60"], close_fds=False)
-    print("ready", flush=True)
-    print(child.pid, flush=True)
-    sys.stdin.readline()
-"""
-    with other_process(own_folder, code) as process, SharedStateReader("line1", "bay1") as reader:
         assert process.stdout is not None
         child = int(process.stdout.readline())
         try:
-            reader.read()
+            for bay in ("bay1", "north"):  # even where its bays have other names
+                with pytest.raises(ConfigError) as caught, SharedStateWriter("line1", bay):
+                    pass
+                assert str(caught.value) == (
+                    f'a gateway with instance = "line1" is already running (process {process.pid});'
+                    " give this one another `instance`"
+                )
+            with SharedStateWriter("line2", "bay1"):
+                pass
+            assert attachable() == [("line1", "bay1")]
+            process.send_signal(signal.SIGSTOP)  # a debugger's stop: its state's age shows that, not its lock
+            assert (reader.read().t_ns, reader.read().pid) == (7, process.pid)
+
             process.send_signal(signal.SIGKILL)
             process.wait()
-            with pytest.raises(LinkError, match="dead"):
+            with pytest.raises(LinkError, match="the gateway that wrote this state is dead"):
                 reader.read()
+            assert path.exists()
+            assert attachable() == []
+            with SharedStateWriter("line2", "bay9"):
+                assert not path.exists()  # the next gateway removes it, whatever its name
+            with SharedStateWriter("line1", "bay1") as writer:
+                writer.write(numbered(3))
+                with pytest.raises(LinkError):  # still attached to the file of the killed one
+                    reader.read()
+                with SharedStateReader("line1", "bay1") as again:
+                    assert (again.read().seq, again.read().pid) == (3, os.getpid())
         finally:
             os.kill(child, signal.SIGKILL)
 
 
-def test_a_stopped_writer_is_alive(own_folder: Path) -> None:
-    """It is the ages that tell; a debugger's stop is not a death."""
-    with other_process(own_folder, WRITER) as process, SharedStateReader("line1", "bay1") as reader:
-        process.send_signal(signal.SIGSTOP)
-        assert reader.read().t_ns == 7
-
-
-def test_a_second_gateway_of_one_instance_is_refused_and_told_who_is_there(own_folder: Path) -> None:
-    with other_process(own_folder, WRITER) as process:
-        for bay in ("bay1", "north"):  # even where its bays have other names
-            with pytest.raises(ConfigError) as caught, SharedStateWriter("line1", bay):
-                pass
-            assert str(caught.value) == (
-                f'a gateway with instance = "line1" is already running (process {process.pid});'
-                " give this one another `instance`"
-            )
-        with SharedStateReader("line1", "bay1") as reader:
-            assert reader.read().t_ns == 7  # unharmed
-        with SharedStateWriter("line2", "bay1"):
-            pass
-        assert attachable() == [("line1", "bay1")]
-
-
-def test_a_namesake_that_has_not_said_who_it_is_yet_is_not_refused(own_folder: Path) -> None:
-    """A file that was created this very moment names no process yet."""
+def test_a_file_of_the_same_instance_that_names_no_process_yet_is_no_conflict(own_folder: Path) -> None:
     with path_of("line1", "north").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         with SharedStateWriter("line1", "bay1"):
             pass
 
 
-def test_a_namesake_s_corpse_that_another_gateway_is_sweeping_is_no_namesake(own_folder: Path) -> None:
-    with SharedStateWriter("line1", "north"):
-        corpse = path_of("line1", "north").read_bytes()
-    corpse = corpse.replace(os.getpid().to_bytes(4, sys.byteorder), b"\1\0\0\0", 1)
-    path_of("line1", "north").write_bytes(corpse)
-    sweeper = os.open(path_of("line1", "north"), os.O_RDONLY)
-    fcntl.flock(sweeper, fcntl.LOCK_EX)
-    timer = threading.Timer(0.05, os.close, [sweeper])
+@contextlib.contextmanager
+def locked_for_a_moment(path: Path, lock: int) -> Iterator[None]:
+    """Another process holds a lock on `path` for 50 ms."""
+    holder = os.open(path, os.O_RDONLY)
+    fcntl.flock(holder, lock)
+    timer = threading.Timer(0.05, os.close, [holder])
     timer.start()
-    with SharedStateWriter("line1", "bay1"):
-        pass
+    yield
     timer.join()
+
+
+def test_an_abandoned_file_of_the_same_instance_that_another_gateway_removes_is_no_conflict() -> None:
+    with SharedStateWriter("line1", "north"):
+        abandoned = path_of("line1", "north").read_bytes()
+    abandoned = abandoned.replace(os.getpid().to_bytes(4, sys.byteorder), b"\1\0\0\0", 1)
+    path_of("line1", "north").write_bytes(abandoned)
+    with locked_for_a_moment(path_of("line1", "north"), fcntl.LOCK_EX), SharedStateWriter("line1", "bay1"):
+        pass
 
 
 def test_one_bay_twice_in_one_process_is_refused() -> None:
@@ -393,7 +360,7 @@ def test_one_bay_twice_in_one_process_is_refused() -> None:
         SharedStateWriter("line1", "bay1").__enter__()
 
 
-NOSY = """
+READERS = """
 print("ready", flush=True)
 while True:
     attachable()
@@ -405,25 +372,24 @@ while True:
 """
 
 
-def test_nosy_readers_never_keep_a_writer_out(own_folder: Path) -> None:
-    with other_process(own_folder, NOSY), other_process(own_folder, NOSY):
+def test_readers_never_keep_a_writer_out(own_folder: Path) -> None:
+    with other_process(own_folder, READERS), other_process(own_folder, READERS):
         for _ in range(40):
             with SharedStateWriter("line1", "bay1") as writer:
                 writer.write(numbered(1))
 
 
 @pytest.mark.parametrize("lock", [fcntl.LOCK_SH, fcntl.LOCK_EX])
-def test_a_moment_s_lock_of_another_does_not_keep_a_writer_out(own_folder: Path, lock: int) -> None:
-    """A reader that asks (shared), or a starting gateway that sweeps (exclusive), holds a corpse's lock briefly."""
+def test_a_moment_s_lock_of_another_does_not_keep_a_writer_out(lock: int) -> None:
+    """A reader that checks (shared), or a starting gateway (exclusive), holds an abandoned file's lock briefly."""
     path_of("line1", "bay1").touch()
-    holder = os.open(path_of("line1", "bay1"), os.O_RDONLY)
-    fcntl.flock(holder, lock)
-    timer = threading.Timer(0.05, os.close, [holder])
-    timer.start()
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
+    with (
+        locked_for_a_moment(path_of("line1", "bay1"), lock),
+        SharedStateWriter("line1", "bay1") as writer,
+        SharedStateReader("line1", "bay1") as reader,
+    ):
         writer.write(numbered(4))
         assert reader.read().seq == 4
-    timer.join()
 
 
 # Races of starting gateways, made to happen.
@@ -455,7 +421,7 @@ def test_a_slow_sweep_does_not_remove_a_newer_writer_s_file(own_folder: Path, mo
         assert path.exists()
 
 
-def test_a_writer_does_not_live_in_a_file_that_was_swept_from_under_it(
+def test_a_writer_does_not_use_a_file_that_was_removed_before_it_was_locked(
     own_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = path_of("line1", "bay1")
@@ -465,24 +431,24 @@ def test_a_writer_does_not_live_in_a_file_that_was_swept_from_under_it(
         assert reader.read().seq == 5
 
 
-def test_a_corpse_that_vanishes_during_the_sweep_is_no_trouble(
+def test_an_abandoned_file_may_vanish_during_the_sweep(own_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    abandoned = path_of("line0", "bay1")
+    abandoned.touch()
+    monkeypatch.setattr(Path, "glob", lambda *_: iter([own_folder / "loading-gateway.gone.x", abandoned]))
+    with SharedStateWriter("line1", "bay1"):
+        assert not abandoned.exists()
+
+
+def test_the_last_state_in_an_abandoned_file_that_is_reused_is_not_shown(
     own_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    corpse = path_of("line0", "bay1")
-    corpse.touch()
-    monkeypatch.setattr(Path, "glob", lambda *_: iter([own_folder / "loading-gateway.gone.x", corpse]))
-    with SharedStateWriter("line1", "bay1"):
-        assert not corpse.exists()
-
-
-def test_a_corpse_that_is_taken_over_does_not_speak_again(own_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A gateway killed between our sweep and our claim: its last state must not look like ours."""
     path = path_of("line1", "bay1")
     with SharedStateWriter("line1", "bay1") as writer:
         for seq in (1, 2, 3):
             writer.write(numbered(seq))
-        corpse = path.read_bytes()
-    path.write_bytes(corpse)
+        abandoned = path.read_bytes()
+    path.write_bytes(abandoned)
     monkeypatch.setattr(shared_state, "_sweep", lambda: None)
     with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
         with pytest.raises(LinkError, match="no complete state"):
@@ -491,7 +457,7 @@ def test_a_corpse_that_is_taken_over_does_not_speak_again(own_folder: Path, monk
         assert reader.read().seq == 9
 
 
-def test_leaving_does_not_remove_a_file_that_is_another_s(own_folder: Path) -> None:
+def test_leaving_does_not_remove_the_file_of_another(own_folder: Path) -> None:
     path = path_of("line1", "bay1")
     with SharedStateWriter("line1", "bay1"):
         path.unlink()  # somebody tidied up by hand,
@@ -499,7 +465,7 @@ def test_leaving_does_not_remove_a_file_that_is_another_s(own_folder: Path) -> N
     assert path.read_bytes() == b"another"
 
 
-def test_leaving_removes_the_file_and_bears_that_it_is_gone(own_folder: Path) -> None:
+def test_leaving_removes_the_file_if_it_is_there(own_folder: Path) -> None:
     with SharedStateWriter("line1", "bay1"):
         assert [p.name for p in own_folder.iterdir()] == ["loading-gateway.line1.bay1"]
     assert list(own_folder.iterdir()) == []
@@ -510,9 +476,9 @@ def test_leaving_removes_the_file_and_bears_that_it_is_gone(own_folder: Path) ->
 # What the machine may refuse.
 
 
-def test_another_user_s_corpse_is_left_alone(own_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    corpse = path_of("line0", "bay1")
-    corpse.touch()
+def test_the_abandoned_file_of_another_user_stays(own_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    abandoned = path_of("line0", "bay1")
+    abandoned.touch()
 
     def forbidden(self: Path, missing_ok: bool = False) -> None:
         raise PermissionError(errno.EPERM, "Operation not permitted", str(self))
@@ -521,7 +487,7 @@ def test_another_user_s_corpse_is_left_alone(own_folder: Path, monkeypatch: pyte
         patch.setattr(Path, "unlink", forbidden)
         writer = SharedStateWriter("line1", "bay1").__enter__()
     writer.__exit__(None, None, None)
-    assert corpse.exists()
+    assert abandoned.exists()
 
 
 def test_a_name_that_is_another_user_s_is_a_config_error(own_folder: Path) -> None:
@@ -545,21 +511,17 @@ def test_a_full_memory_disk_is_a_config_error_and_not_a_sigbus_later(
         pass
 
 
-# What a reader may meet.
+# What a reader may find.
 
 
-def test_nobody_shares_that_state() -> None:
+def test_no_gateway_shares_that_state() -> None:
     with pytest.raises(LinkError, match=r"no gateway shares a state for 'line1\.bay1'"):
         SharedStateReader("line1", "bay1").__enter__()
 
 
-def test_nothing_has_been_written_yet() -> None:
-    with (
-        SharedStateWriter("line1", "bay1"),
-        SharedStateReader("line1", "bay1") as reader,
-        pytest.raises(LinkError, match="no complete state could be read"),
-    ):
-        reader.read()
+def test_nothing_has_been_written_yet(shared: Shared) -> None:
+    with pytest.raises(LinkError, match="no complete state could be read"):
+        shared[1].read()
 
 
 SLOT_SIZE = shared_state._SLOT_SIZE.to_bytes(4, "little")
@@ -575,21 +537,21 @@ def test_a_file_that_is_no_vector_of_ours(content: bytes) -> None:
         SharedStateReader("line1", "bay1").__enter__()
 
 
-def test_damage_in_both_slots_is_no_value() -> None:
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(numbered(1))
-        with path_of("line1", "bay1").open("r+b") as file:
-            file.seek(shared_state._HEAD.size)
-            file.write(b"\xff" * 2 * shared_state._SLOT_SIZE)
-        with pytest.raises(LinkError, match="no complete state could be read"):
-            reader.read()
+def test_damage_in_both_slots_is_no_value(shared: Shared) -> None:
+    writer, reader = shared
+    writer.write(numbered(1))
+    with path_of("line1", "bay1").open("r+b") as file:
+        file.seek(shared_state._HEAD.size)
+        file.write(b"\xff" * 2 * shared_state._SLOT_SIZE)
+    with pytest.raises(LinkError, match="no complete state could be read"):
+        reader.read()
 
 
-def test_a_reason_that_only_a_later_version_knows(monkeypatch: pytest.MonkeyPatch) -> None:
-    with SharedStateWriter("line1", "bay1") as writer, SharedStateReader("line1", "bay1") as reader:
-        writer.write(replace(numbered(1), reason=60))  # type: ignore[arg-type]  # not a Reason of this version
-        with pytest.raises(LinkError, match="not a state vector of this version: 60 is not a valid Reason"):
-            reader.read()
+def test_a_reason_that_only_a_later_version_knows(shared: Shared) -> None:
+    writer, reader = shared
+    writer.write(replace(numbered(1), reason=60))  # type: ignore[arg-type]  # not a Reason of this version
+    with pytest.raises(LinkError, match="not a state vector of this version: 60 is not a valid Reason"):
+        reader.read()
 
 
 def test_a_writer_that_has_left_is_dead() -> None:
@@ -622,13 +584,13 @@ def test_the_folder_is_memory_where_there_is_some(monkeypatch: pytest.MonkeyPatc
     assert path_of("line1", "bay1") == tmp_path / "loading-gateway.line1.bay1"
 
 
-def test_a_pipe_or_a_link_in_everybodys_folder_holds_nobody_up(own_folder: Path) -> None:
+def test_a_pipe_or_a_link_in_the_folder_blocks_nothing(own_folder: Path) -> None:
     """Opening a pipe would wait for its writer for ever: at the start, and in `gateway state`."""
     os.mkfifo(path_of("other", "bay1"))
     path_of("other", "bay2").symlink_to("/dev/zero")
     done = threading.Event()
 
-    def look() -> None:
+    def use() -> None:
         assert attachable() == []
         for bay in ("bay1", "bay2"):
             with pytest.raises(LinkError), SharedStateReader("other", bay):
@@ -638,7 +600,7 @@ def test_a_pipe_or_a_link_in_everybodys_folder_holds_nobody_up(own_folder: Path)
             assert attachable() == [("main", "bay1")]
         done.set()
 
-    threading.Thread(target=look, daemon=True).start()
+    threading.Thread(target=use, daemon=True).start()
     assert done.wait(30)
 
 
