@@ -12,7 +12,7 @@ import pytest
 from gateway.core.events import EventKind
 from gateway.core.plc import Control, Outcome, RecipeVerdict, ResetVerdict
 from gateway.core.state import GuidanceCode, Reason
-from gateway.modbus.registers.handshake import HandshakeBit
+from gateway.modbus.registers.handshake import HANDSHAKE_STATUS
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
@@ -56,8 +56,8 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     return made
 
 
-def bit(image: Image, which: HandshakeBit) -> bool:
-    return bool(image["handshake_status"] >> which & 1)
+def bit(image: Image, which: str) -> bool:
+    return which in HANDSHAKE_STATUS.on(image["handshake_status"])
 
 
 def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
@@ -79,23 +79,23 @@ def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
         with TlsPlc(started["modbus_tls_port"], context_of(plant, "plc1")) as plc:
             # It lives; the latch of the start stands until it is reset.
             latched = plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED, 60)
-            assert bit(latched, HandshakeBit.PLC_ALIVE)
-            assert bit(latched, HandshakeBit.STOP_LATCHED)
+            assert bit(latched, "plc_alive")
+            assert bit(latched, "stop_latched")
             plc.control = 1 << Control.RESET
             plc.wait_for(lambda image: image["reset_verdict"] == ResetVerdict.DONE and image["may_move"] == 1)
             plc.control = 0
             # One triggered measurement.
             plc.wait_for(lambda image: image["plc_control"] == 0)
             plc.control = 1 << Control.TRIGGER
-            held = plc.wait_for(lambda image: bit(image, HandshakeBit.RESULTS_VALID))
+            held = plc.wait_for(lambda image: bit(image, "results_valid"))
             assert (held["acquisition_id"], held["result_id"]) == (1, 1)
             assert held["result_outcome"] == Outcome.NOT_IN_PLACE
             assert 550 < held["result_distance"] < 650
             # Its program stops, its communication does not.
             plc.stand_still()
             plc.wait_for(lambda image: image["reason"] == Reason.PLC_LOST and image["may_move"] == 0)
-            dropped = plc.wait_for(lambda image: bit(image, HandshakeBit.PLC_LOST))
-            assert (dropped["result_id"], bit(dropped, HandshakeBit.RESULTS_VALID)) == (0, False)
+            dropped = plc.wait_for(lambda image: bit(image, "plc_lost"))
+            assert (dropped["result_id"], bit(dropped, "results_valid")) == (0, False)
         gateway.end()
         scada.wait_for(lambda message: message.topic.endswith("/status") and message.json["status"] == "offline")
 
@@ -158,12 +158,12 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
 
             # One triggered measurement, acknowledged, and the next.
             for number in (1, 2):
-                held = pulse(Control.TRIGGER, lambda image: bit(image, HandshakeBit.RESULTS_VALID))
+                held = pulse(Control.TRIGGER, lambda image: bit(image, "results_valid"))
                 assert (held["acquisition_id"], held["result_id"]) == (number, number)
                 assert (held["result_outcome"], held["result_distance"]) == (Outcome.IN_PLACE, 250)
-                pulse(Control.RESULTS_ACK, lambda image: not bit(image, HandshakeBit.RESULTS_VALID))
+                pulse(Control.RESULTS_ACK, lambda image: not bit(image, "results_valid"))
             plc.control = 0
-            plc.wait_for(lambda image: bit(image, HandshakeBit.TRIGGER_READY))
+            plc.wait_for(lambda image: bit(image, "trigger_ready"))
 
             for pdu in (struct.pack(">BHH", 6, 4, 0), struct.pack(">BHHB2H", 16, 82, 2, 4, 0, 0)):
                 with pytest.raises(RefusedError) as refused:

@@ -18,7 +18,7 @@ from gateway.certs.client_certificate import Validity
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.registers.bits import bits_of, masked
-from gateway.modbus.registers.register_map import STATUS_ADDRESS, StatusBit
+from gateway.modbus.registers.register_map import STATUS, STATUS_ADDRESS
 
 MAX_READ_BITS = 2000
 MAX_READ_WORDS = 125
@@ -28,7 +28,7 @@ MAX_READ_WRITE_WORDS = 121  # what FC 23 may write
 COIL_VALUES = {0x0000: 0, 0xFF00: 1}  # what FC 5 may write
 READ_DEVICE_IDENTIFICATION = 14  # the only MEI type of FC 43 that is no transport for something else
 MAY_NOT_WRITE = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles define who may)"
-NOT_DECIDING = 1 << StatusBit.GATEWAY_FAULT | 1 << StatusBit.SHUTDOWN
+NOT_DECIDING = STATUS.mask("gateway_fault", "shutdown")
 
 
 class Access(IntEnum):

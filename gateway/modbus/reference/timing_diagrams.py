@@ -17,7 +17,7 @@ from gateway.core.interlock import Rules
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import StateVector, Tick
-from gateway.modbus.registers.handshake import HandshakeBit
+from gateway.modbus.registers.handshake import HANDSHAKE_STATUS
 from gateway.modbus.registers.register_map import decode, encode
 
 MS = 1_000_000
@@ -67,8 +67,9 @@ def approach(distances: dict[int, float]) -> Seen:
     return seen
 
 
-def _bit(which: HandshakeBit) -> Signal:
-    return lambda image: int(image["handshake_status"]) >> which & 1
+def _bit(name: str) -> Signal:
+    mask = HANDSHAKE_STATUS.mask(name)
+    return lambda image: bool(int(image["handshake_status"]) & mask)
 
 
 def control(which: Control) -> Signal:
@@ -88,14 +89,14 @@ MEASUREMENT = SignalSequence(
      600: (Control.TRIGGER,), 700: (Control.RESULTS_ACK,), 780: ()},
     {
         "trigger": (PLC_SIDE, control(Control.TRIGGER)),
-        "trigger_ready": (BIT, _bit(HandshakeBit.TRIGGER_READY)),
-        "trigger_ack": (BIT, _bit(HandshakeBit.TRIGGER_ACK)),
-        "acquiring": (BIT, _bit(HandshakeBit.ACQUIRING)),
+        "trigger_ready": (BIT, _bit("trigger_ready")),
+        "trigger_ack": (BIT, _bit("trigger_ack")),
+        "acquiring": (BIT, _bit("acquiring")),
         "acquisition_id": (NUMBER, word("acquisition_id")),
-        "results_valid": (BIT, _bit(HandshakeBit.RESULTS_VALID)),
+        "results_valid": (BIT, _bit("results_valid")),
         "result_id": (NUMBER, word("result_id")),
         "results_ack": (PLC_SIDE, control(Control.RESULTS_ACK)),
-        "overrun": (BIT, _bit(HandshakeBit.OVERRUN)),
+        "overrun": (BIT, _bit("overrun")),
     },
     approach({0: 900.0}),
 )  # fmt: skip
@@ -106,7 +107,7 @@ LATCH = SignalSequence(
     {100: (Control.RESET,), 200: (), 700: (Control.RESET,), 800: (), 1200: (Control.RESET,), 1300: ()},
     {
         "D": (BIT, lambda image: int(image["d"] or 0)),
-        "stop_latched": (BIT, _bit(HandshakeBit.STOP_LATCHED)),
+        "stop_latched": (BIT, _bit("stop_latched")),
         "reset": (PLC_SIDE, control(Control.RESET)),
         "reset_verdict": (NUMBER, word("reset_verdict")),
         "stop": (BIT, word("stop")),
@@ -122,7 +123,7 @@ HEARTBEAT = SignalSequence(
     {},
     {
         "plc_heartbeat": (PLC_SIDE, lambda image: int(image["plc_heartbeat"]) & 1),
-        "plc_alive": (BIT, _bit(HandshakeBit.PLC_ALIVE)),
+        "plc_alive": (BIT, _bit("plc_alive")),
         "stop": (BIT, word("stop")),
         "may_move": (BIT, word("may_move")),
         "reason": (NUMBER, word("reason")),

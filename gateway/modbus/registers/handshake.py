@@ -1,7 +1,5 @@
 """Rows 80 to 96: the handshake with the PLC, which writes the first three; the gateway answers in the others. Pure."""
 
-from enum import IntEnum
-
 from gateway.core.plc import (
     CONTROL_MEANING,
     OUTCOME_MEANING,
@@ -12,56 +10,38 @@ from gateway.core.plc import (
     TriggerPhase,
 )
 from gateway.core.state import StateVector
-from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named, part
+from gateway.modbus.registers.register import (
+    MEASURED_INT16,
+    MEASURED_UINT16,
+    UINT16,
+    Register,
+    StatusWord,
+    Value,
+    named,
+    part,
+)
 
 NS_PER_MS = 1_000_000
 
 
-class HandshakeBit(IntEnum):
-    """Bits of the handshake status. Never renumber, only add."""
-
-    WRITES_ON = 0
-    PLC_ALIVE = 1
-    PLC_LOST = 2
-    STOP_LATCHED = 3
-    TRIGGER_READY = 4
-    TRIGGER_ACK = 5
-    ACQUIRING = 6
-    RESULTS_VALID = 7
-    OVERRUN = 8
-    TIMED_OUT = 9
+def _used(state: StateVector) -> bool:
+    return state.plc.link is not PlcLink.UNUSED
 
 
-HANDSHAKE_MEANING: dict[HandshakeBit, str] = {
-    HandshakeBit.WRITES_ON: "the handshake block can be written",
-    HandshakeBit.PLC_ALIVE: "plc_heartbeat has changed within its deadline",
-    HandshakeBit.PLC_LOST: "plc_heartbeat has not changed for longer than its deadline",
-    HandshakeBit.STOP_LATCHED: "stop is latched: until a reset, a release, or the truck has left",
-    HandshakeBit.TRIGGER_READY: "a rising trigger would be accepted",
-    HandshakeBit.TRIGGER_ACK: "the trigger was accepted; turns off with the trigger bit",
-    HandshakeBit.ACQUIRING: "a triggered measurement runs",
-    HandshakeBit.RESULTS_VALID: "the result registers hold the result of acquisition_id",
-    HandshakeBit.OVERRUN: "a trigger arrived while none could be accepted, and was lost; until the next accepted one",
-    HandshakeBit.TIMED_OUT: "the newest acquisition got no result; until the next accepted trigger",
-}
-
-
-def _status(state: StateVector, _: int) -> Value:
-    plc = state.plc
-    used = plc.link is not PlcLink.UNUSED
-    bits = {
-        HandshakeBit.WRITES_ON: used,
-        HandshakeBit.PLC_ALIVE: plc.link is PlcLink.ALIVE,
-        HandshakeBit.PLC_LOST: plc.link is PlcLink.LOST,
-        HandshakeBit.STOP_LATCHED: state.memory.latched,
-        HandshakeBit.TRIGGER_READY: used and plc.phase is TriggerPhase.READY,
-        HandshakeBit.TRIGGER_ACK: plc.trigger_ack,
-        HandshakeBit.ACQUIRING: plc.phase is TriggerPhase.ACQUIRING,
-        HandshakeBit.RESULTS_VALID: plc.phase is TriggerPhase.VALID,
-        HandshakeBit.OVERRUN: plc.overrun,
-        HandshakeBit.TIMED_OUT: plc.timed_out,
-    }
-    return sum(on << bit for bit, on in bits.items())
+HANDSHAKE_STATUS = StatusWord((
+    ("writes_on", "the handshake block can be written", _used),
+    ("plc_alive", "plc_heartbeat has changed within its deadline", lambda s: s.plc.link is PlcLink.ALIVE),
+    ("plc_lost", "plc_heartbeat has not changed for longer than its deadline", lambda s: s.plc.link is PlcLink.LOST),
+    ("stop_latched", "stop is latched: until a reset, a release, or the truck has left", lambda s: s.memory.latched),
+    ("trigger_ready", "a rising trigger would be accepted", lambda s: _used(s) and s.plc.phase is TriggerPhase.READY),
+    ("trigger_ack", "the trigger was accepted; turns off with the trigger bit", lambda s: s.plc.trigger_ack),
+    ("acquiring", "a triggered measurement runs", lambda s: s.plc.phase is TriggerPhase.ACQUIRING),
+    ("results_valid", "the result registers hold the result of acquisition_id",
+     lambda s: s.plc.phase is TriggerPhase.VALID),
+    ("overrun", "a trigger arrived while none could be accepted, and was lost; until the next accepted one",
+     lambda s: s.plc.overrun),
+    ("timed_out", "the newest acquisition got no result; until the next accepted trigger", lambda s: s.plc.timed_out),
+))  # fmt: skip
 
 
 def _held(state: StateVector) -> Acquired | None:
@@ -81,8 +61,8 @@ HANDSHAKE: tuple[Register, ...] = (
              lambda s, _: s.plc.control, bits=named(CONTROL_MEANING), writable=True),
     Register(82, "recipe_select", UINT16, 1, "", "written by the PLC: id of the recipe it wants; 0: the configuration",
              lambda s, _: s.plc.recipe_asked, writable=True),
-    Register(83, "handshake_status", UINT16, 1, "", "the gateway's side of the handshake, one bit each", _status,
-             bits=named(HANDSHAKE_MEANING)),
+    Register(83, "handshake_status", UINT16, 1, "", "the gateway's side of the handshake, one bit each",
+             HANDSHAKE_STATUS.read, bits=HANDSHAKE_STATUS.names),
     Register(84, "recipe_active", UINT16, 1, "", "id of the recipe in force; 0: the configuration as it is",
              lambda s, _: s.plc.recipe),
     Register(85, "recipe_verdict", UINT16, 1, "", "what became of the newest recipe_select",

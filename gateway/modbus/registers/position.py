@@ -1,41 +1,21 @@
 """Rows 35 to 39: may the truck move, is it in place, has it moved since. Pure (docs/visit.md)."""
 
-from enum import IntEnum
-
 from gateway.core.state import MOVED_MEANING, VISIT_PHASE_MEANING, Moved, StateVector
-from gateway.modbus.registers.register import MEASURED_UINT16, UINT16, Register, Value, named
+from gateway.modbus.registers.register import MEASURED_UINT16, UINT16, Register, StatusWord, Value, named
 
 NS_PER_S = 1_000_000_000
 
 
-class PositionBit(IntEnum):
-    """Bits of the position status. Never renumber, only add."""
-
-    MAY_MOVE = 0
-    IN_PLACE = 1
-    HELD = 2
-    MOVED = 3
-    RELEASED = 4
-
-
-POSITION_MEANING: dict[PositionBit, str] = {
-    PositionBit.MAY_MOVE: "the truck may move, as in register may_move; never a condition for loading",
-    PositionBit.IN_PLACE: "the truck is in place, as in register in_place: the only condition for loading",
-    PositionBit.HELD: "in place is held by the ranger alone: the marker is covered; held_time is the time since then",
-    PositionBit.MOVED: "the truck left its place without release; how it was detected: register moved",
-    PositionBit.RELEASED: "the PLC has released the truck, which has not left yet",
-}
-
-
-def _status(state: StateVector, _: int) -> Value:
-    bits = {
-        PositionBit.MAY_MOVE: state.may_move,
-        PositionBit.IN_PLACE: state.in_place,
-        PositionBit.HELD: state.visit.held,
-        PositionBit.MOVED: state.visit.moved is not Moved.NO,
-        PositionBit.RELEASED: state.visit.released,
-    }
-    return sum(on << bit for bit, on in bits.items())
+POSITION_STATUS = StatusWord((
+    ("may_move", "the truck may move, as in register may_move; never a condition for loading", lambda s: s.may_move),
+    ("in_place", "the truck is in place, as in register in_place: the only condition for loading",
+     lambda s: s.in_place),
+    ("held", "in place is held by the ranger alone: the marker is covered; held_time is the time since then",
+     lambda s: s.visit.held),
+    ("moved", "the truck left its place without release; how it was detected: register moved",
+     lambda s: s.visit.moved is not Moved.NO),
+    ("released", "the PLC has released the truck, which has not left yet", lambda s: s.visit.released),
+))  # fmt: skip
 
 
 def _held_s(state: StateVector, _: int) -> Value:
@@ -44,8 +24,8 @@ def _held_s(state: StateVector, _: int) -> Value:
 
 
 POSITION: tuple[Register, ...] = (
-    Register(35, "position_status", UINT16, 1, "", "position of the truck, one bit each", _status,
-             bits=named(POSITION_MEANING)),
+    Register(35, "position_status", UINT16, 1, "", "position of the truck, one bit each",
+             POSITION_STATUS.read, bits=POSITION_STATUS.names),
     Register(36, "in_place", UINT16, 1, "", "1: the truck is in place; the only condition for loading; else 0",
              lambda s, _: int(s.in_place)),
     Register(37, "moved", UINT16, 1, "", "since it was in place, has the truck moved without release?",

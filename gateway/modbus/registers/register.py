@@ -98,6 +98,31 @@ def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
     return {int(code): (code.name.lower(), meaning) for code, meaning in meanings.items()}
 
 
+@dataclass(frozen=True, slots=True)
+class StatusWord:
+    """A register of one bit each: (name, meaning, when it is on), from bit 0. Never reorder, only append."""
+
+    rows: tuple[tuple[str, str, Callable[[StateVector], bool]], ...]
+
+    @property
+    def names(self) -> Names:
+        """For `Register.bits`."""
+        return {bit: (name, meaning) for bit, (name, meaning, _) in enumerate(self.rows)}
+
+    def read(self, state: StateVector, _: int) -> Value:
+        """For `Register.read`."""
+        return sum(on(state) << bit for bit, (_, _, on) in enumerate(self.rows))
+
+    def mask(self, *names: str) -> int:
+        """The bits of these names. Raises ValueError for an unknown one."""
+        known = [name for name, _, _ in self.rows]
+        return sum(1 << known.index(name) for name in names)
+
+    def on(self, word: int) -> set[str]:
+        """The names of the bits that are on in `word`."""
+        return {name for bit, (name, _, _) in enumerate(self.rows) if word >> bit & 1}
+
+
 def packer(kind: WireType, scale: float, order: WordOrder) -> Callable[[float | None], Packed]:
     """A function from a value (in its unit; the register counts in `scale`) to its words and whether it was limited.
 

@@ -8,8 +8,7 @@ the image of a gateway whose control task has died, so that it can't share a num
 Equal numbers therefore mean one image, however many reads fetched it.
 """
 
-from collections.abc import Sequence
-from enum import IntEnum
+from collections.abc import Callable, Sequence
 
 from gateway.core.detection import TRACKING_MEANING, Circle, Ellipse
 from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, VisionReading
@@ -28,6 +27,7 @@ from gateway.modbus.registers.register import (
     UINT32,
     UINT64,
     Reserved,
+    StatusWord,
     WordOrder,
     named,
     packer,
@@ -47,43 +47,30 @@ NS_PER_MS = 1_000_000
 Image = tuple[int, ...]
 
 
-class StatusBit(IntEnum):
-    """Bits of the status word. Never renumber, only add."""
-
-    STOP = 0
-    MAY_MOVE = 1
-    D = 2
-    D_UNKNOWABLE = 3
-    VISION_GOOD = 4
-    RANGE_GOOD = 5
-    HEALTHY = 6
-    STARTING = 7
-    FAULT = 8
-    VISION_FAULT = 9
-    RANGE_FAULT = 10
-    DISAGREE = 11
-    GATEWAY_FAULT = 12
-    SHUTDOWN = 13
-    CLAMPED = 14
-
-
-STATUS_MEANING: dict[StatusBit, str] = {
-    StatusBit.STOP: "stop is on, as in register stop",
-    StatusBit.MAY_MOVE: "the truck may move, as in register may_move; never a condition for loading",
-    StatusBit.D: "D = 1, the paper's stop decision",
-    StatusBit.D_UNKNOWABLE: "D can't be computed: a sensor has no good, fresh value",
-    StatusBit.VISION_GOOD: "u, v, radius are fresh and valid",
-    StatusBit.RANGE_GOOD: "distance is fresh and valid",
-    StatusBit.HEALTHY: "both sensors good and not in disagreement",
-    StatusBit.STARTING: "a sensor has sent nothing yet",
-    StatusBit.FAULT: "any of bits 9 to 12",
-    StatusBit.VISION_FAULT: "vision_quality is a fault: neither good, nor waiting, nor merely without a target",
-    StatusBit.RANGE_FAULT: "range_quality is a fault: neither good nor waiting",
-    StatusBit.DISAGREE: "camera and ranger contradict each other",
-    StatusBit.GATEWAY_FAULT: "the control task does not run: no values, stop on; heartbeat and counters do not change",
-    StatusBit.SHUTDOWN: "the gateway is shutting down",
-    StatusBit.CLAMPED: "an integer value is at its register's limit; its float32 mirror has the true one",
-}
+_FAULTS: tuple[tuple[str, str, Callable[[StateVector], bool]], ...] = (  # from bit 9 on
+    ("vision_fault", "vision_quality is a fault: neither good, nor waiting, nor merely without a target",
+     lambda s: s.vision.quality not in VISION_FINE),
+    ("range_fault", "range_quality is a fault: neither good nor waiting", lambda s: s.range.quality not in RANGE_FINE),
+    ("disagree", "camera and ranger contradict each other", lambda s: s.memory.disagree),
+    ("gateway_fault", "the control task does not run: no values, stop on; heartbeat and counters do not change",
+     lambda s: s.reason is Reason.GATEWAY_FAULT),
+)  # fmt: skip
+STATUS = StatusWord((
+    ("stop", "stop is on, as in register stop", lambda s: s.stop),
+    ("may_move", "the truck may move, as in register may_move; never a condition for loading", lambda s: s.may_move),
+    ("d", "D = 1, the paper's stop decision", lambda s: s.d is True),
+    ("d_unknowable", "D can't be computed: a sensor has no good, fresh value", lambda s: s.d is None),
+    ("vision_good", "u, v, radius are fresh and valid", lambda s: s.vision.quality is Quality.GOOD),
+    ("range_good", "distance is fresh and valid", lambda s: s.range.quality is Quality.GOOD),
+    ("healthy", "both sensors good and not in disagreement",
+     lambda s: s.vision.quality is s.range.quality is Quality.GOOD and not s.memory.disagree),
+    ("starting", "a sensor has sent nothing yet", lambda s: Quality.WAITING in (s.vision.quality, s.range.quality)),
+    ("fault", "any of bits 9 to 12", lambda s: any(on(s) for _, _, on in _FAULTS)),
+    *_FAULTS,
+    ("shutdown", "the gateway is shutting down", lambda s: s.reason is Reason.SHUTDOWN),
+    ("clamped", "an integer value is at its register's limit; its float32 mirror has the true one",
+     lambda _: False),  # `encode` sets it: it depends on the other registers
+))  # fmt: skip
 
 
 def _circle(state: StateVector) -> Circle | None:
@@ -125,33 +112,8 @@ def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
     return None if quality is Quality.WAITING else (state.t_ns - t_ns) // NS_PER_MS
 
 
-def _status(state: StateVector, _: int) -> Value:
-    """All bits but CLAMPED, which depends on the other registers."""
-    vision, rng = state.vision.quality, state.range.quality
-    faults = {
-        StatusBit.VISION_FAULT: vision not in VISION_FINE,
-        StatusBit.RANGE_FAULT: rng not in RANGE_FINE,
-        StatusBit.DISAGREE: state.memory.disagree,
-        StatusBit.GATEWAY_FAULT: state.reason is Reason.GATEWAY_FAULT,
-    }
-    bits = faults | {
-        StatusBit.STOP: state.stop,
-        StatusBit.MAY_MOVE: state.may_move,
-        StatusBit.D: state.d is True,
-        StatusBit.D_UNKNOWABLE: state.d is None,
-        StatusBit.VISION_GOOD: vision is Quality.GOOD,
-        StatusBit.RANGE_GOOD: rng is Quality.GOOD,
-        StatusBit.HEALTHY: vision is Quality.GOOD and rng is Quality.GOOD and not state.memory.disagree,
-        StatusBit.STARTING: Quality.WAITING in (vision, rng),
-        StatusBit.FAULT: any(faults.values()),
-        StatusBit.SHUTDOWN: state.reason is Reason.SHUTDOWN,
-    }
-    return sum(on << bit for bit, on in bits.items())
-
-
 _QUALITY = named(QUALITY_MEANING)
 _REASON = named(REASON_MEANING)
-_STATUS = named(STATUS_MEANING)
 _TRACKING = named(TRACKING_MEANING)
 _NEVER_DECIDE = "predicted while coasted; never decide on it"
 _WRAPS = "count since the start of the gateway, modulo 65536"
@@ -162,8 +124,8 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: MAP_VERSION),
     Register(2, "heartbeat", UINT16, 1, "", "+1 with every fusion tick, modulo 65536; stops when fusion does",
              lambda s, _: s.heartbeat & 0xFFFF),
-    Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", _status,
-             bits=_STATUS),
+    Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", STATUS.read,
+             bits=STATUS.names),
     Register(4, "stop", UINT16, 1, "", "1: stop the truck; also on whenever D is unknowable; 0 alone allows nothing",
              lambda s, _: int(s.stop)),
     Register(5, "may_move", UINT16, 1, "", "1: the truck may move: stop is off and nothing withholds it; else 0",
@@ -255,6 +217,7 @@ RESERVED: tuple[Reserved, ...] = (Reserved(98, 1, "to be decided"),)
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 STATUS_ADDRESS = _ADDRESS["status"]
+_CLAMPED = STATUS.mask("clamped")
 
 
 def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
@@ -267,7 +230,8 @@ def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
     for begin, end, read, packed, reported in _PLANS[word_order]:
         image[begin:end], cut = packed(read(state, unix_ns))
         clamped |= cut and reported
-    image[STATUS_ADDRESS] |= clamped << StatusBit.CLAMPED
+    if clamped:
+        image[STATUS_ADDRESS] |= _CLAMPED
     return tuple(image)
 
 
