@@ -10,9 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gateway.cli.main import main
+from tests.discs import disc
 from tests.self_contained import fetches_nothing
 
 
@@ -21,12 +21,6 @@ def evaluate(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(command, cwd=cwd, capture_output=True, timeout=100, check=False, encoding="utf-8")
     assert "Traceback" not in done.stderr, done.stderr
     return done
-
-
-def disc(u: float, v: float, r: float) -> NDArray[np.uint8]:
-    y, x = np.mgrid[0:240, 0:320]
-    cover = np.clip(r + 0.5 - np.hypot(x - u, y - v), 0, 1)[..., None]
-    return np.asarray(np.rint((1 - cover) * np.array((95, 95, 92)) + cover * np.array((30, 30, 200))), np.uint8)
 
 
 def label(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -68,24 +62,15 @@ def test_json_report_split_and_gate(folder: Path) -> None:
     assert found["unmet"] == ["paper: wrong <= 1 count required, measured 2"]
     (method,) = found["methods"]
     whole = method["whole"]
-    assert [whole[key] for key in ("pictures", "with_marker", "on_target", "wrong", "missed", "false")] == [
-        11,
-        9,
-        7,
-        2,
-        0,
-        1,
-    ]
+    counts = {"pictures": 11, "with_marker": 9, "on_target": 7, "wrong": 2, "missed": 0, "false": 1}
+    assert {key: whole[key] for key in counts} == counts
     assert whole["detected_share"] == pytest.approx(7 / 9)
     assert whole["centre_median_px"] < 0.1
     assert whole["radius_bias_pct"] == pytest.approx(100 * 1.27 / 45, abs=0.5)  # the mask swells it by 1.27 px
     assert whole["ms_median"] > 0
     assert sum(half["pictures"] for half in method["halves"].values()) == 11
-    assert {name: group["wrong"] for name, group in method["groups"].items()} == {
-        "moved": 2,
-        "true": 0,
-        "(no group)": 0,
-    }
+    wrong = {name: group["wrong"] for name, group in method["groups"].items()}
+    assert wrong == {"moved": 2, "true": 0, "(no group)": 0}
     (sequence,) = method["sequences"]
     assert (sequence["series"], sequence["frames"], sequence["acquired_after"]) == ("run", 9, 2)
     assert sequence["after"]["detected_share"] == 1.0

@@ -12,6 +12,7 @@ import pytest
 
 from gateway import config
 from gateway.cli.main import main
+from tests.discs import painted, rounded
 
 WOOD = (90, 105, 140)
 
@@ -19,14 +20,12 @@ WOOD = (90, 105, 140)
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Red discs on wood, which Table I takes for red as a whole."""
-    y, x = np.mgrid[0:240, 0:320]
     rows = []
     for n in range(4):
         u, v, r = 120.0 + 20 * n, 110.0, 40.0 + 3 * n
-        cover = np.clip(r + 0.5 - np.hypot(x - u, y - v), 0, 1)[..., None]
-        clean = cv2.GaussianBlur((1 - cover) * np.array(WOOD) + cover * np.array((40, 35, 190)), (0, 0), 0.8)
+        clean = cv2.GaussianBlur(painted(u, v, r, (40, 35, 190), WOOD), (0, 0), 0.8)
         noisy = clean + np.random.default_rng(n).normal(0, 2, clean.shape)
-        cv2.imwrite(str(tmp_path / f"d{n}.png"), np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+        cv2.imwrite(str(tmp_path / f"d{n}.png"), rounded(noisy))
         rows.append({"file": f"d{n}.png", "found": True, "u": u, "v": v, "r": r})
     (tmp_path / "labels.jsonl").write_text("\n".join(map(json.dumps, rows)))
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((240, 320, 3), 128, np.uint8))

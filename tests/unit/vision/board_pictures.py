@@ -1,7 +1,7 @@
 """Pictures of calibration boards through a known camera with distortion: the truth of the calibration's tests.
 
-Each pixel is traced back: undistorted, met with the board's plane, and asked for the board's shade there, at several
-places inside the pixel, so that edges are grey as in a camera.
+The middle of each pixel is traced back: undistorted, met with the board's plane, and given the board's shade there;
+edges are ramps as wide as a pixel, so that they are grey as in a camera.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gateway.vision.offline.calibration.boards import Board, Kind
 
 LIGHT, DARK, WALL = 225.0, 30.0, 120.0
-SAMPLES = 1  # a side, in every pixel; edges are ramps of the same width, so that one will do
 
 
 @dataclass(frozen=True)
@@ -63,31 +62,24 @@ def shot(
     rotation, _ = cv2.Rodrigues(np.radians(np.array(pose.turn_deg, np.float64)))
     middle = board.points_mm.mean(axis=0).astype(np.float64)
     start = -(rotation.T @ np.array([pose.x_mm, pose.y_mm, pose.z_mm]))
-    total = np.zeros((camera.height, camera.width))
-    for rays in _rays(camera):
-        turned = rays @ rotation  # in the board's axes
-        place = start + turned * (-start[2] / turned[:, 2:])
-        soft_mm = pose.z_mm / camera.fx / SAMPLES  # what one sample covers
-        total += shade(board, place[:, 0] + middle[0], place[:, 1] + middle[1], soft_mm).reshape(total.shape)
-    total /= len(_rays(camera))
-    blurred = cv2.GaussianBlur(total, (0, 0), 0.6)
-    noisy = blurred + np.random.default_rng(seed).normal(0, noise, total.shape)
+    turned = _rays(camera) @ rotation  # in the board's axes
+    place = start + turned * (-start[2] / turned[:, 2:])
+    pixel_mm = pose.z_mm / camera.fx
+    seen = shade(board, place[:, 0] + middle[0], place[:, 1] + middle[1], pixel_mm)
+    blurred = cv2.GaussianBlur(seen.reshape(camera.height, camera.width), (0, 0), 0.6)
+    noisy = blurred + np.random.default_rng(seed).normal(0, noise, blurred.shape)
     grey = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
     return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
 @lru_cache(maxsize=4)
-def _rays(camera: Camera) -> tuple[NDArray[np.float64], ...]:
-    """Directions (x, y, 1) of SAMPLES x SAMPLES places in every pixel, an array for each place."""
+def _rays(camera: Camera) -> NDArray[np.float64]:
+    """(n, 3): direction (x, y, 1) of every pixel."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
     end = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 1e-10)
-    found = []
-    for n in range(SAMPLES * SAMPLES):
-        du, dv = (n % SAMPLES + 0.5) / SAMPLES - 0.5, (n // SAMPLES + 0.5) / SAMPLES - 0.5
-        pixels = np.stack((u + du, v + dv), axis=-1).reshape(-1, 1, 2)
-        flat = cv2.undistortPoints(pixels, camera.matrix, np.array(camera.distortion), criteria=end).reshape(-1, 2)
-        found.append(np.asarray(np.column_stack((flat, np.ones(len(flat)))), np.float64))
-    return tuple(found)
+    pixels = np.stack((u, v), axis=-1).reshape(-1, 1, 2)
+    flat = cv2.undistortPoints(pixels, camera.matrix, np.array(camera.distortion), criteria=end).reshape(-1, 2)
+    return np.asarray(np.column_stack((flat, np.ones(len(flat)))), np.float64)
 
 
 def shade(board: Board, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], soft_mm: float) -> NDArray[np.float64]:

@@ -22,13 +22,6 @@ WIDTH, HEIGHT = 320, 240
 RED: Colour = (40, 35, 190)
 
 
-@pytest.fixture(scope="module")
-def kernel(library: Path) -> Kernel:
-    loaded = load(PAPER, library)
-    assert loaded is not None
-    return loaded
-
-
 @pytest.fixture(params=["opencv", "kernel"])
 def tracker(request: pytest.FixtureRequest, kernel: Kernel) -> ExactTracker:
     return ExactTracker(PAPER, kernel=kernel if request.param == "kernel" else None)

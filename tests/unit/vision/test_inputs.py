@@ -219,11 +219,9 @@ def animation(path: Path, count: int = 5) -> Path:
 @pytest.mark.parametrize("suffix", [".gif", ".png", ".webp", ".avif"])
 def test_animations_give_every_frame(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     path = animation(tmp_path / f"a{suffix}")
-    assert frames_of(path) == [0, 1, 2, 3, 4]
-    monkeypatch.setattr(inputs, "_BATCH_PIXELS", 2 * 40 * 60)
-    assert frames_of(path) == [0, 1, 2, 3, 4]
-    monkeypatch.setattr(inputs, "_BATCH_PIXELS", 1)
-    assert frames_of(path) == [0, 1, 2, 3, 4]
+    for batch_px in (inputs._BATCH_PIXELS, 2 * 40 * 60, 1):
+        monkeypatch.setattr(inputs, "_BATCH_PIXELS", batch_px)
+        assert frames_of(path) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".png", ".webp"])
@@ -243,25 +241,24 @@ def test_pages_of_a_tiff(tmp_path: Path) -> None:
     assert frames_of(tmp_path / "a.tif") == [0, 1, 2]
 
 
-@pytest.mark.parametrize(("code", "suffix"), [("FFV1", ".mkv"), ("MJPG", ".avi"), ("mp4v", ".mp4"), ("MJPG", ".film")])
-def test_videos_by_name_or_by_trying(tmp_path: Path, code: str, suffix: str) -> None:
-    made = tmp_path / f"a{'.avi' if suffix == '.film' else suffix}"
-    writer = cv2.VideoWriter(str(made), cv2.VideoWriter.fourcc(*code), 10, (60, 40))
+def video(path: Path, code: str, count: int) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 10, (60, 40))
     assert writer.isOpened()
-    for n in range(4):
+    for n in range(count):
         writer.write(scene(12 + 8 * n))
     writer.release()
+    return path
+
+
+@pytest.mark.parametrize(("code", "suffix"), [("FFV1", ".mkv"), ("MJPG", ".avi"), ("mp4v", ".mp4"), ("MJPG", ".film")])
+def test_videos_by_name_or_by_trying(tmp_path: Path, code: str, suffix: str) -> None:
+    made = video(tmp_path / f"a{'.avi' if suffix == '.film' else suffix}", code, 4)
     path = made.rename(made.with_suffix(suffix))
     assert frames_of(path) == [0, 1, 2, 3]
 
 
 def test_a_video_is_read_frame_by_frame_and_may_be_left(tmp_path: Path) -> None:
-    path = tmp_path / "a.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (60, 40))
-    for _ in range(3):
-        writer.write(scene())
-    writer.release()
-    pictures = read(path)
+    pictures = read(video(tmp_path / "a.avi", "MJPG", 3))
     first = next(iter(pictures))
     assert isinstance(first, Picture)
     assert first.frame == 0
@@ -289,17 +286,8 @@ def test_names_that_are_not_utf_8(tmp_path: Path) -> None:
 
 
 def test_folders_and_patterns_in_natural_order(put: Put, tmp_path: Path) -> None:
-    names = [
-        "f/frame10.png",
-        "f/Frame9.JPG",
-        "f/frame1.png",
-        "f/run.mp4",
-        "f/sub/deep.png",
-        "f/notes.txt",
-        "f/.hid.png",
-    ]
-    for name in names:
-        put(name, b"x")
+    for name in ("frame10.png", "Frame9.JPG", "frame1.png", "run.mp4", "sub/deep.png", "notes.txt", ".hid.png"):
+        put(f"f/{name}", b"x")
     (tmp_path / "f/folder.png").mkdir()
     os.chdir(tmp_path)
 

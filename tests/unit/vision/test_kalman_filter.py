@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from gateway.core.detection import Circle
 from gateway.vision.track import kalman_filter as tracking
-from gateway.vision.track.kalman_filter import Axis, Track
+from gateway.vision.track.kalman_filter import Axis, Prediction, Track
+from tests.discs import track_of
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -18,13 +19,18 @@ S = 1_000_000_000
 
 def steady(frames: int = 40, period_ms: int = 33, u_speed: float = 90.0, r_speed: float = 12.0) -> Track:
     """A marker that moves to the right and grows, measured without noise."""
-    track = Track.started(Circle(100.0, 80.0, 60.0), 0)
-    assert track is not None
+    track = track_of(Circle(100.0, 80.0, 60.0))
     for n in range(1, frames):
         t_s = n * period_ms / 1000
         circle = Circle(100.0 + u_speed * t_s, 80.0, 60.0 + r_speed * t_s)
         track = track.updated(circle, n * period_ms * MS)
     return track
+
+
+def ahead(track: Track, t_ns: int) -> Prediction:
+    found = track.at(t_ns)
+    assert found is not None
+    return found
 
 
 def test_it_is_the_textbooks_kalman_filter() -> None:
@@ -48,8 +54,7 @@ def test_it_is_the_textbooks_kalman_filter() -> None:
 def test_steady_motion_is_predicted_where_it_goes() -> None:
     track = steady()
     for ahead_ms in (33, 100, 300):
-        at = track.at(track.t_ns + ahead_ms * MS)
-        assert at is not None
+        at = ahead(track, track.t_ns + ahead_ms * MS)
         t_s = (39 * 33 + ahead_ms) / 1000
         assert at.circle.u_px == pytest.approx(100 + 90 * t_s, abs=0.2)
         assert at.circle.v_px == pytest.approx(80, abs=1e-9)
@@ -58,12 +63,10 @@ def test_steady_motion_is_predicted_where_it_goes() -> None:
 
 def test_a_variable_frame_rate_is_no_jitter() -> None:
     rng = np.random.default_rng(5)
-    track, t_ns = Track.started(Circle(0.0, 0.0, 60.0), 0), 0
-    assert track is not None
+    track, t_ns = track_of(Circle(0.0, 0.0, 60.0)), 0
     for n in range(120):
         t_ns += int(rng.integers(5, 120)) * MS
-        at = track.at(t_ns)
-        assert at is not None
+        at = ahead(track, t_ns)
         truth = Circle(200e-9 * t_ns, 0.0, 60.0)
         assert at.admits(truth)
         if n > 30:
@@ -73,8 +76,7 @@ def test_a_variable_frame_rate_is_no_jitter() -> None:
 
 def test_the_gate_admits_vibration_and_refuses_a_jump() -> None:
     track = steady()
-    at = track.at(track.t_ns + 33 * MS)
-    assert at is not None
+    at = ahead(track, track.t_ns + 33 * MS)
     u, v, r = at.circle.u_px, at.circle.v_px, at.circle.radius_px
     assert at.admits(at.circle)
     assert at.admits(Circle(u + 0.05 * r, v - 0.05 * r, 1.02 * r))
@@ -84,19 +86,16 @@ def test_the_gate_admits_vibration_and_refuses_a_jump() -> None:
 
 
 def test_a_small_far_marker_moves_with_the_camera_and_is_followed_all_the_same() -> None:
-    track = Track.started(Circle(200.0, 200.0, 12.0), 0)
-    assert track is not None
+    track = track_of(Circle(200.0, 200.0, 12.0))
     for n in range(1, 10):
-        at, truth = track.at(n * 33 * MS), Circle(200.0 + 10.0 * n, 200.0 - 2.0 * n, 12.0)  # most of R in a frame
-        assert at is not None
+        at, truth = ahead(track, n * 33 * MS), Circle(200.0 + 10.0 * n, 200.0 - 2.0 * n, 12.0)  # most of R in a frame
         assert at.useful
         assert at.admits(truth), n
         track = track.updated(truth, n * 33 * MS)
 
 
 def test_everything_admitted_lies_within_what_the_prediction_says_of_itself() -> None:
-    at = steady().at(40 * 33 * MS)
-    assert at is not None
+    at = ahead(steady(), 40 * 33 * MS)
     for share in np.linspace(0, 1.2, 60):
         shift, grown = share * at.reach_px, at.circle.radius_px + share * (at.largest_px - at.circle.radius_px)
         if at.admits(Circle(at.circle.u_px + shift, at.circle.v_px, at.circle.radius_px)):
@@ -110,9 +109,7 @@ def test_everything_admitted_lies_within_what_the_prediction_says_of_itself() ->
 @pytest.mark.parametrize("sign", [1, -1])
 def test_uncertainty_grows_with_time_in_either_direction(sign: int) -> None:
     track = steady()
-    spread = [track.at(track.t_ns + sign * ms * MS) for ms in (0, 10, 33, 100, 300, 1000, 3000)]
-    assert all(at is not None for at in spread)
-    known = [at for at in spread if at is not None]
+    known = [ahead(track, track.t_ns + sign * ms * MS) for ms in (0, 10, 33, 100, 300, 1000, 3000)]
     for before, after in pairwise(known):
         assert before.sd_centre_px < after.sd_centre_px
         assert before.sd_radius_px < after.sd_radius_px
@@ -132,8 +129,7 @@ def test_a_frame_that_is_not_newer_teaches_nothing() -> None:
 
 def test_less_of_the_rim_weighs_less() -> None:
     track, t_ns = steady(), 40 * 33 * MS
-    at = track.at(t_ns)
-    assert at is not None
+    at = ahead(track, t_ns)
     off = Circle(at.circle.u_px + 10, at.circle.v_px, at.circle.radius_px)
     pulls = [track.updated(off, t_ns, visible).u.x - at.circle.u_px for visible in (1.0, 0.5, 0.0, None)]
     assert 10 > pulls[0] > pulls[1] > pulls[2] > 0

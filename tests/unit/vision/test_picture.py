@@ -286,19 +286,13 @@ def test_at_its_limit_a_fault_does_not_come_and_go() -> None:
     assert judge.see(health(sharpness=limit * 1.2), 120)[-1] == 0
 
 
-@pytest.mark.parametrize(
-    "key", ["brightness_min", "clipped_max", "contrast_min", "sharpness_min", "veil_max", "shift_max_px"]
-)
+LIMITS = ("brightness_min", "clipped_max", "contrast_min", "sharpness_min", "veil_max", "shift_max_px")
+
+
+@pytest.mark.parametrize("key", LIMITS)
 def test_0_switches_a_limit_off(key: str) -> None:
     worst = PictureHealth(0.0, 1.0, 0.0, 0.0, 1.0, 500.0)
-    every = {
-        "brightness_min": 0,
-        "clipped_max": 0,
-        "contrast_min": 0,
-        "sharpness_min": 0,
-        "veil_max": 0,
-        "shift_max_px": 0,
-    }
+    every = dict.fromkeys(LIMITS, 0.0)
     assert faults([worst], 3600, PictureConfig(**every)) == set()
     default = PictureConfig().model_dump()
     alone = faults([worst], 3600, PictureConfig(**{**every, key: default[key]}))

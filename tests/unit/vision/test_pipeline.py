@@ -14,26 +14,14 @@ from gateway.core.detection import Circle, Detection
 from gateway.vision.detect import lens as intrinsics
 from gateway.vision.detect.paper import method, pipeline, stages
 from tests import example_scene
+from tests.discs import CONCRETE, VIVID, Colour, disc
+from tests.discs import circle_of as found_in
 from tests.examples import examples
 
 ROOT = Path(__file__).parents[3]
 PAPER = VisionConfig()
 STAGES = [stage.name for stage in method.STAGES]
-CONCRETE, VIVID, FADED = (95, 95, 92), (30, 30, 200), (60, 60, 170)
-
-
-def disc(
-    u: float,
-    v: float,
-    r: float,
-    colour: tuple[int, int, int] = VIVID,
-    ground: tuple[int, int, int] = CONCRETE,
-    size: tuple[int, int] = (240, 320),
-) -> NDArray[np.uint8]:
-    """An anti-aliased disc on even ground; the centre of the top left pixel is (0, 0)."""
-    y, x = np.mgrid[0 : size[0], 0 : size[1]]
-    cover = np.clip(r + 0.5 - np.hypot(x - u, y - v), 0, 1)[..., None]
-    return np.asarray(np.rint((1 - cover) * ground + cover * np.array(colour)), np.uint8)
+FADED = (60, 60, 170)
 
 
 def plain(image: NDArray[np.uint8]) -> tuple[tuple[float, float], float] | None:
@@ -52,9 +40,7 @@ def plain(image: NDArray[np.uint8]) -> tuple[tuple[float, float], float] | None:
 
 
 def circle_of(image: NDArray[np.uint8], params: VisionConfig = PAPER) -> Circle:
-    circle = pipeline.detect(image, params).circle
-    assert circle is not None
-    return circle
+    return found_in(pipeline.detect(image, params))
 
 
 # -- accuracy ----------------------------------------------------------------------------------------------------------
@@ -63,15 +49,11 @@ def circle_of(image: NDArray[np.uint8], params: VisionConfig = PAPER) -> Circle:
 @pytest.mark.parametrize("r", [18.0, 45.3, 90.7])
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.5, 0.5), (0.25, -0.4)])
 @pytest.mark.parametrize(("colour", "swell"), [(VIVID, 1.27), (FADED, 0.96)])
-def test_a_disc_is_found_where_it_is(
-    r: float, shift: tuple[float, float], colour: tuple[int, int, int], swell: float
-) -> None:
+def test_a_disc_is_found_where_it_is(r: float, shift: tuple[float, float], colour: Colour, swell: float) -> None:
     """Measured: centre within 0.06 px; the mask swells the radius by an amount that only the colours decide."""
     u, v = 160 + shift[0], 118 + shift[1]
     found = pipeline.detect(disc(u, v, r, colour), PAPER)
-    circle = found.circle
-
-    assert circle is not None
+    circle = found_in(found)
     assert circle.u_px == pytest.approx(u, abs=0.1)
     assert circle.v_px == pytest.approx(v, abs=0.1)
     assert circle.radius_px == pytest.approx(r + swell, abs=0.15)
@@ -84,10 +66,9 @@ def test_a_disc_is_found_where_it_is(
 def test_the_drawn_scene() -> None:
     """Scratches of paint leave the rim: the enclosing circle holds their stumps."""
     found = pipeline.detect(example_scene.scene(), PAPER)
-    assert found.circle is not None
-    assert found.circle.u_px == pytest.approx(example_scene.TRUTH.u_px, abs=1)
-    assert found.circle.v_px == pytest.approx(example_scene.TRUTH.v_px, abs=1)
-    assert 2.5 < found.circle.radius_px - example_scene.TRUTH.radius_px < 4
+    circle = found_in(found)
+    assert (circle.u_px, circle.v_px) == pytest.approx((example_scene.TRUTH.u_px, example_scene.TRUTH.v_px), abs=1)
+    assert 2.5 < circle.radius_px - example_scene.TRUTH.radius_px < 4
     assert found.candidates > 1
 
 

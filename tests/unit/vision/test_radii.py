@@ -25,7 +25,8 @@ from gateway.vision.pixels import Image
 from gateway.vision.process import vision_process
 from gateway.vision.track.distractors import HELD_NS
 from gateway.vision.track.follower import Follower
-from gateway.vision.track.kalman_filter import Prediction, Track
+from gateway.vision.track.kalman_filter import Prediction
+from tests.discs import cover, disc, rounded, track_of
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -63,9 +64,7 @@ def picture(n: int, *, lamp: bool) -> Image:
     world, painter = scene()
     image = painter.frame(world.truth(n * 0.033 + 1e-6), n)
     if lamp:
-        y, x = np.mgrid[: image.shape[0], : image.shape[1]]
-        share = np.clip(LAMP.radius_px + 0.5 - np.hypot(x - LAMP.u_px, y - LAMP.v_px), 0, 1)[..., None]
-        image = np.clip(np.rint(image + share * (np.array((40.0, 35.0, 225.0)) - image)), 0, 255).astype(np.uint8)
+        image = disc(LAMP.u_px, LAMP.v_px, LAMP.radius_px, (40.0, 35.0, 225.0), image)
     return image
 
 
@@ -164,12 +163,10 @@ DISCS = (Circle(60.0, 60.0, 18.0), Circle(200.0, 90.0, 45.0), Circle(80.0, 180.0
 
 def discs() -> Image:
     rng = np.random.default_rng(3)
-    y, x = np.mgrid[0:240, 0:320]
     plane = np.full((240, 320, 3), (118.0, 121.0, 119.0))
     for c in DISCS:
-        share = np.clip(c.radius_px + 0.5 - np.hypot(x - c.u_px, y - c.v_px), 0, 1)[..., None]
-        plane += share * (np.array((44.0, 38.0, 178.0)) - plane)
-    return np.asarray(np.clip(np.rint(plane + rng.normal(0, 1.5, plane.shape)), 0, 255), np.uint8)
+        plane += cover(c.u_px, c.v_px, c.radius_px, (240, 320)) * (np.array((44.0, 38.0, 178.0)) - plane)
+    return rounded(plane + rng.normal(0, 1.5, plane.shape))
 
 
 @pytest.mark.parametrize("low", [1.0, 17.0, 25.0, 40.0, 60.0])
@@ -205,8 +202,7 @@ def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeyp
 
     monkeypatch.setattr(roi_search, "detect", watched)
     search = RoiSearch(ROBUST, lambda: 0)
-    track = Track.started(Circle(60.0, 60.0, 18.0), 0)
-    assert track is not None
+    track = track_of(Circle(60.0, 60.0, 18.0))
     search(discs(), 1, track.at(1), (30.0, 60.0))
     assert searched == [(False, (30.0, 60.0))]
     search(discs(), 1, track.at(1), (15.0, 60.0))

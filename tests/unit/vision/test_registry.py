@@ -3,10 +3,8 @@
 import itertools
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Tracking
@@ -15,16 +13,11 @@ from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.method import EXACT_STAGES, STAGES
 from gateway.vision.detect.robust import detect as robust
 from gateway.vision.transport import messages
+from tests.discs import circle_of, disc
 
 NS_PER_MS = 1_000_000
 PLAIN = VisionConfig(method="paper", tracking=False)
 FOLLOWED = VisionConfig(method="paper", tracking=True)
-
-
-def disc(u: float, v: float, r: float) -> NDArray[np.uint8]:
-    picture = np.full((240, 320, 3), (95, 95, 92), np.uint8)
-    cv2.circle(picture, (round(u), round(v)), round(r), (30, 30, 200), -1, cv2.LINE_AA)
-    return picture
 
 
 def test_the_papers_method_by_name() -> None:
@@ -107,8 +100,7 @@ def test_detectors_that_share_the_frames_each_follow_in_theirs(method: str) -> N
     for n in range(12):
         found = workers[n % 2](disc(60 + 5 * n, 120, 40), 33 * NS_PER_MS * n)
         assert found.tracking is Tracking.MEASURED
-        assert found.circle is not None
-        assert abs(found.circle.u_px - (60 + 5 * n)) < 0.5
+        assert abs(circle_of(found).u_px - (60 + 5 * n)) < 0.5
     hidden = workers[0](np.zeros((240, 320, 3), np.uint8), 33 * NS_PER_MS * 12)
     assert hidden.predicted is not None
     assert abs(hidden.predicted.u_px - 120) < 3

@@ -316,34 +316,29 @@ def reading(found: Detection, t_ns: int) -> VisionReading:
     )
 
 
-def test_may_move_falls_with_the_first_hidden_frame_and_returns_with_the_marker() -> None:
+def decided(circles: list[Circle | None]) -> list[tuple[bool, bool, bool | None, Reason]]:
+    """May move, stop, D and the reason after each frame, the truck at 90 cm."""
     drive, settings = Drive(), FusionConfig(decision="plain")
-    state: StateVector = fusion.initial("bay", 0)
-    told = []
-    for n in range(60):
-        found = drive.frame(n, None if 30 <= n < 50 else at(n))
+    state, states = fusion.initial("bay", 0), []
+    for n, circle in enumerate(circles):
         state = fusion.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
-        state = fusion.step(state, reading(found, n * PERIOD_NS), n * PERIOD_NS, settings)
-        told.append((state.may_move, state.stop, state.d, state.reason))
-    assert told[:30] == [(True, False, False, Reason.NONE)] * 30
-    assert told[30:39] == [(False, True, None, Reason.TARGET_COASTED)] * 9
-    assert told[39:50] == [(False, True, None, Reason.NO_TARGET)] * 11
-    assert told[50:] == [(True, False, False, Reason.NONE)] * 10
+        state = fusion.step(state, reading(drive.frame(n, circle), n * PERIOD_NS), n * PERIOD_NS, settings)
+        states.append((state.may_move, state.stop, state.d, state.reason))
+    return states
+
+
+def test_may_move_falls_with_the_first_hidden_frame_and_returns_with_the_marker() -> None:
+    states = decided([None if 30 <= n < 50 else at(n) for n in range(60)])
+    assert states[:30] == [(True, False, False, Reason.NONE)] * 30
+    assert states[30:39] == [(False, True, None, Reason.TARGET_COASTED)] * 9
+    assert states[39:50] == [(False, True, None, Reason.NO_TARGET)] * 11
+    assert states[50:] == [(True, False, False, Reason.NONE)] * 10
 
 
 def test_a_lamp_beside_a_covered_marker_may_not_move_before_it_is_confirmed() -> None:
-    drive, settings = Drive(), FusionConfig(decision="plain")
-    state: StateVector = fusion.initial("bay", 0)
-    told = []
-    for n in range(34):
-        found = drive.frame(n, LAMP if n >= 30 else at(n))
-        state = fusion.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
-        state = fusion.step(state, reading(found, n * PERIOD_NS), n * PERIOD_NS, settings)
-        told.append((state.may_move, state.stop, state.reason))
-    assert (
-        told[29:]
-        == [(True, False, Reason.NONE)] + [(False, True, Reason.TARGET_COASTED)] * 2 + [(True, False, Reason.NONE)] * 2
-    )
+    moving, covered = (True, False, False, Reason.NONE), (False, True, None, Reason.TARGET_COASTED)
+    states = decided([LAMP if n >= 30 else at(n) for n in range(34)])
+    assert states[29:] == [moving, covered, covered, moving, moving]
 
 
 @given(st.lists(STEPS, max_size=40), st.floats(0, 3))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict
 from typing import Any
 
 import cv2
@@ -18,12 +18,13 @@ from gateway.sim.render import Painter
 from gateway.sim.scenario import parse
 from gateway.sim.world import World
 from gateway.vision.detect import registry
-from gateway.vision.detect.geometry import same_place
+from gateway.vision.detect.geometry import distance_px, same_place
 from gateway.vision.detect.robust import roi_search
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.roi_search import CHECK, FAINT, FULL, RoiSearch, window_round
 from gateway.vision.pixels import Image
-from gateway.vision.track.kalman_filter import Prediction, Track
+from gateway.vision.track.kalman_filter import Prediction
+from tests.discs import circle_of, cover, rounded, track_of
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -44,10 +45,9 @@ def picture(*circles: Circle, size: tuple[int, int] = (240, 320), seed: int = 0,
     plane += 8 * np.sin(x / 31 + y / 17)[..., None]
     for n, circle in enumerate(circles):
         paint = np.array(paints[n] if n < len(paints) else RED)
-        cover = np.clip(circle.radius_px + 0.5 - np.hypot(x - circle.u_px, y - circle.v_px), 0, 1)[..., None]
-        plane += cover * (paint - plane)
+        plane += cover(circle.u_px, circle.v_px, circle.radius_px, size) * (paint - plane)
     blurred = cv2.GaussianBlur(plane, (0, 0), 0.7) + rng.normal(0, 1.5, plane.shape)
-    return np.asarray(np.clip(np.rint(blurred), 0, 255), np.uint8)
+    return rounded(blurred)
 
 
 def approach(n: int) -> Circle:
@@ -82,13 +82,9 @@ def test_every_answer_is_the_full_searchs_and_most_come_from_a_window(searched: 
     assert searched.count("whole") == 1
     assert searched.count("window") == len(images) - 1
     for n, (one, image) in enumerate(zip(found, images, strict=True)):
-        full = detect(image, FOLLOWED)
         assert one.tracking is Tracking.MEASURED
-        assert one.circle is not None
-        assert full.circle is not None
-        for name in ("u_px", "v_px", "radius_px"):
-            assert getattr(one.circle, name) == pytest.approx(getattr(full.circle, name), abs=SAME_PX)
-            assert getattr(one.circle, name) == pytest.approx(getattr(approach(n), name), abs=0.3)
+        assert asdict(circle_of(one)) == pytest.approx(asdict(circle_of(detect(image, FOLLOWED))), abs=SAME_PX)
+        assert asdict(circle_of(one)) == pytest.approx(asdict(approach(n)), abs=0.3)
 
 
 @pytest.mark.parametrize("clutter", [True, False])
@@ -111,37 +107,26 @@ def test_the_whole_frame_comes_in_its_turn_where_it_holds_anything_red(
 
 
 @pytest.mark.parametrize(
-    ("rival", "wins"),
+    ("circle", "confidence", "why", "wins"),
     [
-        (Detection(None), False),  # overlooked: the window's passed the same gates
-        (Detection(Circle(250.0, 60.0, 30.0), confidence=0.5), False),  # less evidence
-        (Detection(Circle(250.0, 60.0, 30.0), confidence=0.9), True),
-        (Detection(Circle(250.0, 60.0, 90.0), confidence=0.6), True),  # larger
-        # Heard, and found weaker than a redder one.
-        (
-            Detection(
-                Circle(250.0, 60.0, 30.0), confidence=0.6, rejected=(Rejection(Circle(101.0, 99.0, 30.0), "weaker"),)
-            ),
-            True,
-        ),
-        # Heard of, but not as a disc: the window saw more.
-        (
-            Detection(
-                Circle(250.0, 60.0, 30.0), confidence=0.6, rejected=(Rejection(Circle(101.0, 99.0, 30.0), "rim"),)
-            ),
-            False,
-        ),
-        (Detection(Circle(101.0, 100.0, 31.0), confidence=0.1), True),  # the same thing: as the full search measures it
+        (None, None, None, False),  # overlooked: the window's passed the same gates
+        (Circle(250.0, 60.0, 30.0), 0.5, None, False),  # less evidence
+        (Circle(250.0, 60.0, 30.0), 0.9, None, True),
+        (Circle(250.0, 60.0, 90.0), 0.6, None, True),  # larger
+        (Circle(250.0, 60.0, 30.0), 0.6, "weaker", True),  # the window's was found, and is weaker than a redder one
+        (Circle(250.0, 60.0, 30.0), 0.6, "rim", False),  # the window's was found, but not as a disc
+        (Circle(101.0, 100.0, 31.0), 0.1, None, True),  # the same thing: as the full search measures it
     ],
 )
-def test_where_window_and_whole_frame_disagree_the_one_with_more_evidence_stands(
-    monkeypatch: pytest.MonkeyPatch, rival: Detection, wins: bool
+def test_where_window_and_full_frame_disagree_the_one_with_more_evidence_is_used(
+    monkeypatch: pytest.MonkeyPatch, circle: Circle | None, confidence: float | None, why: str | None, wins: bool
 ) -> None:
+    rejected = () if why is None else (Rejection(Circle(101.0, 99.0, 30.0), why),)
+    rival = Detection(circle, confidence=confidence, rejected=rejected)
     held = Detection(Circle(100.0, 100.0, 30.0), confidence=0.7)
     monkeypatch.setattr(roi_search, "detect", lambda *_, window=None, **__: held if window is not None else rival)
     search = RoiSearch(FOLLOWED, lambda: 0)
-    track = Track.started(Circle(100.0, 100.0, 30.0), 0)
-    assert track is not None
+    track = track_of(Circle(100.0, 100.0, 30.0))
     found = [search(np.zeros((480, 640, 3), np.uint8), 1, track.at(1)) for _ in range(CHECK)]  # nothing was heard yet
     assert found[0].circle == held.circle
     assert found[CHECK - 1].circle == (rival.circle if wins else held.circle)
@@ -164,21 +149,7 @@ def test_a_marker_that_comes_back_is_measured_in_its_first_frame(hidden: int) ->
     for n, one in enumerate(found):
         assert (one.circle is None) == (one.tracking is not Tracking.MEASURED)
         if one.predicted is not None:
-            assert math.hypot(one.predicted.u_px - approach(n).u_px, one.predicted.v_px - approach(n).v_px) < 8
-
-
-def test_a_jump_is_told_in_its_third_frame() -> None:
-    def place(n: int) -> Circle:
-        return approach(n) if n < 8 else replace(approach(n), u_px=260.0, v_px=60.0)
-
-    for n, one in enumerate(told(steadily(lambda n: picture(place(n), seed=n), 14))):
-        if n in (8, 9):
-            assert (one.circle, one.tracking) == (None, Tracking.COASTED)
-            assert one.rejected[0].why == "jump"
-            assert same_place(one.rejected[0].circle, place(n))
-        else:
-            assert one.circle is not None
-            assert same_place(one.circle, place(n)), n
+            assert distance_px(one.predicted, approach(n)) < 8
 
 
 @pytest.mark.parametrize("covered", [1, 2, 15])
@@ -194,8 +165,7 @@ def test_a_lamp_is_not_taken_for_a_marker_that_is_covered_for_a_moment(covered: 
             assert one.tracking is (Tracking.COASTED if n < 17 else Tracking.LOST)
             assert same_place(one.rejected[0].circle, lamp if n < 8 + covered else approach(n))
         else:
-            assert one.circle is not None
-            assert same_place(one.circle, approach(n))
+            assert same_place(circle_of(one), approach(n))
 
 
 def test_gaps_and_a_wild_frame_rate_lose_nothing() -> None:
@@ -207,8 +177,7 @@ def test_gaps_and_a_wild_frame_rate_lose_nothing() -> None:
         frames.append((round(t_s * 1e9), picture(truths[-1], seed=n)))
     for one, truth in zip(told(iter(frames)), truths, strict=True):
         assert one.tracking is Tracking.MEASURED
-        assert one.circle is not None
-        assert math.hypot(one.circle.u_px - truth.u_px, one.circle.v_px - truth.v_px) < 0.3
+        assert distance_px(circle_of(one), truth) < 0.3
 
 
 def test_a_machine_too_slow_for_whole_frames_still_gets_to_windows(searched: list[str]) -> None:
@@ -295,8 +264,7 @@ def test_red_things_that_were_heard_once_cost_nothing_more(searched: list[str]) 
         return picture(Circle(160.0 + n, 120.0, 40.0 + 0.5 * n), *clutter, seed=n)
 
     for one in told(steadily(scene, 3 * CHECK)):
-        assert one.circle is not None
-        assert one.circle.radius_px > 35
+        assert circle_of(one).radius_px > 35
     assert searched.count("whole") == 1
 
 
@@ -316,9 +284,8 @@ def test_a_rendered_drive_with_vibration_is_followed_to_the_end() -> None:
         truth = world.truth(n / 30)
         one = find(painter.frame(truth, n), round(n / 30 * 1e9))
         assert one.tracking is Tracking.MEASURED, n
-        assert one.circle is not None
-        assert math.hypot(one.circle.u_px - truth.u_px, one.circle.v_px - truth.v_px) < 1.0
-        assert one.circle.radius_px == pytest.approx(truth.radius_px, abs=1.5)
+        assert math.hypot(circle_of(one).u_px - truth.u_px, circle_of(one).v_px - truth.v_px) < 1.0
+        assert circle_of(one).radius_px == pytest.approx(truth.radius_px, abs=1.5)
         seen += 1
     assert seen == 40
 
@@ -352,8 +319,7 @@ def test_a_window_holds_every_near_circle_that_would_be_admitted(
 def test_times_of_both_searches_are_told() -> None:
     ticks = iter(range(0, 10**9, 1000))
     search = RoiSearch(FOLLOWED, lambda: next(ticks))
-    track = Track.started(Circle(40.0, 40.0, 20.0), 0)
-    assert track is not None
+    track = track_of(Circle(40.0, 40.0, 20.0))
     image = picture(Circle(200.0, 150.0, 30.0))
     away = search(image, PERIOD_NS, track.at(PERIOD_NS))
     assert away.circle is not None  # the window was empty

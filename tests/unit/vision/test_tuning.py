@@ -21,6 +21,7 @@ from gateway.vision.offline.tuning.exposure import Light, advice, measure, noise
 from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.study import study
 from gateway.vision.offline.tuning.thresholds import Red, admission, bound_that_cuts, current, propose, remarks, score
+from tests.discs import painted, rounded
 from tests.self_contained import fetches_nothing
 
 Picture = NDArray[np.uint8]
@@ -38,11 +39,8 @@ def bay(
     marker: tuple[int, int, int] = RED, ground: tuple[int, int, int] = GREY, r: float = 30, seed: int = 0
 ) -> Picture:
     """A disc at (80, 60), soft by 1 px, on a plain ground, with a little noise."""
-    y, x = np.mgrid[0:120, 0:160]
-    cover = np.clip(r + 0.5 - np.hypot(x - 80, y - 60), 0, 1)[..., None]
-    plain = (1 - cover) * np.array(ground) + cover * np.array(marker)
-    noisy = cv2.GaussianBlur(plain, (0, 0), 1.0) + np.random.default_rng(seed).normal(0, 2, plain.shape)
-    return np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8)
+    plain = painted(80, 60, r, marker, ground, (120, 160))
+    return rounded(cv2.GaussianBlur(plain, (0, 0), 1.0) + np.random.default_rng(seed).normal(0, 2, plain.shape))
 
 
 def example(image: Picture, circle: Circle | None = DISC, name: str = "a.png") -> Example:
