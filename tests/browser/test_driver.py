@@ -44,7 +44,7 @@ def bay(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
 
 def shows(page: Page) -> str:
     """The word that a driver reads: under the STOP that lies over everything, nothing else counts."""
-    said: str = page.evaluate("""() => {
+    expected: str = page.evaluate("""() => {
       const over = document.querySelector('#deadman');
       const box = over.getBoundingClientRect();
       const covers = box.left <= 0 && box.top <= 0 && box.right >= innerWidth && box.bottom >= innerHeight;
@@ -52,7 +52,7 @@ def shows(page: Page) -> str:
       if (opacity === 1 && covers) return over.querySelector('.word').textContent;
       return opacity === 0 ? document.body.dataset.code : `between: ${opacity}`;
     }""")
-    return said
+    return expected
 
 
 def driving(page: Page) -> None:

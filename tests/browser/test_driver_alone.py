@@ -1,4 +1,4 @@
-"""The driver's display without a gateway: its socket says what the test wants, so that the worst can be said, too."""
+"""The driver's display without a gateway: its socket sends what the test wants, the worst included."""
 
 import base64
 import json
@@ -179,7 +179,7 @@ def test_a_clock_that_is_set_is_stop_until_the_next_message(display: Display, ho
     says(page, GOOD, "FORWARD")
 
 
-def test_a_tab_that_comes_back_is_stop_until_the_next_message(display: Display) -> None:
+def test_a_tab_in_front_again_is_stop_until_the_next_message(display: Display) -> None:
     page = display()
     says(page, GOOD, "FORWARD")
     page.evaluate("""() => {

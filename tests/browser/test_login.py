@@ -36,7 +36,7 @@ def log_in(page: Page, name: str, password: str) -> None:
     page.keyboard.press("Enter")
 
 
-def test_a_stranger_is_led_to_the_login_and_from_there_to_where_he_wanted(bay: Plant, visit: Visit) -> None:
+def test_a_caller_without_a_login_is_redirected_to_it_and_then_to_the_requested_page(bay: Plant, visit: Visit) -> None:
     page = visit(f"{bay.url}/#bay1")
     expect(page).to_have_url(re.compile(r"/login\?next="))
     log_in(page, VIEWER[0], VIEWER[2])
@@ -54,12 +54,12 @@ def test_what_a_wrong_password_meets(bay: Plant, visit: Visit, watches: list[Wat
     expect(page.get_by_label("Password", exact=True)).to_have_value("")
     expect(page.get_by_label("Password", exact=True)).to_be_focused()
     expect(page).to_have_url(re.compile("/login"))
-    said = trouble.inner_text()
+    answer = trouble.inner_text()
     page.get_by_label("Name").fill("nobody-of-this-name")
     page.get_by_label("Password", exact=True).fill("not-a-password")
     page.keyboard.press("Enter")
     expect(page.get_by_role("button", name="Log in")).to_be_enabled()
-    assert trouble.inner_text() == said  # whether there is such a user stays untold
+    assert trouble.inner_text() == answer  # whether there is such a user stays untold
 
 
 def test_a_viewer_sees_and_a_technician_tunes(bay: Plant, visit: Visit, watches: list[Watch]) -> None:

@@ -243,7 +243,7 @@ def test_the_overview_counts_trucks_in_place(operator: Open, client: StandInServ
     expect(page.locator(".tile .why")).to_have_text(["in place", "in place, held"])
 
 
-def test_a_bay_of_which_nothing_comes_is_not_known(operator: Open, client: StandInServer) -> None:
+def test_a_bay_without_data_is_not_known(operator: Open, client: StandInServer) -> None:
     """Its page has data of other bays only, or none that is young enough."""
     client.session["bays"] = ["bay1", "bay2"]
     message = live([state("bay1"), state("bay2")])
@@ -278,7 +278,7 @@ def test_a_fault_of_the_page_itself_leaves_nothing_standing_that_looks_live(oper
     expect(page.locator(".decision")).to_have_count(0)
 
 
-def test_acknowledging_says_what_was_seen_and_carries_the_token(operator: Open, client: StandInServer) -> None:
+def test_acknowledging_sends_what_was_seen_and_the_token(operator: Open, client: StandInServer) -> None:
     client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
     page = operator(live([broken("bay1")], client.alarms))
     button = page.get_by_role("button", name="Acknowledge Camera down (never ends a stop)")

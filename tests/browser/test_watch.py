@@ -15,8 +15,8 @@ from tests.browser.conftest import Visit
 
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>A page</title>
 <meta name="viewport" content="width=device-width"><link rel="icon" href="data:,"><style>{style}</style></head>
-<body><main><h1>A page</h1>{body}<p id="said" role="status"></p></main>
-<script>{script}; document.querySelector('#said').textContent = 'ready';</script></body></html>"""
+<body><main><h1>A page</h1>{body}<p id="answer" role="status"></p></main>
+<script>{script}; document.querySelector('#answer').textContent = 'ready';</script></body></html>"""
 CONTROLS = """<a href="/">home</a> <button>go</button>
 <label>from <input type="range" id="low"></label>
 <fieldset><legend>which</legend><label><input type="radio" name="r" checked>a</label>
@@ -50,7 +50,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 
 def ready(page: Page) -> Page:
-    expect(page.locator("#said")).to_have_text("ready")
+    expect(page.locator("#answer")).to_have_text("ready")
     return page
 
 
@@ -63,7 +63,7 @@ def test_a_good_page_passes_every_judgement(visit: Visit, site: Site, watches: l
 
 
 @pytest.mark.parametrize(
-    ("script", "said"),
+    ("script", "expected"),
     [
         ("console.error('broken')", "console: broken"),
         ("setTimeout(() => { throw new Error('thrown late') }, 0)", "thrown late"),
@@ -77,11 +77,11 @@ def test_a_good_page_passes_every_judgement(visit: Visit, site: Site, watches: l
     ],
 )  # fmt: skip
 def test_what_a_page_may_not_do_is_noticed(
-    visit: Visit, site: Site, watches: list[Watch], script: str, said: str
+    visit: Visit, site: Site, watches: list[Watch], script: str, expected: str
 ) -> None:
     page = visit(site(script=script))
     (watch,) = watches
-    until(page, lambda: any(said in complaint for complaint in watch.complaints))
+    until(page, lambda: any(expected in complaint for complaint in watch.complaints))
     watches.clear()  # and they are no fault of the test
 
 
@@ -101,7 +101,7 @@ def test_a_lost_server_is_excused_only_when_the_test_ended_it(visit: Visit, site
 
 
 @pytest.mark.parametrize(
-    ("judge", "body", "style", "said"),
+    ("judge", "body", "style", "expected"),
     [
         (judgements.accessible, "<img src='data:,'><p style='color:#ccc'>pale</p>", "", "color-contrast"),
         (judgements.no_sideways_scroll, "<div style='width:2000px'>wide</div>", "", "2000"),
@@ -117,8 +117,8 @@ def test_a_lost_server_is_excused_only_when_the_test_ended_it(visit: Visit, site
     ],
 )
 def test_a_fault_that_a_person_would_meet_is_noticed(
-    visit: Visit, site: Site, judge: Callable[[Page], object], body: str, style: str, said: str
+    visit: Visit, site: Site, judge: Callable[[Page], object], body: str, style: str, expected: str
 ) -> None:
     page = ready(visit(site(body=body, style=style)))
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=expected):
         judge(page)

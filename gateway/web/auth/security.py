@@ -83,9 +83,7 @@ class SecurityMiddleware:
         except ValueError:
             authority = None
         if authority is None or not host_allowed(authority, self._hosts, self._scheme):
-            text = (
-                f"the pages are not called {printable(authority or '(nothing)')}; hmi.allowed_hosts names what they are"
-            )
+            text = f"{printable(authority or '(nothing)')} is not a host name of these pages; see hmi.allowed_hosts"
             raise RefusalError(400, "host", text, audited=True)
         return authority
 
@@ -98,7 +96,7 @@ class SecurityMiddleware:
             return found.rule
         allow = ", ".join(sorted({method for method in found.methods if method != "WS"}))
         if allow and not web_socket:
-            raise RefusalError(405, "method", "not this way", headers={"Allow": allow})
+            raise RefusalError(405, "method", f"this address takes {allow}", headers={"Allow": allow})
         raise RefusalError(404, "unknown", "there is no such page")
 
     def _check_origin(self, scope: Scope, rule: Rule, authority: str) -> None:

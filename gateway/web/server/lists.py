@@ -1,7 +1,7 @@
 """Alarms, links, events and registers, made from the gateway client's data. Pure."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -51,9 +51,9 @@ def alarm_view(client: GatewayClient, alarm: Alarm) -> AlarmView:
 
 
 def alarm_summary(client: GatewayClient) -> AlarmSummary:
-    standing = client.links.alarms
-    count = Counter(dict(standing.counts))
-    shown = [alarm for alarm in standing.alarms if alarm.state not in HIDDEN]
+    reported = client.links.alarms
+    count = Counter(dict(reported.counts))
+    shown = [alarm for alarm in reported.alarms if alarm.state not in HIDDEN]
     return AlarmSummary(
         unacknowledged=count[AlarmState.UNACKNOWLEDGED]
         + count[AlarmState.RETURNED]
@@ -65,17 +65,17 @@ def alarm_summary(client: GatewayClient) -> AlarmSummary:
         out_of_service=count[AlarmState.OUT_OF_SERVICE],
         by_bay=dict(Counter(alarm.bay for alarm in shown if alarm.bay is not None)),
         first=alarm_view(client, shown[0]) if shown else None,
-        newest_change=standing.newest_change,
+        newest_change=reported.newest_change,
     )
 
 
 def alarms_view(client: GatewayClient) -> AlarmsView:
-    standing = client.links.alarms
+    reported = client.links.alarms
     return AlarmsView(
         server_time_ms=client.server_time_ms,
         summary=alarm_summary(client),
-        alarms=tuple(alarm_view(client, alarm) for alarm in standing.alarms),
-        omitted=standing.omitted,
+        alarms=tuple(alarm_view(client, alarm) for alarm in reported.alarms),
+        omitted=reported.omitted,
         changes=tuple(_change_view(client, change) for change in client.links.changes),
     )
 
@@ -85,7 +85,7 @@ def _change_view(client: GatewayClient, change: AlarmChange) -> AlarmChangeView:
     return AlarmChangeView.model_validate(_fields(change) | more)
 
 
-def _fields(record: Alarm | AlarmChange | AlarmDefinition[Any]) -> dict[str, Any]:
+def _fields(record: Alarm | AlarmChange | AlarmDefinition[Any] | Register) -> dict[str, Any]:
     return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
@@ -149,23 +149,17 @@ def registers_view(client: GatewayClient, config: BayConfig) -> RegistersView | 
     )
 
 
-def _register_view(register: Register, value: float | None, image: Iterable[int]) -> RegisterView:
-    words = tuple(image)[register.address : register.address + register.words]
+def _register_view(register: Register, value: float | None, image: Sequence[int]) -> RegisterView:
     named = register.codes.get(int(value)) if register.codes is not None and value is not None else None
-    bits = register.bits or {}
-    return RegisterView(
-        address=register.address,
-        words=words,
-        name=register.name,
-        type=register.kind.name,
-        unit=register.unit,
-        scale=register.scale,
-        value=value,
-        text=None if named is None else named[0],
-        bits=tuple(
-            BitView(bit=bit, name=name, on=value is not None and bool(int(value) >> bit & 1))
-            for bit, (name, _) in bits.items()
-        ),
-        meaning=register.meaning,
-        writable=register.writable,
+    bits = (
+        BitView(bit=bit, name=name, on=value is not None and bool(int(value) >> bit & 1))
+        for bit, (name, _) in (register.bits or {}).items()
     )
+    more = {
+        "words": image[register.address : register.address + register.words],
+        "type": register.kind.name,
+        "value": value,
+        "text": None if named is None else named[0],
+        "bits": tuple(bits),
+    }
+    return RegisterView.model_validate(_fields(register) | more)

@@ -41,7 +41,7 @@ def run(channel: Channel[FromWeb, ToWeb], about: WebSetup) -> None:
     logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
     log.setLevel(logging.INFO)  # who logged in and who changed something is always logged
     for line in sandbox.enter(about.config.hmi.run_as):
-        log.warning("hmi: not everything can be taken from the web process here: %s", line)
+        log.warning("hmi: the web process keeps a right that it does not need: %s", line)
     event_loop.run(_serve(about, channel))
 
 

@@ -51,18 +51,18 @@ class TuningRequest:
     bay: str
     caller: Caller
 
-    def taken(self, name: str) -> Capture:
-        taken = self.service.store.get(self.bay, name)
-        if taken is None:
+    def capture(self, name: str) -> Capture:
+        capture = self.service.store.get(self.bay, name)
+        if capture is None:
             raise RefusalError(404, "gone", f"{name} is not kept (any more): freeze or record again")
-        return taken
+        return capture
 
     async def frames(self, body: FrameBody) -> tuple[Sequence[Snapshot], int]:
         """Frames, and which of them is used. No frames: live, and none is available at this moment."""
         if body.live:
             newest = await self.service.newest(self.bay)
             return ([] if newest is None else [newest]), 0
-        frames = self.taken(body.snapshot or body.recording or "").frames
+        frames = self.capture(body.snapshot or body.recording or "").frames
         return frames, min(body.frame, len(frames) - 1)
 
     async def settings(self, given: dict[str, Any]) -> VisionConfig:
@@ -114,15 +114,15 @@ async def _record(request: Tuning, body: RecordBody) -> JSONResponse:
 
 @_get("/taken", "the kept frames and recordings")
 async def _taken(request: Tuning) -> JSONResponse:
-    return JSONResponse([described(taken) for taken in request.service.store.of(request.bay)])
+    return JSONResponse([described(capture) for capture in request.service.store.of(request.bay)])
 
 
 @_get("/taken/{name}/{frame}", "one of these frames as a picture")
 async def _frame(request: Tuning, name: str, frame: Number, width: WidthPx = PICTURE_PX) -> Response:
-    taken = request.taken(name)
-    if frame >= len(taken.frames):
-        raise RefusalError(400, "number", f"a whole number from 0 to {len(taken.frames) - 1}")
-    jpeg = await request.service.picture(request.who(f"{taken.name}/{frame}/{width}"), taken.frames[frame], width)
+    capture = request.capture(name)
+    if frame >= len(capture.frames):
+        raise RefusalError(400, "number", f"a whole number from 0 to {len(capture.frames) - 1}")
+    jpeg = await request.service.picture(request.who(f"{capture.name}/{frame}/{width}"), capture.frames[frame], width)
     return Response(jpeg, media_type="image/jpeg")
 
 

@@ -43,7 +43,7 @@ class Capture:
 
 
 class CaptureStore:
-    """What has been taken. Names are never used again."""
+    """What has been capture. Names are never used again."""
 
     def __init__(self, limit_bytes: int = STORE_BYTES) -> None:
         self._limit_bytes = limit_bytes
@@ -56,8 +56,8 @@ class CaptureStore:
 
     def recording(self, bay: str, frames: Sequence[Snapshot], wall_ns: int, *, full: bool = False) -> Capture:
         """At least one frame."""
-        taken = Capture(f"r{next(self._numbers)}", bay, tuple(frames), wall_ns, full)
-        return self._keep(taken, RECORDINGS)
+        capture = Capture(f"r{next(self._numbers)}", bay, tuple(frames), wall_ns, full)
+        return self._keep(capture, RECORDINGS)
 
     def get(self, bay: str, name: str) -> Capture | None:
         found = self._kept.get(name)
@@ -65,22 +65,22 @@ class CaptureStore:
 
     def of(self, bay: str) -> list[Capture]:
         """Oldest first."""
-        return [taken for taken in self._kept.values() if taken.bay == bay]
+        return [capture for capture in self._kept.values() if capture.bay == bay]
 
     @property
     def bytes(self) -> int:
-        return sum(taken.bytes for taken in self._kept.values())
+        return sum(capture.bytes for capture in self._kept.values())
 
-    def _keep(self, taken: Capture, most: int) -> Capture:
-        self._kept[taken.name] = taken
-        alike = [old.name for old in self.of(taken.bay) if old.recorded == taken.recorded]
+    def _keep(self, capture: Capture, most: int) -> Capture:
+        self._kept[capture.name] = capture
+        alike = [old.name for old in self.of(capture.bay) if old.recorded == capture.recorded]
         for name in alike[:-most]:
             self._drop(name)
         for name in list(self._kept):
-            if self.bytes <= self._limit_bytes or name == taken.name:
+            if self.bytes <= self._limit_bytes or name == capture.name:
                 break
             self._drop(name)
-        return taken
+        return capture
 
     def _drop(self, name: str) -> None:
         del self._kept[name]
@@ -102,7 +102,7 @@ class Recorder:
         return bool(self.frames) and self._bytes + self.frames[-1].image.nbytes > self._limit_bytes
 
     def offer(self, frame: Snapshot) -> bool:
-        """Whether it was taken."""
+        """Whether it was capture."""
         if self.frames:
             before = self.frames[-1]
             early_ns = frame.t_capture_ns - before.t_capture_ns - self._period_ns
@@ -113,16 +113,16 @@ class Recorder:
         return True
 
 
-def described(taken: Capture) -> dict[str, object]:
+def described(capture: Capture) -> dict[str, object]:
     """For the page's list."""
-    height, width = taken.frames[0].image.shape[:2]
+    height, width = capture.frames[0].image.shape[:2]
     return {
-        "name": taken.name,
-        "kind": "recording" if taken.recorded else "snapshot",
-        "frames": len(taken.frames),
-        "seconds": round(taken.seconds, 3),
+        "name": capture.name,
+        "kind": "recording" if capture.recorded else "snapshot",
+        "frames": len(capture.frames),
+        "seconds": round(capture.seconds, 3),
         "width_px": width,
         "height_px": height,
-        "taken_ms": taken.wall_ns // 1_000_000,
-        "full": taken.full,
+        "taken_ms": capture.wall_ns // 1_000_000,
+        "full": capture.full,
     }

@@ -68,19 +68,19 @@ def test_the_machine_has_every_arrow_of_the_diagram_and_no_other(latching: bool)
     assert found == (BOTH | LATCHING if latching else BOTH | PLAIN | NOWHERE_ELSE)
 
 
-def test_what_was_hidden_comes_back_by_whether_its_cause_holds() -> None:
+def test_a_hidden_alarm_returns_by_whether_its_cause_holds() -> None:
     for hidden, event in ((SH, AlarmEvent.UNSHELVE), (OUT, AlarmEvent.RESTORE)):
         assert next_state(hidden, event, latching=False, active=True) is U
         assert next_state(hidden, event, latching=False, active=False) is N
 
 
-def board() -> AlarmEngine:
+def new_engine() -> AlarmEngine:
     return AlarmEngine({"bay1": FUSION, "bay2": FUSION})
 
 
 def camera_down() -> AlarmEngine:
     """With bay1's camera lost at 0 s, and the alarm announced at 2 s."""
-    alarms = board()
+    alarms = new_engine()
     look(alarms, DOWN, 0, 2)
     return alarms
 
@@ -97,13 +97,13 @@ def look(alarms: AlarmEngine, state: StateVector, *seconds: float) -> list[Alarm
     return [change for second in seconds for change in alarms.update_bay(state, T0 + round(second * S))]
 
 
-def told(changes: list[AlarmChange]) -> list[tuple[str, str]]:
+def reached(changes: list[AlarmChange]) -> list[tuple[str, str]]:
     return [(change.id, change.after.value) for change in changes]
 
 
 class TestDelays:
     def test_a_cause_is_announced_after_its_on_delay_and_not_before(self) -> None:
-        alarms = board()
+        alarms = new_engine()
         assert look(alarms, DOWN, 0, 1, 1.999) == []
         (change,) = look(alarms, camera(Quality.LINK_DOWN, "no such device"), 2)
         assert (change.id, change.before, change.after, change.event) == ("bay1.camera_down", N, U, AlarmEvent.OCCURS)
@@ -111,7 +111,7 @@ class TestDelays:
         assert look(alarms, DOWN, 3, 60) == []
 
     def test_a_cause_that_flickers_is_never_announced(self) -> None:
-        alarms = board()
+        alarms = new_engine()
         for second in range(0, 100, 2):
             assert look(alarms, DOWN, second, second + 1) == []
             assert look(alarms, permitted(), second + 1.5) == []
@@ -121,12 +121,12 @@ class TestDelays:
         for second in range(10, 100, 6):
             assert look(alarms, permitted(), second, second + 4.9) == []
             assert look(alarms, DOWN, second + 5) == []
-        assert told(look(alarms, permitted(), 200, 205)) == [("bay1.camera_down", "returned")]
+        assert reached(look(alarms, permitted(), 200, 205)) == [("bay1.camera_down", "returned")]
 
     def test_another_fault_of_the_same_sensor_is_another_alarm(self) -> None:
         alarms = camera_down()
         changes = look(alarms, camera(Quality.PROCESS_FAULT), 10, 12, 15)
-        assert told(changes) == [("bay1.vision_fault", "unacknowledged"), ("bay1.camera_down", "returned")]
+        assert reached(changes) == [("bay1.vision_fault", "unacknowledged"), ("bay1.camera_down", "returned")]
 
     def test_bays_do_not_share_anything(self) -> None:
         alarms = camera_down()
@@ -203,13 +203,13 @@ NO_ALARM = {
 class TestTheTable:
     @pytest.mark.parametrize("kind", [kind.id for kind in BAY_ALARMS])
     def test_each_cause_raises_its_alarm_and_no_other(self, kind: str) -> None:
-        changes = look(board(), CAUSES[kind], *LONG)
+        changes = look(new_engine(), CAUSES[kind], *LONG)
         assert [change.id for change in changes if change.after is U] == [f"bay1.{kind}"]
         assert {change.after for change in changes} <= {U, SU}
 
     @pytest.mark.parametrize("state", NO_ALARM.values(), ids=NO_ALARM.keys())
     def test_what_needs_no_action_is_no_alarm(self, state: StateVector) -> None:
-        assert look(board(), state, *LONG, 3 * 3600) == []
+        assert look(new_engine(), state, *LONG, 3 * 3600) == []
 
     @pytest.mark.parametrize(
         ("kind", "conditions"),
@@ -225,16 +225,16 @@ class TestTheTable:
             ("bay_file_damaged", GatewayConditions(bay_file_damaged="bay1: cut")),
         ],
     )
-    def test_each_sign_raises_its_alarm_and_no_other(self, kind: str, conditions: GatewayConditions) -> None:
-        alarms = board()
+    def test_each_condition_raises_its_alarm_and_no_other(self, kind: str, conditions: GatewayConditions) -> None:
+        alarms = new_engine()
         changes = [*alarms.update_gateway(conditions, T0), *alarms.update_gateway(conditions, T0 + 31 * S)]
-        assert told(changes) == [(kind, "unacknowledged")]
+        assert reached(changes) == [(kind, "unacknowledged")]
 
     def test_a_gateway_without_broker_and_known_plcs_has_no_alarm(self) -> None:
-        alarms = board()
+        alarms = new_engine()
         assert [alarms.update_gateway(GatewayConditions(), T0 + second * S) for second in (0, 3600)] == [[], []]
 
-    def test_every_picture_fault_has_one_alarm_that_says_how_bad_it_is(self) -> None:
+    def test_every_picture_fault_has_one_alarm_with_its_figure(self) -> None:
         details = {
             PictureFault.DARK: ("bay1.picture_blind", "dark (brightness 1.2%)"),
             PictureFault.BRIGHT: ("bay1.picture_blind", "bright (0% burnt out)"),
@@ -245,20 +245,20 @@ class TestTheTable:
         }
         assert set(details) == set(PictureFault)
         for fault, (kind, detail) in details.items():
-            changes = look(board(), picture(fault), *LONG)
+            changes = look(new_engine(), picture(fault), *LONG)
             assert [(change.id, change.detail) for change in changes] == [(kind, detail)]
 
     def test_the_marker_s_distance_is_the_cross_check_s_where_there_is_one(self) -> None:
         near = replace(no_echo(20.0), z_vision_mm=2000.0)
         far = replace(no_echo(100.0), z_vision_mm=3000.0)
-        assert told(look(board(), near, *LONG)) == [("bay1.ranger_no_echo", "unacknowledged")]
-        assert look(board(), far, *LONG) == []
+        assert reached(look(new_engine(), near, *LONG)) == [("bay1.ranger_no_echo", "unacknowledged")]
+        assert look(new_engine(), far, *LONG) == []
 
     def test_a_dead_camera_is_its_own_alarm_until_it_is_back(self) -> None:
         lost = Visit(place=PLACE, ended="camera dead")
-        alarms = board()
+        alarms = new_engine()
         dead = replace(DOWN, d=None, visit=lost)
-        assert told(look(alarms, dead, 0, 10)) == [("bay1.camera_down", "unacknowledged")]
+        assert reached(look(alarms, dead, 0, 10)) == [("bay1.camera_down", "unacknowledged")]
         covered = replace(camera(Quality.NO_TARGET), d=None, visit=lost)
         changes = [change for change in look(alarms, covered, 20, 25, 30) if change.after is U]
         assert [(change.id, change.detail) for change in changes] == [("bay1.in_place_lost", "camera dead")]
@@ -282,19 +282,19 @@ class TestSuppressedByDesign:
     def test_a_function_check_hides_the_sensors_alarms_and_shows_them_again(self) -> None:
         alarms = camera_down()
         checked = look(alarms, replace(DOWN, function_check=FunctionCheck.MAY_MOVE_OFF), 10)
-        assert ("bay1.camera_down", "suppressed") in told(checked)
-        assert "bay1.plc_lost" not in dict(told(checked))
+        assert ("bay1.camera_down", "suppressed") in reached(checked)
+        assert "bay1.plc_lost" not in dict(reached(checked))
         back = look(alarms, DOWN, 20)
-        assert ("bay1.camera_down", "normal") in told(back)
+        assert ("bay1.camera_down", "normal") in reached(back)
         assert look(alarms, DOWN, 21.9) == []
-        assert told(look(alarms, DOWN, 22)) == [("bay1.camera_down", "unacknowledged")]
+        assert reached(look(alarms, DOWN, 22)) == [("bay1.camera_down", "unacknowledged")]
 
     def test_while_permit_is_kept_nothing_is_hidden(self) -> None:
         state = replace(DOWN, function_check=FunctionCheck.MAY_MOVE_KEPT)
-        assert told(look(board(), state, 0, 2)) == [("bay1.camera_down", "unacknowledged")]
+        assert reached(look(new_engine(), state, 0, 2)) == [("bay1.camera_down", "unacknowledged")]
 
     def test_a_dead_control_task_is_one_alarm_not_four(self) -> None:
-        alarms = board()
+        alarms = new_engine()
         dead = replace(camera(Quality.STALE), range=RangeReading(1, Quality.STALE), reason=Reason.GATEWAY_FAULT)
         changes = look(alarms, dead, 0, 1, 10)
         assert [change.id for change in changes if change.after is U] == ["bay1.control_dead"]
@@ -304,14 +304,14 @@ class TestSuppressedByDesign:
 
     def test_nothing_is_announced_at_the_end(self) -> None:
         gone = replace(CAUSES["control_dead"], reason=Reason.SHUTDOWN, vision=VisionReading(1, Quality.STALE))
-        assert U not in [change.after for change in look(board(), gone, *LONG)]
+        assert U not in [change.after for change in look(new_engine(), gone, *LONG)]
 
     def test_shelving_that_ends_under_suppression_announces_nothing(self) -> None:
         alarms = camera_down()
         assert action(alarms, AlarmEvent.SHELVE, 3, minutes=1).outcome is ActionOutcome.DONE
         checked = replace(DOWN, function_check=FunctionCheck.MAY_MOVE_OFF)
         changes = look(alarms, checked, 62, 63)
-        assert [state for name, state in told(changes) if name == "bay1.camera_down"] == ["normal", "suppressed"]
+        assert [state for name, state in reached(changes) if name == "bay1.camera_down"] == ["normal", "suppressed"]
 
 
 def action(
@@ -330,15 +330,15 @@ def of(alarms: AlarmEngine, name: str = "bay1.camera_down") -> Alarm:
     return alarm
 
 
-class TestPeople:
+class TestOperatorActions:
     def test_an_acknowledged_alarm_ends_by_itself(self) -> None:
         alarms = camera_down()
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 3, note="gone to look").outcome is ActionOutcome.DONE
         alarm = of(alarms)
         assert (alarm.state, alarm.who, alarm.note, alarm.active) == (A, "anna", "gone to look", True)
-        assert told(look(alarms, permitted(), 10, 15)) == [("bay1.camera_down", "normal")]
+        assert reached(look(alarms, permitted(), 10, 15)) == [("bay1.camera_down", "normal")]
 
-    def test_an_alarm_that_nobody_saw_stays_until_somebody_does(self) -> None:
+    def test_an_unacknowledged_alarm_stays_until_it_is_acknowledged(self) -> None:
         alarms = camera_down()
         look(alarms, permitted(), 10, 15, 24 * 3600)
         assert of(alarms).state is R
@@ -356,7 +356,7 @@ class TestPeople:
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 24, occurrence=2).outcome is ActionOutcome.DONE
 
     def test_a_latched_alarm_wants_acknowledgement_and_reset(self) -> None:
-        alarms, lost = board(), GatewayConditions(events_lost=3)
+        alarms, lost = new_engine(), GatewayConditions(events_lost=3)
         alarms.update_gateway(lost, T0)
         assert of(alarms, "events_lost").detail == "3 since the start of the gateway"
         alarms.update_gateway(lost, T0 + S)
@@ -371,22 +371,22 @@ class TestPeople:
         alarms.update_gateway(GatewayConditions(events_lost=4), T0 + 3602 * S)
         assert of(alarms, "events_lost").state is U
 
-    def test_shelving_ends_by_itself_and_announces_what_still_stands(self) -> None:
+    def test_shelving_ends_by_itself_and_announces_what_is_still_active(self) -> None:
         alarms = camera_down()
         assert action(alarms, AlarmEvent.SHELVE, 3, minutes=10).outcome is ActionOutcome.DONE
         assert of(alarms).shelved_until_ns == T0 + 603 * S
         assert look(alarms, DOWN, 4, 602.9) == []
-        assert told(look(alarms, DOWN, 603)) == [("bay1.camera_down", "unacknowledged")]
+        assert reached(look(alarms, DOWN, 603)) == [("bay1.camera_down", "unacknowledged")]
         assert of(alarms).shelved_until_ns is None
 
     def test_a_shelved_alarm_whose_cause_has_gone_is_normal_afterwards(self) -> None:
         alarms = camera_down()
         action(alarms, AlarmEvent.SHELVE, 3, minutes=10)
         assert look(alarms, permitted(), 10, 15) == []
-        assert told(look(alarms, permitted(), 603)) == [("bay1.camera_down", "normal")]
+        assert reached(look(alarms, permitted(), 603)) == [("bay1.camera_down", "normal")]
 
-    def test_out_of_service_lasts_until_somebody_ends_it(self) -> None:
-        alarms = board()
+    def test_out_of_service_lasts_until_it_is_ended(self) -> None:
+        alarms = new_engine()
         assert action(alarms, AlarmEvent.REMOVE, 0, note="camera is away for repair").outcome is ActionOutcome.DONE
         assert look(alarms, DOWN, 1, 3, 365 * 86400) == []
         assert of(alarms).state is OUT
@@ -395,12 +395,12 @@ class TestPeople:
 
     @pytest.mark.parametrize("minutes", [None, 0.0, 0.9, MAX_SHELVE_MIN + 1, float("nan"), float("inf")])
     def test_shelving_is_limited(self, minutes: float | None) -> None:
-        reply = action(board(), AlarmEvent.SHELVE, 0, minutes=minutes)
+        reply = action(new_engine(), AlarmEvent.SHELVE, 0, minutes=minutes)
         assert reply.outcome is ActionOutcome.INVALID
         assert str(MAX_SHELVE_MIN) in reply.why
 
     def test_what_is_not_for_people_or_not_there_is_refused(self) -> None:
-        alarms = board()
+        alarms = new_engine()
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 0, "bay9.camera_down").outcome is ActionOutcome.UNKNOWN
         assert action(alarms, AlarmEvent.RETURNS, 0).outcome is ActionOutcome.INVALID
         assert action(alarms, AlarmEvent.ACKNOWLEDGE, 0, note="x" * (MAX_NOTE + 1)).outcome is ActionOutcome.INVALID
@@ -408,9 +408,9 @@ class TestPeople:
         assert alarms.history() == ()
 
 
-class TestWhatIsTold:
+class TestSummaryAndHistory:
     def test_the_most_important_alarm_comes_first(self) -> None:
-        alarms = board()
+        alarms = new_engine()
         look(alarms, CAUSES["maintenance"], 0, 10)
         look(alarms, camera(Quality.LINK_DOWN, bay="bay2"), 20, 22)
         look(alarms, CAUSES["plc_lost"], 30, 31)
@@ -426,7 +426,7 @@ class TestWhatIsTold:
         assert ([a.id for a in short.alarms], short.omitted) == (["bay2.camera_down"], 2)
 
     def test_the_history_is_bounded_and_shows_what_it_has_lost(self) -> None:
-        alarms = board()
+        alarms = new_engine()
         for second in range(0, 20 * HISTORY, 20):
             look(alarms, DOWN, second, second + 2)
             look(alarms, permitted(), second + 3, second + 8)
@@ -445,7 +445,7 @@ class Life(RuleBasedStateMachine):
 
     @initialize()
     def begin(self) -> None:
-        self.alarms = board()
+        self.alarms = new_engine()
         self.now_ns = T0
         self.cause = self.checked = False
         self.since_ns = T0  # the cause is as it is since then, as far as anybody looked

@@ -39,7 +39,7 @@ class Bay:
         self.rules = interlock.Rules.of(bay, gateway)
         self.now_ns = 1_000_000 * MS
         self.state: StateVector = interlock.initial("bay1", self.now_ns, self.rules, self.retained)
-        self.board = AlarmEngine({"bay1": bay.fusion})
+        self.engine = AlarmEngine({"bay1": bay.fusion})
         self.changes: list[AlarmChange] = []
         self.beat = 0
 
@@ -59,7 +59,7 @@ class Bay:
             if self.writes:
                 self.beat = (self.beat + 1) % 65536
                 self.step(PlcWrite(PLC, heartbeat=self.beat, control=0 if self.beat == 1 else None))
-            self.changes += self.board.update_bay(self.state, self.now_ns)
+            self.changes += self.engine.update_bay(self.state, self.now_ns)
 
     def step(self, observation: Observation) -> None:
         self.state = interlock.step(self.state, observation, self.now_ns, self.rules)
@@ -123,11 +123,11 @@ def test_with_writes_a_truck_that_leaves_unreleased_has_moved() -> None:
     assert bay.announced == ["bay1.truck_moved"]
     assert bay.newest.detail.startswith("the distance left its band; in place at 280 mm, now 3")
     bay.see(5, None)
-    assert bay.board.summary().alarms[0].state is AlarmState.RETURNED  # gone, but somebody must have a look
+    assert bay.engine.summary().alarms[0].state is AlarmState.RETURNED  # gone, but somebody must have a look
 
 
 @pytest.mark.parametrize("way_mm", [-60.0, 60.0])
-def test_a_truck_that_rolls_under_the_spout_is_told_at_once(way_mm: float) -> None:
+def test_a_truck_that_rolls_under_the_spout_is_reported_at_once(way_mm: float) -> None:
     bay = Bay().loaded()
     begun_ns = bay.now_ns
     bay.see(3, 280, 280 + way_mm, marker=False)
@@ -141,7 +141,7 @@ def test_a_truck_seen_elsewhere_when_the_spout_goes_up_has_moved_under_it() -> N
     bay.now_ns += STEP_MS * MS
     bay.step(VisionReading(bay.now_ns, Quality.GOOD, Circle(420, 240, 200)))
     bay.step(RangeReading(bay.now_ns, Quality.GOOD, 280.0))
-    bay.changes += bay.board.update_bay(bay.state, bay.now_ns)
+    bay.changes += bay.engine.update_bay(bay.state, bay.now_ns)
     assert bay.announced == ["bay1.truck_moved"]
     assert bay.state.visit.moved is Moved.MARKER
 
@@ -157,7 +157,7 @@ def test_one_frame_without_the_marker_does_not_make_a_departure_an_alarm() -> No
     assert bay.announced == []
 
 
-def test_a_truck_that_moves_after_the_hold_has_ended_is_told_all_the_same() -> None:
+def test_a_truck_that_moves_after_the_hold_has_ended_is_reported_too() -> None:
     bay = Bay(visit=VisitConfig(hold_limit_s=10))
     bay.comes_to_stand()
     bay.loads(5)
@@ -167,7 +167,7 @@ def test_a_truck_that_moves_after_the_hold_has_ended_is_told_all_the_same() -> N
     assert bay.announced == ["bay1.in_place_lost", "bay1.truck_moved"]
 
 
-def test_in_place_that_was_lost_is_told_until_it_is_there_again() -> None:
+def test_in_place_lost_is_reported_until_it_is_confirmed_again() -> None:
     bay = Bay().loaded()
     bay.see(8, None, marker=False)  # the spout is in the ranger's way; an alive ranger that hears nothing
     assert bay.announced == []  # both say that no truck is there: the visit is over
@@ -178,10 +178,10 @@ def test_in_place_that_was_lost_is_told_until_it_is_there_again() -> None:
     assert (bay.newest.id, bay.newest.detail) == ("bay1.in_place_lost", "held for too long")
     bay.see(8, 280)
     assert bay.state.in_place
-    assert bay.board.summary().alarms[0].state is AlarmState.RETURNED
+    assert bay.engine.summary().alarms[0].state is AlarmState.RETURNED
 
 
-def test_another_marker_is_told_and_over_when_the_next_one_fits() -> None:
+def test_another_marker_is_reported_until_the_next_one_fits() -> None:
     bay = Bay(retained=RetainedState(FunctionCheck.OFF, tuple(ScaleSample(0, 200.0, 280.0) for _ in range(5))))
     bay.px_mm = 63_000.0  # an eighth larger
     bay.comes_to_stand()
@@ -193,7 +193,7 @@ def test_another_marker_is_told_and_over_when_the_next_one_fits() -> None:
     bay.comes_to_stand()
     bay.see(7, 280)
     assert bay.announced == ["bay1.scale_changed"]
-    assert bay.board.summary().alarms[0].state is AlarmState.RETURNED
+    assert bay.engine.summary().alarms[0].state is AlarmState.RETURNED
 
 
 def test_a_technician_who_moves_the_truck_raises_no_alarm() -> None:

@@ -30,13 +30,13 @@ def fitting(answer: Answer, model: str) -> Any:
     return fits(answer.body, model)
 
 
-def wrong(said: Answer, status: int, error: str) -> str:
+def wrong(answer: Answer, status: int, error: str) -> str:
     """The text, if it is a problem of this kind."""
-    assert (said.status, said.json["error"]) == (status, error)
-    assert said.headers["content-type"] == "application/problem+json"
-    jsonschema.validate(said.json, COMPONENTS["schemas"]["Problem"])
-    assert said.json["status"] == status
-    return str(said.json["detail"])
+    assert (answer.status, answer.json["error"]) == (status, error)
+    assert answer.headers["content-type"] == "application/problem+json"
+    jsonschema.validate(answer.json, COMPONENTS["schemas"]["Problem"])
+    assert answer.json["status"] == status
+    return str(answer.json["detail"])
 
 
 async def kept_loading(made: Plant) -> None:
@@ -70,9 +70,9 @@ async def test_state_of_all_bays_and_of_one() -> None:
 async def test_of_many_bays_all_are_young() -> None:
     async with plant(bays=20) as made:
         for _ in range(2):
-            told = fitting(await api_client(made).get("/api/state"), "BayView")
-            assert len(told) == 20
-            assert max(bay["age_ms"] for bay in told) < 1600
+            view = fitting(await api_client(made).get("/api/state"), "BayView")
+            assert len(view) == 20
+            assert max(bay["age_ms"] for bay in view) < 1600
             await asyncio.sleep(5)
 
 
@@ -92,8 +92,8 @@ async def test_thresholds_are_those_of_the_recipe_in_force() -> None:
         assert verdict is WriteVerdict.TAKEN
         await asyncio.sleep(2)
         after = fitting(await api_client(made).get("/api/bays/bay1/state"), "BayView")
-        told = [(b["thresholds"]["radius_threshold_px"], b["aim"]["u_px"]) for b in (before, after)]
-        assert told == [(180.0, 300.0), (140.0, 320.0)]
+        view = [(b["thresholds"]["radius_threshold_px"], b["aim"]["u_px"]) for b in (before, after)]
+        assert view == [(180.0, 300.0), (140.0, 320.0)]
         assert (before["thresholds"]["recipe_name"], after["thresholds"]["recipe_name"]) == (None, "short truck")
         assert after["thresholds"]["radius_hysteresis_px"] == 4
         assert after["deadlines"]["plc_ms"] == 1000.0
@@ -101,13 +101,13 @@ async def test_thresholds_are_those_of_the_recipe_in_force() -> None:
 
 @pytest.mark.parametrize("path", ["state", "events", "registers", "snapshot.jpg", "snapshot.png", "picture", "profile"])
 @in_virtual_time
-async def test_no_such_bay(path: str) -> None:
+async def test_an_unknown_bay_is_404(path: str) -> None:
     async with plant() as made:
         assert "'bay9'" in wrong(await api_client(made).get(f"/api/bays/bay9/{path}"), 404, "bay")
 
 
 @in_virtual_time
-async def test_a_main_process_that_says_nothing_is_told_as_such() -> None:
+async def test_a_silent_main_process_is_reported() -> None:
     async with plant(keep=False) as made:
         ask = api_client(made)
         assert fitting(await ask.get("/api/bays/bay1/state"), "BayView")["state"] is None
@@ -117,7 +117,7 @@ async def test_a_main_process_that_says_nothing_is_told_as_such() -> None:
 
 
 @in_virtual_time
-async def test_events_are_told_from_a_number_on() -> None:
+async def test_events_are_listed_from_a_number_on() -> None:
     async with plant(bays=2) as made:
         ask = api_client(made)
         for _ in range(3):
@@ -126,21 +126,21 @@ async def test_events_are_told_from_a_number_on() -> None:
             made.loading("bay2")
             await asyncio.sleep(1)
         await asyncio.sleep(3)
-        told = fitting(await ask.get("/api/events"), "EventsView")
-        numbers = [row["number"] for row in told["events"]]
-        assert numbers == list(range(1, told["newest"] + 1))
-        assert told["events"][0]["event"]["kind"] == "start"
+        view = fitting(await ask.get("/api/events"), "EventsView")
+        numbers = [row["number"] for row in view["events"]]
+        assert numbers == list(range(1, view["newest"] + 1))
+        assert view["events"][0]["event"]["kind"] == "start"
         some = fitting(await ask.get("/api/events?after=3&limit=2"), "EventsView")
         assert [row["number"] for row in some["events"]] == [4, 5]
         one = fitting(await ask.get("/api/bays/bay1/events"), "EventsView")
         assert {row["event"]["bay"] for row in one["events"]} == {"bay1"}
-        assert one["newest"] == told["newest"]
-        kinds = [row["event"]["kind"] for row in told["events"] if row["event"]["bay"] == "bay2"]
+        assert one["newest"] == view["newest"]
+        kinds = [row["event"]["kind"] for row in view["events"] if row["event"]["bay"] == "bay2"]
         assert kinds.count(EventKind.SENSOR_FAULT) >= 3
 
 
 @pytest.mark.parametrize(
-    ("query", "said"),
+    ("query", "expected"),
     [
         ("after=-1", "after = '-1': a whole number from 0"),
         ("after=1.5", "after"),
@@ -154,10 +154,10 @@ async def test_events_are_told_from_a_number_on() -> None:
     ],
 )
 @in_virtual_time
-async def test_a_number_out_of_its_range_is_named(query: str, said: str) -> None:
+async def test_a_number_out_of_its_range_is_named(query: str, expected: str) -> None:
     async with plant() as made:
         for path in ("/api/events", "/api/bays/bay1/events"):
-            assert wrong(await api_client(made).get(f"{path}?{query}"), 400, "query").startswith(said)
+            assert wrong(await api_client(made).get(f"{path}?{query}"), 400, "query").startswith(expected)
 
 
 @in_virtual_time
@@ -165,13 +165,13 @@ async def test_registers_are_the_words_that_a_plc_reads() -> None:
     async with plant() as made, asyncio.TaskGroup() as group:
         task = group.create_task(kept_loading(made))
         await asyncio.sleep(1.5)
-        told = fitting(await api_client(made).get("/api/bays/bay1/registers"), "RegistersView")
+        view = fitting(await api_client(made).get("/api/bays/bay1/registers"), "RegistersView")
         task.cancel()
-        rows = {row["name"]: row for row in told["registers"]}
+        rows = {row["name"]: row for row in view["registers"]}
         report = made.client.report("bay1")
         assert report is not None
         image = report.now.image
-        for row in told["registers"]:
+        for row in view["registers"]:
             assert tuple(row["words"]) == tuple(image[row["address"] : row["address"] + len(row["words"])])
         assert (rows["distance"]["words"], rows["distance"]["value"], rows["distance"]["unit"]) == (
             [900],
@@ -184,7 +184,7 @@ async def test_registers_are_the_words_that_a_plc_reads() -> None:
         on = {bit["name"] for bit in rows["status"]["bits"] if bit["on"]}
         assert on == {"may_move", "vision_good", "range_good", "healthy"}
         assert rows["seq_begin"]["words"] == rows["seq_end"]["words"]
-        assert told["word_order"] == "big"
+        assert view["word_order"] == "big"
         assert [name for name, row in rows.items() if row["writable"]] == [
             "plc_heartbeat", "plc_control", "recipe_select",
         ]  # fmt: skip
@@ -201,11 +201,11 @@ async def test_a_snapshot_is_the_newest_frame(ending: str) -> None:
         made.rings["bay1"].write(np.zeros((60, 80, 3), np.uint8), 4, captured_ns - 50_000_000)
         made.rings["bay1"].write(image, 5, captured_ns)
         await asyncio.sleep(0.25)
-        said = await api_client(made).get(f"/api/bays/bay1/snapshot.{ending}")
-        assert (said.status, said.headers["x-frame-id"]) == (200, "5")
-        assert said.headers["content-type"] == {"png": "image/png", "jpg": "image/jpeg"}[ending]
-        assert 250 <= float(said.headers["x-frame-age-ms"]) < 300
-        shown = cv2.imdecode(np.frombuffer(said.body, np.uint8), cv2.IMREAD_COLOR)
+        answer = await api_client(made).get(f"/api/bays/bay1/snapshot.{ending}")
+        assert (answer.status, answer.headers["x-frame-id"]) == (200, "5")
+        assert answer.headers["content-type"] == {"png": "image/png", "jpg": "image/jpeg"}[ending]
+        assert 250 <= float(answer.headers["x-frame-age-ms"]) < 300
+        shown = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_COLOR)
         assert shown is not None
         assert int(np.abs(shown.astype(int) - image.astype(int)).max()) <= (0 if ending == "png" else 110)
         assert np.abs(shown.astype(int) - image.astype(int)).mean() < (0.1 if ending == "png" else 3)
@@ -213,7 +213,7 @@ async def test_a_snapshot_is_the_newest_frame(ending: str) -> None:
 
 class TestAlarms:
     @in_virtual_time
-    async def test_an_alarm_is_told_acknowledged_by_name_and_changes_nothing_else(self) -> None:
+    async def test_an_alarm_is_listed_and_acknowledged_by_name_and_changes_nothing_else(self) -> None:
         async with plant() as made:
             ask = api_client(made)
             made.loading()
@@ -224,12 +224,14 @@ class TestAlarms:
             assert (alarm["id"], alarm["state"]) == ("bay1.camera_down", "unacknowledged")
             assert (alarm["priority"], alarm["detail"]) == ("high", "no such device")
             before = made.hub.state("bay1")
-            said = await ask.post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 1, "note": "gone to look"})
-            told = fitting(said, "AlarmsView")
-            now = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
+            answer = await ask.post(
+                "/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 1, "note": "gone to look"}
+            )
+            view = fitting(answer, "AlarmsView")
+            now = next(one for one in view["alarms"] if one["id"] == "bay1.camera_down")
             assert (now["state"], now["who"], now["note"]) == ("acknowledged", "anna", "gone to look")
-            assert told["summary"]["by_bay"]["bay1"] == len([a for a in told["alarms"] if a["bay"] == "bay1"])
-            change = told["changes"][-1]
+            assert view["summary"]["by_bay"]["bay1"] == len([a for a in view["alarms"] if a["bay"] == "bay1"])
+            change = view["changes"][-1]
             assert (change["cue"], change["after"], change["who"]) == ("acknowledge", "acknowledged", "anna")
             after = made.hub.state("bay1")
             assert (after.stop, after.may_move, after.reason) == (before.stop, before.may_move, before.reason)
@@ -243,8 +245,8 @@ class TestAlarms:
             ask.caller = Caller("", Level.TECHNICIAN, "10.0.0.9", "token")
             lost(made)
             await asyncio.sleep(5)
-            told = fitting(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
-            alarm = next(one for one in told["alarms"] if one["id"] == "bay1.camera_down")
+            view = fitting(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
+            alarm = next(one for one in view["alarms"] if one["id"] == "bay1.camera_down")
             assert alarm["who"] == "10.0.0.9 (without login, role technician)"
 
     @in_virtual_time
@@ -271,7 +273,7 @@ class TestAlarms:
             assert state() == ""
 
     @in_virtual_time
-    async def test_what_is_not_possible_is_said(self) -> None:
+    async def test_impossible_actions_are_refused_with_the_reason(self) -> None:
         async with plant() as made:
             ask = api_client(made)
             await asyncio.sleep(1.2)
@@ -295,8 +297,8 @@ class TestAlarms:
                 assert wrong(await ask.call("POST", f"{base}/acknowledge", body), 400, "body").startswith("body")
             for content in ("text/plain", "application/x-www-form-urlencoded", "application/json"):  # all is JSON
                 headers = {"Content-Type": content}
-                said = await ask.call("POST", f"{base}/acknowledge", b'{"note": "x"}', headers)
-                assert "not possible" in wrong(said, 409, "refused")
+                answer = await ask.call("POST", f"{base}/acknowledge", b'{"note": "x"}', headers)
+                assert "not possible" in wrong(answer, 409, "refused")
             assert made.monitor.changes() == ()
 
     @in_virtual_time
@@ -304,8 +306,8 @@ class TestAlarms:
         async with plant() as made:
             lost(made)
             await asyncio.sleep(5)
-            said = await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 0})
-            assert "occurred again" in wrong(said, 409, "refused")
+            answer = await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 0})
+            assert "occurred again" in wrong(answer, 409, "refused")
 
     @in_virtual_time
     async def test_a_hung_main_process_is_no_success(self) -> None:
@@ -314,7 +316,7 @@ class TestAlarms:
 
 
 @in_virtual_time
-async def test_a_function_check_suppresses_and_says_so() -> None:
+async def test_a_function_check_suppresses_and_is_shown() -> None:
     async with plant() as made:
         made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
         await asyncio.sleep(2)

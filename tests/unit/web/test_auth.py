@@ -87,7 +87,7 @@ def test_what_technicians_do_is_closed_to_all_others() -> None:
 
 
 @in_virtual_time
-async def test_everybody_is_technician_where_loopback_says_so() -> None:
+async def test_everybody_is_technician_on_loopback_where_configured() -> None:
     browser = Browser(secured_app("technician", host="127.0.0.1", users=()), host="127.0.0.1:8080")
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
     answer = await browser.post("/api/bays/north/profile/apply", {"a": 1})
@@ -141,7 +141,7 @@ async def _nothing(_: Any) -> Any:
     ],
 )
 @in_virtual_time
-async def test_a_route_without_a_rule_is_answered_to_nobody(route: Any, method: str, path: str, status: int) -> None:
+async def test_a_route_without_a_rule_is_never_answered(route: Any, method: str, path: str, status: int) -> None:
     browser = Browser(secured_app())
     await browser.login("tom")
     application = browser.secured_app.middleware._app
@@ -180,7 +180,7 @@ async def test_a_route_without_a_rule_is_answered_to_nobody(route: Any, method: 
     ],
 )
 @in_virtual_time
-async def test_what_there_is_not(method: str, path: str, status: int) -> None:
+async def test_unknown_addresses_and_methods(method: str, path: str, status: int) -> None:
     browser = Browser(secured_app("viewer"))
     answer = await browser.get(path, method=method)
     assert answer.status == status
@@ -216,7 +216,7 @@ async def test_dns_rebinding() -> None:
     socket = await browser.socket("/api/live", {"host": "evil.example", "origin": "http://evil.example"})
     assert (socket.status, socket.data) == (400, 0)
     assert set(browser.secured_app.kinds()) == {AuditKind.REFUSED}
-    assert "the pages are not called evil.example" in str(browser.secured_app.records[0])
+    assert "evil.example is not a host name of these pages" in str(browser.secured_app.records[0])
 
 
 @pytest.mark.parametrize(
@@ -299,7 +299,7 @@ async def test_brute_force_at_speed() -> None:
     assert browser.secured_app.logins.passwords.checks == 10
     assert (await browser.login("tom")).status == 429  # not even the right one
     assert browser.secured_app.kinds().count(AuditKind.LOGIN_FAILED) == 10
-    assert browser.secured_app.kinds().count(AuditKind.LOGIN_THROTTLED) == 20  # told, but not five hundred times
+    assert browser.secured_app.kinds().count(AuditKind.LOGIN_THROTTLED) == 20  # reported, but not five hundred times
     await asyncio.sleep(60)
     assert (await browser.login("tom")).status == 200
     last = browser.secured_app.records[-1]
@@ -316,7 +316,7 @@ async def test_brute_force_all_at_once() -> None:
 
 
 @in_virtual_time
-async def test_who_types_the_right_password_is_never_held_up() -> None:
+async def test_the_right_password_is_never_throttled() -> None:
     browser = Browser(secured_app())
     for _ in range(30):
         assert (await browser.login("tom")).status == 200
@@ -327,7 +327,7 @@ async def test_who_types_the_right_password_is_never_held_up() -> None:
 
 
 @in_virtual_time
-async def test_nothing_tells_whether_a_user_exists() -> None:
+async def test_a_refused_login_does_not_show_whether_the_user_exists() -> None:
     browser = Browser(secured_app())
     known, unknown = await browser.login("tom", "wrong password"), await browser.login("tim", "wrong password")
     assert (known.status, known.text) == (unknown.status, unknown.text) == (401, unknown.text)
@@ -337,19 +337,19 @@ async def test_nothing_tells_whether_a_user_exists() -> None:
     ("path", "limit"), [("/api/login", LOGIN_BYTES), ("/api/bays/north/trial", BODY_BYTES), ("/api/state", 0)]
 )
 @in_virtual_time
-async def test_huge_bodies(path: str, limit: int) -> None:
+async def test_too_long_bodies(path: str, limit: int) -> None:
     browser = Browser(secured_app())
     await browser.login("tom")
     headers = browser.signed()
     method = "GET" if path == "/api/state" else "POST"
-    told = str(limit + 1).encode()
-    for length in (told, b"99999999999999999999", b"-1", b"1_0", b"0x10", b""):
+    longer = str(limit + 1).encode()
+    for length in (longer, b"99999999999999999999", b"-1", b"1_0", b"0x10", b""):
         answer = await browser.raw(method, path, [*headers, (b"content-length", length)], [b""])
         assert (length, answer.status) == (length, 413)
     two = [(b"content-length", b"0"), (b"content-length", b"7")]
     assert (await browser.raw(method, path, [*headers, *two], [b""])).status == 413
     if method == "POST":
-        grown = [b"x" * 1024] * (limit // 1024) + [b"x"]  # of untold length
+        grown = [b"x" * 1024] * (limit // 1024) + [b"x"]  # without its length
         answer = await browser.raw(method, path, headers, grown)
         assert (answer.status, answer.headers["connection"]) == (413, "close")
         fits = await browser.raw(method, path, headers, grown[:-1])
@@ -357,7 +357,7 @@ async def test_huge_bodies(path: str, limit: int) -> None:
 
 
 @in_virtual_time
-async def test_a_body_that_never_comes() -> None:
+async def test_a_body_that_does_not_arrive() -> None:
     browser = Browser(secured_app())
     browser.csrf = (await browser.get("/api/session")).json["csrf"]
     before_s = asyncio.get_running_loop().time()
@@ -366,7 +366,7 @@ async def test_a_body_that_never_comes() -> None:
 
 
 @in_virtual_time
-async def test_a_body_arrives_whole_however_it_is_cut() -> None:
+async def test_a_body_arrives_complete_in_any_pieces() -> None:
     browser = Browser(secured_app())
     await browser.login("tom")
     answer = await browser.raw("POST", "/api/bays/north/trial", browser.signed(), [b"a", b"", b"bc", b"d"])
@@ -459,8 +459,8 @@ async def test_what_a_technician_began_is_not_left_half_done() -> None:
     assert str(browser.secured_app.records[-1]) == "changed: tom at 10.0.0.99: /api/bays/north/profile/save: 200"
 
 
-@pytest.mark.parametrize(("answers", "said"), [(True, "500"), (False, "no answer")])
-def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str) -> None:
+@pytest.mark.parametrize(("answers", "expected"), [(True, "500"), (False, "no answer")])
+def test_a_change_is_recorded_even_if_the_answer_fails(answers: bool, expected: str) -> None:
     """A fault in the software after the settings have gone live: somebody has changed something all the same."""
     done: list[str] = []
 
@@ -485,7 +485,7 @@ def test_what_was_done_is_told_even_if_the_answer_fails(answers: bool, said: str
         with pytest.raises(KeyError):
             await browser.post("/api/bays/north/profile/apply")
         assert done == ["/api/bays/north/profile/apply"]
-        assert str(built.records[-1]) == f"changed: tom at 10.0.0.99: /api/bays/north/profile/apply: {said}"
+        assert str(built.records[-1]) == f"changed: tom at 10.0.0.99: /api/bays/north/profile/apply: {expected}"
 
     scene()
 
@@ -513,18 +513,18 @@ async def test_headers_of_every_answer(tls: bool) -> None:
     login = await browser.login("tom")
     assert [a.status for a in answers] == [200, 404, 401, 200, 303, 403, 400]
     for answer in [*answers, login]:
-        said = answer.headers
-        assert said["content-security-policy"].split("; ") == [
+        sent = answer.headers
+        assert sent["content-security-policy"].split("; ") == [
             "default-src 'self'", "img-src 'self' blob: data:", "connect-src 'self'", "object-src 'none'",
             "base-uri 'none'", "form-action 'self'", "frame-ancestors 'none'",
         ]  # fmt: skip
-        assert said["x-content-type-options"] == "nosniff"
-        assert said["x-frame-options"] == "DENY"
-        assert said["referrer-policy"] == "same-origin"
-        assert "camera=()" in said["permissions-policy"]
-        assert said["cross-origin-resource-policy"] == "same-origin"
-        assert said.get("cross-origin-opener-policy") == ("same-origin" if tls else None)
-        assert said.get("strict-transport-security") == ("max-age=2592000" if tls else None)
+        assert sent["x-content-type-options"] == "nosniff"
+        assert sent["x-frame-options"] == "DENY"
+        assert sent["referrer-policy"] == "same-origin"
+        assert "camera=()" in sent["permissions-policy"]
+        assert sent["cross-origin-resource-policy"] == "same-origin"
+        assert sent.get("cross-origin-opener-policy") == ("same-origin" if tls else None)
+        assert sent.get("strict-transport-security") == ("max-age=2592000" if tls else None)
     assert [a.headers["cache-control"] for a in answers[:4]] == ["no-store", "no-store", "no-store", "no-cache"]
     cookie = login.headers["set-cookie"]
     name, _, flags = cookie.partition("=")
@@ -580,11 +580,12 @@ async def test_where_programs_may_not() -> None:
 
 
 @pytest.mark.parametrize(
-    "said", ["Basic", "Basic !!!", "Basic dG9t", "Bearer abc", "Basic \xe4", "Basic " + "A" * 2000, "Basic /w==", ""]
+    "value",
+    ["Basic", "Basic !!!", "Basic dG9t", "Bearer abc", "Basic \xe4", "Basic " + "A" * 2000, "Basic /w==", ""],
 )
 @in_virtual_time
-async def test_basic_that_is_none(said: str) -> None:
-    answer = await Browser(secured_app("none")).get("/metrics", {"authorization": said})
+async def test_malformed_basic_is_refused(value: str) -> None:
+    answer = await Browser(secured_app("none")).get("/metrics", {"authorization": value})
     assert (answer.status, answer.json["error"]) == (401, "basic")
     assert answer.headers["www-authenticate"].startswith("Basic ")
 
@@ -614,7 +615,7 @@ texts = st.text(st.characters(max_codepoint=255), max_size=200)
 @given(cookie=texts, host=texts, origin=texts, token=texts, authorization=texts)
 @settings(max_examples=examples(200))
 @in_virtual_time
-async def test_no_header_opens_a_door_or_breaks_it(
+async def test_wild_headers_give_no_access_and_no_fault(
     cookie: str, host: str, origin: str, token: str, authorization: str
 ) -> None:
     built = secured_app("none")
@@ -626,7 +627,7 @@ async def test_no_header_opens_a_door_or_breaks_it(
     assert (await browser.post("/api/bays/north/freeze", {}, posted)).status in (401, 403)
     assert (await browser.post("/api/login", {}, {**posted, "origin": ORIGIN})).status == 403
     assert built.records == [] or set(built.kinds()) <= {AuditKind.REFUSED, AuditKind.LOGIN_FAILED}
-    assert all(str(told).isprintable() for told in built.records)
+    assert all(str(record).isprintable() for record in built.records)
 
 
 @given(st.lists(st.tuples(st.sampled_from(["g1-session", "other", " g1-session ", "", "G1-SESSION"]), texts)))

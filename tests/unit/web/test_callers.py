@@ -107,7 +107,7 @@ def test_a_login_never_leads_away(text: str) -> None:
         assert found[1:2] not in ("/", "\\")
 
 
-def test_a_header_that_stands_there_twice() -> None:
+def test_a_header_that_occurs_twice() -> None:
     assert header([(b"host", b"a"), (b"x", b"b")], b"host") == "a"
     assert header([], b"host") is None
     with pytest.raises(ValueError, match="2 times"):

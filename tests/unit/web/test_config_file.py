@@ -1,4 +1,4 @@
-"""The file on the disk: replaced whole, with mode and owner, through symlinks; or left exactly as it was."""
+"""The file on the disk: replaced completely, with mode and owner, through symlinks; or left exactly as it was."""
 
 import os
 import stat
@@ -89,7 +89,7 @@ def test_another_user_s_file_is_not_replaced(plant: Path, monkeypatch: pytest.Mo
     assert names(plant.parent) == ["plant.toml"]
 
 
-def test_a_read_only_file_says_so_before_anything_is_written(plant: Path) -> None:
+def test_a_read_only_file_is_reported_before_anything_is_written(plant: Path) -> None:
     loaded = config_file.load(plant)
     plant.chmod(0o440)
 
@@ -100,7 +100,7 @@ def test_a_read_only_file_says_so_before_anything_is_written(plant: Path) -> Non
     assert names(plant.parent) == ["plant.toml"]
 
 
-def test_a_folder_that_is_read_only_says_so(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_read_only_folder_is_reported(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != plant.parent)
 
     assert "the gateway may not write in this folder" in config_file.why_not_writable(plant)
@@ -114,11 +114,11 @@ def test_without_a_file_export_is_offered(plant: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "said"),
+    ("number", "expected"),
     [(16, "mount its folder instead"), (28, "the disk is full"), (30, "mounted read-only"), (5, "Input")],
 )
 def test_a_failing_disk_leaves_the_file_and_no_litter(
-    plant: Path, monkeypatch: pytest.MonkeyPatch, number: int, said: str
+    plant: Path, monkeypatch: pytest.MonkeyPatch, number: int, expected: str
 ) -> None:
     loaded = config_file.load(plant)
 
@@ -127,7 +127,7 @@ def test_a_failing_disk_leaves_the_file_and_no_litter(
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "replace", fails)
-        with pytest.raises(ConfigError, match=rf"plant\.toml: cannot be written: .*{said}"):
+        with pytest.raises(ConfigError, match=rf"plant\.toml: cannot be written: .*{expected}"):
             config_file.save(loaded, "x = 1\n")
 
     assert config_file.load(plant) == loaded

@@ -24,7 +24,7 @@ ANNA = Writer("127.0.0.1", "anna", "technician")
 
 
 @in_virtual_time
-async def test_nobody_looks_and_the_main_process_is_asked_once_a_second() -> None:
+async def test_without_viewers_the_main_process_is_polled_once_a_second() -> None:
     async with plant() as made:
         await asyncio.sleep(10.05)
         assert len(made.asks) == 11
@@ -32,7 +32,7 @@ async def test_nobody_looks_and_the_main_process_is_asked_once_a_second() -> Non
 
 
 @in_virtual_time
-async def test_whoever_looks_is_served_at_once_and_ten_times_a_second_until_the_last_one_leaves() -> None:
+async def test_a_viewer_is_served_at_once_and_ten_times_a_second_until_the_last_one_leaves() -> None:
     async with plant() as made:
         await asyncio.sleep(2.5)
         before = len(made.asks)
@@ -48,7 +48,7 @@ async def test_whoever_looks_is_served_at_once_and_ten_times_a_second_until_the_
 
 
 @in_virtual_time
-async def test_of_many_bays_those_that_somebody_looks_at_are_always_fresh_and_none_is_forgotten() -> None:
+async def test_of_many_bays_those_with_a_viewer_are_always_fresh_and_none_is_forgotten() -> None:
     async with plant(bays=64) as made:
         with made.client.watching(*made.client.bays, urgent=False), made.client.watching("bay40"):
             await asyncio.sleep(5.0)
@@ -114,7 +114,7 @@ async def test_a_hung_main_process_is_noticed() -> None:
 
 
 @in_virtual_time
-async def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() -> None:
+async def test_a_function_check_is_executed_and_reported_with_the_name() -> None:
     async with plant() as made:
         made.loading()
         assert made.hub.state("bay1").may_move
@@ -122,8 +122,8 @@ async def test_a_function_check_is_ordered_carried_out_and_told_with_the_name() 
         assert made.hub.state("bay1").function_check is FunctionCheck.MAY_MOVE_OFF
         assert not made.hub.state("bay1").may_move
         await asyncio.sleep(1.1)
-        told = [row.event for row in made.client.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
-        assert [event.detail for event in told] == ["127.0.0.1 (anna, role technician)"]
+        events = [row.event for row in made.client.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
+        assert [event.detail for event in events] == ["127.0.0.1 (anna, role technician)"]
 
 
 @in_virtual_time
@@ -140,8 +140,8 @@ async def test_settings_go_live_only_while_a_function_check_is_on() -> None:
         with pytest.raises(RefusedError, match="can't change"):
             await made.client.command(ApplySettings("bay1", VisionConfig()), ANNA)
         await asyncio.sleep(1.1)
-        told = [row.event.detail for row in made.client.events if row.event.kind is EventKind.SETTINGS_CHANGED]
-        assert told == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
+        events = [row.event.detail for row in made.client.events if row.event.kind is EventKind.SETTINGS_CHANGED]
+        assert events == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
 
 
 @in_virtual_time

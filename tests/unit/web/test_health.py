@@ -28,7 +28,7 @@ async def judged(
     return health(made.client, verbose=verbose)
 
 
-def told(view: HealthView) -> list[tuple[str, str]]:
+def faults(view: HealthView) -> list[tuple[str, str]]:
     return [(reason.part, reason.status) for reason in view.reasons]
 
 
@@ -64,7 +64,7 @@ async def test_a_broken_camera_is_degraded_and_no_reason_to_restart(quality: Qua
         made.links = full()
         view = await judged(made, of(quality, "vision"), verbose=True)
         assert (view.status, status_code(view)) == ("degraded", 200)
-        assert told(view) == [("bay1.vision", "degraded")]
+        assert faults(view) == [("bay1.vision", "degraded")]
         assert "rtsp" not in view.model_dump_json()  # anybody may ask
 
 
@@ -78,7 +78,7 @@ async def test_a_broken_ranger_is_degraded_an_empty_bay_is_not(quality: Quality,
     async with plant() as made:
         made.links = full()
         view = await judged(made, of(quality, "range"))
-        assert told(view) == ([("bay1.range", "degraded")] if wrong else [])
+        assert faults(view) == ([("bay1.range", "degraded")] if wrong else [])
 
 
 @in_virtual_time
@@ -93,15 +93,15 @@ async def test_a_control_task_that_does_not_tick_fails() -> None:
         await asyncio.sleep(2)
         view = health(made.client)
         assert (view.status, status_code(view)) == ("failing", 503)
-        assert told(view) == [("bay1.control", "failing")]
-        said = await api_client(made).get("/healthz")
-        assert (said.status, said.json["status"], said.json["parts"]) == (503, "failing", None)
+        assert faults(view) == [("bay1.control", "failing")]
+        answer = await api_client(made).get("/healthz")
+        assert (answer.status, answer.json["status"], answer.json["parts"]) == (503, "failing", None)
 
 
 @in_virtual_time
 async def test_a_silent_main_process_fails() -> None:
     async with plant(keep=False) as made:
-        assert told(health(made.client))[0] == ("main", "failing")
+        assert faults(health(made.client))[0] == ("main", "failing")
     async with plant() as made:
         made.links = full()
         await judged(made)
@@ -109,8 +109,8 @@ async def test_a_silent_main_process_fails() -> None:
         await asyncio.sleep(3.5)
         view = health(made.client)
         assert view.status == "failing"
-        assert ("main", "failing") in told(view)
-        assert ("bay1.control", "failing") in told(view)
+        assert ("main", "failing") in faults(view)
+        assert ("bay1.control", "failing") in faults(view)
         made.answering = True
 
 
@@ -131,7 +131,7 @@ async def test_links(links: SystemStatus, part: str, status: str) -> None:
     async with plant() as made:
         made.links = links
         view = await judged(made)
-        assert told(view) == [(part, status)]
+        assert faults(view) == [(part, status)]
         assert view.status == status
 
 
@@ -154,7 +154,7 @@ async def test_disagreement_wear_and_a_lost_plc_are_degraded() -> None:
             made.hub.publish(replace(made.hub.state("bay1"), memory=memory))
 
         view = await judged(made, happens)
-        assert told(view) == [(f"bay1.{part}", "degraded") for part in ("cross_check", "plc", "maintenance")]
+        assert faults(view) == [(f"bay1.{part}", "degraded") for part in ("cross_check", "plc", "maintenance")]
 
 
 @in_virtual_time

@@ -72,7 +72,7 @@ async def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_
 
 
 @in_virtual_time
-async def test_a_page_that_stalls_gets_the_newest_when_it_comes_back_and_nothing_of_what_it_missed() -> None:
+async def test_a_page_that_stalled_gets_the_newest_view_and_no_older_one() -> None:
     async with plant() as made:
         live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)
         async with asyncio.TaskGroup() as group:
@@ -108,7 +108,7 @@ async def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(ren
 
 
 @in_virtual_time
-async def test_a_page_that_never_answers_is_let_go() -> None:
+async def test_a_page_that_never_answers_is_disconnected() -> None:
     async with plant() as made:
         live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=None)
         begun_s = asyncio.get_running_loop().time()
@@ -178,7 +178,7 @@ async def test_a_page_that_answers_with_a_binary_frame_is_closed_and_nothing_is_
 
 @pytest.mark.parametrize("gone_at", ["websocket.accept", "websocket.send", "websocket.close"])
 @in_virtual_time
-async def test_a_page_that_goes_while_it_is_told_something_is_no_fault(gone_at: str) -> None:
+async def test_a_page_that_disconnects_during_a_send_is_no_fault(gone_at: str) -> None:
     async with plant() as made:
         live = Live(made.client, views.live_json, 4, 4)
         for page in (Page("bay=bay1", think_s=None), Page("bay=bay9"), Page("bay=bay1", words=[b""])):

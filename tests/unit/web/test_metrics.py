@@ -66,7 +66,7 @@ STATS = VisionStats(frames=8, skipped=2, rate_hz=29.5, latency_ms=11.0)
 HEALTH = PictureHealth(0.5, 0.01, 0.4, 0.6, 0.2, None, status=1 << PictureFault.DUSTY)
 
 
-async def told(made: Plant, links: SystemStatus | None = None) -> Samples:
+async def scraped(made: Plant, links: SystemStatus | None = None) -> Samples:
     made.links = full() if links is None else links
     await asyncio.sleep(1.2)
     made.loading(stats=STATS, picture=HEALTH)
@@ -89,9 +89,9 @@ NOT_KNOWN = {
 
 
 @in_virtual_time
-async def test_everything_is_told_and_parsed() -> None:
+async def test_every_family_is_reported_and_parsed() -> None:
     async with plant(bays=2) as made:
-        now = await told(made)
+        now = await scraped(made)
         for family in FAMILIES:  # with everything there, every family has a sample, but for what is not known
             name = PREFIX + family.name
             empty = not now.families[name].samples
@@ -133,7 +133,7 @@ async def test_everything_is_told_and_parsed() -> None:
 @in_virtual_time
 async def test_what_is_not_known_has_no_sample() -> None:
     async with plant(bays=2) as made:
-        now = await told(made, SystemStatus())
+        now = await scraped(made, SystemStatus())
         # bay2 has seen nothing yet
         for name in ("bay_radius_pixels", "bay_distance_meters", "bay_decision", "bay_vision_age_seconds"):
             assert now.value(name, bay="bay1") is not None, name
@@ -155,7 +155,7 @@ async def test_what_was_learned_of_the_marker() -> None:
         scale = MarkerScale(56_000.0, 280.0, 0.02, 12, ScaleSample(0, 225.0, 280.0), jump=0.125)
         state = made.hub.state("bay1")
         made.hub.publish(replace(state, memory=replace(state.memory, scale=scale)))
-        now = await told(made)
+        now = await scraped(made)
         rows = ("pixel_meters", "spread_ratio", "visits", "jump_ratio")
         assert [now.value(f"bay_scale_{row}", bay="bay1") for row in rows] == [56.0, 0.02, 12, 0.125]
 
@@ -163,7 +163,7 @@ async def test_what_was_learned_of_the_marker() -> None:
 @in_virtual_time
 async def test_of_a_state_set_one_holds() -> None:
     async with plant(bays=2) as made:
-        now = await told(made)
+        now = await scraped(made)
         assert now.holds("bay_reason", "bay1") == ["none"]
         assert now.holds("bay_reason", "bay2") == ["starting"]
         assert now.holds("bay_vision_quality", "bay1") == ["good"]
@@ -176,7 +176,7 @@ async def test_of_a_state_set_one_holds() -> None:
 @in_virtual_time
 async def test_histograms_add_up() -> None:
     async with plant() as made:
-        now = await told(made)
+        now = await scraped(made)
         name = "bay_vision_latency_seconds"
         buckets = [now.value(f"{name}_bucket", le=f"{bound_s:g}") for bound_s in BOUNDS_S]
         assert buckets == [1, 1, *([3] * (len(BOUNDS_S) - 2))]
@@ -200,15 +200,15 @@ def test_names_keep_the_conventions() -> None:
 
 
 @in_virtual_time
-async def test_openmetrics_for_those_who_ask() -> None:
+async def test_openmetrics_on_request() -> None:
     async with plant(bays=2) as made:
         made.links = full()
         await asyncio.sleep(1.2)
-        said = await api_client(made, PAGES).get("/metrics", {"Accept": OPENMETRICS})
-        assert said.status == 200
-        assert said.headers["content-type"].startswith("application/openmetrics-text")
+        answer = await api_client(made, PAGES).get("/metrics", {"Accept": OPENMETRICS})
+        assert answer.status == 200
+        assert answer.headers["content-type"].startswith("application/openmetrics-text")
         parse: Callable[[str], Iterator[Metric]] = openmetrics_parser.text_string_to_metric_families
-        families = list(parse(said.body.decode()))
+        families = list(parse(answer.body.decode()))
         kinds = {family.name: family.type for family in families}
         assert kinds[PREFIX + "bay_reason"] == "stateset"
         assert kinds[PREFIX + "bay_frames"] == "counter"
@@ -237,9 +237,9 @@ class TestLatencies:
         for latency_ms in (0.5, 1.0, 1.001, 30, 999, 1001):
             emit(self.reading(latency_ms, ("hsv", 1_500_000)))
         assert len(passed) == 6
-        whole, stage = latencies.histograms()
-        assert (whole.bay, whole.stage, whole.counts) == ("bay1", CAPTURE_TO_RESULT, (2, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1))
-        assert whole.sum_s == pytest.approx(2.032501)
+        total, stage = latencies.histograms()
+        assert (total.bay, total.stage, total.counts) == ("bay1", CAPTURE_TO_RESULT, (2, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1))
+        assert total.sum_s == pytest.approx(2.032501)
         assert (stage.stage, stage.counts[1]) == ("hsv", 6)
         assert stage.sum_s == pytest.approx(0.009)
 

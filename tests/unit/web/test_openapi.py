@@ -1,4 +1,4 @@
-"""The OpenAPI description: valid, whole, of one mind with rights and routes, and kept by the real application."""
+"""The OpenAPI description: valid, complete, and consistent with rules and routes."""
 
 import json
 from typing import Any
@@ -42,7 +42,7 @@ def test_every_address_for_programs_is_described() -> None:
 
 
 @pytest.mark.parametrize(("path", "method", "operation"), OPERATIONS)
-def test_every_call_says_who_may_and_how(path: str, method: str, operation: dict[str, Any]) -> None:
+def test_every_operation_states_its_role_and_authentication(path: str, method: str, operation: dict[str, Any]) -> None:
     least = next(rule.least for rule in RULES if (rule.method, rule.path) == (method.upper(), path))
     assert operation["x-role"] == least.role
     ways = {

@@ -15,7 +15,7 @@ from tests.virtual_time import in_real_time
 
 
 @pytest.mark.parametrize(
-    ("password", "said"),
+    ("password", "expected"),
     [
         ("", "has 0 characters; at least 10 are needed"),
         ("xK7#pq2!z", "has 9 characters; at least 10"),
@@ -28,10 +28,10 @@ from tests.virtual_time import in_real_time
         ("annamaria12", "is little more than 'annamaria'"),
     ],
 )
-def test_weak_passwords(password: str, said: str) -> None:
+def test_weak_passwords(password: str, expected: str) -> None:
     found = weakness(password, "annamaria")
     assert found is not None
-    assert said in found
+    assert expected in found
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_a_hash_is_another_each_time_and_the_configuration_takes_it() -> None:
 
 
 def checked(users: tuple[HmiUser, ...], *tries: tuple[str, str]) -> list[str | None]:
-    async def whole() -> list[str | None]:
+    async def checking() -> list[str | None]:
         book = Passwords(users)
         try:
             found = [await book.check(*one) for one in tries]
@@ -58,7 +58,7 @@ def checked(users: tuple[HmiUser, ...], *tries: tuple[str, str]) -> list[str | N
         finally:
             book.close()
 
-    return asyncio.run(whole())
+    return asyncio.run(checking())
 
 
 def test_right_and_wrong() -> None:
@@ -75,7 +75,7 @@ def test_one_letter_typed_in_two_ways_is_the_same_password() -> None:
 
 
 @pytest.mark.parametrize("users", [USERS, ()])
-def test_a_stranger_costs_the_same_work(users: tuple[HmiUser, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_user_costs_the_same_work(users: tuple[HmiUser, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """Counted, not timed: the hash that is checked for a stranger asks for the same memory and passes."""
     seen: list[str] = []
     real = passwords._matches
@@ -91,13 +91,13 @@ def test_a_stranger_costs_the_same_work(users: tuple[HmiUser, ...], monkeypatch:
     assert [len(part) for part in seen[1].split("$")[4:]] == [22, 43]
 
 
-def test_the_dearest_hash_sets_what_a_stranger_costs() -> None:
+def test_the_costliest_hash_sets_what_an_unknown_user_costs() -> None:
     dear = HmiUser(name="dear", password_hash=HASH.replace("m=19456,t=1", "m=20000,t=3"))
     assert passwords._dummy_hash([HASH, dear.password_hash]).split("$")[3] == "m=20000,t=3,p=1"
 
 
-def test_the_event_loop_goes_on_and_a_crowd_is_turned_away() -> None:
-    async def whole() -> None:
+def test_the_event_loop_goes_on_and_too_many_checks_are_refused() -> None:
+    async def checking() -> None:
         book = Passwords(USERS)
         turns = 0
 
@@ -125,7 +125,7 @@ def test_the_event_loop_goes_on_and_a_crowd_is_turned_away() -> None:
         finally:
             book.close()
 
-    asyncio.run(whole())
+    asyncio.run(checking())
 
 
 @in_real_time
@@ -150,10 +150,10 @@ async def test_a_page_that_goes_away_leaves_no_room_taken() -> None:
 def test_the_printed_user_can_log_in(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("getpass.getpass", lambda _: PASSWORD)
     assert main(["password", "anna", "--role", "technician"]) == 0
-    said = capsys.readouterr()
-    (user,) = parse(tomllib.loads(said.out), text=said.out).hmi.users
+    output = capsys.readouterr()
+    (user,) = parse(tomllib.loads(output.out), text=output.out).hmi.users
     assert (user.name, user.role) == ("anna", "technician")
-    assert PASSWORD not in said.out + said.err
+    assert PASSWORD not in output.out + output.err
     assert checked((user,), ("anna", PASSWORD), ("anna", "wrong password")) == ["anna", None]
 
 
@@ -161,13 +161,13 @@ def test_two_different_passwords(monkeypatch: pytest.MonkeyPatch, capsys: pytest
     typed = iter([PASSWORD, PASSWORD + "x"])
     monkeypatch.setattr("getpass.getpass", lambda _: next(typed))
     assert main(["password", "anna"]) == 2
-    said = capsys.readouterr()
-    assert "two different passwords; nothing was made" in said.err
-    assert said.out == ""
+    output = capsys.readouterr()
+    assert "two different passwords; nothing was made" in output.err
+    assert output.out == ""
 
 
 @pytest.mark.parametrize(
-    ("data", "code", "said"),
+    ("data", "code", "expected"),
     [
         (b"correct horse battery\n", 0, ""),
         (b"correct horse battery\r\n", 0, ""),
@@ -180,24 +180,24 @@ def test_two_different_passwords(monkeypatch: pytest.MonkeyPatch, capsys: pytest
     ],
 )
 def test_from_a_pipe(
-    data: bytes, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    data: bytes, code: int, expected: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     import io
 
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
     assert main(["password", "anna", "--stdin"]) == code
     out, err = capsys.readouterr()
-    assert said in err
+    assert expected in err
     assert ("[[hmi.users]]" in out) == (code == 0)
 
 
 @pytest.mark.parametrize("name", ["an na", "", "a" * 65, 'a"b', "änna", "anna\n"])
-def test_names_that_are_none(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_user_names(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["password", name, "--stdin"]) == 2
     assert "1 to 64 letters" in capsys.readouterr().err
 
 
-def test_nobody_is_asked_without_a_terminal(
+def test_no_password_is_read_where_the_echo_cannot_be_switched_off(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Where the echo can't be switched off, nothing is typed."""

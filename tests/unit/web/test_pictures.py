@@ -39,7 +39,7 @@ def of(made: Plant, width_px: int = 1280) -> Pictures:
 
 
 @in_virtual_time
-async def test_nothing_is_encoded_while_nobody_asks() -> None:
+async def test_nothing_is_encoded_without_a_request() -> None:
     async with plant() as made:
         pictures = of(made)
         for seq in range(1, 60):

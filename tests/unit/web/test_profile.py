@@ -259,7 +259,7 @@ def test_a_file_that_is_wrong_already_is_not_touched() -> None:
         profile.in_file(FOUR, "bay9", source="p")
 
 
-def test_an_export_can_be_imported_and_says_where_it_comes_from() -> None:
+def test_an_export_can_be_imported_and_names_its_origin() -> None:
     tuned = VisionConfig(method="paper", red_low_1=(0, 90, 60), min_fill=0.75, coast_s=0.125)
 
     text = profile.export("bay2", tuned, site="plant1", wall_ns=1_795_300_000_000_000_000)
@@ -276,7 +276,7 @@ def test_a_partial_profile_leaves_the_other_keys() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("[vision]\nmin_fill = 2", r"red\.toml:2: vision\.min_fill = 2: .*allowed: >= 0, <= 1"),
         ("[vision]\nmin_fil = 0.5", r"red\.toml:2: vision\.min_fil .*unknown key"),
@@ -291,8 +291,8 @@ def test_a_partial_profile_leaves_the_other_keys() -> None:
         (f"[vision]\na{'.a' * 5000} = 1", r"red\.toml:2: a line of 10005 characters; at most 400"),
     ],
 )
-def test_a_bad_profile_is_refused_with_file_key_value_and_range(text: str, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_a_bad_profile_is_refused_with_file_key_value_and_range(text: str, expected: str) -> None:
+    with pytest.raises(ConfigError, match=expected):
         profile.imported(text, VisionConfig(), source="red.toml")
 
 
@@ -392,9 +392,7 @@ def concerned(line: str, changed: set[str]) -> bool:
 @settings(max_examples=examples(150), deadline=None)
 @given(text=files(), changes=CHANGES, pick=st.integers(0, 2))
 @example(text="[[bays]]\nname='bay1'\n[fusion]\nradius_threshold_px = 120.0", changes={"method": "paper"}, pick=0)
-def test_whatever_the_file_looks_like_it_says_the_wanted_after_a_save(
-    text: str, changes: dict[str, Any], pick: int
-) -> None:
+def test_any_file_holds_the_requested_settings_after_a_save(text: str, changes: dict[str, Any], pick: int) -> None:
     try:
         before = parse(tomllib.loads(text))
     except tomllib.TOMLDecodeError:

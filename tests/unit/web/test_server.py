@@ -85,7 +85,7 @@ async def hello(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": b"hello"})
 
 
-async def said(port: int, *parts: bytes, pause_s: float = 0.0) -> bytes:
+async def received(port: int, *parts: bytes, pause_s: float = 0.0) -> bytes:
     """All that comes back, until the server closes or resets the connection."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     got = b""
@@ -129,20 +129,22 @@ REQUEST = b"GET / HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
 
 
 @in_real_time
-async def test_who_says_nothing_or_dribbles_is_let_go_and_others_are_served() -> None:
+async def test_silent_and_slow_clients_are_disconnected_and_others_are_served() -> None:
     async with served(hello) as port:
-        silent, dribbling, whole_one = await asyncio.gather(
-            said(port), said(port, *[b"G"] + [b"x"] * 200, pause_s=0.02), said(port, REQUEST)
+        silent, dribbling, complete = await asyncio.gather(
+            received(port), received(port, *[b"G"] + [b"x"] * 200, pause_s=0.02), received(port, REQUEST)
         )
         assert silent == b""
         assert dribbling == b""
-        assert whole_one.endswith(b"hello")
+        assert complete.endswith(b"hello")
 
 
 @in_real_time
-async def test_who_is_worked_for_is_not_let_go() -> None:
+async def test_a_client_that_waits_for_its_answer_is_not_disconnected() -> None:
     async with served(hello) as port:
-        slow = await said(port, b"GET /1.0 HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n")  # over three times head_s
+        slow = await received(
+            port, b"GET /1.0 HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
+        )  # over three times head_s
         assert slow.endswith(b"hello")
         async with connect(f"ws://127.0.0.1:{port}/") as page:
             await asyncio.sleep(1.0)
@@ -154,23 +156,23 @@ async def test_who_is_worked_for_is_not_let_go() -> None:
 async def test_a_head_has_a_length() -> None:
     async with served(hello) as port:
         endless = [b"GET / HTTP/1.1\r\n"] + [b"x-%d: " % n + b"a" * 4000 + b"\r\n" for n in range(100)]
-        got = await said(port, *endless)
+        got = await received(port, *endless)
         assert got == b"" or got.startswith(b"HTTP/1.1 400 ")
-        line = await said(port, b"GET /" + b"a" * 400_000)
+        line = await received(port, b"GET /" + b"a" * 400_000)
         assert line == b"" or line.startswith(b"HTTP/1.1 400 ")
-        assert (await said(port, REQUEST)).endswith(b"hello")
+        assert (await received(port, REQUEST)).endswith(b"hello")
 
 
 def test_what_is_no_http_is_refused_without_filling_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    async def whole() -> None:
+    async def scene() -> None:
         async with served(hello) as port:
             for junk in (b"\x16\x03\x01\x02\x00\x01\x00", b"\r\n" * 50 + b"x" * 50 + b"\r\n\r\n", os.urandom(500)):
-                got = await said(port, junk)
+                got = await received(port, junk)
                 assert got == b"" or got.startswith(b"HTTP/1.1 400 ")
-            two_hosts = await said(port, b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n")
+            two_hosts = await received(port, b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n")
             assert two_hosts.startswith(b"HTTP/1.1 400 ")
 
-    asyncio.run(whole())
+    asyncio.run(scene())
     assert caplog.records == []
 
 
@@ -196,7 +198,7 @@ async def _ended(reader: asyncio.StreamReader) -> bool:
         return True
 
 
-# The whole of it: server, security, login
+# Server, security and login together
 
 
 @in_real_time
@@ -299,7 +301,7 @@ async def test_tls_and_a_certificate_that_is_renewed(
 
 
 @pytest.mark.parametrize(
-    ("key", "text", "said"),
+    ("key", "text", "expected"),
     [
         ("tls_cert", None, "g.toml:3: hmi.tls_cert: cannot read "),
         ("tls_key", None, "g.toml:4: hmi.tls_key: cannot read "),
@@ -307,7 +309,7 @@ async def test_tls_and_a_certificate_that_is_renewed(
         ("tls_key", "other", "key values mismatch"),
     ],
 )
-def test_files_that_are_no_good(plant: Plant, tmp_path: Path, key: str, text: str | None, said: str) -> None:
+def test_files_that_are_no_good(plant: Plant, tmp_path: Path, key: str, text: str | None, expected: str) -> None:
     path = tmp_path / "file.pem"
     if text is not None:
         path.write_bytes(plant.folder.key_path("ca").read_bytes() if text == "other" else text.encode())
@@ -316,7 +318,7 @@ def test_files_that_are_no_good(plant: Plant, tmp_path: Path, key: str, text: st
     toml = f"[hmi]\nenabled = true\ntls_cert = '{files['tls_cert']}'\ntls_key = '{files['tls_key']}'\n"
     with pytest.raises(ConfigError) as caught:
         app.check(parse(tomllib.loads(toml), text=toml), source="g.toml", text=toml)
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -344,7 +346,7 @@ def test_a_certificate_that_ends_soon_and_a_key_that_others_read(plant: Plant, t
     assert "can't be read" in gone
 
 
-def test_check_says_who_may_do_what(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_prints_users_and_roles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "g.toml"
     path.write_text(
         "[hmi]\nenabled = true\nhost = '10.0.0.5'\n"

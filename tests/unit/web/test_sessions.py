@@ -15,9 +15,9 @@ HOUR = 3600 * S
 
 def sessions(ended: list[str] | None = None) -> Sessions:
     numbers = itertools.count(1)
-    told = ended if ended is not None else []
+    ends = ended if ended is not None else []
     return Sessions(
-        lifetime_ns=12 * HOUR, idle_ns=HOUR, ended=told.append, token=lambda size: f"token {next(numbers)}/{size}"
+        lifetime_ns=12 * HOUR, idle_ns=HOUR, ended=ends.append, token=lambda size: f"token {next(numbers)}/{size}"
     )
 
 
@@ -102,7 +102,7 @@ def test_all_together_have_so_many() -> None:
     assert len(book) == MAX_SESSIONS
 
 
-def test_what_is_over_is_swept_though_nobody_asks() -> None:
+def test_expired_sessions_are_removed_without_a_request() -> None:
     ended: list[str] = []
     book = sessions(ended)
     for n in range(5):
@@ -113,7 +113,7 @@ def test_what_is_over_is_swept_though_nobody_asks() -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 20), st.integers(0, HOUR)), max_size=60))
-def test_never_more_than_allowed_and_each_end_is_told_once(steps: list[tuple[str, int, int]]) -> None:
+def test_never_more_than_allowed_and_each_end_is_reported_once(steps: list[tuple[str, int, int]]) -> None:
     ended: list[str] = []
     book = sessions(ended)
     made: list[tuple[str, str]] = []

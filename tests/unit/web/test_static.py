@@ -35,7 +35,7 @@ def test_every_vendored_file_is_listed_and_is_what_its_package_held() -> None:
         assert hashlib.sha256((VENDOR / name).read_bytes()).hexdigest() == digest, name
 
 
-def test_every_library_comes_with_its_licence() -> None:
+def test_every_library_has_its_licence() -> None:
     for name in ("uplot", "htm", "preact"):
         assert "icense" in (VENDOR / f"{name}.LICENSE").read_text(encoding="utf-8")
 

@@ -55,8 +55,8 @@ def sinks(*links: LinkStatus) -> list[Sink]:
     return [cast(Sink, SimpleNamespace(link=link)) for link in links]
 
 
-class TestSigns:
-    def test_what_is_not_configured_gives_no_sign(self) -> None:
+class TestConditions:
+    def test_what_is_not_configured_has_no_condition(self) -> None:
         conditions = parts().conditions()
         assert (conditions.sinks_connected, conditions.plc_reads) == ({}, None)
 
@@ -64,9 +64,9 @@ class TestSigns:
         ("quiet_s", "reads"), [(None, False), (0.0, True), (PLC_QUIET_S - 0.1, True), (PLC_QUIET_S, False)]
     )
     def test_a_plc_reads_while_it_was_answered_lately(self, quiet_s: float | None, reads: bool) -> None:
-        told = (replace(server(), plc_quiet_s=quiet_s), replace(server(tls=True), plc_quiet_s=None))
-        assert parts(plc="10.0.0.1", modbus=lambda: told).conditions().plc_reads is reads
-        assert parts(modbus=lambda: told).conditions().plc_reads is None
+        servers = (replace(server(), plc_quiet_s=quiet_s), replace(server(tls=True), plc_quiet_s=None))
+        assert parts(plc="10.0.0.1", modbus=lambda: servers).conditions().plc_reads is reads
+        assert parts(modbus=lambda: servers).conditions().plc_reads is None
 
     def test_losses_of_all_queues_are_counted(self) -> None:
         made = parts(sinks=sinks(mqtt(), sparkplug()))
@@ -79,7 +79,7 @@ class TestSigns:
         assert parts(sinks=sinks(mqtt(ok=False))).conditions().store_fault == "disk full"
         assert parts(sinks=sinks(mqtt())).conditions().store_fault == ""
 
-    def test_crashes_are_summed_and_told_by_name(self) -> None:
+    def test_crashes_are_summed_and_named(self) -> None:
         tasks = {"a": TaskRecord(starts=3, crashes=2, last_error="KeyError()"), "b": TaskRecord(link_errors=9)}
         conditions = parts(tasks=tasks).conditions()
         assert (conditions.crashes, conditions.crashed) == (2, "a: KeyError()")

@@ -26,11 +26,11 @@ from tests.virtual_time import in_virtual_time
 ANNA = Writer("127.0.0.1", "anna", "technician")
 
 
-def told(made: Plant, kind: EventKind) -> list[str]:
+def event_details(made: Plant, kind: EventKind) -> list[str]:
     return [row.event.detail for row in made.feed.answer(StateRequest(1, ())).events if row.event.kind is kind]
 
 
-def test_all_that_an_honest_web_process_says_is_understood() -> None:
+def test_every_message_of_an_honest_web_process_is_decoded() -> None:
     intrinsics = Intrinsics(fx=600.0, fy=600.0, cx=320.0, cy=240.0, distortion=(0.1, 0.0, 0.0, 0.0))
     for word in (
         StateRequest(3, ("bay1",), 7, links=False),
@@ -76,7 +76,7 @@ async def test_long_names_are_clipped_where_they_are_kept() -> None:
         made.feed.execute(Command(2, who, ApplySettings("bay1", VisionConfig(method="paper"))))
         made.feed.execute(Command(3, who, OperatorAction("bay1.camera", AlarmEvent.SHELVE, long, "", 5)))
         assert len(made.feed.execute(Command(4, who, SetFunctionCheck(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
-        details = told(made, EventKind.FUNCTION_CHECK_BEGUN) + told(made, EventKind.SETTINGS_CHANGED)
+        details = event_details(made, EventKind.FUNCTION_CHECK_BEGUN) + event_details(made, EventKind.SETTINGS_CHANGED)
         assert len(details) == 2
         assert max(map(len, details)) < 4 * MAX_NAME + MAX_REPORTED
         assert all(len(alarm.who) <= MAX_NOTE for alarm in made.monitor.summary(100).alarms)
@@ -94,7 +94,7 @@ async def test_what_only_people_can_mend_in_the_pages_does_not_end_the_gateway()
 
 
 @in_virtual_time
-async def test_a_visitor_whom_nobody_could_answer_is_not_kept_waiting(tmp_path: Path) -> None:
+async def test_a_connection_that_cannot_be_served_is_closed(tmp_path: Path) -> None:
     """The certificate has gone since the start: the web process would not come up."""
     async with plant(keep=False) as made:
         gone = HmiConfig(tls_cert=str(tmp_path / "gone.pem"), tls_key=str(tmp_path / "gone.key"))

@@ -33,8 +33,8 @@ def test_one_name_many_addresses() -> None:
 
 def test_many_names_and_many_addresses() -> None:
     throttle = LoginThrottle()
-    said = [throttle.attempt(f"10.0.{n}.1", f"name {n}", 0) for n in range(200)]
-    assert said == [0] * 60 + [1] * 140
+    answer = [throttle.attempt(f"10.0.{n}.1", f"name {n}", 0) for n in range(200)]
+    assert answer == [0] * 60 + [1] * 140
     assert throttle.attempt("10.1.0.1", "new", S) == 0
     assert throttle.attempt("10.1.0.1", "new", S) == 1
 
@@ -54,7 +54,7 @@ def test_a_right_password_costs_nothing() -> None:
     assert [throttle.attempt("10.0.0.9", f"name {n}", 0) for n in range(11)] == [0] * 10 + [30]
 
 
-def test_a_stranger_does_not_lock_the_owner_out() -> None:
+def test_failures_of_others_do_not_lock_the_owner_out() -> None:
     throttle = LoginThrottle()
     assert throttle.attempt("10.0.0.9", "anna", 0) == 0
     throttle.succeeded("10.0.0.9", "anna", 0)
@@ -75,7 +75,7 @@ def test_a_name_is_known_at_its_last_four_places() -> None:
     assert waits == [60, 0, 0, 0, 0]
 
 
-def test_memory_is_bounded_and_a_flood_does_not_open_the_door() -> None:
+def test_memory_is_bounded_and_a_flood_does_not_reset_the_limit() -> None:
     throttle = LoginThrottle(in_all=Rate(1_000_000, 1_000_000), most=100)
     for n in range(5000):
         throttle.attempt(f"10.{n // 250}.{n % 250}.1", f"name {n}", n)
@@ -118,7 +118,7 @@ def test_failures_never_outrun_the_allowance(steps: list[tuple[str, str, int, bo
                 assert last - first + 1 <= BY_ADDRESS.burst + span_s * S / BY_ADDRESS.period_ns + 1e-6
 
 
-def test_what_a_guesser_gets_in_a_year() -> None:
+def test_guesses_in_a_year() -> None:
     """With each of these even a password of four random letters would hold for some weeks."""
     year_s = 365 * 86_400
     assert year_s * S / BY_NAME.period_ns < 530_000

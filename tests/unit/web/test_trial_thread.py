@@ -95,7 +95,7 @@ async def test_too_many_visitors_are_refused() -> None:
 
 
 @in_real_time
-async def test_who_goes_away_leaves_no_work_behind() -> None:
+async def test_a_cancelled_request_leaves_no_work_behind() -> None:
     async with scene() as made:
         work = asyncio.ensure_future(made.thread.work("a", made.held))
         await made.begun()
@@ -116,7 +116,7 @@ async def test_a_request_is_taken_back_without_a_newer_one() -> None:
 
 
 @in_real_time
-async def test_an_error_of_the_work_reaches_who_asked_and_the_place_is_free_again() -> None:
+async def test_an_error_of_the_work_reaches_its_caller_and_frees_the_place() -> None:
     def fails(_: Wanted) -> None:
         raise ValueError("a bug")
 

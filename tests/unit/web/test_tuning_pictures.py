@@ -66,7 +66,7 @@ def test_a_picture_without_a_marker_has_all_its_stages(params: VisionConfig) -> 
 
 
 @pytest.mark.parametrize(("width_px", "expected"), [(80, 80), (160, 160), (500, 480), (100_000, 1920)])
-def test_panels_are_as_wide_as_asked_and_enlarged_by_whole_factors(width_px: int, expected: int) -> None:
+def test_panels_are_as_wide_as_requested_and_enlarged_by_integers(width_px: int, expected: int) -> None:
     for params in (PAPER, ROBUST):
         for panel in panels(params, width_px=width_px).values():
             assert panel.image.shape[:2] == (expected * HEIGHT // WIDTH, expected)
@@ -193,7 +193,7 @@ def test_the_marker_of_a_picture_is_taken_and_its_surroundings_are_not() -> None
     assert found.patch.pixels == 225
 
 
-def test_it_is_said_when_a_click_is_no_good() -> None:
+def test_a_click_on_the_wrong_place_is_warned_of() -> None:
     def warned(image: Image, u: float, v: float, size: int = 9) -> str:
         return " | ".join(eyedropper.pick(image, u, v, size, PAPER).warnings)
 
@@ -264,7 +264,7 @@ def test_a_recording_takes_new_frames_at_its_own_rate() -> None:
     assert recorder.frames[-1].seq == 30
 
 
-def test_a_camera_a_little_faster_than_the_rate_is_recorded_whole() -> None:
+def test_a_camera_a_little_faster_than_the_rate_is_recorded_completely() -> None:
     recorder = Recorder(rate_hz=10)
 
     assert all(recorder.offer(small(seq, t_s=seq / 10.4)) for seq in range(20))
@@ -277,7 +277,7 @@ def test_a_recording_ends_where_its_memory_ends() -> None:
     assert recorder.full
 
 
-def test_the_list_tells_what_each_is() -> None:
+def test_the_list_describes_each_capture() -> None:
     store = CaptureStore()
     store.still("a", frame(3), 1_795_300_000_123_456_789)
     store.recording("a", [frame(1), frame(2), frame(3)], 0, full=True)

@@ -71,15 +71,15 @@ def test_every_address_is_for_technicians_alone() -> None:
 
 
 @in_virtual_time
-async def test_the_profile_tells_settings_schema_and_where_saving_goes(tmp_path: Path) -> None:
+async def test_the_profile_holds_settings_schema_and_file(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
     path.write_text(FILE.replace('vision.method = "paper"', "").replace("# the first", '\nvision.method = "paper"'))
     async with bay(path) as page:
-        told = (await page.get("profile")).json
-        assert told["vision"] == parameter_schema.values(VisionConfig())
-        assert (told["function_check"], told["undo_steps"]) == ("off", 0)
-        assert told["file"] == {"path": str(path), "why_not": "", "unsaved": ["method"]}
-        kernel = next(key for key in told["schema"] if key["name"] == "gaussian_kernel_px")
+        reply = (await page.get("profile")).json
+        assert reply["vision"] == parameter_schema.values(VisionConfig())
+        assert (reply["function_check"], reply["undo_steps"]) == ("off", 0)
+        assert reply["file"] == {"path": str(path), "why_not": "", "unsaved": ["method"]}
+        kernel = next(key for key in reply["schema"] if key["name"] == "gaussian_kernel_px")
         assert (kernel["low"], kernel["high"], kernel["step"], kernel["unit"]) == (1, 31, 2, "px")
         assert kernel["belongs"] == "paper"
     async with bay() as page:
@@ -206,12 +206,12 @@ async def test_undos_that_overlap_each_go_one_step_back() -> None:
             assert (await page.post("profile/apply", vision={"coast_s": coast_s})).status == 200
         async with TaskGroup() as group:
             both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
-        assert [said.result().status for said in both] == [200, 200]
+        assert [answer.result().status for answer in both] == [200, 200]
         assert page.made.eyes["bay1"].settings.coast_s == 0.5
         assert (await page.get("profile")).json["undo_steps"] == 1
         async with TaskGroup() as group:
             both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
-        assert sorted(said.result().status for said in both) == [200, 409]  # there was one step left
+        assert sorted(answer.result().status for answer in both) == [200, 409]  # there was one step left
         assert page.made.eyes["bay1"].settings.coast_s == 0.3
 
 
@@ -228,7 +228,7 @@ async def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
 
 
 @in_virtual_time
-async def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go_live() -> None:
+async def test_of_two_technicians_the_second_does_not_overwrite_what_the_first_applied() -> None:
     async with bay() as page:
         await page.post("function-check", mode="may_move_off")
         both_saw = (await page.get("profile")).json["vision"]
@@ -247,7 +247,7 @@ async def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go
 
 
 @pytest.mark.parametrize(
-    ("vision", "said"),
+    ("vision", "expected"),
     [
         ({"min_fill": 2}, "settings: vision.min_fill = 2: .*allowed: >= 0, <= 1"),
         ({"min_fil": 0.5}, "vision.min_fil = 0.5: unknown key"),
@@ -259,7 +259,7 @@ async def test_of_two_technicians_the_second_does_not_undo_what_the_first_let_go
     ],
 )
 @in_virtual_time
-async def test_bad_settings_are_refused_by_every_address_as_in_the_file(vision: dict[str, Any], said: str) -> None:
+async def test_bad_settings_are_refused_by_every_address_as_in_the_file(vision: dict[str, Any], expected: str) -> None:
     async with bay() as page:
         page.film()
         await page.post("function-check", mode="may_move_off")
@@ -269,9 +269,9 @@ async def test_bad_settings_are_refused_by_every_address_as_in_the_file(vision: 
             ("profile/diff", {}),
             ("profile/export", {}),
         ):
-            told = await page.post(path, vision=vision, **more)
-            assert (told.status, told.json["error"]) == (422, "settings")
-            assert re.search(said, told.json["detail"]), told.json
+            reply = await page.post(path, vision=vision, **more)
+            assert (reply.status, reply.json["error"]) == (422, "settings")
+            assert re.search(expected, reply.json["detail"]), reply.json
         assert page.made.eyes["bay1"].settings == VisionConfig()
 
 
@@ -297,8 +297,8 @@ async def test_bad_settings_are_refused_by_every_address_as_in_the_file(vision: 
 async def test_a_strange_body_is_refused(path: str, body: dict[str, Any]) -> None:
     async with bay() as page:
         page.film()
-        told = await page.post(path, **body)
-        assert (told.status, told.json["error"]) == (400, "json")
+        reply = await page.post(path, **body)
+        assert (reply.status, reply.json["error"]) == (400, "json")
 
 
 @in_virtual_time
@@ -310,8 +310,8 @@ async def test_a_trial_that_a_newer_one_took_back_is_no_fault(monkeypatch: pytes
             raise EndedError("given up for a newer one")
 
         monkeypatch.setattr(trial, "look", taken_back)
-        told = await page.post("trial", live=True, vision={})
-        assert (told.status, told.body) == (204, b"")
+        reply = await page.post("trial", live=True, vision={})
+        assert (reply.status, reply.body) == (204, b"")
         assert page.service.trial_thread.withdrawn == 1
 
 
@@ -340,11 +340,11 @@ def test_saving_shows_the_difference_first_and_writes_just_that(tmp_path: Path) 
 
 
 @in_virtual_time
-async def test_saving_without_a_file_says_why(tmp_path: Path) -> None:
+async def test_saving_without_a_file_is_refused_with_the_reason(tmp_path: Path) -> None:
     async with bay() as page:
-        told = await page.post("profile/diff", vision={})
-        assert told.status == 422
-        assert "export a profile" in told.json["detail"]
+        reply = await page.post("profile/diff", vision={})
+        assert reply.status == 422
+        assert "export a profile" in reply.json["detail"]
     gone = tmp_path / "gone.toml"
     async with bay(gone) as page:
         assert "cannot be read" in (await page.post("profile/diff", vision={})).json["detail"]
@@ -352,13 +352,13 @@ async def test_saving_without_a_file_says_why(tmp_path: Path) -> None:
 
 
 @in_virtual_time
-async def test_a_profile_goes_out_and_comes_back_in_without_going_live() -> None:
+async def test_a_profile_is_exported_and_imported_without_being_applied() -> None:
     async with bay() as page:
         out = await page.post("profile/export", vision={"method": "paper", "min_fill": 0.75})
         assert 'filename="vision-bay1.toml"' in out.headers["content-disposition"]
-        told = (await page.post("profile/import", text=out.body.decode(), name="x.toml")).json
-        assert told["changes"] == ["method", "min_fill"]
-        assert told["vision"]["min_fill"] == 0.75
+        reply = (await page.post("profile/import", text=out.body.decode(), name="x.toml")).json
+        assert reply["changes"] == ["method", "min_fill"]
+        assert reply["vision"]["min_fill"] == 0.75
         assert page.made.eyes["bay1"].settings == VisionConfig()
         in_force = await page.get("profile/export")
         assert 'method = "robust"' in in_force.body.decode()

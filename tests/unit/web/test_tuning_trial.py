@@ -34,7 +34,7 @@ def looked(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionCon
     return trial.look(one or frame(), tried, in_force, DetectionCache(), Ticks())
 
 
-def told(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionConfig = ROBUST) -> list[Remark]:
+def remarks_on(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionConfig = ROBUST) -> list[Remark]:
     one = one or frame()
     return remarks([one], tried, in_force, looked(tried, one, in_force))
 
@@ -82,7 +82,7 @@ def test_how_far_two_settings_are_apart() -> None:
     assert measures.found_share(ours) == 0.75
 
 
-def test_stages_add_up_to_the_whole_although_a_frame_may_do_without_some() -> None:
+def test_stages_add_up_to_the_total_although_a_frame_may_lack_some() -> None:
     found = [at(0, blur=2_000_000, find=4_000_000), at(0, blur=2_000_000), at(0, blur=2_000_000)]
 
     assert measures.times(found) == measures.StageTimes(2.0, (("blur", 2.0),))
@@ -93,7 +93,7 @@ def test_stages_add_up_to_the_whole_although_a_frame_may_do_without_some() -> No
 # --- trials
 
 
-def test_a_look_at_a_frame_tells_all_three_sides_apart() -> None:
+def test_a_single_frame_is_processed_by_all_three_sides() -> None:
     found = looked(PAPER)
 
     (ours,), (theirs,), (reference,) = found.tried.found, found.in_force.found, found.reference
@@ -209,7 +209,7 @@ def test_a_trial_ends_when_it_is_no_longer_wanted_and_when_the_time_is_over() ->
     assert any("ran out" in remark.text for remark in remarks([frame()], PAPER, ROBUST, short))
 
 
-def test_the_reference_tells_nothing_it_is_not_sure_of() -> None:
+def test_the_reference_has_no_circle_where_it_is_not_sure() -> None:
     assert DetectionCache().reference(empty(), ROBUST).circle is None
     assert trial.shipped(VisionConfig(method="paper", min_confidence=0.9)).min_confidence == 0.5
 
@@ -217,13 +217,13 @@ def test_the_reference_tells_nothing_it_is_not_sure_of() -> None:
 # --- remarks
 
 
-def said(found: list[Remark], key: str) -> list[str]:
+def texts_of(found: list[Remark], key: str) -> list[str]:
     return [remark.text for remark in found if remark.key == key]
 
 
-def test_good_settings_need_no_word() -> None:
-    assert told(ROBUST) == []
-    assert told(PAPER) == []
+def test_good_settings_get_no_remark() -> None:
+    assert remarks_on(ROBUST) == []
+    assert remarks_on(PAPER) == []
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_good_settings_need_no_word() -> None:
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_reported_at_its_key(settings: dict[str, object], key: str, text: str) -> None:
-    assert any(text in remark for remark in said(told(VisionConfig.model_validate(settings)), key))
+    assert any(text in remark for remark in texts_of(remarks_on(VisionConfig.model_validate(settings)), key))
 
 
 def test_each_range_counts_as_it_is_set() -> None:
@@ -251,32 +251,32 @@ def test_each_range_counts_as_it_is_set() -> None:
     assert red.s_min == 43
 
 
-def test_an_opening_that_eats_the_marker_says_so() -> None:
+def test_an_opening_that_removes_the_marker_is_reported() -> None:
     eaten = VisionConfig(method="paper", morph_kernel_px=31, morph_iterations=2)
 
-    assert said(told(eaten), "morph_kernel_px") == [
+    assert texts_of(remarks_on(eaten), "morph_kernel_px") == [
         "the opening eats the marker: nothing thinner than 61 px is left of it"
     ]
 
 
 @pytest.mark.parametrize(("key", "value"), [("min_area_px2", 5000.0), ("min_circularity", 0.99), ("min_fill", 0.999)])
 def test_the_gate_that_keeps_the_marker_out_is_named(key: str, value: float) -> None:
-    found = told(VisionConfig.model_validate({"method": "paper", key: value}))
+    found = remarks_on(VisionConfig.model_validate({"method": "paper", key: value}))
 
-    assert len(said(found, key)) == 1
+    assert len(texts_of(found, key)) == 1
     assert any("finds the marker less often" in remark.text for remark in found)
     others = {"min_area_px2", "min_circularity", "min_fill"} - {key}
-    assert not any(said(found, other) for other in others)
+    assert not any(texts_of(found, other) for other in others)
 
 
 def test_keys_of_the_other_method_have_no_effect() -> None:
-    (remark,) = told(VisionConfig(min_fill=0.5))
+    (remark,) = remarks_on(VisionConfig(min_fill=0.5))
 
     assert (remark.key, remark.warning) == ("min_fill", False)
     assert "no effect with method robust" in remark.text
 
 
-def test_something_else_than_the_marker_is_told() -> None:
+def test_something_else_than_the_marker_is_reported() -> None:
     one = frame()
     result = looked(ROBUST, one)
     elsewhere = Detection(Circle(20, 20, 5), ellipse=Ellipse(20, 20, 5, 5, 0), confidence=0.9)
@@ -284,7 +284,7 @@ def test_something_else_than_the_marker_is_told() -> None:
 
     assert any("something else" in remark.text for remark in remarks([one], ROBUST, ROBUST, wrong))
     small = VisionConfig(max_radius_share=0.1)
-    assert any("above the limit" in text for text in said(remarks([one], small, ROBUST, wrong), "max_radius_share"))
+    assert any("above the limit" in text for text in texts_of(remarks([one], small, ROBUST, wrong), "max_radius_share"))
 
 
 @cache
@@ -297,7 +297,7 @@ def followed() -> tuple[list[Snapshot], TrialResult]:
 @pytest.mark.parametrize(
     ("tried_ms", "in_force_ms", "told_so"), [(120, 40, True), (90, 40, False), (120, 110, False), (40, 120, False)]
 )
-def test_slower_than_the_camera_is_told_where_this_process_can_tell(
+def test_slower_than_the_camera_is_reported_where_this_process_can_judge(
     tried_ms: float, in_force_ms: float, told_so: bool
 ) -> None:
     frames, result = followed()

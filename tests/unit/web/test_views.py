@@ -17,9 +17,9 @@ from tests.virtual_time import in_virtual_time
 
 def fits(text: str, model: str) -> Any:
     """As described, with no field that the description does not have."""
-    told = programs.fits(text, model)
-    assert set(told) == set(COMPONENTS["schemas"][model]["properties"])
-    return told
+    view = programs.fits(text, model)
+    assert set(view) == set(COMPONENTS["schemas"][model]["properties"])
+    return view
 
 
 STAGES = (("hsv", 1_250_000), ("fit", 400_000))
@@ -32,18 +32,18 @@ async def test_the_live_view_of_some_bays() -> None:
         await asyncio.sleep(1.2)
         made.loading("bay2", stage_ns=STAGES)
         await made.client.update_links()
-        told = fits(views.live_json(made.client, ("bay2", "bay3")), "LiveView")
-        assert [bay["bay"] for bay in told["bays"]] == ["bay2", "bay3"]
-        first = told["bays"][0]
+        view = fits(views.live_json(made.client, ("bay2", "bay3")), "LiveView")
+        assert [bay["bay"] for bay in view["bays"]] == ["bay2", "bay3"]
+        first = view["bays"][0]
         assert first["stage_ms"] == {"hsv": 1.25, "fit": 0.4}
         assert first["state"]["guidance"]["name"] == "FORWARD"
         assert first["deadlines"] == {"vision_ms": 300.0, "range_ms": 400.0, "plc_ms": None}
-        assert told["links"]["mqtt"]["queued"] == 7
-        assert told["links"]["modbus"][0]["refused"] == {"idle": 2}
-        assert told["links"]["modbus"][0]["peers"][0]["quiet_ms"] == 250
-        assert [task["name"] for task in told["links"]["tasks"]] == ["mqtt.deliver"]  # the one that began anew
-        assert 0 <= told["links"]["age_ms"] < 200
-        assert told["events_newest"] == made.client.newest_event
+        assert view["links"]["mqtt"]["queued"] == 7
+        assert view["links"]["modbus"][0]["refused"] == {"idle": 2}
+        assert view["links"]["modbus"][0]["peers"][0]["quiet_ms"] == 250
+        assert [task["name"] for task in view["links"]["tasks"]] == ["mqtt.deliver"]  # the one that began anew
+        assert 0 <= view["links"]["age_ms"] < 200
+        assert view["events_newest"] == made.client.newest_event
 
 
 @in_virtual_time
@@ -72,15 +72,15 @@ async def test_before_anything_is_known() -> None:
 
 
 @in_virtual_time
-async def test_the_driver_s_display_says_what_the_plc_is_told() -> None:
+async def test_the_driver_s_display_shows_what_the_plc_reads() -> None:
     async with plant() as made:
         await asyncio.sleep(1.2)
         made.loading()
         await made.client.update_links()
-        told = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
+        view = fits(views.driver_json(made.client, ("bay1",)), "DriverView")
         guidance = made.hub.state("bay1").guidance
-        assert (told["code"], told["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
-        assert told["stop"] is made.hub.state("bay1").stop is False
+        assert (view["code"], view["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
+        assert view["stop"] is made.hub.state("bay1").stop is False
 
 
 def test_a_frame_fits_into_a_header() -> None:
@@ -94,5 +94,5 @@ def test_a_frame_fits_into_a_header() -> None:
         assert text.isprintable()
         fits(text, "FrameView")
     assert json.loads(views.frame_json(report))["ellipse"]["semi_minor_px"] == 3.0
-    told = json.loads(views.frame_json(hidden))
-    assert (told["circle"], told["predicted"]) == (None, {"u": 4.0, "v": 5.0, "radius_px": 6.0})
+    view = json.loads(views.frame_json(hidden))
+    assert (view["circle"], view["predicted"]) == (None, {"u": 4.0, "v": 5.0, "radius_px": 6.0})
