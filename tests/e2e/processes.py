@@ -8,12 +8,31 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import psutil
 
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command returned and wrote."""
+
+    code: int
+    out: str
+    err: str
+
+
+def command(*arguments: str, cwd: Path | None = None, stdin: bytes | None = None) -> Done:
+    """`python -m gateway ARGUMENTS`, to its end."""
+    line = [sys.executable, "-m", "gateway", *arguments]
+    done = subprocess.run(line, cwd=cwd, input=stdin, capture_output=True, timeout=100, check=False)
+    assert b"Traceback" not in done.stderr, done.stderr.decode()
+    return Done(done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 def survivors(family: list[psutil.Process], timeout_s: float = 5.0) -> list[psutil.Process]:

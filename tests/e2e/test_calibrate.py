@@ -1,8 +1,6 @@
 """`gateway calibrate` from pictures of a drawn board to the configuration."""
 
 import json
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -11,8 +9,9 @@ import numpy as np
 import pytest
 
 from gateway import config
-from gateway.cli.main import main
 from gateway.vision.offline.calibration.boards import parse
+from tests.e2e.conftest import Cli
+from tests.e2e.processes import command
 from tests.unit.vision.board_pictures import POSES, Camera, shot
 
 SPEC = "checkerboard:8x6:18mm"
@@ -32,11 +31,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_from_pictures_to_the_configuration(folder: Path) -> None:
-    command = [sys.executable, "-m", "gateway", "calibrate", ".", "mixed", "--board", SPEC, "--marker-radius-mm", "150"]
-    command += ["--out", "new/lens.toml", "--report", "lens.html", "--picture", "lens.svg"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=100, check=False, encoding="utf-8")
-    assert done.returncode == 0, done.stderr
-    lines = done.stderr.splitlines()
+    words = ["calibrate", ".", "mixed", "--board", SPEC, "--marker-radius-mm", "150"]
+    words += ["--out", "new/lens.toml", "--report", "lens.html", "--picture", "lens.svg"]
+    done = command(*words, cwd=folder)
+    assert done.code == 0, done.err
+    lines = done.err.splitlines()
     assert lines[0].startswith("warning: damaged.png: damaged, cut short")
     assert lines[1] == "warning: left out, not 480 x 360 px: small.png (432 x 324)"
     assert any(line.startswith("warning: only 9 views") for line in lines)
@@ -47,13 +46,13 @@ def test_from_pictures_to_the_configuration(folder: Path) -> None:
     assert lens.fx == pytest.approx(true.fx, rel=0.003)
     assert lens.fy == pytest.approx(true.fy, rel=0.003)
     assert [lens.cx, lens.cy] == pytest.approx([true.cx, true.cy], abs=2)
-    assert "reprojection error: rms 0.0" in done.stdout
-    assert "empty.png" in done.stdout
-    assert "no board" in done.stdout
-    printed = done.stdout[done.stdout.index("# checkerboard") : done.stdout.index("A marker of")]
+    assert "reprojection error: rms 0.0" in done.out
+    assert "empty.png" in done.out
+    assert "no board" in done.out
+    printed = done.out[done.out.index("# checkerboard") : done.out.index("A marker of")]
     assert tomllib.loads(printed) == tomllib.loads((folder / "new/lens.toml").read_text())
     said = f"R = 180 px means Z_vision = {(lens.fx + lens.fy) / 2 * 150 / 180 / 10:.1f} cm"
-    assert said in done.stdout
+    assert said in done.out
     assert "<svg" in (folder / "lens.svg").read_text()
 
 
@@ -79,20 +78,16 @@ def test_from_pictures_to_the_configuration(folder: Path) -> None:
         (["b1.png", "--board", SPEC, "--marker-radius-mm", "0"], "--marker-radius-mm 0: must be more than 0"),
     ],
 )
-def test_what_must_be_changed(
-    folder: Path, arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(folder)
-    assert main(["calibrate", *arguments]) == 2
-    said = capsys.readouterr()
-    assert any(line.startswith(says) for line in said.err.splitlines()), said.err
-    assert said.out == ""
+def test_what_must_be_changed(folder: Path, arguments: list[str], says: str, cli: Cli) -> None:
+    done = cli("calibrate", *arguments, cwd=folder)
+    assert (done.code, done.out) == (2, "")
+    assert any(line.startswith(says) for line in done.err.splitlines()), done.err
 
 
-def test_json(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.chdir(folder)
-    assert main(["calibrate", "b[1-5].png", "--board", SPEC, "--json", "--distortion", "4"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_json(folder: Path, cli: Cli) -> None:
+    done = cli("calibrate", "b[1-5].png", "--board", SPEC, "--json", "--distortion", "4", cwd=folder)
+    assert done.code == 0
+    found = json.loads(done.out)
     assert found["intrinsics"]["fx"] == pytest.approx(Camera().fx, rel=0.01)
     assert [view["file"] for view in found["views"]] == [f"b{n}.png" for n in range(1, 6)]
     assert list(found["sigma"]) == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]

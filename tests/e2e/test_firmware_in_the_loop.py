@@ -4,8 +4,6 @@ import asyncio
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from gateway.sim.emulator import EmulatedRanger
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger_board import RangerFault
 from gateway.supervisor import Supervisor, Task
+from tests.e2e.conftest import Cli
 from tests.e2e.played import dated_right, too_fresh_ns
 from tests.e2e.processes import Gateway
 from tests.e2e.test_ranger_port import QUICK, Host, together
@@ -183,19 +182,14 @@ def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
     A busy machine may hold the emulated board back for longer than the range deadline: then the truck stands longer.
     """
     log = tmp_path / "played.jsonl"
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "gateway", "simulate", "--trials", "3", "--modbus-port", "0"),
-            *("--no-hmi", "--json", "--ranger", "firmware", "--ranger-log", str(log)),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=280,
-        check=False,
-    )
-    (report,) = (row for line in done.stdout.splitlines() if (row := json.loads(line))["type"] == "trials")
+    with Gateway(
+        *("simulate", "--trials", "3", "--modbus-port", "0"),
+        *("--no-hmi", "--json", "--ranger", "firmware", "--ranger-log", str(log)),
+    ) as gateway:
+        code = gateway.finish(280)
+    (report,) = (row for row in gateway.rows if row["type"] == "trials")
     assert (report["number"], report["false_stops"], report["missed_stops"], report["undecided"]) == (3, 0, 0, 0)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    assert code == 0, gateway.stderr[-2000:]
     for trial in report["trials"]:
         assert trial["decision"] == trial["expected"] or trial["expected"] is None, trial
     assert report["worst_error_mm"] < 17.0
@@ -204,13 +198,7 @@ def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
     assert [row["mcusr"] for row in played if row["type"] == "reset"] == [1]
 
 
-def test_a_log_needs_the_firmware(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "gateway", "simulate", "--ranger-log", str(tmp_path / "log")],
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "--ranger firmware" in done.stderr
+def test_a_log_needs_the_firmware(tmp_path: Path, cli: Cli) -> None:
+    done = cli("simulate", "--ranger-log", str(tmp_path / "log"))
+    assert (done.code, done.out) == (2, "")
+    assert "--ranger firmware" in done.err

@@ -7,8 +7,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import time
 import urllib.parse
 from collections.abc import Iterator
@@ -22,7 +20,7 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from gateway.core.state import Reason
 from tests.e2e.plc import Plc
-from tests.e2e.processes import Gateway, Row, survivors
+from tests.e2e.processes import Gateway, Row, command, survivors
 
 QUICK = ("--modbus-port", "0", "--json")
 
@@ -145,17 +143,10 @@ def test_a_certificate_that_cannot_be_read_is_an_error_at_the_start(verb: str, t
     config = tmp_path / "bay.toml"
     gone = "tls_cert = '/nowhere/pages.pem'\ntls_key = '/nowhere/pages.key'"
     config.write_text(f"[modbus]\nport = 0\n[hmi]\nenabled = true\nport = 0\n{gone}\n")
-    command = ["run", str(config)] if verb == "run" else ["simulate", "--config", str(config), "--json"]
-    done = subprocess.run(
-        [sys.executable, "-m", "gateway", *command, "--duration", "5"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert "hmi.tls_cert: cannot read /nowhere/pages.pem" in done.stderr
-    assert done.stdout == ""
+    words = ["run", str(config)] if verb == "run" else ["simulate", "--config", str(config), "--json"]
+    done = command(*words, "--duration", "5")
+    assert (done.code, done.out) == (2, "")
+    assert "hmi.tls_cert: cannot read /nowhere/pages.pem" in done.err
 
 
 def test_a_taken_port_keeps_no_bay_from_working_and_is_tried_again(tmp_path: Path) -> None:

@@ -3,8 +3,6 @@
 import asyncio
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -24,6 +22,7 @@ from gateway.vision.source.specs import source_spec
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning import stages
 from tests import brightest_spot
+from tests.e2e.processes import command
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 30.0
@@ -134,10 +133,6 @@ def test_the_command_line_runs_it_and_writes_its_panels(name: str, tmp_path: Pat
     cv2.imwrite(str(tmp_path / "a.png"), picture())
 
     words = ["detect", "a.png", "--json", "--method", name, "--stages", "out"]
-    done = subprocess.run(
-        [sys.executable, "-m", "gateway", *words], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True
-    )
-
-    row = json.loads(done.stdout)
+    row = json.loads(command(*words, cwd=tmp_path).out)
     assert (row["u"], row["v"], row["found"]) == (90.0, 70.0, True)
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a-grey.png"]

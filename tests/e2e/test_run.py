@@ -3,8 +3,6 @@
 import asyncio
 import http.client
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +21,7 @@ from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.ranger_board import RangerFault
 from gateway.sim.render import Painter
 from gateway.sim.world import World
+from tests.e2e.conftest import Cli
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 
@@ -220,30 +219,25 @@ def test_a_damaged_bay_file_is_a_function_check(tmp_path: Path, video: Path, ran
     assert kept_in(kept) == "MAY_MOVE_OFF"
 
 
-def check(path: Path) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "gateway", "check", str(path)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-
-
 @pytest.mark.parametrize("name", ["gateway.toml", "four-bays.toml", "simulate.toml"])
-def test_every_shipped_configuration_is_good(name: str) -> None:
-    done = check(Path(__file__).parents[2] / "config" / name)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "good" in done.stdout
+def test_every_shipped_configuration_is_good(name: str, cli: Cli) -> None:
+    done = cli("check", str(Path(__file__).parents[2] / "config" / name))
+    assert (done.code, done.err) == (0, "")
+    assert "good" in done.out
 
 
 @pytest.mark.failure_mode("G9")
-def test_a_wrong_configuration_names_file_line_key_value_and_range(tmp_path: Path) -> None:
+def test_a_wrong_configuration_names_file_line_key_value_and_range(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "bay.toml"
     path.write_text('site = "a"\n[vision]\nmin_circularity = 1.5\nmorf_kernel_px = 3\n[camera]\nurl = "gopher://x"\n')
-    done = check(path)
-    assert done.returncode == 2
-    lines = done.stderr.splitlines()
+    done = cli("check", str(path))
+    assert done.code == 2
+    lines = done.err.splitlines()
     assert any(line.startswith(f"{path}:3: vision.min_circularity = 1.5: ") and "<= 1" in line for line in lines)
     assert any(line.startswith(f"{path}:4: vision.morf_kernel_px = 3: unknown key") for line in lines)
 
 
-def test_two_bays_on_one_sensor_and_two_servers_on_one_port_are_faults(tmp_path: Path) -> None:
+def test_two_bays_on_one_sensor_and_two_servers_on_one_port_are_faults(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "bay.toml"
     path.write_text("""[camera]
 url = "rtsp://camera/stream"
@@ -263,17 +257,17 @@ unit_id = 3
 camera.url = "rtsp://camera/other"
 ranger.port = "/dev/ttyACM1"
 """)
-    done = check(path)
-    assert done.returncode == 2
+    done = cli("check", str(path))
+    assert done.code == 2
     needs = "is that of bay 'a', too: each bay needs its own"
-    assert done.stderr.splitlines() == [
+    assert done.err.splitlines() == [
         f"{path}:10: bays.1.name: its camera.url, rtsp://camera/stream, {needs}",
         f"{path}:10: bays.1.name: its ranger.port, /dev/ttyACM0, {needs}",
         f"{path}:5: hmi.port: the port of [modbus], too: the pages need their own",
     ]
 
 
-def test_every_bad_address_is_told_with_its_line(tmp_path: Path) -> None:
+def test_every_bad_address_is_told_with_its_line(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "bay.toml"
     path.write_text("""[camera]
 url = "gopher://x"
@@ -286,15 +280,15 @@ ranger.port = "sockett://host:1"
 [mqtt]
 url = "mqtt://host:0"
 """)
-    done = check(path)
-    assert done.returncode == 2
-    assert [line.split(": ")[:2] for line in done.stderr.splitlines()] == [
+    done = cli("check", str(path))
+    assert done.code == 2
+    assert [line.split(": ")[:2] for line in done.err.splitlines()] == [
         [f"{path}:2", "camera.url"],
         [f"{path}:8", "bays.1.ranger.port"],
         [f"{path}:10", "mqtt.url"],
     ]
-    assert "scheme gopher:// is unknown" in done.stderr
-    assert "sockett:// is not supported" in done.stderr
+    assert "scheme gopher:// is unknown" in done.err
+    assert "sockett:// is not supported" in done.err
     with Gateway("run", str(path)) as gateway:
         assert gateway.finish() == 2
-        assert gateway.stderr.splitlines() == done.stderr.splitlines()
+        assert gateway.stderr.splitlines() == done.err.splitlines()

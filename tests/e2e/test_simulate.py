@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
@@ -17,8 +15,9 @@ from gateway.core.state import Reason
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 from gateway.shared_state import folder
 from tests.e2e.brokers import Mosquitto, Subscriber
+from tests.e2e.conftest import Cli
 from tests.e2e.plc import Plc, Poll, mbpoll
-from tests.e2e.processes import Gateway, Row, survivors
+from tests.e2e.processes import Gateway, Row, command, survivors
 
 APPROACH = """
 seed = 7
@@ -308,9 +307,7 @@ def test_the_shared_state_vector_can_be_read_by_another_process(tmp_path: Path) 
         assert row["z_mm"] == pytest.approx(450, abs=17)
         assert row["may_move"] is True
         assert row["age_ms"] >= 0
-    done = run_gateway("state", "--instance", instance, "--once")
-    assert done.returncode == 1
-    assert "Traceback" not in done.stderr
+    assert command("state", "--instance", instance, "--once").code == 1
 
 
 @pytest.mark.timeout(300)
@@ -354,23 +351,16 @@ def test_the_block_fits_one_request() -> None:
         (("run", "no-such-file.toml"), "no-such-file.toml: cannot read the configuration"),
     ],
 )
-def test_a_wrong_argument_is_one_clear_line_and_exit_code_2(args: tuple[str, ...], said: str) -> None:
-    done = run_gateway(*args)
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-def run_gateway(*args: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [sys.executable, "-m", "gateway", *args], capture_output=True, text=True, timeout=30, check=False
-    )
+def test_a_wrong_argument_is_one_clear_line_and_exit_code_2(args: tuple[str, ...], said: str, cli: Cli) -> None:
+    done = cli(*args)
+    assert done.code == 2
+    assert said in done.err
 
 
 def state_verb(*args: str) -> dict[str, Any]:
-    done = run_gateway("state", *args)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    done = command("state", *args)
+    assert done.code == 0, done.err
+    found: dict[str, Any] = json.loads(done.out)
     return found
 
 
