@@ -57,6 +57,16 @@ class LoopClock:
         return asyncio.timeout(seconds)
 
 
+@dataclass
+class HandClock(LoopClock):
+    """Stands still until it is set."""
+
+    t_ns: int = 10_000_000_000
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+
 class AtOnce(Executor):
     """Virtual time would run away while a real thread works."""
 

@@ -19,6 +19,8 @@ import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gateway.errors import ConfigError
+
 if TYPE_CHECKING:
     from datetime import datetime
 
@@ -77,7 +79,6 @@ def main(args: argparse.Namespace) -> int:
 def _init(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     from gateway.certs import issue
     from gateway.certs.folder import CA
-    from gateway.errors import ConfigError
 
     folder.create()
     key = issue.new_key("rsa" if args.rsa else "ec")
@@ -95,7 +96,6 @@ def _init(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
 
 def _server(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     from gateway.certs import issue
-    from gateway.errors import ConfigError
 
     by = folder.authority()
     hosts = args.host or [socket.gethostname(), "localhost", "127.0.0.1", "::1"]
@@ -117,7 +117,6 @@ def _server(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
 
 def _client(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     from gateway.certs import issue
-    from gateway.errors import ConfigError
 
     by = folder.authority()
     key = issue.new_key("rsa" if args.rsa else "ec")
@@ -152,7 +151,6 @@ def _list(_: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
 
 def _renew(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     from gateway.certs import issue
-    from gateway.errors import ConfigError
 
     if args.name == "ca":
         raise ConfigError("renew: an authority is not renewed; make a new one in another folder, and all certificates")

@@ -17,6 +17,8 @@ import getpass
 import sys
 import warnings
 
+from gateway.errors import ConfigError
+
 NAME = "password"
 HELP = "make a user of the pages"
 MAX_LINE = 4096
@@ -32,7 +34,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Prints TOML on stdout, questions on the terminal or stderr. Raises ConfigError for a name or password."""
     from gateway.config.sections.hmi import USER_NAME
-    from gateway.errors import ConfigError
     from gateway.web.auth.passwords import hashed, weakness
 
     if not USER_NAME.fullmatch(args.name):
@@ -49,8 +50,6 @@ def main(args: argparse.Namespace) -> int:
 
 def _from_stdin() -> str:
     """One line; a second one is a mistake, such as the wrong file."""
-    from gateway.errors import ConfigError
-
     try:
         text = sys.stdin.buffer.read(MAX_LINE).decode()
     except UnicodeDecodeError:
@@ -63,8 +62,6 @@ def _from_stdin() -> str:
 
 def _asked() -> str:
     """Twice, without showing it."""
-    from gateway.errors import ConfigError
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", getpass.GetPassWarning)  # it would show what is typed

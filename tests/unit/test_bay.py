@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-from dataclasses import dataclass
 
 import pytest
 
@@ -15,20 +14,10 @@ from gateway.core.state import Reason, StateVector
 from gateway.hub import EventQueue, Hub
 from gateway.modbus.registers.register_map import decode, encode
 from tests import virtual_time
-from tests.virtual_time import LoopClock, in_virtual_time
+from tests.virtual_time import HandClock, LoopClock, in_virtual_time
 
 MS = 1_000_000
 T0 = 10_000 * MS
-
-
-@dataclass
-class HandClock(LoopClock):
-    """Stands still until it is set."""
-
-    t_ns: int = T0
-
-    def now_ns(self) -> int:
-        return self.t_ns
 
 
 def seen(t_ns: int, radius_px: float = 100.0) -> VisionReading:

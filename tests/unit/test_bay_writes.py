@@ -14,20 +14,13 @@ from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.hub import EventQueue, Hub
 from gateway.net.rate_limit import BURST
 from tests import virtual_time
-from tests.virtual_time import LoopClock
+from tests.virtual_time import HandClock, LoopClock
 
 MS = 1_000_000
 WHO = Writer("10.0.0.9", "plc1", "operator")
 WRITES = {"writes": True, "plc_addresses": ["10.0.0.0/24"]}
 FUSION = {"decision": "plain", "recovery_s": 0, "latch_stop": True}
 CONFIG = parse({"modbus": WRITES, "recipes": [{"id": 7, "name": "small"}], "fusion": FUSION})
-
-
-class HandClock(LoopClock):
-    t_ns = 10_000 * MS
-
-    def now_ns(self) -> int:
-        return self.t_ns
 
 
 class Bench:

@@ -72,9 +72,10 @@ class Bay:
         return self.state.plc.conflicts == conflicts
 
     def wait(self, ms: int) -> None:
-        for _ in range(ms // TICK_MS):
+        for n in range(ms // TICK_MS):
             self.now_ns += TICK_MS * MS
-            self.see()
+            if n % 5 == 0:
+                self.see()
             self.step(Tick())
 
     def see(self, distance_mm: float = 900.0) -> None:

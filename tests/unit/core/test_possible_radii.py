@@ -15,7 +15,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample, possible_radii_px
 from gateway.core.state import Reason, StateVector, Tick
 from gateway.hub import Hub
-from tests.virtual_time import LoopClock
+from tests.virtual_time import HandClock
 
 MS = 1_000_000
 T0 = 10_000 * MS
@@ -62,13 +62,6 @@ def test_where_anything_is_unknown_every_radius_is_possible(
 
 
 # -- of a bay ----------------------------------------------------------------------------------------------------------
-
-
-class HandClock(LoopClock):
-    t_ns = T0
-
-    def now_ns(self) -> int:
-        return self.t_ns
 
 
 class Vision:

@@ -398,11 +398,10 @@ in_each_phase = pytest.mark.parametrize("phase", PHASES)
 @in_each_phase
 @pytest.mark.parametrize("sensor", ["vision", "range"])
 def test_a_sensor_that_dies_ends_everything_good_at_once(phase: str, sensor: str) -> None:
+    bench = PHASES[phase]()
+    reading: Any = VisionReading if sensor == "vision" else RangeReading
     for quality in DEAD_ONES:
-        bench = PHASES[phase]()
-        reading: Any = VisionReading if sensor == "vision" else RangeReading
-        bench.step(reading(bench.now_ns, quality))
-        state = bench.state
+        state = interlock.step(bench.state, reading(bench.now_ns, quality), bench.now_ns, bench.rules)
         assert (state.stop, state.may_move, state.in_place) == (True, False, False), quality
         assert state.guidance.code is GuidanceCode.FAULT
         if phase in ("in_place", "held"):
