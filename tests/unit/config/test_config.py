@@ -191,7 +191,7 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
             "[vision]\nred_low_1 = [200, 0, 0]\n",
             "g.toml:2: vision.red_low_1.0 = 200: Input should be less than or equal to 180",
         ),
-        # Of a kind that is not asked for: nothing is converted behind the operator's back.
+        # Of another type: nothing is converted.
         (
             "[fusion]\nfail_safe = 0\n",
             "g.toml:2: fusion.fail_safe = 0: should be true or false, without quotes",
@@ -350,7 +350,7 @@ def test_several_faults_are_several_lines() -> None:
     ]  # fmt: skip
 
 
-def test_a_fault_in_a_shared_section_is_told_once_and_where_it_stands() -> None:
+def test_a_fault_in_a_shared_section_is_reported_once_and_at_its_line() -> None:
     bays = "".join(f"[[bays]]\nname = 'b{n}'\nunit_id = {n}\n[bays.ranger]\nport = 'p{n}'\n" for n in range(1, 5))
 
     assert errors("[ranger]\nbaud = 1\n" + bays) == [
@@ -375,7 +375,7 @@ def test_an_inline_table_of_bays_has_a_line_too() -> None:
     ]
 
 
-def test_a_key_missing_in_the_bay_s_own_table_is_told_there() -> None:
+def test_a_key_missing_in_the_bay_s_own_table_is_reported_there() -> None:
     text = "[fusion]\nperiod_s = 0.02\n[[bays]]\n[bays.fusion.cross_check]\nfocal_px = 600\n"
 
     assert errors(text) == ["g.toml:4: bays.0.fusion.cross_check.marker_radius_mm: is missing (allowed: > 0, <= 10000)"]
@@ -391,10 +391,10 @@ def test_a_faulty_bay_brings_no_fault_that_does_not_exist(good_bays: int) -> Non
     assert errors(text) == ["g.toml:2: bays.0.name = \"!\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"]
 
 
-def test_a_fault_of_the_whole_file_says_so() -> None:
+def test_a_fault_of_the_complete_file_has_no_key() -> None:
     """Other files are checked by the same means, with models of their own."""
 
-    class Whole(Section):
+    class Pair(Section):
         a: int = 1
         b: int = 1
 
@@ -406,14 +406,12 @@ def test_a_fault_of_the_whole_file_says_so() -> None:
 
     text = "a = 2\n"
     with pytest.raises(ValidationError) as caught:
-        Whole.model_validate(tomllib.loads(text))
+        Pair.model_validate(tomllib.loads(text))
 
-    assert explain(caught.value, source="w.toml", text=text, model=Whole) == [
-        "w.toml: (whole file): a and b must agree"
-    ]
+    assert explain(caught.value, source="w.toml", text=text, model=Pair) == ["w.toml: (whole file): a and b must agree"]
 
 
-def test_a_value_is_shown_as_it_stands_in_the_file() -> None:
+def test_a_value_is_shown_as_in_the_file() -> None:
     assert errors('site = "S\u00fcd \\u0007"\n') == [
         "g.toml:1: site = \"S\u00fcd \\u0007\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"
     ]
@@ -431,14 +429,14 @@ def test_a_long_value_is_cut() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "[modbus]\nhost = 'x'\n", "[modbus]\nport = 502\n"])
-def test_a_fault_of_the_command_line_is_not_blamed_on_the_file(text: str) -> None:
+def test_a_fault_of_the_command_line_is_not_attributed_to_the_file(text: str) -> None:
     (line,) = errors(text, {"modbus": {"port": 99999}})
 
     assert line.endswith("modbus.port = 99999: Input should be less than or equal to 65535 (allowed: >= 0, <= 65535)")
     assert line.startswith("command line: " if text else "g.toml: ")
 
 
-def test_a_fault_of_the_file_is_not_blamed_on_the_command_line() -> None:
+def test_a_fault_of_the_file_is_not_attributed_to_the_command_line() -> None:
     text = "[fusion]\nperiod_s = 9\n"
     over = {"bays": [{"name": "b1", "unit_id": 1}, {"name": "b2", "unit_id": 2}], "modbus": {"port": 0}}
 
@@ -447,7 +445,7 @@ def test_a_fault_of_the_file_is_not_blamed_on_the_command_line() -> None:
     ]
 
 
-def test_a_fault_of_the_command_line_is_told_by_the_key_it_was_given() -> None:
+def test_a_fault_of_the_command_line_names_the_key_as_given() -> None:
     (name,) = errors("site = 'a'\n", {"bays": [{"name": "!"}]})
     (period,) = errors("site = 'a'\n", {"fusion": {"period_s": 9}})
 
@@ -492,7 +490,7 @@ def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "fault"),
     [
         (b"[modbus\nport = 1\n", "not valid TOML: .*line 1"),
         (b"a = 1\na = 2\n", "not valid TOML: .*line 2"),
@@ -501,11 +499,11 @@ def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
         (b"a = " + b"[" * 100_000 + b"\n", "not valid TOML"),
     ],
 )
-def test_what_is_no_toml_is_a_config_error(tmp_path: Path, content: bytes, said: str) -> None:
+def test_what_is_no_toml_is_a_config_error(tmp_path: Path, content: bytes, fault: str) -> None:
     path = tmp_path / "bay.toml"
     path.write_bytes(content)
 
-    with pytest.raises(ConfigError, match=f"{re.escape(str(path))}: {said}"):
+    with pytest.raises(ConfigError, match=f"{re.escape(str(path))}: {fault}"):
         load(path)
 
 

@@ -1,4 +1,4 @@
-"""`[hmi]`: what is refused, and in which words."""
+"""`[hmi]`: what is refused, and with which text."""
 
 import tomllib
 from contextlib import suppress
@@ -29,7 +29,7 @@ def refusal(text: str) -> str:
     return str(caught.value)
 
 
-def test_off_and_on_loopback_unless_told_otherwise() -> None:
+def test_off_and_on_loopback_by_default() -> None:
     config = hmi("")
     assert (config.enabled, config.host, config.port) == (False, "127.0.0.1", 8080)
     assert config.without_login == "driver"
@@ -41,7 +41,7 @@ def test_off_and_on_loopback_unless_told_otherwise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         (
             "[hmi]\nwithout_login = 'technician'\nhost = '10.0.0.5'\n",
@@ -74,9 +74,9 @@ def test_off_and_on_loopback_unless_told_otherwise() -> None:
         (USER.replace("t=2", "t=0"), "should be what `gateway password`"),
     ],
 )
-def test_refused(text: str, said: str) -> None:
+def test_refused(text: str, expected: str) -> None:
     found = refusal(text)
-    assert said in found
+    assert expected in found
     assert "\n" not in found
 
 
@@ -99,16 +99,16 @@ def test_the_hosts_that_are_answered() -> None:
     ("text", "warned"),
     [
         ("[hmi]\nenabled = true\nhost = '10.0.0.5'\n" + USER, True),
-        ("[hmi]\nenabled = true\nhost = '10.0.0.5'\n", False),  # nobody types a password
+        ("[hmi]\nenabled = true\nhost = '10.0.0.5'\n", False),  # no password is typed
         ("[hmi]\nenabled = true\n" + USER, False),
         ("[hmi]\nenabled = true\nhost = '10.0.0.5'\ntls_cert = 'a'\ntls_key = 'b'\n" + USER, False),
         ("[hmi]\nhost = '10.0.0.5'\n" + USER, False),
     ],
 )
 def test_users_without_tls_are_worth_a_warning(text: str, warned: bool) -> None:
-    said = hmi(text).warnings()
-    assert len(said) == warned
-    assert all(line.startswith("hmi.tls_cert: is missing, and host = 10.0.0.5 is no loopback") for line in said)
+    warnings = hmi(text).warnings()
+    assert len(warnings) == warned
+    assert all(line.startswith("hmi.tls_cert: is missing, and host = 10.0.0.5 is no loopback") for line in warnings)
 
 
 def test_no_hash_is_shown() -> None:

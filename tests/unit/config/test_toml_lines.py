@@ -1,4 +1,4 @@
-"""The line numbers in an error must be right even in files nobody would write on purpose."""
+"""The line numbers in an error must be right even in files that are written by accident only."""
 
 import tomllib
 from typing import Any

@@ -15,7 +15,7 @@ def os_error(number: int) -> OSError:
 
 
 @pytest.mark.parametrize(
-    ("error", "kind", "said"),
+    ("error", "kind", "why"),
     [
         (os_error(errno.EACCES), ConfigError, "setcap cap_net_bind_service"),
         (os_error(errno.EPERM), ConfigError, "setcap cap_net_bind_service"),
@@ -28,8 +28,8 @@ def os_error(number: int) -> OSError:
         (UnicodeError("label too long"), ConfigError, "label too long"),
     ],
 )
-def test_bind_error(error: Exception, kind: type[GatewayError], said: str) -> None:
-    told = bind_error("modbus", "10.0.0.9", 502, error)
-    assert type(told) is kind
-    assert str(told).startswith("modbus: cannot listen on 10.0.0.9 port 502: ")
-    assert said in str(told)
+def test_bind_error(error: Exception, kind: type[GatewayError], why: str) -> None:
+    found = bind_error("modbus", "10.0.0.9", 502, error)
+    assert type(found) is kind
+    assert str(found).startswith("modbus: cannot listen on 10.0.0.9 port 502: ")
+    assert why in str(found)

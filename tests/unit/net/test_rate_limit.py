@@ -1,4 +1,4 @@
-"""Events about writes are told, but never faster than people and brokers bear."""
+"""Events about writes are published, but never faster than people and brokers can follow."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,14 +7,14 @@ from gateway.net.rate_limit import BURST, PERIOD_NS, Bucket, LogThrottle, take
 
 
 def test_a_burst_then_one_a_period_and_the_rest_is_counted() -> None:
-    bucket, told = Bucket(), []
+    bucket, passed = Bucket(), []
     for _ in range(BURST + 30):
         bucket, suppressed = take(bucket, 1000)
-        told.append(suppressed)
-    assert told == [0] * BURST + [None] * 30
+        passed.append(suppressed)
+    assert passed == [0] * BURST + [None] * 30
     assert (bucket.suppressed, bucket.suppressed_total) == (30, 30)
     bucket, suppressed = take(bucket, 1000 + PERIOD_NS)
-    assert suppressed == 30, "the next one says how many it stands for"
+    assert suppressed == 30, "the next one states how many were suppressed"
     bucket, suppressed = take(bucket, 1000 + PERIOD_NS)
     assert suppressed is None
     bucket, suppressed = take(bucket, 1000 + 100 * PERIOD_NS)
@@ -23,13 +23,13 @@ def test_a_burst_then_one_a_period_and_the_rest_is_counted() -> None:
 
 @given(st.lists(st.integers(0, 3 * PERIOD_NS), max_size=200))
 def test_never_more_than_the_burst_and_the_rate_and_none_is_forgotten(waits: list[int]) -> None:
-    bucket, now_ns, told = Bucket(), 0, 0
+    bucket, now_ns, passed = Bucket(), 0, 0
     for wait_ns in waits:
         now_ns += wait_ns
         bucket, suppressed = take(bucket, now_ns)
-        told += suppressed is not None
-        assert told <= BURST + now_ns / PERIOD_NS
-    assert told + bucket.suppressed_total == len(waits)
+        passed += suppressed is not None
+        assert passed <= BURST + now_ns / PERIOD_NS
+    assert passed + bucket.suppressed_total == len(waits)
 
 
 def test_a_scanner_gets_one_line_of_a_kind_and_a_count() -> None:

@@ -1,4 +1,4 @@
-"""Two ends of a channel in one process: messages stay whole, descriptors travel, an end is told."""
+"""Two ends of a channel in one process: messages stay complete, an end is noticed."""
 
 import os
 from typing import Any
@@ -16,7 +16,7 @@ def pair() -> tuple[Channel[object, object], Channel[object, object]]:
     return ours, Channel(theirs, ANYTHING)
 
 
-def test_messages_come_whole_and_in_order() -> None:
+def test_messages_arrive_complete_and_in_order() -> None:
     ours, theirs = pair()
     with ours.sock, theirs.sock:
         assert ours.offer("first")
@@ -29,18 +29,18 @@ def test_messages_come_whole_and_in_order() -> None:
         assert not ours.ended
 
 
-def test_an_inbox_whose_owner_is_gone_takes_nothing() -> None:
+def test_nothing_is_sent_to_one_that_is_gone() -> None:
     ours, theirs = pair()
     theirs.close()
 
-    assert not ours.offer("anybody there?")
+    assert not ours.offer("anything")
     assert ours.received() == []
     assert ours.ended
     ours.close()
 
 
-def test_the_last_words_of_one_that_did_not_read_all_it_was_sent_are_heard() -> None:
-    """The kernel tells of the reset before it hands out what lies waiting."""
+def test_the_last_messages_of_one_that_did_not_read_all_are_received() -> None:
+    """The kernel reports the reset before the messages that wait."""
     ours, theirs = pair()
     assert ours.offer("a slot to be written")
     theirs.send("a frame")
@@ -53,7 +53,7 @@ def test_the_last_words_of_one_that_did_not_read_all_it_was_sent_are_heard() -> 
     ours.close()
 
 
-def test_an_inbox_that_nobody_reads_is_full_some_day_and_nobody_waits_for_it() -> None:
+def test_sending_to_one_that_does_not_read_fails_without_waiting() -> None:
     ours, theirs = pair()
     with ours.sock, theirs.sock:
         assert any(not ours.offer("x" * 1000) for _ in range(100_000))
@@ -62,9 +62,9 @@ def test_an_inbox_that_nobody_reads_is_full_some_day_and_nobody_waits_for_it() -
 def test_a_child_whose_main_process_is_gone_ends() -> None:
     ours, theirs = pair()
     ours.close()
-    for talk in (theirs.receive, theirs.waiting, lambda: theirs.send("?")):
+    for call in (theirs.receive, theirs.waiting, lambda: theirs.send("?")):
         with pytest.raises(SystemExit):
-            talk()
+            call()
     theirs.close()
 
 
@@ -74,7 +74,7 @@ def test_a_message_too_long_for_the_other_side_is_refused_here() -> None:
         ours.offer(os.urandom(MAX_MESSAGE_BYTES))
 
 
-def test_what_is_no_message_is_told_as_the_last_word_and_nothing_after_it_is_heard() -> None:
+def test_an_invalid_message_is_the_last_one_that_is_read() -> None:
     ours, theirs = pair()
     ours.codec = Codec(int)
     with ours.sock, theirs.sock:

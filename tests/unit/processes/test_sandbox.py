@@ -34,7 +34,7 @@ folder, confined = Path(sys.argv[1]), sys.argv[2] == "confined"
 spec = RingSpec.create(0.02)
 gateway = os.getpid()
 reader = spec.reader()
-told, telling = os.pipe()
+reading, writing = os.pipe()
 
 
 def system(call):
@@ -122,15 +122,15 @@ if (child := os.fork()) == 0:
         "works": {name: tried(what) for name, what in works.items()},
         "tries": {name: tried(what) for name, what in tries.items()},
     }
-    os.write(telling, json.dumps(found).encode())
+    os.write(writing, json.dumps(found).encode())
     os._exit(0)
-os.close(telling)
+os.close(writing)
 os.waitpid(child, 0)
-print(os.read(told, 1 << 16).decode())
+print(os.read(reading, 1 << 16).decode())
 """
 
 
-def said(script: str, *words: str) -> Any:
+def output_of(script: str, *words: str) -> Any:
     """What a script prints as JSON, run by an interpreter of its own."""
     command = [sys.executable, "-c", script, *words]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
@@ -145,7 +145,7 @@ def tried(folder: Path, how: str) -> dict[str, Any]:
         for parent in folder.parents[:2]:
             parent.chmod(parent.stat().st_mode | 0o055)
         os.chown(folder / "old", OTHER_UID, OTHER_UID)
-    found: dict[str, Any] = said(TRIED, str(folder), how)
+    found: dict[str, Any] = output_of(TRIED, str(folder), how)
     return found
 
 
@@ -277,7 +277,7 @@ print(json.dumps([lacking, os.getresuid(), os.getgroups(), signal.value]))
 
 
 def became(user: str, *, path: str = "") -> list[Any]:
-    found: list[Any] = said(BECOME, user, path)
+    found: list[Any] = output_of(BECOME, user, path)
     return found
 
 
@@ -296,8 +296,8 @@ def test_a_user_that_there_is_not_or_who_cannot_read_the_program_is_a_configurat
     tmp_path.chmod(0o700)
     if os.geteuid() == 0:
         assert became("no-such-user")[0] == ["ConfigError: hmi.run_as = no-such-user: there is no such user"]
-        said = f"ConfigError: hmi.run_as = nobody: can't read {tmp_path}, which contains the program"
-        assert became("nobody", path=str(tmp_path))[0] == [said]
+        expected = f"ConfigError: hmi.run_as = nobody: can't read {tmp_path}, which contains the program"
+        assert became("nobody", path=str(tmp_path))[0] == [expected]
     else:
         assert became("no-such-user")[0] == ["hmi.run_as = no-such-user: only root can become another user"]
 
@@ -324,8 +324,8 @@ print(json.dumps([lacking, found]))
 """
 
 
-def test_a_thread_that_is_there_already_is_filtered_too_and_told_where_it_keeps_rights() -> None:
-    lacking, found = said(THREADED)
+def test_a_thread_that_is_there_already_is_filtered_too_and_reported_where_it_keeps_rights() -> None:
+    lacking, found = output_of(THREADED)
     assert found == [errno.EPERM]
     capable = os.geteuid() == 0
     assert lacking == (["1 threads that a library has begun already keep their capabilities"] if capable else [])

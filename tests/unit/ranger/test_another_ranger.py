@@ -154,7 +154,7 @@ def test_the_registry_lists_it_and_refuses_what_it_does_not_know() -> None:
         RANGERS.load("sonar")
 
 
-def test_its_own_port_is_checked_in_its_own_words() -> None:
+def test_its_port_is_checked_by_its_own_function() -> None:
     with pytest.raises(ConfigError, match="/dev/ttyACM0: not a laser"):
         check_port(RangerConfig(type="laser"))
     check_port(RangerConfig(type="laser", port="laser:1"))

@@ -49,7 +49,7 @@ def test_lines_before_their_time_show_that_those_before_were_late() -> None:
     assert [at(pace, 27 + n, 460 + 60 * n).arrival for n in (1, 2, 3)] == [BACKLOG, LIVE, LIVE]
 
 
-def test_lines_that_come_in_twos_are_no_backlog() -> None:
+def test_lines_that_arrive_in_twos_are_no_backlog() -> None:
     """A serial server that packs what came within 120 ms."""
     pace = ArrivalTracker()
     places = [at(pace, n, 120 * (n // 2)).arrival for n in range(20)]
@@ -132,7 +132,7 @@ def test_a_sensor_that_paused_is_live_again_after_some_lines() -> None:
     assert got == [BACKLOG] * LATE_LINES + [LIVE] * 4
 
 
-def test_a_sensor_slower_than_it_says_stays_live() -> None:
+def test_a_sensor_slower_than_its_hello_states_stays_live() -> None:
     pace = running(0)
     assert all(at(pace, n, 100 * n) == TimedLine(LIVE, 100 * n * MS) for n in range(1, 200))
 

@@ -30,7 +30,7 @@ def verdicts(readings: list[float | None], gate: GlitchGate | None = None, cycle
         ([500, 502, 652.1, 500], [H, P, H, P]),
         ([500, 502, 900, 2000, 503], [H, P, H, U, P]),  # two odd ones that contradict each other
         ([500, 502, 900, 2000, 2010], [H, P, H, U, P]),  # ... and the second is confirmed
-        ([500, 2000, 500, 2000, 500], [H, U, U, U, U]),  # nobody knows which is true
+        ([500, 2000, 500, 2000, 500], [H, U, U, U, U]),  # which is true is not known
         ([500, 500, FAULT, 500, 500], [H, P, H, P, P]),  # one lost echo is ridden out
         ([500, 500, FAULT, FAULT, FAULT], [H, P, H, P, P]),  # a second one is reported
         ([500, 500, FAULT, FAULT, 500, 500], [H, P, H, P, H, P]),  # afterwards two must agree again
@@ -54,7 +54,7 @@ def test_alternating_clones_become_unstable_and_recover() -> None:
 def test_an_echo_lost_every_other_time_is_reported() -> None:
     got = verdicts([500, 500, *[FAULT, 500] * 4])
     assert got[:6] == [H, P, H, P, H, P]
-    assert P is got[6]  # the third: "no echo" is said
+    assert P is got[6]  # the third: "no echo" is reported
     assert H is got[7]  # and one echo is not enough to take it back
 
 

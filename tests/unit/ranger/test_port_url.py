@@ -1,4 +1,4 @@
-"""Which port URLs are refused before anything is opened, and in which words."""
+"""Which port URLs are refused before anything is opened, and with which text."""
 
 import asyncio
 
@@ -30,7 +30,7 @@ def test_what_may_be_there_one_day_passes(url: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "said"),
+    ("url", "expected"),
     [
         ("http://host:80", "http:// is not supported; use a device path, socket://host:port or rfc2217://host:port"),
         ("sockets://host:80", "sockets:// is not supported"),
@@ -47,10 +47,10 @@ def test_what_may_be_there_one_day_passes(url: str) -> None:
         ),
     ],
 )
-def test_what_can_never_be_opened_is_a_fault_of_the_file(url: str, said: str) -> None:
+def test_what_can_never_be_opened_is_a_fault_of_the_file(url: str, expected: str) -> None:
     with pytest.raises(ConfigError) as caught:
         check_url(url)
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
     assert repr(url) in str(caught.value)
 
 
@@ -62,23 +62,25 @@ def test_the_service_refuses_it_when_it_is_built() -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "said"),
+    ("url", "expected"),
     [
         ("/dev/not-there", "ranger port /dev/not-there: no such device"),
         ("/dev/null", "ranger port /dev/null: Could not configure port"),
         ("socket://127.0.0.1:1", "ranger port socket://127.0.0.1:1: [Errno 111] Connection refused"),
     ],
 )
-def test_a_port_that_cannot_be_opened_is_named(url: str, said: str) -> None:
+def test_a_port_that_cannot_be_opened_is_named(url: str, expected: str) -> None:
     with pytest.raises(LinkError) as caught:
         Port(url, 9600)
-    assert str(caught.value).startswith(said)
+    assert str(caught.value).startswith(expected)
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_port_is_reported_before_it_is_raised() -> None:
-    said: list[RangeReading] = []
-    service = RangerService(RangerConfig(), SystemClock(), said.append, port="/dev/not-there")
+    readings: list[RangeReading] = []
+    service = RangerService(RangerConfig(), SystemClock(), readings.append, port="/dev/not-there")
     with pytest.raises(LinkError, match="no such device"):
         asyncio.run(service.run())
-    assert [(r.quality.name, r.detail) for r in said] == [("LINK_DOWN", "ranger port /dev/not-there: no such device")]
+    assert [(r.quality.name, r.detail) for r in readings] == [
+        ("LINK_DOWN", "ranger port /dev/not-there: no such device")
+    ]

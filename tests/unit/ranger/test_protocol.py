@@ -130,7 +130,7 @@ def test_round_trip(message: Hello | Measurement) -> None:
         Measurement(0, 0, temperature_dc=851),
     ],
 )
-def test_what_cannot_be_said_is_refused(message: Measurement) -> None:
+def test_what_cannot_be_encoded_is_refused(message: Measurement) -> None:
     with pytest.raises(ValueError, match="cannot be encoded"):
         encode_measurement(message)
 
@@ -139,7 +139,7 @@ def test_what_cannot_be_said_is_refused(message: Measurement) -> None:
     "hello",
     [Hello("", 1, 60), Hello("seventeen-letters", 1, 60), Hello("käse", 1, 60), Hello("a,b", 1, 60), Hello("a", 1, 9)],
 )
-def test_hello_that_cannot_be_said_is_refused(hello: Hello) -> None:
+def test_a_hello_that_cannot_be_encoded_is_refused(hello: Hello) -> None:
     with pytest.raises(ValueError, match="cannot be encoded"):
         encode_hello(hello)
 
@@ -302,4 +302,4 @@ def test_twenty_thousand_lines_with_random_damage() -> None:
                 right += event == message
                 wrong += event != message
     assert wrong == 0
-    assert 4_000 < right < 6_000  # a fifth was left whole; a few hits repeat what stood there
+    assert 4_000 < right < 6_000  # a fifth was left whole; a few hits repeat what was there

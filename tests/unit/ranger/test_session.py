@@ -41,9 +41,9 @@ class Bench:
         self.session = Hcsr04Session(RangerConfig(**config))
         self.now_ns = T0
         self.seq = 0
-        self.said: list[RangeReading] = self.session.opened(T0)
+        self.readings: list[RangeReading] = self.session.opened(T0)
 
-    def hears(self, line: bytes) -> list[RangeReading]:
+    def receives(self, line: bytes) -> list[RangeReading]:
         return self._keep(self.session.feed(line, self.now_ns))
 
     def measures(self, mm: float | None, flags: Flags = NO_FLAGS, **message: Any) -> list[RangeReading]:
@@ -51,7 +51,7 @@ class Bench:
         self.now_ns += 60 * MS
         line = encode_measurement(Measurement(self.seq, 0 if mm is None else ticks(mm), flags, **message))
         self.seq = (self.seq + 1) & 0xFFFF
-        return self.hears(line)
+        return self.receives(line)
 
     def waits(self, ms: int) -> list[RangeReading]:
         """Nothing comes, though the ranger counts on; the owner ticks every 100 ms."""
@@ -67,17 +67,17 @@ class Bench:
         self.seq = (self.seq + cycles) & 0xFFFF
 
     def _keep(self, readings: list[RangeReading]) -> list[RangeReading]:
-        self.said += readings
+        self.readings += readings
         return readings
 
 
 def settled(mm: float = 500.0, **config: Any) -> Bench:
     """A bench whose session is live, its median full of `mm`."""
     bench = Bench(**config)
-    bench.hears(HELLO)
+    bench.receives(HELLO)
     for _ in range(6):
         bench.measures(mm)
-    assert bench.said[-1].quality is Quality.GOOD
+    assert bench.readings[-1].quality is Quality.GOOD
     return bench
 
 
@@ -110,14 +110,14 @@ def test_the_configured_temperature_is_used_unless_the_ranger_measures_it() -> N
 
 
 @pytest.mark.parametrize(
-    ("said_dc", "believed_c"), [(850, 20), (-400, 20), (600, 60), (601, 20), (-200, -20), (-201, 20)]
+    ("measured_dc", "believed_c"), [(850, 20), (-400, 20), (600, 60), (601, 20), (-200, -20), (-201, 20)]
 )
-def test_a_broken_thermometer_bends_no_distance(said_dc: int, believed_c: float) -> None:
-    """85 is what a DS18B20 says after power on: 300 mm would read 334 mm, and stop come late."""
+def test_a_broken_thermometer_bends_no_distance(measured_dc: int, believed_c: float) -> None:
+    """85 is what a DS18B20 reports after power on: 300 mm would read 334 mm, and stop would be late."""
     bench = settled(300.0, median=1)
-    (reading,) = bench.measures(300.0, temperature_dc=said_dc)
+    (reading,) = bench.measures(300.0, temperature_dc=measured_dc)
     assert reading.distance_mm == pytest.approx(300.0 * speed_of_sound_m_s(believed_c) / 343.42, abs=0.05)
-    assert bench.session.implausible_temperatures == (said_dc != believed_c * 10)
+    assert bench.session.implausible_temperatures == (measured_dc != believed_c * 10)
 
 
 def test_a_reading_is_dated_back_to_the_echo() -> None:
@@ -135,7 +135,7 @@ def test_what_follows_in_the_same_delivery_was_later_on_the_wire() -> None:
     (a,) = alone.measures(500.0)
     together.now_ns += 60 * MS
     line = encode_measurement(Measurement(together.seq, ticks(500.0)))
-    (b,) = together.hears(line + b"$HCM,12")
+    (b,) = together.receives(line + b"$HCM,12")
     assert a.t_ns - b.t_ns == 7 * BYTE_NS
     slow = Hcsr04Session(RangerConfig(baud=1200))
     assert slow._byte_ns == 8 * BYTE_NS + 5
@@ -143,10 +143,10 @@ def test_what_follows_in_the_same_delivery_was_later_on_the_wire() -> None:
 
 def test_the_median_keeps_value_and_date_together_on_a_moving_target() -> None:
     bench = Bench()
-    bench.hears(HELLO)
+    bench.receives(HELLO)
     for n in range(20):
         bench.measures(1000.0 - 12.0 * n)
-    good = [r for r in bench.said if r.distance_mm is not None]
+    good = [r for r in bench.readings if r.distance_mm is not None]
     assert len(good) == 17  # two lines for the pace, one held back by the gate
     for reading in good:
         line_ns = 29 * BYTE_NS + 1 * MS
@@ -161,7 +161,7 @@ def test_dates_never_step_back_and_never_lie_ahead() -> None:
         bench.measures(500.0 + 300 * (n % 37 == 5), Flags.NO_ECHO if n % 23 == 0 else NO_FLAGS)
         if n % 41 == 0:
             bench.skips(2)
-    dates = [r.t_ns for r in bench.said if r.quality is not Quality.WAITING]
+    dates = [r.t_ns for r in bench.readings if r.quality is not Quality.WAITING]
     assert dates == sorted(dates)
     assert dates[-1] < bench.now_ns
 
@@ -197,7 +197,7 @@ def test_a_fault_is_a_quality_and_never_a_distance(mm: float | None, flags: Flag
 
 def test_a_fault_is_reported_at_once_where_there_is_nothing_to_ride_on() -> None:
     bench = Bench()
-    bench.hears(HELLO)
+    bench.receives(HELLO)
     for _ in range(2):
         bench.measures(None, Flags.NO_ECHO)
     assert qualities(bench.measures(None, Flags.NO_ECHO)) == [Quality.NO_ECHO]
@@ -229,7 +229,7 @@ def test_alternating_values_are_unstable() -> None:
         bench.measures(500.0)
     for _ in range(5):
         assert qualities(bench.measures(2500.0) + bench.measures(500.0)) == [Quality.UNSTABLE] * 2
-    assert bench.said[-1].distance_mm is None
+    assert bench.readings[-1].distance_mm is None
 
 
 @pytest.mark.parametrize("between", ["gap", "fault", "silence", "reboot"])
@@ -246,14 +246,14 @@ def test_the_median_never_mixes_across_a_break(between: str) -> None:
         case _:
             bench.now_ns += 3 * S
             bench.seq = 0
-            bench.hears(HELLO)
+            bench.receives(HELLO)
             for _ in range(3):  # two for the pace, one for the gate
                 assert bench.measures(600.0) == []
     (reading,) = bench.measures(600.0)
     assert reading.distance_mm == pytest.approx(600.0, abs=0.05)
 
 
-# -- who speaks -------------------------------------------------------------------------------------------------------
+# -- version and hello -------------------------------------------------------------------------------------------------
 
 
 def test_nothing_is_believed_before_the_hello() -> None:
@@ -263,7 +263,7 @@ def test_nothing_is_believed_before_the_hello() -> None:
     (waiting,) = bench.waits(100)
     assert waiting.quality is Quality.WAITING
     assert waiting.detail == "waiting for the ranger's hello"
-    bench.hears(HELLO)
+    bench.receives(HELLO)
     bench.skips(1)
     bench.measures(500.0)
     assert qualities(bench.measures(500.0)) == [Quality.GOOD]
@@ -271,41 +271,41 @@ def test_nothing_is_believed_before_the_hello() -> None:
 
 def test_another_version_gives_no_distance_until_a_right_hello() -> None:
     bench = settled()
-    (reading,) = bench.hears(OTHER)
+    (reading,) = bench.receives(OTHER)
     assert (reading.quality, reading.distance_mm) == (Quality.WRONG_VERSION, None)
     assert reading.detail == "uno uses protocol version 2, this gateway 1"
     for _ in range(10):
         bench.measures(500.0)
-    assert set(qualities(bench.said[-5:])) == {Quality.WRONG_VERSION}
-    assert qualities(bench.waits(300)) == [Quality.WRONG_VERSION] * 3  # said again, for lines it cannot read
+    assert set(qualities(bench.readings[-5:])) == {Quality.WRONG_VERSION}
+    assert qualities(bench.waits(300)) == [Quality.WRONG_VERSION] * 3  # reported again, for lines it cannot read
     bench.skips(5)
-    bench.hears(HELLO)
+    bench.receives(HELLO)
     bench.measures(500.0)
     assert qualities(bench.measures(500.0)) == [Quality.GOOD]
 
 
 def test_another_version_that_falls_silent_is_not_reported_for_ever() -> None:
     bench = Bench()
-    bench.hears(OTHER)
-    said = bench.waits(8000)
-    assert said[59].quality is Quality.WRONG_VERSION
-    assert said[-1].quality is Quality.STALE
+    bench.receives(OTHER)
+    found = bench.waits(8000)
+    assert found[59].quality is Quality.WRONG_VERSION
+    assert found[-1].quality is Quality.STALE
 
 
 def test_troubles_are_repeated_ten_times_a_second_and_no_faster() -> None:
     bench = Bench()
-    bench.hears(OTHER)
-    said = [r for n in range(1000) for r in bench.session.feed(OTHER, T0 + n * MS)]
-    assert len(said) == 9
+    bench.receives(OTHER)
+    found = [r for n in range(1000) for r in bench.session.feed(OTHER, T0 + n * MS)]
+    assert len(found) == 9
 
 
-def test_questions_are_asked_at_opening_and_while_something_is_amiss() -> None:
+def test_a_hello_is_requested_at_opening_and_while_it_is_missing() -> None:
     bench = Bench()
     ask = bench.session.request
     assert ask(T0) == b"?"
     assert not ask(T0 + 999 * MS)
     assert ask(T0 + S) == b"?"
-    bench.hears(HELLO)
+    bench.receives(HELLO)
     bench.now_ns = T0 + S
     bench.measures(500.0)
     assert not ask(T0 + 2 * S)
@@ -316,9 +316,9 @@ def test_questions_are_asked_at_opening_and_while_something_is_amiss() -> None:
 def test_the_identity_is_that_of_the_newest_hello_of_this_connection() -> None:
     bench = Bench()
     assert bench.session.identity == ""
-    bench.hears(encode_hello(Hello("uno", 1, 60, 8)))
+    bench.receives(encode_hello(Hello("uno", 1, 60, 8)))
     assert bench.session.identity == "uno, protocol version 1, a measurement every 60 ms, last reset: watchdog"
-    bench.hears(OTHER)
+    bench.receives(OTHER)
     assert bench.session.identity == "uno, protocol version 2"
     bench.session.opened(bench.now_ns)
     assert bench.session.identity == ""
@@ -344,19 +344,19 @@ def test_a_reboot_is_no_gap() -> None:
     bench = settled()
     bench.now_ns += 2 * S
     bench.seq = 0
-    bench.hears(HELLO)
+    bench.receives(HELLO)
     for _ in range(12):
         bench.measures(500.0)
     assert bench.session.stats.gaps == 0
     assert bench.session.reboots == 1
-    assert bench.said[-1].quality is Quality.GOOD
+    assert bench.readings[-1].quality is Quality.GOOD
 
 
 def test_the_hello_of_every_five_seconds_changes_nothing() -> None:
     bench = settled()
     for n in range(100):
         if n % 10 == 0:
-            assert bench.hears(HELLO) == []
+            assert bench.receives(HELLO) == []
         assert qualities(bench.measures(500.0)) == [Quality.GOOD]
     assert (bench.session.reboots, bench.session.stats.gaps) == (0, 0)
 
@@ -375,11 +375,11 @@ def test_the_hello_sets_the_pace() -> None:
 
 def test_silence_is_reported_after_a_second_and_repeated() -> None:
     bench = settled()
-    said = bench.waits(1500)
-    assert [(r.quality, r.t_ns - bench.now_ns) for r in said] == [
+    found = bench.waits(1500)
+    assert [(r.quality, r.t_ns - bench.now_ns) for r in found] == [
         (Quality.STALE, -(500 - 100 * n) * MS) for n in range(6)
     ]
-    assert said[0].detail == "nothing received for 1 s"
+    assert found[0].detail == "nothing received for 1 s"
 
 
 def test_an_uno_may_boot_for_two_seconds_after_opening() -> None:
@@ -393,8 +393,8 @@ def test_bytes_without_lines_hint_at_the_baud_rate() -> None:
     bench = Bench()
     for _ in range(30):
         bench.waits(100)
-        bench.hears(bytes(range(128, 228)))
-    assert "wrong baud rate" in bench.said[-1].detail
+        bench.receives(bytes(range(128, 228)))
+    assert "wrong baud rate" in bench.readings[-1].detail
     assert bench.session.damage == {Damage.NOISE: 45}  # runs of 64, but for the first
     assert bench.session.stats.damaged == 45
 
@@ -403,16 +403,16 @@ def test_a_hello_without_measurements_is_silence() -> None:
     bench = settled()
     for _ in range(20):
         bench.waits(100)
-        bench.hears(HELLO)
-    assert bench.said[-1].quality is Quality.STALE
-    assert bench.said[-1].detail == "no measurement for 2 s"
+        bench.receives(HELLO)
+    assert bench.readings[-1].quality is Quality.STALE
+    assert bench.readings[-1].detail == "no measurement for 2 s"
 
 
 def test_a_stale_backlog_after_opening_is_never_dated_as_fresh() -> None:
     bench = Bench()
     old = b"".join(encode_measurement(Measurement(n, ticks(300.0))) for n in range(500))
-    assert bench.hears(old[17:9000]) == []  # what a serial server had stored, in one piece ...
-    assert bench.hears(old[9000:] + HELLO) == []  # ... or two
+    assert bench.receives(old[17:9000]) == []  # what a serial server had stored, in one piece ...
+    assert bench.receives(old[9000:] + HELLO) == []  # ... or two
     bench.seq = 900
     bench.now_ns -= 40 * MS
     assert bench.measures(500.0) == []  # 20 ms after the burst
@@ -430,9 +430,9 @@ def test_a_stalled_network_gives_no_old_distance() -> None:
     burst = b"".join(encode_measurement(Measurement(bench.seq + n, ticks(300.0))) for n in range(50))
     bench.now_ns += 3 * S
     bench.seq += 50
-    said = bench.hears(burst)
-    assert all(bench.now_ns - r.t_ns < 250 * MS for r in said)
-    assert [r.distance_mm for r in said] == [pytest.approx(300.0, abs=0.05)] * 4  # and nothing of before the stall
+    found = bench.receives(burst)
+    assert all(bench.now_ns - r.t_ns < 250 * MS for r in found)
+    assert [r.distance_mm for r in found] == [pytest.approx(300.0, abs=0.05)] * 4  # and nothing of before the stall
     assert bench.session.unused[Arrival.BACKLOG] == 47
 
 
@@ -451,19 +451,19 @@ def test_rate_is_that_of_the_last_second() -> None:
     bench = settled()
     for _ in range(30):
         bench.measures(500.0)
-    assert bench.said[-1].stats.rate_hz == pytest.approx(1000 / 60)
+    assert bench.readings[-1].stats.rate_hz == pytest.approx(1000 / 60)
     for _ in range(12):
         bench.skips(1)
         bench.measures(500.0)
-    assert bench.said[-1].stats.rate_hz == pytest.approx(1000 / 120)
+    assert bench.readings[-1].stats.rate_hz == pytest.approx(1000 / 120)
     bench.waits(2000)
-    assert bench.said[-1].stats.rate_hz == 0.0
+    assert bench.readings[-1].stats.rate_hz == 0.0
 
 
 def test_damaged_lines_are_counted_and_cost_only_themselves() -> None:
     bench = settled()
-    bench.hears(b"$HCM,1,2,3\r\n")
-    bench.hears(frame(b"HCM,1,2000,3,0"))
+    bench.receives(b"$HCM,1,2,3\r\n")
+    bench.receives(frame(b"HCM,1,2000,3,0"))
     assert bench.session.stats.damaged == 2
     assert bench.session.damage == {Damage.NO_CHECKSUM: 1, Damage.MISMATCH: 1}
     assert qualities(bench.measures(500.0)) == [Quality.GOOD]

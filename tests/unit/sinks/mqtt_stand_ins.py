@@ -30,7 +30,7 @@ class ReceivedMessage:
 
 
 class Broker:
-    """What comes is kept in `received` at once and acknowledged `ack_s` later; never, while `hung`."""
+    """What arrives is kept in `received` at once and acknowledged `ack_s` later; never, while `hung`."""
 
     def __init__(self) -> None:
         self.ack_s = 0.0
@@ -39,7 +39,7 @@ class Broker:
         self.received: list[ReceivedMessage] = []
         self.unacknowledged = 0
         self.connections = 0
-        self.ends: list[str] = []  # how each connection was left
+        self.ends: list[str] = []  # how each connection ended
         self.lost = asyncio.Event()
         self.bug: Exception | None = None
         self.check: Callable[[str, bytes], dict[str, Any]] = checked  # against the schema of the topic
@@ -63,13 +63,13 @@ class Broker:
         self.lost.set()
 
     def on(self, suffix: str) -> list[ReceivedMessage]:
-        return [heard for heard in self.received if heard.topic.endswith(suffix)]
+        return [message for message in self.received if message.topic.endswith(suffix)]
 
     def ids(self) -> list[str]:
-        return [heard.json["id"] for heard in self.on("/event")]
+        return [message.json["id"] for message in self.on("/event")]
 
     def kinds(self) -> list[str]:
-        return [heard.json["kind"] for heard in self.on("/event")]
+        return [message.json["kind"] for message in self.on("/event")]
 
 
 class Link(BrokerLink):

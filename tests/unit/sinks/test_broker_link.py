@@ -34,7 +34,7 @@ def test_the_libraries_are_pinned(package: str) -> None:
     assert f"{package}=={version(package)}" in pins
 
 
-def test_what_is_overridden_of_aiomqtt_is_there_and_takes_what_it_took() -> None:
+def test_what_is_overridden_of_aiomqtt_exists_with_the_same_parameters() -> None:
     private = [name for name in vars(broker_link._Client) if name.startswith("_") and not name.startswith("__")]
     assert sorted(private) == sorted(OVERRIDDEN)
     for name, parameters in OVERRIDDEN.items():
@@ -47,7 +47,7 @@ def test_what_is_used_of_paho_is_there() -> None:
     assert list(inspect.signature(paho.Client._sock_close).parameters) == ["self"]
 
 
-def test_the_client_speaks_on_the_socket_it_is_given() -> None:
+def test_the_client_uses_the_socket_it_is_given() -> None:
     """Without the override it would look the name up."""
 
     async def scenario() -> None:

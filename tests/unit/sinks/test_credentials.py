@@ -1,4 +1,4 @@
-"""Secrets come from where the configuration says, and are never quoted when something is wrong with them."""
+"""Secrets are read from where the configuration names, and are never quoted in an error."""
 
 import os
 import threading
@@ -42,7 +42,7 @@ def test_without_any_there_is_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "fault"),
     [
         (b"", "one line of 1 to 65535"),
         (b"\n", "one line"),
@@ -52,11 +52,11 @@ def test_without_any_there_is_none() -> None:
         (None, "No such file"),
     ],
 )
-def test_a_bad_password_file_is_named_and_not_quoted(tmp_path: Path, data: bytes | None, said: str) -> None:
+def test_a_bad_password_file_is_named_and_not_quoted(tmp_path: Path, data: bytes | None, fault: str) -> None:
     path = tmp_path / "secret"
     if data is not None:
         path.write_bytes(data)
-    with pytest.raises(SettingError, match=said) as caught:
+    with pytest.raises(SettingError, match=fault) as caught:
         broker_of(config(password_file=str(path)))
     assert caught.value.place == ("mqtt", "password_file")
     assert "two" not in caught.value.fault
@@ -71,7 +71,7 @@ def test_a_bad_password_file_is_named_and_not_quoted(tmp_path: Path, data: bytes
         ({"username": None, "password_env": "HOME"}, "mqtt.username"),
     ],
 )
-def test_two_sources_are_one_too_many(values: dict[str, Any], key: str) -> None:
+def test_a_secret_has_one_source(values: dict[str, Any], key: str) -> None:
     with pytest.raises(SettingError) as caught:
         broker_of(config(**values))
     assert ".".join(map(str, caught.value.place)) == key
@@ -105,18 +105,18 @@ def test_a_bad_certificate_file_is_named(tmp_path: Path, key: str, damage: bytes
 
 @pytest.mark.parametrize("key", ["password_file", "tls.key_password_file"])
 def test_a_pipe_is_no_place_for_a_secret(tmp_path: Path, key: str) -> None:
-    """It would be waited for without end, and again by the next reader: nobody tells the operator why."""
+    """It would be waited for without end, and again by the next reader: the operator would not know why."""
     pipe = tmp_path / "secret"
     os.mkfifo(pipe)
     tls = MqttTls(cert_file="c.pem", key_file="c.key", key_password_file=str(pipe))
-    asked = config(password_file=str(pipe)) if key == "password_file" else config(url="mqtts://broker", tls=tls)
+    configured = config(password_file=str(pipe)) if key == "password_file" else config(url="mqtts://broker", tls=tls)
 
     found: list[SettingError] = []
     done = threading.Event()
 
     def attempt() -> None:
         try:
-            tls_context(asked, broker_of(asked))
+            tls_context(configured, broker_of(configured))
         except SettingError as error:
             found.append(error)
         done.set()

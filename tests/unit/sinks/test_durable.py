@@ -1,4 +1,4 @@
-"""The outbox that survives: what is put comes out in order, whatever the disk does and whoever is killed.
+"""The outbox that survives: what is put is delivered in order, whatever the disk does and whichever process is killed.
 
 Real files and a real SQLite; the faults of the disk are the real ones where a test can make them.
 """
@@ -93,7 +93,7 @@ class Stuck(EventFile):
 
 
 @pytest.mark.failure_mode("Q2")
-def test_a_full_disk_is_told_and_costs_nothing(name: str, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_loses_nothing(name: str, tmp_path: Path) -> None:
     """Everything is delivered from memory; whatever the disk did not take the next start finds in the journal."""
     path = tmp_path / "outbox.sqlite"
     with DurableOutbox(name, path, LIMITS, open_file=Stuck) as outbox:
@@ -190,7 +190,7 @@ def test_a_file_of_another_layout_is_left_alone(name: str, tmp_path: Path) -> No
         assert drained(outbox) == ["b-1"]
 
 
-def test_a_locked_file_is_told_and_what_it_holds_comes_when_it_is_free(
+def test_a_locked_file_is_reported_and_read_when_it_is_free(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(durable, "FIRST_RETRY_S", 0.01)
@@ -209,7 +209,7 @@ def test_a_locked_file_is_told_and_what_it_holds_comes_when_it_is_free(
         assert drained(outbox) == ["b-1", "b-2"]
 
 
-def test_a_folder_that_cannot_be_written_is_told(name: str, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_reported(name: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     path = tmp_path / "file" / "outbox.sqlite"
     with DurableOutbox(name, path, LIMITS) as outbox:
@@ -251,7 +251,7 @@ def test_what_is_dropped_is_dropped_on_disk_too(name: str, tmp_path: Path) -> No
 
 
 def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path: Path) -> None:
-    """The child tells of an event only after it happened: whatever it told must be there afterwards, in order."""
+    """The child reports an event only after it happened: all that it reported must be there afterwards, in order."""
     code = (
         "import os, sys, time\n"
         "from pathlib import Path\n"
@@ -268,7 +268,7 @@ def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path:
         "            outbox.acknowledge(old.id)\n"
     )
     path = tmp_path / "outbox.sqlite"
-    told: list[str] = []
+    reported: list[str] = []
     acknowledged: set[str] = set()
     for run in range(6):
         first = 100_000 * (run + 1)
@@ -282,19 +282,19 @@ def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path:
                 if word.startswith("-"):
                     acknowledged.add(word[1:])
                 else:
-                    told.append(f"b-{word}")
+                    reported.append(f"b-{word}")
                     seen += 1
                 if seen == 40 + 37 * run:
                     child.kill()
     with DurableOutbox(name, path, Limits(100_000)) as outbox:
         found = drained(outbox)
-    missing = [one for one in told if one not in acknowledged and one not in set(found)]
+    missing = [one for one in reported if one not in acknowledged and one not in set(found)]
     assert missing == []
     assert found == sorted(found, key=lambda one: int(one[2:]))
-    assert len(told) > 600
+    assert len(reported) > 600
 
 
-def test_the_journal_bears_anything_that_a_dead_gateway_can_leave(name: str) -> None:
+def test_the_journal_reads_anything_that_a_dead_gateway_can_leave(name: str) -> None:
     with Journal(name, events=4) as journal:
         for number in range(1, 6):
             journal.put(entry(number))
@@ -336,7 +336,7 @@ def test_only_so_many_corrupt_files_are_kept(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_with_a_row_that_is_no_event_is_a_corrupt_one(name: str, tmp_path: Path, damage: str) -> None:
-    """The database is sound, what stands in it is not: neither a crash at the start nor a fault for ever."""
+    """The database is sound, its content is not: neither a crash at the start nor a fault for ever."""
     path = tmp_path / "outbox.sqlite"
     file = EventFile(path)
     file.write([entry(1), entry(2)], [])
@@ -353,7 +353,9 @@ def test_a_file_with_a_row_that_is_no_event_is_a_corrupt_one(name: str, tmp_path
     assert [p.name for p in tmp_path.glob("*.corrupt-*")] == ["outbox.sqlite.corrupt-1"]
 
 
-def test_an_event_in_journal_and_file_is_told_once_though_the_file_comes_late(name: str, tmp_path: Path) -> None:
+def test_an_event_in_journal_and_file_is_delivered_once_though_the_file_is_opened_late(
+    name: str, tmp_path: Path
+) -> None:
     path = tmp_path / "outbox.sqlite"
     file = EventFile(path)
     file.write([entry(1), entry(2)], [])

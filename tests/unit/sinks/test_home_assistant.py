@@ -34,7 +34,7 @@ def test_every_entity_shows_its_field_of_a_real_state() -> None:
     assert found["reason"] == "TARGET_REACHED"
     assert (found["distance"], found["radius"]) == ("296.5", "180.4")
     assert found["vision"] == found["range"] == "GOOD"
-    assert found["z_vision"] == "None"  # null is told as unknown
+    assert found["z_vision"] == "None"  # null is shown as unknown
 
 
 def test_a_blind_bay_shows_nothing_that_looks_good() -> None:

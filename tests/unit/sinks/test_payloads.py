@@ -1,4 +1,4 @@
-"""What stands in the messages, and that every one of them follows its JSON Schema."""
+"""The content of the messages; every one follows its JSON Schema."""
 
 import json
 from dataclasses import replace
@@ -83,7 +83,7 @@ def sent(payload: BaseModel) -> dict[str, Any]:
     return checked(kind[type(payload)], encode(payload))
 
 
-def test_the_health_of_the_picture_stands_with_fresh_frames_only() -> None:
+def test_the_health_of_the_picture_is_published_with_fresh_frames_only() -> None:
     health = PictureHealth(0.52134, 0.01, 0.45671, 0.6182, None, 3.257, status=0b101000)
     state = replace(GOOD, vision=replace(GOOD.vision, picture=health))
     assert sent(state_payload(state, GATEWAY, OFFSET_NS, 2500))["picture"] == {
@@ -175,18 +175,18 @@ def test_a_good_state() -> None:
 
 def test_how_long_a_truck_is_in_place_and_how_long_it_is_held() -> None:
     here = Visit(VisitPhase.HELD, in_place=True, in_place_since_ns=NOW_NS - 61_000 * MS, covered_since_ns=NOW_NS - MS)
-    told = sent(state_payload(replace(GOOD, visit=here), GATEWAY, OFFSET_NS, 1))
-    assert (told["in_place"], told["held"], told["in_place_ms"], told["held_ms"]) == (True, True, 61_000.0, 1.0)
+    found = sent(state_payload(replace(GOOD, visit=here), GATEWAY, OFFSET_NS, 1))
+    assert (found["in_place"], found["held"], found["in_place_ms"], found["held_ms"]) == (True, True, 61_000.0, 1.0)
     lost = replace(here, in_place=False)  # the marker is still covered
-    told = sent(state_payload(replace(GOOD, visit=lost), GATEWAY, OFFSET_NS, 1))
-    assert (told["in_place"], told["held"], told["in_place_ms"], told["held_ms"]) == (False, False, None, None)
+    found = sent(state_payload(replace(GOOD, visit=lost), GATEWAY, OFFSET_NS, 1))
+    assert (found["in_place"], found["held"], found["in_place_ms"], found["held_ms"]) == (False, False, None, None)
 
 
 def test_the_learned_scale_with_its_date() -> None:
     newest = ScaleSample(0, 200.0, 280.0, t_ns=NOW_NS - 1000 * MS)
     scale = MarkerScale(56_000.04, 281.5, 0.012345, 12, newest)
-    told = sent(state_payload(replace(GOOD, memory=FusionMemory(scale=scale)), GATEWAY, OFFSET_NS, 1))
-    assert told["scale"] == {
+    found = sent(state_payload(replace(GOOD, memory=FusionMemory(scale=scale)), GATEWAY, OFFSET_NS, 1))
+    assert found["scale"] == {
         "px_mm": 56_000.0,
         "spread": 0.0123,
         "visits": 12,
@@ -194,8 +194,8 @@ def test_the_learned_scale_with_its_date() -> None:
         "jump": None,
     }
     before = replace(scale, newest=replace(newest, unix_s=1_600_000_000), jump=-0.25)  # of before the restart
-    told = sent(state_payload(replace(GOOD, memory=FusionMemory(scale=before)), GATEWAY, OFFSET_NS, 1))
-    assert (told["scale"]["newest_ms"], told["scale"]["jump"]) == (1_600_000_000_000, -0.25)
+    found = sent(state_payload(replace(GOOD, memory=FusionMemory(scale=before)), GATEWAY, OFFSET_NS, 1))
+    assert (found["scale"]["newest_ms"], found["scale"]["jump"]) == (1_600_000_000_000, -0.25)
 
 
 @pytest.mark.parametrize("quality", [q for q in Quality if q is not Quality.GOOD])
@@ -215,7 +215,7 @@ def test_a_value_without_good_quality_is_not_published(quality: Quality) -> None
     assert deaf["range"]["quality"] == {"name": quality.name, "code": int(quality)}
 
 
-def test_a_prediction_is_told_apart_from_every_measured_field() -> None:
+def test_a_prediction_is_in_no_measured_field() -> None:
     place = Circle(12.34567, -5.0, 99.96)
     coasted = VisionReading(NOW_NS, Quality.COASTED, tracking=Tracking.COASTED, predicted=place)
     found = sent(state_payload(replace(GOOD, vision=coasted, d=None), GATEWAY, 0, 1))
@@ -262,7 +262,7 @@ def test_an_event() -> None:
     assert found["reason"]["name"] == "NO_ECHO"
 
 
-@pytest.mark.parametrize("sensor", ["", "cross_check", "a sensor nobody knows"])
+@pytest.mark.parametrize("sensor", ["", "cross_check", "an unknown sensor"])
 def test_only_a_sensor_that_has_one_is_given_a_quality(sensor: str) -> None:
     found = sent(event_payload(Event(EventKind.SENSOR_FAULT, "bay2", NOW_NS, GOOD, sensor), 1, GATEWAY, 0))
     assert found["quality"] is None
@@ -296,7 +296,7 @@ def test_the_status_and_the_will() -> None:
     assert sent(status_payload(GATEWAY, "shutdown", WALL_NS, delivery))["status"] == "offline"
 
 
-def test_a_state_that_nobody_computes_any_more_is_stop_without_values() -> None:
+def test_a_state_that_is_not_computed_any_more_is_stop_without_values() -> None:
     moving = replace(GOOD, stop=False, may_move=True, d=False, reason=Reason.NONE, valid_until_ns=NOW_NS)
     found = sent(state_payload(shown(moving, NOW_NS + 3_000_000_001), GATEWAY, OFFSET_NS, 1))
     assert (found["stop"], found["may_move"], found["d"]) == (True, False, None)
@@ -307,7 +307,7 @@ def test_a_state_that_nobody_computes_any_more_is_stop_without_values() -> None:
     assert found["timestamp_ms"] == 1_700_000_003_123
 
 
-def test_the_state_that_stays_behind_is_stop_without_values() -> None:
+def test_the_final_state_is_stop_without_values() -> None:
     permitted = replace(GOOD, stop=False, may_move=True, d=False, reason=Reason.NONE)
     left = payloads.final(permitted, NOW_NS + 5)
     assert (left.stop, left.may_move, left.reason, left.d) == (True, False, Reason.SHUTDOWN, None)
@@ -365,9 +365,9 @@ WILD_STATE = st.builds(
 
 
 @given(state=WILD_STATE, offset_ns=WILD_TIME, now_ns=WILD_TIME)
-def test_any_state_whatever_becomes_a_valid_message(state: StateVector, offset_ns: int, now_ns: int) -> None:
-    for told in (state, shown(state, now_ns), payloads.final(state, now_ns)):
-        sent(state_payload(told, GATEWAY, offset_ns, 1))
+def test_any_state_becomes_a_valid_message(state: StateVector, offset_ns: int, now_ns: int) -> None:
+    for state_ in (state, shown(state, now_ns), payloads.final(state, now_ns)):
+        sent(state_payload(state_, GATEWAY, offset_ns, 1))
 
 
 @given(
@@ -378,14 +378,14 @@ def test_any_state_whatever_becomes_a_valid_message(state: StateVector, offset_n
     quality=st.sampled_from(Quality),
     number=st.integers(1, 2**70),
 )
-def test_any_event_whatever_becomes_a_valid_message(
+def test_any_event_becomes_a_valid_message(
     state: StateVector, kind: EventKind, t_ns: int, sensor: str, quality: Quality, number: int
 ) -> None:
     event = Event(kind, "bay1", t_ns, state, sensor, quality, state.vision.detail)
     sent(event_payload(event, number, GATEWAY, OFFSET_NS))
 
 
-def test_every_quality_reason_and_event_has_its_words() -> None:
+def test_every_quality_reason_and_event_has_its_text() -> None:
     assert set(QUALITY_MEANING) == set(Quality)
     assert set(REASON_MEANING) == set(Reason)
     assert set(messages.EVENT_MEANING) == set(EventKind)

@@ -25,21 +25,21 @@ async def test_online_is_published_only_when_every_bay_s_state_is_new() -> None:
     plant.broker.ack_s = 0.1
     async with plant.running():
         await asyncio.sleep(0.45)
-        first = [heard.topic for heard in plant.broker.received[:4]]
+        first = [message.topic for message in plant.broker.received[:4]]
     assert sorted(first[:3]) == ["r/site/bay1/state", "r/site/bay2/state", "r/site/bay3/state"]
     assert first[3] == "r/site/gw/status"
     assert plant.broker.received[3].at_s == pytest.approx(plant.broker.received[0].at_s + 0.1)
     assert plant.broker.received[3].json["status"] == "online"
     assert plant.broker.received[3].json["delivery"]["published"] == 3
-    assert all(heard.retain for heard in plant.broker.received)
+    assert all(message.retain for message in plant.broker.received)
 
 
 @in_virtual_time
-async def test_an_unexciting_state_goes_out_once_a_period() -> None:
+async def test_a_state_without_urgent_changes_is_published_once_a_period() -> None:
     plant = Plant(state_period_s=0.5)
     async with plant.running():
         await asyncio.sleep(10.1)
-    times = [heard.at_s for heard in plant.broker.on("/state")]
+    times = [message.at_s for message in plant.broker.on("/state")]
     assert len(times) == 21
     assert {round(b - a, 6) for a, b in pairwise(times)} == {0.5}
 
@@ -55,7 +55,7 @@ async def test_an_unexciting_state_goes_out_once_a_period() -> None:
     ],
     ids=lambda change: next(iter(change)),
 )
-def test_a_change_that_matters_goes_out_at_once(change: dict[str, Any]) -> None:
+def test_an_urgent_change_is_published_at_once(change: dict[str, Any]) -> None:
     async def scenario() -> None:
         plant = Plant(state_period_s=60)
         state = plant.hub.state("bay1")
@@ -69,15 +69,15 @@ def test_a_change_that_matters_goes_out_at_once(change: dict[str, Any]) -> None:
         assert len(found) == 2
         assert found[1].at_s == before_s
         for key, value in change.items():
-            said = found[1].json[key]
-            name = said["quality"]["name"] if key in ("vision", "range") else said
+            published = found[1].json[key]
+            name = published["quality"]["name"] if key in ("vision", "range") else published
             assert (name["name"] if key == "reason" else name) == getattr(value, "name", value)
 
     virtual_time.run(scenario())
 
 
 @in_virtual_time
-async def test_to_a_slow_broker_the_newest_state_goes_one_at_a_time() -> None:
+async def test_to_a_slow_broker_the_newest_state_is_published_one_at_a_time() -> None:
     plant = Plant(state_period_s=0.5)
     async with plant.running():
         await asyncio.sleep(1.01)
@@ -85,18 +85,18 @@ async def test_to_a_slow_broker_the_newest_state_goes_one_at_a_time() -> None:
         for _ in range(100):
             await asyncio.sleep(0.1)
             plant.change(stop=not plant.hub.state("bay1").stop)
-            assert plant.broker.unacknowledged <= 2  # a state and a sign of life
+            assert plant.broker.unacknowledged <= 2  # a state and a status
         plant.broker.ack_s = 0.0
         await asyncio.sleep(4)
         last = plant.broker.on("/state")[-1].json["seq"]
         assert 0 <= plant.hub.state("bay1").seq - last <= 25
-    seqs = [heard.json["seq"] for heard in plant.broker.on("/state")]
+    seqs = [message.json["seq"] for message in plant.broker.on("/state")]
     assert seqs == sorted(set(seqs))
     assert plant.link_errors == []
 
 
 @in_virtual_time
-async def test_a_bay_that_nobody_computes_any_more_does_not_look_alive() -> None:
+async def test_a_bay_that_is_not_computed_any_more_does_not_look_alive() -> None:
     plant = Plant("bay1", "bay2", state_period_s=0.5)
     async with plant.running():
         await asyncio.sleep(1)
@@ -104,11 +104,12 @@ async def test_a_bay_that_nobody_computes_any_more_does_not_look_alive() -> None
         died_s = now_s()
         plant.computing.remove("bay1")
         await asyncio.sleep(10)
-        said = [heard for heard in plant.broker.on("bay1/state") if heard.at_s > died_s]
-        dead = [heard for heard in said if heard.json["reason"]["name"] == "GATEWAY_FAULT"]
+        published = [message for message in plant.broker.on("bay1/state") if message.at_s > died_s]
+        dead = [message for message in published if message.json["reason"]["name"] == "GATEWAY_FAULT"]
         assert 3.0 < dead[0].at_s - died_s <= 3.11
-        assert all(heard.json["stop"] and not heard.json["may_move"] for heard in said if heard.at_s >= dead[0].at_s)
-        assert all(not heard.json["stop"] for heard in said if heard.at_s < dead[0].at_s)
+        for message in published:
+            is_dead = message.at_s >= dead[0].at_s
+            assert (message.json["stop"], message.json["may_move"]) == (is_dead, not is_dead)
         assert plant.broker.on("bay2/state")[-1].json["reason"]["name"] == "STARTING"
         plant.computing.add("bay1")
         back_s = now_s()
@@ -118,11 +119,11 @@ async def test_a_bay_that_nobody_computes_any_more_does_not_look_alive() -> None
 
 
 @in_virtual_time
-async def test_a_sign_of_life_every_half_keepalive() -> None:
+async def test_a_status_every_half_keepalive() -> None:
     plant = Plant(keepalive_s=10, state_period_s=60)
     async with plant.running():
         await asyncio.sleep(21)
-    assert [round(heard.at_s - plant.broker.received[0].at_s) for heard in plant.broker.on("/status")] == [
+    assert [round(message.at_s - plant.broker.received[0].at_s) for message in plant.broker.on("/status")] == [
         0,
         5,
         10,
@@ -132,7 +133,7 @@ async def test_a_sign_of_life_every_half_keepalive() -> None:
 
 
 @in_virtual_time
-async def test_events_go_out_in_order_one_at_a_time_and_are_not_retained() -> None:
+async def test_events_are_published_in_order_one_at_a_time_and_are_not_retained() -> None:
     plant = Plant("bay1", "bay2")
     plant.broker.ack_s = 0.2
     async with plant.running():
@@ -142,11 +143,11 @@ async def test_events_go_out_in_order_one_at_a_time_and_are_not_retained() -> No
             plant.happen(kind, f"bay{1 + number % 2}")
         await asyncio.sleep(2)
     found = plant.broker.on("/event")
-    assert [heard.json["kind"] for heard in found] == [kind.value for kind in kinds]
-    assert [heard.topic for heard in found] == ["r/site/bay1/event", "r/site/bay2/event"] * 2
-    assert [heard.json["id"].split("-")[1] for heard in found] == ["1", "2", "3", "4"]
+    assert [message.json["kind"] for message in found] == [kind.value for kind in kinds]
+    assert [message.topic for message in found] == ["r/site/bay1/event", "r/site/bay2/event"] * 2
+    assert [message.json["id"].split("-")[1] for message in found] == ["1", "2", "3", "4"]
     assert [round(b.at_s - a.at_s, 6) for a, b in pairwise(found)] == [0.2, 0.2, 0.2]
-    assert not any(heard.retain for heard in found)
+    assert not any(message.retain for message in found)
 
 
 @in_virtual_time
@@ -164,7 +165,7 @@ async def test_an_event_carries_the_time_it_happened_not_the_time_it_was_deliver
 
 
 @in_virtual_time
-async def test_what_was_not_acknowledged_goes_out_again_and_is_the_same() -> None:
+async def test_what_was_not_acknowledged_is_published_again_unchanged() -> None:
     plant = Plant()
     async with plant.running():
         await asyncio.sleep(1)
@@ -175,7 +176,7 @@ async def test_what_was_not_acknowledged_goes_out_again_and_is_the_same() -> Non
         plant.broker.hung = False
         await asyncio.sleep(5)
     found = plant.broker.on("/event")
-    assert [heard.json["kind"] for heard in found] == ["stop_raised", "stop_raised", "stop_cleared"]
+    assert [message.json["kind"] for message in found] == ["stop_raised", "stop_raised", "stop_cleared"]
     assert found[0].json == found[1].json
     assert plant.broker.ends[0] == "cut"
     assert plant.publisher.stats.failed >= 1
@@ -185,10 +186,10 @@ async def test_what_was_not_acknowledged_goes_out_again_and_is_the_same() -> Non
 
 @in_virtual_time
 async def test_a_hung_broker_is_noticed_within_one_and_a_half_keepalives() -> None:
-    """With states so rare that only the sign of life can notice."""
+    """With states so rare that only the status can notice."""
     plant = Plant(keepalive_s=10, state_period_s=60)
     async with plant.running():
-        await asyncio.sleep(20.5)  # just after a sign of life
+        await asyncio.sleep(20.5)  # just after a status
         plant.broker.hung = True
         async with asyncio.timeout(12.6):
             await plant.failed.wait()
@@ -224,7 +225,7 @@ async def test_a_bug_is_not_taken_for_a_lost_link() -> None:
 
 
 @in_virtual_time
-async def test_events_are_taken_over_while_there_is_no_broker_and_stops_are_dropped_last() -> None:
+async def test_events_wait_while_there_is_no_broker_and_stops_are_dropped_last() -> None:
     plant = Plant(outbox_events=10)
     plant.broker.refuses = True
     async with plant.running():
@@ -293,7 +294,7 @@ async def test_closing_beside_a_live_connection() -> None:
 
 
 @in_virtual_time
-async def test_an_event_on_its_way_when_closing_begins_goes_out_once() -> None:
+async def test_an_event_in_flight_when_closing_begins_is_published_once() -> None:
     plant = Plant()
     plant.broker.ack_s = 0.1
     async with plant.running():
@@ -351,7 +352,7 @@ async def test_closing_to_a_hung_broker_ends_in_time_and_leaves_it_to_the_will()
 
 
 @in_virtual_time
-async def test_closing_to_nobody_ends_at_once() -> None:
+async def test_closing_without_a_broker_ends_at_once() -> None:
     plant = Plant()
     plant.broker.refuses = True
     begun_s = now_s()
@@ -366,7 +367,7 @@ async def test_closing_to_a_slow_broker_publishes_the_states_first() -> None:
         plant.happen(EventKind.TARGET_FOUND)
     plant.broker.ack_s = 0.2
     assert await plant.publisher.close(1.0) is False
-    assert [heard.topic for heard in plant.broker.received[:2]] == ["r/site/bay1/state", "r/site/bay2/state"]
+    assert [message.topic for message in plant.broker.received[:2]] == ["r/site/bay1/state", "r/site/bay2/state"]
     assert plant.broker.kinds() == ["target_found"] * 3
     assert plant.broker.ends == ["cut"]
 

@@ -125,7 +125,7 @@ def test_a_topic_of_another_module_is_published_with_every_state() -> None:
         for bay in ("bay1", "bay2"):
             states, distances = plant.broker.on(f"{bay}/state"), plant.broker.on(f"{bay}/distance")
             assert len(distances) == len(states) > 2
-            assert {heard.topic for heard in distances} == {f"r/site/{bay}/distance"}
-            assert all(heard.retain and heard.json == {"distance_mm": None, "stop": True} for heard in distances)
+            assert {message.topic for message in distances} == {f"r/site/{bay}/distance"}
+            assert all(message.retain and message.json == {"distance_mm": None, "stop": True} for message in distances)
 
     run(scene())

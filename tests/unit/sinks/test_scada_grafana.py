@@ -118,11 +118,11 @@ def test_the_lines_are_the_default_thresholds(title: str, limit: float) -> None:
     assert panel["fieldConfig"]["defaults"]["custom"]["thresholdsStyle"]["mode"] == "line"
 
 
-def test_true_and_false_have_their_words() -> None:
-    for title, words in (("Stop", ("STOP", "no stop")), ("May move", ("may move", "may not move"))):
+def test_true_and_false_have_their_texts() -> None:
+    for title, texts in (("Stop", ("STOP", "no stop")), ("May move", ("may move", "may not move"))):
         (panel,) = [panel for panel in PANELS if panel["title"] == title]
         (mapping,) = panel["fieldConfig"]["defaults"]["mappings"]
-        assert tuple(mapping["options"][value]["text"] for value in ("true", "false")) == words
+        assert tuple(mapping["options"][value]["text"] for value in ("true", "false")) == texts
 
 
 def test_ids_are_unique_and_nothing_overlaps() -> None:

@@ -1,7 +1,7 @@
 """The Node-RED flow: its topics and fields are those of the contract, and its two functions keep its rules.
 
-The functions run in Node.js with a clock of their own. Node-RED itself is not needed here; docs/scada.md says what was
-seen with it.
+The functions run in Node.js with a clock of their own. Node-RED itself is not needed here; docs/scada.md describes
+what was seen with it.
 """
 
 import json
@@ -59,7 +59,7 @@ def test_what_it_subscribes_to_is_the_topic_plan() -> None:
     assert {node["qos"] for node in filters.values()} == {"1"}
 
 
-def test_a_retained_message_can_be_told_from_a_live_one() -> None:
+def test_a_retained_message_differs_from_a_live_one() -> None:
     """`Retain as published` would show every state as retained, and every bay as dead."""
     assert [node["rap"] for node in FLOW if node["type"] == "mqtt in"] == [False] * 3
 
@@ -157,7 +157,7 @@ def test_a_bay_dies_when_its_state_grows_too_old_and_comes_back_with_the_next() 
     found = judged((0, ONLINE), (0, free()), (limit - 1, TICK), (1, TICK), (500, TICK), (10, free()))
     assert found[2] == ([], [])
     assert [alarm(a) for a in found[3][1]] == [(True, True, "STATE_TOO_OLD")]
-    assert found[4] == ([], [])  # said once
+    assert found[4] == ([], [])  # reported once
     assert [alarm(a) for a in found[5][1]] == [(False, False, "NONE")]
 
 
@@ -167,7 +167,7 @@ def test_a_retained_state_that_comes_again_keeps_nothing_alive() -> None:
     assert [alarm(a) for a in found[3][1]] == [(True, True, "STATE_TOO_OLD")]
 
 
-def test_the_last_will_is_heard_at_once_by_all_bays_of_that_gateway_alone() -> None:
+def test_the_last_will_counts_at_once_for_all_bays_of_that_gateway_alone() -> None:
     other = free(status_topic="loading/site1/other/status") | {"topic": "loading/site1/bay9/state"}
     online = ONLINE | {"topic": "loading/site1/other/status"}
     found = judged((0, ONLINE), (0, online), (0, free()), (0, other), (1, OFFLINE))
@@ -183,7 +183,7 @@ def test_stop_is_an_alarm_with_its_reason() -> None:
     ]
 
 
-def test_a_clock_that_is_set_back_trusts_nobody() -> None:
+def test_a_clock_that_is_set_back_trusts_no_bay() -> None:
     found = judged((0, ONLINE), (0, free()), (-60_000, TICK))
     assert [alarm(a) for a in found[2][1]] == [(True, True, "STATE_TOO_OLD")]
 
@@ -207,7 +207,7 @@ def test_a_bay_that_was_removed_is_forgotten() -> None:
     assert (views, alarms, status) == ([], [], "0 of 0 bays alive")
 
 
-def test_no_more_bays_than_memory_bears() -> None:
+def test_the_number_of_bays_is_limited() -> None:
     few = JUDGE.replace("MAX_BAYS = 2000", "MAX_BAYS = 3")
     assert few != JUDGE
     many = [(0, state(f"loading/site1/bay{n}/state", retain=True)) for n in range(5)]
@@ -241,7 +241,7 @@ def test_a_new_start_of_the_gateway_counts_from_the_beginning() -> None:
     assert missing == []
 
 
-def test_a_hole_is_told() -> None:
+def test_a_gap_is_reported() -> None:
     _, missing, _ = passed(event(4, "a1"), event(7, "a1"))
     assert missing == [{"before": "a1-7", "missing": 2}]
 
@@ -254,7 +254,7 @@ def test_what_is_no_event_is_counted(payload: str) -> None:
 def test_boots_do_not_fill_the_memory() -> None:
     few = ONCE.replace("MAX_BOOTS = 1000", "MAX_BOOTS = 3")
     assert few != ONCE
-    boots = ["first", "b1", "b2", "first", "b3", "b1"]  # b1 was forgotten: the least recently heard of four
+    boots = ["first", "b1", "b2", "first", "b3", "b1"]  # b1 was forgotten: the least recently received of four
     found = run_function(few, [(0, event(n, boot)) for n, boot in enumerate(boots)])
     assert [out[1] for out, _ in found] == [
         None,

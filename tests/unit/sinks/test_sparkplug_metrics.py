@@ -1,4 +1,4 @@
-"""What the device metrics say of a sensor without a value."""
+"""The device metrics of a sensor without a value."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ FRESH_FRAME = {Quality.GOOD, Quality.NO_TARGET, Quality.COASTED}
 
 
 @pytest.mark.parametrize("quality", Quality)
-def test_how_an_old_position_was_come_by_is_not_told(quality: Quality) -> None:
+def test_tracking_is_null_without_a_fresh_frame(quality: Quality) -> None:
     state = replace(initial("bay1", 5), vision=VisionReading(5, quality, tracking=Tracking.MEASURED))
     found = readings(state)["Marker/Tracking"]
     assert found == (("MEASURED", QualityCode.GOOD) if quality in FRESH_FRAME else (None, quality_code(quality)))

@@ -1,4 +1,4 @@
-"""An edge node without a socket: what was told on a dying link is told again, and no host can make it deaf for good."""
+"""An edge node without a socket: what was sent on a dying link is sent again; a host's wrong clock does not last."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,7 +27,7 @@ def decoded(message: Message) -> Any:
     return schema().Payload.FromString(message.payload)
 
 
-def told(messages: list[Message]) -> list[int]:
+def historical_stops(messages: list[Message]) -> list[int]:
     """Times, after T0, of the historical values of Stop."""
     found = [metric for message in messages for metric in decoded(message).metrics]
     return [metric.timestamp - T0 for metric in found if metric.is_historical and metric.name == "Stop"]
@@ -38,19 +38,19 @@ def session(edge: EdgeNode, at_ms: int) -> list[Message]:
     return edge.connected(STATES, T0 + at_ms)
 
 
-def test_history_told_on_a_link_that_was_dead_is_told_again() -> None:
+def test_history_sent_on_a_dead_link_is_sent_again() -> None:
     edge = node()
     change(edge, 1, 2, 3)
 
     for at_ms in (1000, 2000, 3000):  # three connections that die with the births
-        assert told(session(edge, at_ms)) == [1, 2, 3]
+        assert historical_stops(session(edge, at_ms)) == [1, 2, 3]
         edge.lost()
 
     assert edge.waiting == 3
     assert edge.stats.history_dropped == 0
 
 
-def test_what_went_out_long_before_a_link_was_lost_is_not_told_again() -> None:
+def test_what_was_sent_long_before_a_link_was_lost_is_not_sent_again() -> None:
     edge = node()
     change(edge, 1)
     session(edge, 1000)
@@ -59,10 +59,10 @@ def test_what_went_out_long_before_a_link_was_lost_is_not_told_again() -> None:
     change(edge, 23_000)
     edge.lost()
 
-    assert told(session(edge, 24_000)) == [23_000]
+    assert historical_stops(session(edge, 24_000)) == [23_000]
 
 
-def test_history_is_told_in_the_order_of_its_times() -> None:
+def test_history_is_sent_in_the_order_of_its_times() -> None:
     edge = node("scada")
     edge.will(0, T0)
     edge.connected(STATES, T0)
@@ -75,7 +75,7 @@ def test_history_is_told_in_the_order_of_its_times() -> None:
     edge.will(1, T0 + 5)
     edge.connected(STATES, T0 + 5)
     births, _ = edge.received(edge.identity.state_topic, b'{"online": true, "timestamp": 3}', STATES, T0 + 6)
-    assert told(births) == [1, 2, 4]
+    assert historical_stops(births) == [1, 2, 4]
 
 
 def test_history_keeps_its_limit_and_counts_what_it_drops() -> None:
@@ -86,43 +86,43 @@ def test_history_keeps_its_limit_and_counts_what_it_drops() -> None:
     edge.lost()
     change(edge, 13)
 
-    assert told(session(edge, 20)) == [11, 12, 13]
+    assert historical_stops(session(edge, 20)) == [11, 12, 13]
 
 
-def test_changes_that_took_each_other_back_before_they_could_be_told_are_told() -> None:
+def test_changes_that_cancel_each_other_out_before_they_are_sent_are_history() -> None:
     """The link was slow, or both came in one turn of the event loop: a stop that was on for a moment was on."""
     edge = node()
     session(edge, 0)
-    told_before = edge.stats.data
+    before = edge.stats.data
     change(edge, 5, 6, 7, 8)
 
     messages = edge.states(STATES, T0 + 10)
-    assert told(messages) == [5, 6, 7, 8]
+    assert historical_stops(messages) == [5, 6, 7, 8]
     assert [decoded(message).seq for message in messages] == [2]
     assert edge.states(STATES, T0 + 20) == []
-    assert edge.stats.data == told_before + 1
+    assert edge.stats.data == before + 1
 
 
-def test_a_single_change_is_told_as_it_is() -> None:
+def test_a_single_change_is_not_historical() -> None:
     edge = node()
     session(edge, 0)
     edge.changed(replace(STATES["bay1"], stop=False), T0 + 5)
     (message,) = edge.states({"bay1": replace(STATES["bay1"], stop=False)}, T0 + 6)
-    assert told([message]) == []
+    assert historical_stops([message]) == []
     (stop,) = [metric for metric in decoded(message).metrics if metric.name == "Stop"]
     assert (stop.is_null, stop.boolean_value) == (False, False)
 
 
-def test_much_history_goes_out_in_several_messages_that_count_on() -> None:
+def test_much_history_is_sent_in_several_numbered_messages() -> None:
     edge = node()
     change(edge, *range(1, 121))
     births = session(edge, 1000)
-    assert told(births) == list(range(1, 121))
+    assert historical_stops(births) == list(range(1, 121))
     assert [decoded(message).seq for message in births] == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(
-    "said",
+    "payload",
     [
         b"",
         b"null",
@@ -140,18 +140,18 @@ def test_much_history_goes_out_in_several_messages_that_count_on() -> None:
         b'{"online": true, "timestamp": ' + b"9" * 5000 + b"}",
     ],
 )
-def test_a_state_that_is_none_is_counted_and_nothing_else(said: bytes) -> None:
+def test_a_state_that_is_none_is_counted_and_nothing_else(payload: bytes) -> None:
     edge = node("scada")
     edge.will(0, T0)
     edge.connected(STATES, T0)
 
-    assert edge.received(edge.identity.state_topic, said, STATES, T0) == ([], False)
+    assert edge.received(edge.identity.state_topic, payload, STATES, T0) == ([], False)
     assert edge.stats.refused == 1
     births, _ = edge.received(edge.identity.state_topic, b'{"online": true, "timestamp": 0}', STATES, T0)
     assert len(births) == 2
 
 
-def test_a_host_whose_clock_was_wrong_is_heard_again_in_the_next_session() -> None:
+def test_a_host_whose_clock_was_wrong_is_believed_again_in_the_next_session() -> None:
     edge = node("scada")
     edge.will(0, T0)
     edge.connected(STATES, T0)
@@ -169,4 +169,4 @@ def test_nothing_grows_while_a_link_hangs() -> None:
     edge = node(history_limit=3)
     session(edge, 0)
     change(edge, *range(1, 50))
-    assert told(edge.states(STATES, T0 + 50)) == [47, 48, 49]
+    assert historical_stops(edge.states(STATES, T0 + 50)) == [47, 48, 49]

@@ -1,4 +1,4 @@
-"""Topics and the broker's address: what is right comes out right, what is wrong is told without the password."""
+"""Topics and the broker's address: what is right comes out right, what is wrong is reported without the password."""
 
 from urllib.parse import quote
 
@@ -35,7 +35,7 @@ def test_an_instance_with_the_name_of_a_bay_clashes_with_none_of_its_topics() ->
 @pytest.mark.parametrize(
     "root", ["", "/loading", "loading/", "a//b", "$SYS", "$share/x", "a/#", "a+b", "a\0b", "x" * 1001]
 )
-def test_a_root_nobody_could_subscribe_to_is_refused(root: str) -> None:
+def test_a_root_that_no_client_could_subscribe_to_is_refused(root: str) -> None:
     with pytest.raises(ConfigError, match=r"mqtt\.root"):
         Topics(root, "site", "gateway")
 
