@@ -84,7 +84,7 @@ def test_a_place_without_a_marker_gives_no_proposal(
     assert output.err == "warning: not found with the proposal: grey.png; is the marker where you marked it?\n"
 
 
-def test_without_labels_it_says_whose_answers_it_took(
+def test_without_labels_the_origin_of_the_answers_is_reported(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)

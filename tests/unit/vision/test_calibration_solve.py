@@ -37,7 +37,7 @@ def solved() -> Calibration:
     return calibrate(BOARD, views(), SIZE)
 
 
-def test_the_camera_comes_back(solved: Calibration) -> None:
+def test_the_camera_is_found_again(solved: Calibration) -> None:
     camera = Camera()
     lens, sigma = solved.lens, dict(solved.sigma)
     assert lens.fx == pytest.approx(camera.fx, rel=0.003)

@@ -61,7 +61,7 @@ def test_a_circle_is_no_special_case() -> None:
     assert circle == Ellipse(10.0, 20.0, 50.0, 50.0, 0.0)
 
 
-def test_swapped_axes_come_back_in_order() -> None:
+def test_swapped_axes_are_put_in_order() -> None:
     back = to_ellipse(from_ellipse(Ellipse(0.0, 0.0, 30.0, 50.0, 0.3)))
     assert (back.semi_major_px, back.semi_minor_px) == pytest.approx((50.0, 30.0))
     assert back.angle_rad == pytest.approx(0.3 + math.pi / 2)

@@ -15,11 +15,11 @@ PERIOD_NS = 33_000_000
 WIDTH, HEIGHT = 640, 480
 FRAME = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
 MARKER, LAMP = Circle(300.0, 240.0, 60.0), Circle(480.0, 300.0, 24.0)
-HEARD = (Rejection(LAMP, WEAKER),)
-BESIDE = Distractors(MARKER, 0).updated(MARKER, 0, HEARD)
+WEAKER_LAMP = (Rejection(LAMP, WEAKER),)
+BESIDE = Distractors(MARKER, 0).updated(MARKER, 0, WEAKER_LAMP)
 
 
-def test_a_bystander_is_held_for_a_while() -> None:
+def test_a_distractor_is_held_for_a_limited_time() -> None:
     assert BESIDE.holds(LAMP, 1, (), WIDTH, HEIGHT)
     assert BESIDE.holds(LAMP, HELD_NS, (), WIDTH, HEIGHT)
     assert not BESIDE.holds(LAMP, HELD_NS + 1, (), WIDTH, HEIGHT)
@@ -41,13 +41,13 @@ def test_something_else_is_not_held(other: Circle) -> None:
     assert not BESIDE.holds(other, 1, (), WIDTH, HEIGHT)
 
 
-def test_a_refused_thing_that_was_no_red_disc_is_no_bystander() -> None:
+def test_a_rejected_candidate_that_was_no_red_disc_is_no_distractor() -> None:
     none = Distractors(MARKER, 0).updated(MARKER, 0, (Rejection(LAMP, "leak"),))
     assert not none.holds(LAMP, 1, (), WIDTH, HEIGHT)
 
 
-def test_it_is_known_again_where_it_hangs_and_where_it_came_with_the_truck() -> None:
-    """The truck has come nearer since the lamp was heard: all that is on it by as much."""
+def test_a_distractor_is_recognised_on_the_wall_and_on_the_truck() -> None:
+    """The truck has come nearer since the lamp was found: all that is on it by as much."""
     nearer = BESIDE.updated(Circle(280.0, 220.0, 90.0), 5, ())
     with_it = Circle(280.0 + 1.5 * 180, 220.0 + 1.5 * 60, 36.0)
     assert nearer.holds(LAMP, 6, (), WIDTH, HEIGHT)
@@ -56,7 +56,7 @@ def test_it_is_known_again_where_it_hangs_and_where_it_came_with_the_truck() -> 
     assert not nearer.holds(replace(with_it, u_px=with_it.u_px - 40), 6, (), WIDTH, HEIGHT)
 
 
-def test_what_is_heard_anew_replaces_what_was_heard() -> None:
+def test_new_distractors_replace_the_old_ones() -> None:
     elsewhere = Circle(100.0, 100.0, 20.0)
     anew = BESIDE.updated(MARKER, 1, (Rejection(elsewhere, WEAKER),))
     assert anew.holds(elsewhere, 2, (), WIDTH, HEIGHT)
@@ -69,7 +69,7 @@ def test_what_is_heard_anew_replaces_what_was_heard() -> None:
 )
 def test_a_marker_that_may_have_left_the_picture_holds_nothing(u: float, v: float, held: bool) -> None:
     marker = replace(MARKER, u_px=u, v_px=v)
-    beside = Distractors(marker, 0).updated(marker, 0, HEARD)
+    beside = Distractors(marker, 0).updated(marker, 0, WEAKER_LAMP)
     assert beside.holds(LAMP, 1, (), WIDTH, HEIGHT) is held
 
 
@@ -94,7 +94,7 @@ class Bay:
     def _search(self, image: Image, t_ns: int, expected: Prediction | None, radii_px: object) -> Detection:
         if self.covered:
             return Detection(LAMP)
-        return Detection(MARKER, rejected=HEARD if expected is None else ())
+        return Detection(MARKER, rejected=WEAKER_LAMP if expected is None else ())
 
     def frames(self, count: int, *, covered: bool) -> list[Detection]:
         self.covered = covered
@@ -116,14 +116,14 @@ def test_a_lamp_is_not_measured_while_the_marker_is_covered() -> None:
     assert back[-1] == MARKER
 
 
-def test_a_marker_that_comes_back_while_it_is_coasted_is_measured_at_once() -> None:
+def test_a_marker_that_reappears_while_it_is_coasted_is_measured_at_once() -> None:
     bay = Bay()
     bay.frames(20, covered=False)
     bay.frames(7, covered=True)
     assert bay.frames(1, covered=False)[0].circle == MARKER
 
 
-def test_what_stays_alone_is_measured_in_the_end() -> None:
+def test_a_disc_that_stays_alone_is_measured_in_the_end() -> None:
     """The marker may be gone for good, or it was the lamp that was followed first."""
     bay = Bay()
     bay.frames(20, covered=False)
@@ -132,7 +132,7 @@ def test_what_stays_alone_is_measured_in_the_end() -> None:
     assert labels[-1] is Tracking.MEASURED
 
 
-def test_a_frame_without_anything_does_not_let_the_lamp_in() -> None:
+def test_after_an_empty_frame_the_lamp_is_still_not_measured() -> None:
     bay = Bay()
     bay.frames(20, covered=False)
     bay.frames(30, covered=True)
@@ -149,8 +149,8 @@ def _blind_once(find: Follower, t_ns: int) -> Follower:
     return find
 
 
-def test_no_measured_circle_is_a_bystander_of_the_one_before() -> None:
-    """Whatever is covered when: a lamp that was heard is never told between two sights of the marker."""
+def test_no_measured_circle_is_a_distractor_of_the_one_before() -> None:
+    """Whatever is covered when: a lamp that was found beside it is never reported between two sights of the marker."""
     chance = np.random.default_rng(5)
     bay = Bay()
     bay.frames(5, covered=False)

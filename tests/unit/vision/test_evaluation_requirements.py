@@ -51,7 +51,7 @@ def test_each_figure(measured: Summary, text: str, unmet: str) -> None:
     assert wanted.unmet(measured) == unmet
 
 
-def test_what_a_set_cannot_tell_is_not_met() -> None:
+def test_what_cannot_be_measured_in_a_set_is_not_met() -> None:
     empty = summary(
         "m", [judge(Label(file="e", found=False), Detection(None))], series_by(None), split=False, followed=False
     )

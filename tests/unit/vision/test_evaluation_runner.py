@@ -68,7 +68,7 @@ def test_sequences_are_followed_in_order_by_detectors_of_their_own(labels: Label
     assert [outcome.label.file for outcome in found["n"]] == [f"{n}.png" for n in range(7)], "in the order of the file"
 
 
-def test_two_sequences_that_are_not_told_apart(labels: Labels) -> None:
+def test_two_sequences_with_one_name(labels: Labels) -> None:
     mixed = [label.model_copy(update={"series": None, "frame": (label.frame or 0) % 9}) for label in labels.labels]
     set_ = Labels(labels.folder, "labels.jsonl", tuple(mixed), labels.lines)
     with pytest.raises(

@@ -112,7 +112,7 @@ def test_acquisition_counts_what_came_before_and_after() -> None:
     assert (never.acquired_after, never.after) == (None, None)
 
 
-def test_the_worst_come_first() -> None:
+def test_the_worst_are_first() -> None:
     order = [judge(EMPTY, seen()), judge(TRUE, seen(u=400)), judge(TRUE, seen(u=150)), judge(TRUE, Detection(None))]
     order += [judge(TRUE, seen(u=108)), judge(TRUE, seen(r=43)), judge(TRUE, seen()), judge(EMPTY, Detection(None))]
     mixed = order[::-1]

@@ -105,7 +105,7 @@ def test_anything_but_a_picture_is_refused(image: Image) -> None:
         ExactSearch(PAPER)(image)
 
 
-def test_stage_times_tell_all_stages_in_order() -> None:
+def test_stage_times_hold_all_stages_in_order() -> None:
     clock = iter(range(0, 10**6, 1000))
     found = ExactSearch(PAPER, lambda: next(clock))(np.full((50, 50, 3), (30, 30, 200), np.uint8))
     assert found.stage_ns == tuple((name, 1000) for name in ("scan", "look", "select", "circle", "normalise"))
@@ -154,7 +154,7 @@ def test_a_row_shorter_than_the_square_is_a_run(kernel: Kernel) -> None:
         assert kernel.scan(image, np.array([4], np.int32), columns, side).sum() == runs
 
 
-def test_a_window_shows_the_whole_pictures_mask_where_it_says_so(kernel_of: KernelOf) -> None:
+def test_a_window_shows_the_full_frames_mask_where_it_is_exact(kernel_of: KernelOf) -> None:
     chance = np.random.default_rng(8)
     compared = 0
     for _, image, _ in frames(4, 6 * len(KINDS)):
@@ -250,7 +250,7 @@ def test_without_wide_registers_all_is_the_same(
         ({"red_high_1": (40, 255, 255)}, 0),  # so is yellow
     ],
 )
-def test_no_red_has_more_green_than_the_kernel_is_told(change: dict[str, tuple[int, int, int]], most: int) -> None:
+def test_no_red_has_more_green_than_the_kernels_bound(change: dict[str, tuple[int, int, int]], most: int) -> None:
     params = PAPER.model_copy(update=change)
     k = red.green(red.tables(params))
     assert k == most
@@ -322,7 +322,7 @@ def test_a_library_that_is_wrong_in_one_bit_is_not_used(
     assert "does not agree" in caplog.text
 
 
-def test_a_compiler_that_is_missing_or_fails_is_told_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiler_that_is_missing_or_fails_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "false")
     assert build.build(tmp_path / "kernel.so").startswith("false failed")
     monkeypatch.setenv("CC", "")

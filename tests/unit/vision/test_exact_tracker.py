@@ -14,7 +14,7 @@ from gateway.vision.detect.paper.exact.tracker import ROUND, ExactTracker
 from gateway.vision.pixels import Image
 from gateway.vision.track.follower import Follower
 from tests.vision_frames import PAPER, Colour, Things
-from tests.vision_promise import FRAME_NS, check_promise, searched_whole, told
+from tests.vision_promise import FRAME_NS, check_promise, comparable, searched_in_full
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -35,36 +35,36 @@ def picture(*discs: tuple[float, float, float], size: tuple[int, int] = (WIDTH, 
 
 
 def follow(tracker: ExactTracker, images: Iterator[Image] | list[Image]) -> tuple[list[bool], list[bool]]:
-    """For each frame: was the answer the plain pipeline's, and was the whole frame searched for it?"""
-    same, whole = [], []
+    """For each frame: was the answer the plain pipeline's, and was the full frame searched for it?"""
+    same, full = [], []
     plain: dict[int, tuple[Image, object]] = {}  # by identity, with the image, so that it keeps its own
     for n, image in enumerate(images):
         found = tracker(image, n * FRAME_NS)
         if id(image) not in plain:
-            plain[id(image)] = image, told(pipeline.detect(image, PAPER))
-        same.append(told(found) == plain[id(image)][1])
-        whole.append(searched_whole(found))
-    return same, whole
+            plain[id(image)] = image, comparable(pipeline.detect(image, PAPER))
+        same.append(comparable(found) == plain[id(image)][1])
+        full.append(searched_in_full(found))
+    return same, full
 
 
 def test_a_marker_that_moves_and_grows_is_followed_in_the_window(tracker: ExactTracker) -> None:
-    same, whole = follow(tracker, [picture((60 + 6 * n, 70 + 4 * n, 14 + n / 2)) for n in range(30)])
+    same, full = follow(tracker, [picture((60 + 6 * n, 70 + 4 * n, 14 + n / 2)) for n in range(30)])
     assert all(same)
-    assert whole[0]
-    assert sum(whole) <= 3  # the second frame may come as a surprise, no later one
+    assert full[0]
+    assert sum(full) <= 3  # the second frame may come as a surprise, no later one
 
 
 def test_a_jump_a_loss_and_a_return_are_seen_in_their_own_frame(tracker: ExactTracker) -> None:
     here, there = picture((80, 80, 20)), picture((250, 180, 20))
-    same, whole = follow(tracker, [here, here, there, there, picture(), picture(), here, here])
+    same, full = follow(tracker, [here, here, there, there, picture(), picture(), here, here])
     assert all(same)
-    assert whole == [True, False, True, False, True, True, True, False]
+    assert full == [True, False, True, False, True, True, True, False]
 
 
 def test_a_marker_that_leaves_the_picture_is_exact_to_the_last_pixel(tracker: ExactTracker) -> None:
-    same, whole = follow(tracker, [picture((270 + 4 * n, 120, 24)) for n in range(30)])
+    same, full = follow(tracker, [picture((270 + 4 * n, 120, 24)) for n in range(30)])
     assert all(same)
-    assert sum(whole[:12]) <= 3
+    assert sum(full[:12]) <= 3
 
 
 @pytest.mark.parametrize("when", range(ROUND))
@@ -74,20 +74,20 @@ def test_a_larger_blob_is_noticed_within_a_round(tracker: ExactTracker, when: in
     small = (160, 120, 15)
     before = [picture(small)] * (ROUND + when)
     after = [picture(small, (*where, 22))] * (2 * ROUND)
-    same, whole = follow(tracker, before + after)
+    same, full = follow(tracker, before + after)
     assert all(same[: len(before)])
     assert all(same[len(before) + ROUND - 1 :])
-    assert any(whole[len(before) : len(before) + ROUND])
+    assert any(full[len(before) : len(before) + ROUND])
 
 
-def test_clutter_that_was_there_costs_nothing(tracker: ExactTracker) -> None:
-    clutter = [(30, 30, 9), (280, 40, 8), (50, 200, 10), (270, 200, 9)]
-    same, whole = follow(tracker, [picture((160 + n, 120, 25), *clutter) for n in range(40)])
+def test_known_red_things_cost_nothing(tracker: ExactTracker) -> None:
+    known = [(30, 30, 9), (280, 40, 8), (50, 200, 10), (270, 200, 9)]
+    same, full = follow(tracker, [picture((160 + n, 120, 25), *known) for n in range(40)])
     assert all(same)
-    assert sum(whole) <= 2
+    assert sum(full) <= 2
 
 
-def test_clutter_that_grows_where_it_stands_is_noticed(tracker: ExactTracker) -> None:
+def test_a_known_red_thing_that_grows_is_noticed(tracker: ExactTracker) -> None:
     frames = [picture((160, 120, 20), (50, 60, 10 + n / 4)) for n in range(60)]
     same, _ = follow(tracker, frames)
     assert all(same[-ROUND:])
@@ -98,9 +98,9 @@ def test_a_rival_as_large_as_the_marker_is_looked_at_every_round(tracker: ExactT
     """A red frame of a thing with a box larger than the marker: its zone could hide anything."""
     image = picture((160, 120, 20))
     cv2.line(image, (20, 20), (90, 200), RED, 7)
-    same, whole = follow(tracker, [image] * (4 * ROUND))
+    same, full = follow(tracker, [image] * (4 * ROUND))
     assert all(same)
-    assert [n for n, was in enumerate(whole) if was] == [0, ROUND, 2 * ROUND, 3 * ROUND]
+    assert [n for n, was in enumerate(full) if was] == [0, ROUND, 2 * ROUND, 3 * ROUND]
 
 
 def test_two_markers_that_come_together_and_part(tracker: ExactTracker) -> None:
@@ -109,7 +109,7 @@ def test_two_markers_that_come_together_and_part(tracker: ExactTracker) -> None:
     assert all(same)
 
 
-def test_a_window_cut_by_what_comes_along_is_not_believed(tracker: ExactTracker) -> None:
+def test_a_component_that_the_window_cuts_is_not_used(tracker: ExactTracker) -> None:
     """A long bar sweeps over the marker: while they touch, they are one component that no window holds."""
     frames = []
     for n in range(40):
@@ -124,16 +124,16 @@ def test_a_window_cut_by_what_comes_along_is_not_believed(tracker: ExactTracker)
 
 def test_frames_of_another_size_begin_anew(tracker: ExactTracker) -> None:
     frames = [picture((60, 60, 20)), picture((60, 60, 20), size=(640, 480)), picture((60, 60, 20), size=(100, 90))]
-    same, whole = follow(tracker, frames)
+    same, full = follow(tracker, frames)
     assert all(same)
-    assert all(whole)
+    assert all(full)
 
 
 @pytest.mark.parametrize("times_ns", [[0, 0, 0, 0, 0], [0, 10**9, 5, 2 * 10**9, -(10**12)], [10**18, 3, 2, 1, 0]])
 def test_wild_times_spoil_nothing(tracker: ExactTracker, times_ns: list[int]) -> None:
     for n, t_ns in enumerate(times_ns):
         image = picture((60 + 20 * n, 90, 20))
-        assert told(tracker(image, t_ns)) == told(pipeline.detect(image, PAPER))
+        assert comparable(tracker(image, t_ns)) == comparable(pipeline.detect(image, PAPER))
 
 
 def longest_error(same: list[bool]) -> int:
@@ -145,13 +145,13 @@ def longest_error(same: list[bool]) -> int:
 
 
 def test_wild_sequences_stay_within_the_promise(kernel: Kernel) -> None:
-    errors = whole = 0
+    errors = full = 0
     for seed in range(20):
         tracker = ExactTracker(PAPER, kernel=kernel if seed % 2 else None)
         more = check_promise(tracker, Things(np.random.default_rng([6, seed])), 50)
-        errors, whole = errors + more[0], whole + more[1]
+        errors, full = errors + more[0], full + more[1]
     assert 0 < errors < 100  # the promise is put to the test, and the window does most of the work
-    assert whole < 600
+    assert full < 600
 
 
 def test_the_gates_hold_in_the_window_too(library: Path) -> None:
@@ -161,7 +161,7 @@ def test_the_gates_hold_in_the_window_too(library: Path) -> None:
         image = picture((150 + n, 120, 20))
         cv2.rectangle(image, (20, 150), (280, 160), RED, -1)  # larger, but not round
         found = tracker(image, n * FRAME_NS)
-        assert told(found) == told(pipeline.detect(image, params))
+        assert comparable(found) == comparable(pipeline.detect(image, params))
         assert found.circle is not None
         assert found.circle.radius_px < 25
 

@@ -74,7 +74,7 @@ Put = Callable[[str, bytes], Path]
 
 
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".ppm", ".webp", ".jp2"])
-def test_lossless_pictures_come_as_they_were(put: Put, suffix: str) -> None:
+def test_lossless_pictures_are_unchanged(put: Put, suffix: str) -> None:
     flags = (cv2.IMWRITE_WEBP_QUALITY, 101) if suffix == ".webp" else ()
     assert np.array_equal(scene(), the_picture(put(f"a{suffix}", encoded(suffix, scene(), *flags))))
 

@@ -94,7 +94,7 @@ def test_a_small_far_marker_moves_with_the_camera_and_is_followed_all_the_same()
         track = track.updated(truth, n * 33 * MS)
 
 
-def test_everything_admitted_lies_within_what_the_prediction_says_of_itself() -> None:
+def test_everything_admitted_lies_within_the_predictions_own_reach() -> None:
     at = ahead(steady(), 40 * 33 * MS)
     for share in np.linspace(0, 1.2, 60):
         shift, grown = share * at.reach_px, at.circle.radius_px + share * (at.largest_px - at.circle.radius_px)

@@ -116,10 +116,10 @@ def test_the_ellipse_s_centre_is_not_the_disc_s() -> None:
     assert ellipse.semi_major_px == pytest.approx(100, abs=1)
     off = math.hypot(ellipse.u_px - u, ellipse.v_px - v)
     assert off == pytest.approx(100**2 / 1200 * math.sin(math.radians(30)) * math.cos(math.radians(30)), rel=0.05)
-    told = pose(disc, PINHOLE, disc.normal)
-    assert math.hypot(told.u_px - u, told.v_px - v) < 1e-3
-    assert told.chance > 0.999
-    assert told.spread_px < 0.01
+    known = pose(disc, PINHOLE, disc.normal)
+    assert math.hypot(known.u_px - u, known.v_px - v) < 1e-3
+    assert known.chance > 0.999
+    assert known.spread_px < 0.01
 
 
 def test_the_other_pose_leans_as_far_to_the_other_side() -> None:
@@ -158,7 +158,7 @@ def test_the_weighted_centre_is_no_worse_than_the_ellipse_s_in_95_of_100_cases(r
     assert np.median(after) < np.median(before)
 
 
-def test_what_can_t_be_told_apart_is_told_as_spread() -> None:
+def test_poses_that_cannot_be_distinguished_are_reported_as_spread() -> None:
     """On the axis both sides are as likely but for a trifle: the mean, and half the distance as its uncertainty."""
     found = pose(standing(0.0, 0.0, 2000.0, 20.0, 0.0), PINHOLE)
     one, other = found.poses

@@ -174,7 +174,7 @@ def test_the_veil_is_the_share_of_dust_where_something_is_dark(share: float) -> 
     assert found == pytest.approx(share, abs=0.06)
 
 
-def test_a_black_picture_tells_nothing_of_dust() -> None:
+def test_in_a_black_picture_dust_cannot_be_measured() -> None:
     assert veil(np.zeros((120, 160, 3), np.uint8)) is None
 
 
@@ -251,7 +251,7 @@ def test_a_fault_that_comes_and_goes_is_none(fault: PictureFault) -> None:
 
 
 @pytest.mark.parametrize("fault", PictureFault)
-def test_what_cannot_be_told_changes_nothing(fault: PictureFault) -> None:
+def test_what_cannot_be_measured_changes_nothing(fault: PictureFault) -> None:
     bad, seconds = BAD[fault]
     judge = Judge()
     judge.see(bad, 5 * seconds)
@@ -269,7 +269,7 @@ def test_a_gap_in_the_pictures_is_no_time_in_which_anything_was_seen() -> None:
     assert set(judge.see(health(veil=0.8), 10)) == {0}
 
 
-def test_of_a_picture_that_shows_nothing_only_that_is_said() -> None:
+def test_of_a_picture_that_shows_nothing_only_that_is_reported() -> None:
     for bad, name in (
         (health(brightness=0.01, contrast=0.0), DARK),
         (health(clipped=0.9, contrast=0.0), BRIGHT),
@@ -365,7 +365,7 @@ def test_trucks_that_come_and_go_are_no_moved_camera_even_with_their_markers_hid
 
 
 @pytest.mark.failure_mode("C6")
-def test_a_moved_camera_is_told_between_the_trucks() -> None:
+def test_a_moved_camera_is_reported_between_the_trucks() -> None:
     watched, judge = learned(), PictureJudge(PictureConfig())
     visit = [moved(scene, 16, 0) for scene in (*scenes("approach", 12), *[yard()] * 12)]
     for n, shift in enumerate(watched.see(visit * 4)):

@@ -114,7 +114,7 @@ def test_a_lamp_that_was_followed_is_given_up_and_the_marker_measured_in_its_fir
     assert [is_marker(one.circle) for one in followed(find, range(COVERED.stop, 40))] == [True] * 4
 
 
-def test_a_range_that_comes_while_the_marker_is_on_trial_ends_the_trial() -> None:
+def test_a_range_that_arrives_during_a_tentative_track_of_the_marker_confirms_it() -> None:
     find = registry.detector(ROBUST)
     followed(find, range(8, COVERED.stop + 1))
     found = followed(find, range(COVERED.stop + 1, 42), RADII)
@@ -135,9 +135,9 @@ def test_a_range_that_comes_while_the_marker_is_on_trial_ends_the_trial() -> Non
     ],
 )
 def test_a_range_that_has_expired_or_is_none_restricts_nothing(radii: MarkerRadii) -> None:
-    told = find_in(registry.detector(ROBUST), radii)
-    assert told == find_in(registry.detector(ROBUST), None)
-    assert is_lamp(told[-1].circle)
+    found = find_in(registry.detector(ROBUST), radii)
+    assert found == find_in(registry.detector(ROBUST), None)
+    assert is_lamp(found[-1].circle)
 
 
 def find_in(find: Detector, radii: MarkerRadii | None) -> list[Detection]:
@@ -147,10 +147,10 @@ def find_in(find: Detector, radii: MarkerRadii | None) -> list[Detection]:
 def test_a_range_ends_in_its_time() -> None:
     until = MarkerRadii(RADII.low_px, RADII.high_px, 20 * FRAME_NS)
     found = followed(registry.detector(ROBUST), range(8, 26), until)
-    assert [is_lamp(one.circle) for one in found] == [False] * 15 + [True] * 3  # after its trial
+    assert [is_lamp(one.circle) for one in found] == [False] * 15 + [True] * 3  # after its tentative track
 
 
-def test_the_papers_method_is_told_nothing_it_would_heed() -> None:
+def test_the_papers_method_does_not_use_radius_limits() -> None:
     paper = VisionConfig(method="paper", tracking=True)
     assert find_in(registry.detector(paper), RADII) == find_in(registry.detector(paper), None)
     assert not isinstance(registry.detector(VisionConfig(method="paper", tracking=False)), RadiusLimited)
@@ -176,19 +176,19 @@ def test_a_range_makes_nothing_a_marker_that_is_none_without_it(low: float, high
     plain = detect(image, ROBUST)
     good = {plain.circle, *(refused.circle for refused in plain.rejected if refused.why == "weaker")}
     assert len(good) == len(DISCS)
-    told = detect(image, ROBUST, radii_px=(low, high))
+    found = detect(image, ROBUST, radii_px=(low, high))
     fitting = [circle for circle in good if circle is not None and low <= circle.radius_px <= high]
-    assert (told.circle in fitting) if fitting else told.circle is None
-    assert (told.wrong_size is None) == bool(fitting)
-    assert told.wrong_size is None or told.wrong_size in good
-    sized = {refused.circle for refused in told.rejected if refused.why == "size"}
+    assert (found.circle in fitting) if fitting else found.circle is None
+    assert (found.wrong_size is None) == bool(fitting)
+    assert found.wrong_size is None or found.wrong_size in good
+    sized = {refused.circle for refused in found.rejected if refused.why == "size"}
     assert sized == good - set(fitting)
 
 
 def test_what_fits_is_measured_as_without_a_range() -> None:
     image = picture(8, lamp=False)
-    plain, told = detect(image, ROBUST), detect(image, ROBUST, radii_px=(60.0, 150.0))
-    assert told == plain
+    plain, found = detect(image, ROBUST), detect(image, ROBUST, radii_px=(60.0, 150.0))
+    assert found == plain
 
 
 def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +209,7 @@ def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeyp
     assert searched[1] == (True, (15.0, 60.0))
 
 
-# -- following: what was followed is refused ---------------------------------------------------------------------------
+# -- following: what was followed is rejected --------------------------------------------------------------------------
 
 FRAME = np.zeros((480, 640, 3), np.uint8)
 MARKER, OTHER = Circle(300.0, 240.0, 60.0), Circle(480.0, 300.0, 24.0)
@@ -313,7 +313,7 @@ def test_what_is_new_is_sent_at_most_ten_times_a_second() -> None:
     assert sent == [0, *range(PERIOD_NS // MS, 1000, PERIOD_NS // MS)]
 
 
-def test_what_stands_is_said_again_before_it_expires() -> None:
+def test_unchanged_limits_are_sent_again_before_they_expire() -> None:
     updates = RadiiUpdates()
     sent = {n: due for n in range(1000) if (due := updates.due((100.0, 200.0), n * MS)) is not None}
     assert list(sent) == [0, 250, 500, 750]

@@ -1,4 +1,4 @@
-"""The cheap look for red things: what is news and what is not."""
+"""The cheap check for red things: what is new and what is not."""
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ def scene(*others: tuple[Circle, tuple[int, int, int]], own: tuple[int, int, int
     return image
 
 
-def test_what_is_followed_is_no_spot_and_another_red_thing_is_one() -> None:
+def test_what_is_followed_is_no_red_region_and_another_red_thing_is_one() -> None:
     assert red_regions(scene(), OWN).boxes.shape == (0, 4)
     (box,) = red_regions(scene((Circle(500.0, 100.0, 20.0), RED)), OWN).boxes
     step = int(np.hypot(640, 480) // SPARSE_PX)
@@ -35,29 +35,29 @@ def test_wood_is_none_beside_a_red_marker_but_a_dusty_marker_lets_it_count() -> 
     assert len(red_regions(scene(board, own=DUSTY), OWN).boxes) == 1
 
 
-def test_specks_are_none() -> None:
+def test_specks_are_no_red_regions() -> None:
     speck = Circle(501.0, 101.0, 1.0), RED  # one pixel of the sparse picture
     assert len(red_regions(scene(speck, own=DUSTY), OWN).boxes) == 0
 
 
-def spots_at(*boxes: tuple[int, int, int, int]) -> RedRegions:
+def regions_at(*boxes: tuple[int, int, int, int]) -> RedRegions:
     return RedRegions(np.array(boxes, np.int32).reshape(-1, 4))
 
 
 @pytest.mark.parametrize(
-    ("now", "news"),
+    ("now", "new"),
     [
-        (spots_at(), False),
-        (spots_at((10, 10, 20, 20)), False),
-        (spots_at((24, 10, 34, 20)), False),  # moved on
-        (spots_at((0, 0, 60, 60)), False),  # come nearer
-        (spots_at((27, 10, 37, 20)), True),
-        (spots_at((10, 10, 20, 20), (80, 80, 90, 90)), True),
+        (regions_at(), False),
+        (regions_at((10, 10, 20, 20)), False),
+        (regions_at((24, 10, 34, 20)), False),  # moved on
+        (regions_at((0, 0, 60, 60)), False),  # come nearer
+        (regions_at((27, 10, 37, 20)), True),
+        (regions_at((10, 10, 20, 20), (80, 80, 90, 90)), True),
     ],
 )
-def test_news(now: RedRegions, news: bool) -> None:
-    assert now.new_since(spots_at((10, 10, 20, 20))) is news
-    assert now.new_since(spots_at()) is (len(now.boxes) > 0)
+def test_new_red(now: RedRegions, new: bool) -> None:
+    assert now.new_since(regions_at((10, 10, 20, 20))) is new
+    assert now.new_since(regions_at()) is (len(now.boxes) > 0)
 
 
 @given(

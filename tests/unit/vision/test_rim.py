@@ -159,7 +159,7 @@ def test_a_third_of_the_rim_behind_something() -> None:
     assert rim.visible == pytest.approx(0.7, abs=0.05)
 
 
-def test_burrs_have_no_say() -> None:
+def test_burrs_have_no_effect() -> None:
     clear = coverage(TRUTH, 160, 160)[..., np.newaxis] * (np.array(RED) - np.array(GREY)) + np.array(GREY)
     for degrees in (10, 75, 190, 300):
         at = np.radians(degrees)
@@ -227,7 +227,7 @@ def test_shifting_the_picture_shifts_the_rim() -> None:
     assert after.semi_major_px == pytest.approx(before.semi_major_px, abs=1e-3)
 
 
-def test_the_seed_has_no_say_in_the_answer() -> None:
+def test_the_result_does_not_depend_on_the_seed() -> None:
     image = picture(TILTED, noise=5.0)
     one, other = found(image, rough(TILTED, 0.05)).ellipse, found(image, rough(TILTED, -0.05)).ellipse
     assert (one.u_px, one.v_px) == pytest.approx((other.u_px, other.v_px), abs=0.02)

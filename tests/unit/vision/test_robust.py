@@ -127,14 +127,14 @@ def test_a_red_thing_behind_it_does_not_carry_the_rim_away(name: str) -> None:
 
 
 @pytest.mark.parametrize("other_px", [18.0, 27.0])
-def test_of_two_discs_the_larger_one_is_taken_and_the_other_one_told(other_px: float) -> None:
+def test_of_two_discs_the_larger_one_is_taken_and_the_other_one_reported(other_px: float) -> None:
     large, small = Circle(100.2, 120.4, 34.3), Circle(240.6, 110.1, other_px)
     found = assert_found(scene(disc(large), disc(small)), large, 0.15)
 
-    told = [rejection for rejection in found.rejected if rejection.why == "weaker"]
-    assert len(told) == 1
-    assert told[0].circle.u_px == pytest.approx(small.u_px, abs=0.3)
-    assert told[0].circle.radius_px == pytest.approx(other_px, abs=0.3)
+    reported = [rejection for rejection in found.rejected if rejection.why == "weaker"]
+    assert len(reported) == 1
+    assert reported[0].circle.u_px == pytest.approx(small.u_px, abs=0.3)
+    assert reported[0].circle.radius_px == pytest.approx(other_px, abs=0.3)
 
 
 def test_a_thin_white_line_round_the_disc_is_not_its_rim() -> None:
@@ -169,14 +169,14 @@ def test_light_does_not_matter(gain: float) -> None:
     assert_found(dimmed, PLACE, 0.2)
 
 
-def test_a_window_gives_the_same_answer_in_the_coordinates_of_the_whole_picture() -> None:
+def test_a_window_gives_the_same_answer_in_the_coordinates_of_the_full_frame() -> None:
     image = scene(disc(), ground="wood")
-    whole = detect(image, PARAMS)
+    full = detect(image, PARAMS)
     window = (95, 50, 235, 190)
-    assert whole.circle is not None
+    assert full.circle is not None
     for expected in (None, PLACE, Circle(PLACE.u_px + 5, PLACE.v_px - 4, PLACE.radius_px * 1.06)):
         near = detect(image, PARAMS, window=window, expected=expected)
-        assert off_by(near, whole.circle) == pytest.approx((0, 0), abs=0.03)
+        assert off_by(near, full.circle) == pytest.approx((0, 0), abs=0.03)
 
 
 def test_a_prediction_that_is_wrong_costs_time_but_changes_nothing() -> None:
@@ -212,7 +212,7 @@ def test_less_confidence_than_asked_for_is_no_marker() -> None:
     assert "confidence" in {rejection.why for rejection in unsure.rejected}
 
 
-def test_with_intrinsics_the_direction_is_told() -> None:
+def test_with_intrinsics_the_direction_is_reported() -> None:
     lens = Intrinsics(fx=500, fy=510, cx=160, cy=120)
     found = detect(scene(disc()), VisionConfig(intrinsics=lens))
 
@@ -222,13 +222,13 @@ def test_with_intrinsics_the_direction_is_told() -> None:
 
 def test_stages_are_timed_under_their_names() -> None:
     ticks = iter(range(0, 100_000, 10))
-    whole = detect(scene(disc()), PARAMS, lambda: next(ticks))
+    full = detect(scene(disc()), PARAMS, lambda: next(ticks))
     near = detect(scene(disc()), PARAMS, lambda: next(ticks), window=(80, 40, 250, 200), expected=PLACE)
 
     names = [stage.name for stage in STAGES]
-    assert [name for name, _ in whole.stage_ns] == names[1:]
+    assert [name for name, _ in full.stage_ns] == names[1:]
     assert [name for name, _ in near.stage_ns] == ["expected", "normalise"]
-    assert {ns for _, ns in whole.stage_ns} == {10}
+    assert {ns for _, ns in full.stage_ns} == {10}
 
 
 def test_the_same_picture_gives_the_same_answer_bit_for_bit() -> None:

@@ -47,7 +47,7 @@ def test_redness_is_a_ratio_that_shade_hardly_changes() -> None:
     assert float(redness(np.array([[[60, 120, 60]]], np.uint8))[0, 0]) < 0
 
 
-def test_a_level_says_where_its_pixels_lie_in_the_whole_picture() -> None:
+def test_a_level_knows_where_its_pixels_lie_in_the_full_frame() -> None:
     image = np.zeros((64, 96, 3), np.uint8)
     image[32:40, 48:56] = 255
     levels = pyramid(image, 2, 4)
@@ -111,7 +111,7 @@ def test_votes_name_the_centre_of_a_disc_that_red_touches_on_one_side() -> None:
     assert best.radius_px == pytest.approx(9, abs=1.5)
 
 
-def test_seeds_that_say_the_same_are_looked_at_once() -> None:
+def test_equal_seeds_are_measured_once() -> None:
     seeds = [Seed(50, 50, 20, 1), Seed(52, 49, 21, 0.9), Seed(50, 50, 40, 0.8), Seed(90, 50, 20, 0.7)]
 
     assert candidates.distinct(seeds, 9) == [seeds[0], seeds[2], seeds[3]]

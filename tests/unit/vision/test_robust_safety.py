@@ -98,7 +98,7 @@ coordinates = st.floats(-1e6, 1e6) | st.sampled_from([math.nan, math.inf, -math.
 
 @settings(max_examples=examples(60), deadline=None)
 @given(st.tuples(sides, sides).flatmap(lambda shape: arrays(np.uint8, (*shape, 3))))
-def test_any_picture_gives_an_answer_that_is_whole(image: Image) -> None:
+def test_any_picture_gives_a_complete_answer(image: Image) -> None:
     found = detect(image, PARAMS)
 
     assert (found.circle is None) == (found.ellipse is None) == (found.confidence is None) == (found.visible is None)

@@ -224,7 +224,7 @@ def test_contours_reach_the_edge_of_the_picture() -> None:
 
 
 @pytest.mark.parametrize("share", [0.02, 0.2, 0.4])
-def test_contours_come_lowest_first_then_rightmost(share: float) -> None:
+def test_contours_are_ordered_lowest_first_then_rightmost(share: float) -> None:
     found = stages.contours(random_mask(60, 70, share, seed=9))
     first_pixels = [min((int(y), int(x)) for x, y in contour[:, 0]) for contour in found]
 

@@ -58,7 +58,7 @@ class Drive:
             assert self.frame(n, at(n)).tracking is Tracking.MEASURED
 
 
-def test_what_is_measured_is_told_as_the_search_measured_it() -> None:
+def test_a_measurement_is_reported_as_the_search_measured_it() -> None:
     drive = Drive()
     for n in range(50):
         shaken = replace(at(n), u_px=at(n).u_px + 3 * math.sin(1.7 * n))
@@ -109,7 +109,7 @@ def test_a_marker_that_drives_out_of_the_picture_is_lost_not_coasted() -> None:
     assert labels == [Tracking.LOST] * 4  # 640 and more: beyond the right edge
 
 
-def test_a_prediction_that_says_nothing_any_more_is_not_told() -> None:
+def test_a_prediction_that_is_not_useful_any_more_is_not_reported() -> None:
     drive = Drive(coast_s=10.0)
     drive.seen(0, 30)
     labels = [drive.frame(n, None).tracking for n in range(30, 120)]
@@ -195,7 +195,7 @@ def test_only_frames_running_confirm_a_jump(between: str) -> None:
         assert back.tracking is (Tracking.MEASURED if between == "marker" else Tracking.COASTED)
 
 
-def test_a_frame_that_comes_twice_confirms_nothing() -> None:
+def test_a_frame_that_arrives_twice_confirms_nothing() -> None:
     drive = Drive()
     drive.seen(0, 20)
     assert [drive.frame(20, LAMP).tracking for _ in range(5)] == [Tracking.COASTED] * 5
@@ -203,7 +203,7 @@ def test_a_frame_that_comes_twice_confirms_nothing() -> None:
     assert drive.frame(22, LAMP).tracking is Tracking.MEASURED
 
 
-def test_a_trial_outlives_the_track_it_contradicts() -> None:
+def test_a_tentative_track_outlives_the_track_it_contradicts() -> None:
     """A slow camera: the marker is lost by its age before the lamp has been seen three times."""
     drive = Drive(coast_s=0.3)
     drive.seen(0, 20)
@@ -218,7 +218,7 @@ def test_a_marker_seen_once_is_no_less_contradicted_by_a_flash() -> None:
     assert drive.frame(2, at(2)).tracking is Tracking.MEASURED
 
 
-def test_a_clock_set_back_ends_a_trial_and_does_not_stall_it() -> None:
+def test_a_clock_set_back_ends_a_tentative_track_and_does_not_stall_it() -> None:
     drive = Drive(coast_s=0.3)
     drive.seen(0, 20)
     for n in (20, 31):
@@ -227,7 +227,7 @@ def test_a_clock_set_back_ends_a_trial_and_does_not_stall_it() -> None:
     assert labels == [Tracking.LOST, Tracking.LOST, Tracking.MEASURED]
 
 
-def test_during_a_trial_the_whole_frame_is_searched() -> None:
+def test_with_a_tentative_track_the_full_frame_is_searched() -> None:
     drive = Drive()
     drive.seen(0, 20)
     for n in range(20, 24):
@@ -235,7 +235,7 @@ def test_during_a_trial_the_whole_frame_is_searched() -> None:
     assert [expected is None for expected in drive.search.expected[19:]] == [False, False, True, True, False]
 
 
-def test_at_most_five_refused_are_told() -> None:
+def test_at_most_five_rejections_are_reported() -> None:
     many = Detection(LAMP, rejected=tuple(Rejection(replace(LAMP, u_px=float(n)), "weaker") for n in range(5)))
     answers = iter([Detection(at(0)), many])
     find = Follower(lambda *_: next(answers), 0.3)
@@ -259,7 +259,7 @@ def test_frame_gaps_and_a_slow_camera() -> None:
     assert drive.frame(25 + 501, at(7)).tracking is Tracking.MEASURED
 
 
-def test_frames_that_come_twice_or_late_break_nothing() -> None:
+def test_frames_that_arrive_twice_or_late_break_nothing() -> None:
     drive = Drive()
     drive.seen(0, 20)
     for t_ns in (19 * PERIOD_NS, 19 * PERIOD_NS, 18 * PERIOD_NS, 12 * PERIOD_NS):
@@ -272,7 +272,7 @@ def test_frames_that_come_twice_or_late_break_nothing() -> None:
     assert hidden.predicted.u_px == pytest.approx(at(21).u_px, abs=1.0)
 
 
-def test_a_clock_that_stands_still_never_coasts() -> None:
+def test_a_clock_that_does_not_advance_never_coasts() -> None:
     drive = Drive()
     for n in range(10):
         assert drive.frame(0, at(n), 0).tracking is Tracking.MEASURED
@@ -374,7 +374,7 @@ def test_a_coasted_marker_never_raises_or_holds_may_move(
 
 
 @pytest.mark.parametrize("step_px", [4.0, 20.0])
-def test_frames_that_come_in_bursts_make_no_jumps_of_a_steady_drive(step_px: float) -> None:
+def test_frames_that_arrive_in_bursts_make_no_jumps_of_a_steady_drive(step_px: float) -> None:
     """Stamped when they were handed over, not when they were taken, so that the speed seems to be anything."""
     for seed in range(10):
         rng, drive, t_ns = random.Random(seed), Drive(), 0

@@ -56,18 +56,18 @@ def approach(n: int) -> Circle:
 
 @pytest.fixture
 def searched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Fills with `window` and `whole`, one for every search."""
+    """Fills with `window` and `full`, one for every search."""
     kinds: list[str] = []
 
     def watched(image: Image, *args: Any, window: Any = None, **more: Any) -> Detection:
-        kinds.append("whole" if window is None else "window")
+        kinds.append("full" if window is None else "window")
         return detect(image, *args, window=window, **more)
 
     monkeypatch.setattr(roi_search, "detect", watched)
     return kinds
 
 
-def told(frames: Iterator[tuple[int, Image]]) -> list[Detection]:
+def detections(frames: Iterator[tuple[int, Image]]) -> list[Detection]:
     find = registry.detector(FOLLOWED)
     return [find(image, t_ns) for t_ns, image in frames]
 
@@ -76,10 +76,10 @@ def steadily(scene: Callable[[int], Image], count: int) -> Iterator[tuple[int, I
     return ((n * PERIOD_NS, scene(n)) for n in range(count))
 
 
-def test_every_answer_is_the_full_searchs_and_most_come_from_a_window(searched: list[str]) -> None:
+def test_every_answer_is_the_full_searchs_and_most_are_from_a_window(searched: list[str]) -> None:
     images = [picture(approach(n), seed=n) for n in range(CHECK * 3)]
-    found = told((n * PERIOD_NS, image) for n, image in enumerate(images))
-    assert searched.count("whole") == 1
+    found = detections((n * PERIOD_NS, image) for n, image in enumerate(images))
+    assert searched.count("full") == 1
     assert searched.count("window") == len(images) - 1
     for n, (one, image) in enumerate(zip(found, images, strict=True)):
         assert one.tracking is Tracking.MEASURED
@@ -88,13 +88,13 @@ def test_every_answer_is_the_full_searchs_and_most_come_from_a_window(searched: 
 
 
 @pytest.mark.parametrize("clutter", [True, False])
-def test_the_whole_frame_comes_in_its_turn_where_it_holds_anything_red(
+def test_the_full_frame_is_searched_in_its_turn_where_it_holds_anything_red(
     monkeypatch: pytest.MonkeyPatch, clutter: bool
 ) -> None:
     kinds: list[str] = []
 
     def stand_in(image: Image, *args: Any, window: Any = None, **more: Any) -> Detection:
-        kinds.append("whole" if window is None else "window")
+        kinds.append("full" if window is None else "window")
         return Detection(Circle(100.0, 100.0, 30.0))
 
     monkeypatch.setattr(roi_search, "detect", stand_in)
@@ -102,8 +102,8 @@ def test_the_whole_frame_comes_in_its_turn_where_it_holds_anything_red(
     image = picture(Circle(100.0, 100.0, 30.0), *[Circle(250.0, 150.0, 15.0)] * clutter)
     for n in range(2 * FULL + 2):
         find(image, n * PERIOD_NS)
-    whole = [n for n, kind in enumerate(kinds) if kind == "whole"]
-    assert whole == ([0, FULL + 1, 2 * FULL + 2] if clutter else [0])
+    full = [n for n, kind in enumerate(kinds) if kind == "full"]
+    assert full == ([0, FULL + 1, 2 * FULL + 2] if clutter else [0])
 
 
 @pytest.mark.parametrize(
@@ -127,17 +127,17 @@ def test_where_window_and_full_frame_disagree_the_one_with_more_evidence_is_used
     monkeypatch.setattr(roi_search, "detect", lambda *_, window=None, **__: held if window is not None else rival)
     search = RoiSearch(FOLLOWED, lambda: 0)
     track = track_of(Circle(100.0, 100.0, 30.0))
-    found = [search(np.zeros((480, 640, 3), np.uint8), 1, track.at(1)) for _ in range(CHECK)]  # nothing was heard yet
+    found = [search(np.zeros((480, 640, 3), np.uint8), 1, track.at(1)) for _ in range(CHECK)]  # nothing was found yet
     assert found[0].circle == held.circle
     assert found[CHECK - 1].circle == (rival.circle if wins else held.circle)
 
 
 @pytest.mark.parametrize("hidden", [1, 4, 9, 25])
-def test_a_marker_that_comes_back_is_measured_in_its_first_frame(hidden: int) -> None:
+def test_a_marker_that_reappears_is_measured_in_its_first_frame(hidden: int) -> None:
     def scene(n: int) -> Image:
         return picture(approach(n), seed=n) if not 8 <= n < 8 + hidden else picture(seed=n)
 
-    found = told(steadily(scene, 12 + hidden))
+    found = detections(steadily(scene, 12 + hidden))
     labels = [one.tracking for one in found]
     coasted = min(hidden, 9)  # 0.3 s
     assert labels == (
@@ -159,7 +159,7 @@ def test_a_lamp_is_not_taken_for_a_marker_that_is_covered_for_a_moment(covered: 
     def scene(n: int) -> Image:
         return picture(*([] if 8 <= n < 8 + covered else [approach(n)]), lamp, seed=n)
 
-    for n, one in enumerate(told(steadily(scene, 12 + covered))):
+    for n, one in enumerate(detections(steadily(scene, 12 + covered))):
         if 8 <= n < 8 + covered or (n < 10 + covered and one.circle is None and covered > 9):
             assert one.circle is None
             assert one.tracking is (Tracking.COASTED if n < 17 else Tracking.LOST)
@@ -175,25 +175,25 @@ def test_gaps_and_a_wild_frame_rate_lose_nothing() -> None:
         t_s += float(rng.choice([0.005, 0.02, 0.033, 0.1, 0.4, 1.5]))
         truths.append(Circle(60 + 20 * t_s, 120.0, 25 + t_s))
         frames.append((round(t_s * 1e9), picture(truths[-1], seed=n)))
-    for one, truth in zip(told(iter(frames)), truths, strict=True):
+    for one, truth in zip(detections(iter(frames)), truths, strict=True):
         assert one.tracking is Tracking.MEASURED
         assert distance_px(circle_of(one), truth) < 0.3
 
 
-def test_a_machine_too_slow_for_whole_frames_still_gets_to_windows(searched: list[str]) -> None:
-    """One look in half a second, and no velocity known: the marker is looked for where it was first."""
+def test_a_machine_too_slow_for_full_frames_still_searches_windows(searched: list[str]) -> None:
+    """One frame in half a second, and no velocity known: the marker is searched for where it was first."""
     frames = ((n * 500_000_000, picture(Circle(100 + 3 * n, 120.0, 30.0), seed=n)) for n in range(6))
-    assert [one.tracking for one in told(frames)] == [Tracking.MEASURED] * 6
-    assert searched == ["whole"] + ["window"] * 5
+    assert [one.tracking for one in detections(frames)] == [Tracking.MEASURED] * 6
+    assert searched == ["full"] + ["window"] * 5
 
 
-def test_after_a_long_gap_what_has_come_is_heard_at_once(searched: list[str]) -> None:
+def test_after_a_long_gap_a_new_red_thing_is_found_at_once(searched: list[str]) -> None:
     lamp, marker = Circle(60.0, 60.0, 12.0), Circle(220.0, 150.0, 55.0)
     frames = [(0, picture(lamp)), (33_000_000, picture(lamp, seed=1)), (2_000_000_000, picture(lamp, marker, seed=2))]
-    found = told(iter(frames))
+    found = detections(iter(frames))
     assert same_place(found[1].circle or marker, lamp)
     assert same_place(found[2].circle or lamp, marker)
-    assert searched == ["whole", "window", "window", "whole"]
+    assert searched == ["full", "window", "window", "full"]
 
 
 def test_a_track_does_not_hold_on_to_a_lamp_when_the_marker_comes(searched: list[str]) -> None:
@@ -203,11 +203,11 @@ def test_a_track_does_not_hold_on_to_a_lamp_when_the_marker_comes(searched: list
     preferred = detect(picture(lamp, marker), FOLLOWED).circle
     assert preferred is not None
     assert same_place(preferred, marker)
-    found = told(steadily(lambda n: picture(lamp, seed=n) if n < 6 else picture(lamp, marker, seed=n), 6 + CHECK))
-    assert [one.tracking for one in found].count(Tracking.MEASURED) == len(found) - 2  # while the jump is on trial
+    found = detections(steadily(lambda n: picture(lamp, seed=n) if n < 6 else picture(lamp, marker, seed=n), 6 + CHECK))
+    assert [one.tracking for one in found].count(Tracking.MEASURED) == len(found) - 2  # while the jump is tentative
     assert same_place(found[5].circle or marker, lamp)
     assert same_place(found[-1].circle or lamp, marker)
-    assert searched.count("whole") == 4  # at the beginning, and when something red had come: thrice to confirm it
+    assert searched.count("full") == 4  # at the beginning, and when something red had come: thrice to confirm it
 
 
 @pytest.mark.parametrize(
@@ -219,7 +219,7 @@ def test_a_track_does_not_hold_on_to_a_lamp_when_the_marker_comes(searched: list
         (Circle(50.0, 120.0, 14.0), Circle(220.0, 120.0, 66.0), [(5.0, 4.0, 200.0), (70.0, 60.0, 190.0)]),
     ],
 )
-def test_what_the_full_search_prefers_is_followed_soon_after_it_has_come(
+def test_what_the_full_search_prefers_is_followed_soon_after_it_appears(
     lamp: Circle, marker: Circle, paints: list[Paint]
 ) -> None:
     assert same_place(detect(picture(lamp, paints=paints), FOLLOWED).circle or marker, lamp)
@@ -228,22 +228,22 @@ def test_what_the_full_search_prefers_is_followed_soon_after_it_has_come(
     def scene(n: int) -> Image:
         return picture(*([lamp] if n < 6 else [lamp, marker]), paints=paints, seed=n)
 
-    found = told(steadily(scene, 8 + 2 * CHECK))
+    found = detections(steadily(scene, 8 + 2 * CHECK))
     assert same_place(found[5].circle or marker, lamp)
     assert [same_place(one.circle or lamp, marker) for one in found[-CHECK:]] == [True] * CHECK
 
 
-def test_a_faint_marker_beside_a_very_red_lamp_is_heard_in_the_end(searched: list[str]) -> None:
+def test_a_faint_marker_beside_a_very_red_lamp_is_searched_for_in_the_end(searched: list[str]) -> None:
     lamp, dusty = Circle(50.0, 120.0, 20.0), Circle(200.0, 120.0, 30.0)
     paints = [(5.0, 4.0, 200.0), (125.0, 120.0, 190.0)]
     find = registry.detector(FOLLOWED)
     both = picture(lamp, dusty, paints=paints)
     for n in range(FAINT + 2):
         find(picture(lamp, paints=paints) if n < 4 else both, n * PERIOD_NS)
-    assert searched.count("whole") == 2
+    assert searched.count("full") == 2
 
 
-def test_with_a_slow_camera_what_has_come_is_heard_after_the_same_time() -> None:
+def test_with_a_slow_camera_a_new_red_thing_is_found_after_the_same_time() -> None:
     lamp, marker = Circle(60.0, 60.0, 12.0), Circle(220.0, 150.0, 55.0)
     period_ns = 200_000_000
     find = registry.detector(FOLLOWED)
@@ -251,21 +251,21 @@ def test_with_a_slow_camera_what_has_come_is_heard_after_the_same_time() -> None
     for n in range(10):
         found = find(picture(*([lamp] if n < 5 else [lamp, marker]), seed=n), n * period_ns)
         seen.append(found.rejected[0].circle if found.circle is None else found.circle)
-        assert (found.circle is None) == (n in (6, 7))  # on trial
+        assert (found.circle is None) == (n in (6, 7))  # tentative
     for n, circle in enumerate(seen):
         assert same_place(circle, lamp if n < 6 else marker)  # 0.3 s are two frames at most
 
 
-def test_red_things_that_were_heard_once_cost_nothing_more(searched: list[str]) -> None:
-    """Clutter that stands, sways and comes nearer with the marker is no news."""
+def test_red_things_that_were_found_once_cost_nothing_more(searched: list[str]) -> None:
+    """Clutter that stands, sways and comes nearer with the marker is nothing new."""
 
     def scene(n: int) -> Image:
         clutter = Circle(40.0 + 3 * math.sin(n / 3), 200.0, 14.0 + 0.2 * n), Circle(290.0 - 0.4 * n, 40.0, 9.0)
         return picture(Circle(160.0 + n, 120.0, 40.0 + 0.5 * n), *clutter, seed=n)
 
-    for one in told(steadily(scene, 3 * CHECK)):
+    for one in detections(steadily(scene, 3 * CHECK)):
         assert circle_of(one).radius_px > 35
-    assert searched.count("whole") == 1
+    assert searched.count("full") == 1
 
 
 def test_a_rendered_drive_with_vibration_is_followed_to_the_end() -> None:
@@ -316,7 +316,7 @@ def test_a_window_holds_every_near_circle_that_would_be_admitted(
             assert y1 >= min(height, at_v + r)
 
 
-def test_times_of_both_searches_are_told() -> None:
+def test_times_of_both_searches_are_reported() -> None:
     ticks = iter(range(0, 10**9, 1000))
     search = RoiSearch(FOLLOWED, lambda: next(ticks))
     track = track_of(Circle(40.0, 40.0, 20.0))

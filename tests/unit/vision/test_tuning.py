@@ -81,7 +81,7 @@ def test_the_present_setting() -> None:
     assert TABLE_I.apply(PAPER) == PAPER
 
 
-def test_wood_is_told_from_red_and_the_middle_is_taken() -> None:
+def test_wood_is_distinguished_from_red_and_the_middle_is_taken() -> None:
     wood = (90, 105, 140)  # H 9, S 91: Table I lets it in
     examples = [example(bay(ground=wood, seed=n), name=f"{n}.png") for n in range(3)]
     before = admission(TABLE_I, examples)
@@ -152,7 +152,7 @@ def look(label: Label) -> Picture:
     return bay(ground=wood, seed=hash(label.u)) if label.found else np.full((120, 160, 3), wood, np.uint8)
 
 
-def test_a_study_says_what_the_method_finds_before_and_after() -> None:
+def test_a_study_shows_what_the_method_finds_before_and_after() -> None:
     steps = []
     found = study(labels(8), look, PAPER, lambda: steps.append(1))
     assert len(steps) == 27
