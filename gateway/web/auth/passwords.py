@@ -63,7 +63,6 @@ class Passwords:
         self._dummy = _dummy_hash([user.password_hash for user in self._users.values()])
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="passwords")
         self._waiting = 0
-        self.checks = 0  # since the start
 
     async def check(self, name: str, password: str) -> HmiUser | None:
         """The user, if there is one of this name with this password. Raises LoginsBusyError when too many wait."""
@@ -72,7 +71,6 @@ class Passwords:
         user = self._users.get(name)
         known = self._dummy if user is None else user.password_hash
         self._waiting += 1
-        self.checks += 1
         job = self._thread.submit(_matches, known, password)
         loop = asyncio.get_running_loop()
         job.add_done_callback(lambda done: self._done(done, loop))

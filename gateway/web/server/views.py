@@ -72,8 +72,9 @@ def live_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
     ).model_dump_json()
 
 
-def driver_view(client: GatewayClient, bay: str) -> DriverView:
-    """Nothing known: FAULT, and stop."""
+def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
+    """For `Live`: the driver's display of the first of these bays. Nothing known: FAULT, and stop."""
+    bay = bays[0]
     report = client.report(bay)
     state = StateVector(bay, guidance=Guidance(GuidanceCode.FAULT)) if report is None else report.now.state
     guidance = payloads.state_payload(state, gateway_of(client), 0, STALE_AFTER_MS).guidance
@@ -86,12 +87,7 @@ def driver_view(client: GatewayClient, bay: str) -> DriverView:
         closing_mm_s=guidance.closing_mm_s,
         to_go_mm=guidance.to_go_mm,
         age_ms=client.age_ms(None if report is None else state.t_ns),
-    )
-
-
-def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
-    """For `Live`: the driver's display of the first of these bays."""
-    return driver_view(client, bays[0]).model_dump_json()
+    ).model_dump_json()
 
 
 def frame_json(reading: VisionReading) -> str:

@@ -49,7 +49,6 @@ class CaptureStore:
         self._limit_bytes = limit_bytes
         self._kept: dict[str, Capture] = {}
         self._numbers = itertools.count(1)
-        self.dropped = 0  # made room for others
 
     def still(self, bay: str, frame: Snapshot, wall_ns: int) -> Capture:
         return self._keep(Capture(f"s{next(self._numbers)}", bay, (frame,), wall_ns), STILLS)
@@ -75,16 +74,12 @@ class CaptureStore:
         self._kept[capture.name] = capture
         alike = [old.name for old in self.of(capture.bay) if old.recorded == capture.recorded]
         for name in alike[:-most]:
-            self._drop(name)
+            del self._kept[name]
         for name in list(self._kept):
             if self.bytes <= self._limit_bytes or name == capture.name:
                 break
-            self._drop(name)
+            del self._kept[name]
         return capture
-
-    def _drop(self, name: str) -> None:
-        del self._kept[name]
-        self.dropped += 1
 
 
 class Recorder:

@@ -29,8 +29,6 @@ class TrialThread:
         self._thread = thread or ThreadPoolExecutor(1, thread_name_prefix="tuning")
         self._turn = asyncio.Lock()
         self._withdrawn: dict[str, threading.Event] = {}  # of each caller's newest request
-        self.done = 0
-        self.withdrawn = 0
 
     async def work(self, who: str, what: Callable[[Callable[[], bool]], T]) -> T:
         """Do `what` on the thread; its argument is a function that it calls now and then: is this still wanted?
@@ -54,15 +52,11 @@ class TrialThread:
                 result = await asyncio.get_running_loop().run_in_executor(self._thread, what, wanted)
             if not wanted():
                 raise EndedError("given up for a newer one")
-        except EndedError:
-            self.withdrawn += 1
-            raise
+            return result
         finally:
             withdrawn.set()
             if self._withdrawn.get(who) is withdrawn:
                 del self._withdrawn[who]
-        self.done += 1
-        return result
 
     def withdraw(self, who: str) -> None:
         """Take back what `who` has waiting or running, if anything."""

@@ -43,6 +43,8 @@ BAYS = ("north", "south")
 class QuickPasswords(Passwords):
     """Looks at the password itself, at once: a thread's work takes no virtual time."""
 
+    checks = 0
+
     async def check(self, name: str, password: str) -> HmiUser | None:
         self.checks += 1
         user = self._users.get(name)
@@ -100,6 +102,12 @@ class SecuredApp:
             self.logins.passwords = QuickPasswords(self.config.users)
         app = self.app or stand_ins(self.logins)
         self.middleware = SecurityMiddleware(app, RULES, self.logins, clock)
+
+    @property
+    def checks(self) -> int:
+        """Passwords that have been checked."""
+        assert isinstance(self.logins.passwords, QuickPasswords)
+        return self.logins.passwords.checks
 
     def kinds(self) -> list[AuditKind]:
         return [record.kind for record in self.records]

@@ -296,7 +296,7 @@ async def test_brute_force_at_speed() -> None:
     answers = [await browser.post("/api/login", {"name": "tom", "password": f"guess {n:04}"}) for n in range(500)]
     assert [answer.status for answer in answers] == [401] * 10 + [429] * 490
     assert answers[-1].headers["retry-after"] == "60"
-    assert browser.secured_app.logins.passwords.checks == 10
+    assert browser.secured_app.checks == 10
     assert (await browser.login("tom")).status == 429  # not even the right one
     assert browser.secured_app.kinds().count(AuditKind.LOGIN_FAILED) == 10
     assert browser.secured_app.kinds().count(AuditKind.LOGIN_THROTTLED) == 20  # reported, but not five hundred times
@@ -556,10 +556,10 @@ async def test_a_program_logs_in_with_every_request_and_costs_one_check() -> Non
     for _ in range(20):
         assert (await program.get("/metrics", basic("vera", PASSWORD))).json["who"] == "vera"
         await asyncio.sleep(10)
-    assert program.secured_app.logins.passwords.checks == 1
+    assert program.secured_app.checks == 1
     await asyncio.sleep(300)
     assert (await program.get("/metrics", basic("vera", PASSWORD))).status == 200
-    assert program.secured_app.logins.passwords.checks == 2
+    assert program.secured_app.checks == 2
     assert program.secured_app.kinds() == [AuditKind.LOGIN]
     assert program.cookies == {}
 
@@ -595,7 +595,7 @@ async def test_basic_is_throttled_as_the_login_is() -> None:
     program = Browser(secured_app("none"))
     wrong = [(await program.get("/metrics", basic("tom", f"guess {n}"))).status for n in range(30)]
     assert wrong == [401] * 10 + [429] * 20
-    assert program.secured_app.logins.passwords.checks == 10
+    assert program.secured_app.checks == 10
 
 
 @in_virtual_time

@@ -2,7 +2,8 @@
 
 import asyncio
 import json
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
@@ -56,14 +57,22 @@ class Page:
                 asyncio.get_running_loop().call_later(self._think_s, self._inbox.put_nowait, answer)
 
 
+@asynccontextmanager
+async def served(live: Live, *pages: Page) -> AsyncIterator[None]:
+    async with asyncio.TaskGroup() as group:
+        for page in pages:
+            group.create_task(live.serve(page.socket))
+        yield
+        for page in pages:
+            page.leave()
+
+
 @in_virtual_time
 async def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_last() -> None:
     async with plant() as made:
         live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1")
-        async with asyncio.TaskGroup() as group:
-            group.create_task(live.serve(page.socket))
+        async with served(live, page):
             await asyncio.sleep(5)
-            page.leave()
         assert 48 <= len(page.sent) <= 53
         numbers = [view["bays"][0]["state"]["seq"] for view in page.sent]
         assert numbers == sorted(set(numbers))
@@ -75,10 +84,8 @@ async def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_
 async def test_a_page_that_stalled_gets_the_newest_view_and_no_older_one() -> None:
     async with plant() as made:
         live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)
-        async with asyncio.TaskGroup() as group:
-            group.create_task(live.serve(page.socket))
+        async with served(live, page):
             await asyncio.sleep(50)
-            page.leave()
         assert len(page.sent) == 3  # at 0, 20 and 40 s
         assert all(view["bays"][0]["age_ms"] <= 130.0 for view in page.sent)
 
@@ -123,13 +130,9 @@ async def test_no_more_pages_than_allowed_and_none_for_a_bay_that_does_not_exist
         live = Live(made.client, views.live_json, 2, 2)
         pages = [Page("bay=bay1") for _ in range(3)]
         stranger = Page("bay=bay9")
-        async with asyncio.TaskGroup() as group:
-            for page in (*pages, stranger):
-                group.create_task(live.serve(page.socket))
+        async with served(live, *pages, stranger):
             await asyncio.sleep(1)
             assert live.counts.open == 2
-            for page in pages:
-                page.leave()
         assert [page.closed for page in pages] == [None, None, TOO_MANY]
         assert (stranger.closed, stranger.sent) == (UNKNOWN_BAY, [])
         assert live.counts.refused == 1
@@ -141,20 +144,16 @@ async def test_one_address_has_its_share_of_the_pages() -> None:
         live = Live(made.client, views.driver_json, 64, 16)
         greedy = [Page("bay=bay1", address="10.0.1.66") for _ in range(64)]
         driver = Page("bay=bay1", address="10.0.1.8")
-        async with asyncio.TaskGroup() as group:
-            for page in (*greedy, driver):
-                group.create_task(live.serve(page.socket))
+        async with served(live, *greedy, driver):
             await asyncio.sleep(1)
             assert live.counts.open == 17
             assert len(driver.sent) > 5
             greedy[0].leave()
             await asyncio.sleep(1)
             again = Page("bay=bay1", address="10.0.1.66")
-            group.create_task(live.serve(again.socket))
-            await asyncio.sleep(1)
-            assert (again.closed, live.counts.open) == (None, 17)
-            for page in (*greedy, driver, again):
-                page.leave()
+            async with served(live, again):
+                await asyncio.sleep(1)
+                assert (again.closed, live.counts.open) == (None, 17)
         assert [page.closed for page in greedy] == [None] * 16 + [TOO_MANY] * 48
         assert (live.counts.refused, live.counts.open, len(live._open)) == (48, 0, 0)
 
@@ -197,12 +196,8 @@ async def test_many_pages_share_one_rendering() -> None:
             return views.live_json(client, bays)
 
         live, pages = Live(made.client, render, 30, 30), [Page() for _ in range(20)]
-        async with asyncio.TaskGroup() as group:
-            for page in pages:
-                group.create_task(live.serve(page.socket))
+        async with served(live, *pages):
             await asyncio.sleep(3)
-            for page in pages:
-                page.leave()
         answers = made.client.answers
         assert all(len(page.sent) >= 28 for page in pages)
         assert len(rendered) <= answers + 1

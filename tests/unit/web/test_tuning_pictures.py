@@ -234,7 +234,6 @@ def test_of_each_bay_the_newest_few_are_kept() -> None:
     names = [taken.name for taken in store.of("a")]
     assert names == [*(f"s{n}" for n in range(4, STILLS + 4)), "r14", "r15"]
     assert store.of("b") == [other]
-    assert store.dropped == 5
     assert store.get("a", other.name) is None
     assert store.get("b", other.name) is other
     assert store.get("b", "s1") is None
