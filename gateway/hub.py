@@ -58,7 +58,7 @@ class Hub:
 
     @property
     def dropped(self) -> int:
-        """Events dropped because a present subscriber's queue was full."""
+        """Events dropped because a subscriber's queue was full."""
         return sum(queue.dropped for queue in self._queues)
 
     def state(self, bay: str) -> StateVector:
@@ -93,6 +93,3 @@ class Hub:
         queue = EventQueue(limit)
         self._queues.append(queue)
         return queue
-
-    def unsubscribe(self, queue: EventQueue) -> None:
-        self._queues.remove(queue)

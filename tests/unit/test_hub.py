@@ -122,17 +122,6 @@ def test_a_default_queue_holds_a_thousand() -> None:
     assert (len(queue), queue.dropped) == (1000, 1)
 
 
-def test_an_unsubscribed_queue_gets_nothing_more() -> None:
-    hub = Hub(["a"])
-    one, other = hub.subscribe(), hub.subscribe()
-    hub.unsubscribe(one)
-    hub.publish(state(1), [event(1)])
-
-    assert (len(one), len(other)) == (0, 1)
-    with pytest.raises(ValueError, match="not in list"):
-        hub.unsubscribe(one)
-
-
 # States.
 
 

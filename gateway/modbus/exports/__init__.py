@@ -1,1 +1,1 @@
-"""The register table in the words of PLC and SCADA tools: one module a format, all of them in formats.py."""
+"""The register table as files for PLC and SCADA tools: one module a format, named in registry.py."""

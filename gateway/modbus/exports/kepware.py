@@ -60,7 +60,7 @@ def _rows(register: Register, target: Target) -> list[Row]:
         ]
     counted = measured(register) and not register.kind.is_float
     tag = f"{register.name}_raw" if counted else register.name
-    row = _row(tag, f"{400001 + register.address}", _TYPES[register.kind.name], _said(register, counted=counted))
+    row = _row(tag, f"{400001 + register.address}", _TYPES[register.kind.name], _description(register, counted=counted))
     row["Eng Units"] = "" if counted else register.unit
     if register.writable:
         row["Client Access"] = "R/W"
@@ -74,7 +74,7 @@ def _rows(register: Register, target: Target) -> list[Row]:
     ]
 
 
-def _said(register: Register, *, counted: bool) -> str:
+def _description(register: Register, *, counted: bool) -> str:
     """The meaning, what an unscaled register counts, and the number that means no value."""
     word = register.kind.no_value
     if word is None:

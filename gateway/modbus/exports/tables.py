@@ -41,11 +41,6 @@ def rows() -> list[Row]:
     return made
 
 
-def json_text() -> str:
-    """A JSON array of `rows()`."""
-    return json.dumps(rows(), indent=2, ensure_ascii=False) + "\n"
-
-
 def csv_text() -> str:
     """COLUMNS as the header, one line per register."""
     out = io.StringIO()
@@ -145,6 +140,6 @@ def markdown_table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str
 
 
 csv_files = one_file("registers.csv", lambda _: csv_text())
-json_files = one_file("registers.json", lambda _: json_text())
+json_files = one_file("registers.json", lambda _: json.dumps(rows(), indent=2, ensure_ascii=False) + "\n")
 markdown_files = one_file("registers.md", lambda _: markdown())
 text_files = one_file("registers.txt", lambda _: plain_text())

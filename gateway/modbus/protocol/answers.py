@@ -71,8 +71,8 @@ class Unit:
     read: ReadImage
     write: Write | None = None
     identity: Mapping[int, bytes] = field(default_factory=identity.objects)  # FC 43/14, by object id
-    refused: Callable[[Peer, str], None] | None = None  # called for writes that the peer may not make, for the audit
-    connection: Callable[[Peer, bool], None] | None = None  # called for a writer's first (True) and last
+    refused: Callable[[Peer, str], None] = lambda peer, why: None  # called for writes that the peer may not make
+    connection: Callable[[Peer, bool], None] = lambda peer, here: None  # called for a writer's first (True) and last
 
 
 class RefusedError(Exception):
@@ -91,7 +91,7 @@ def answer(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     try:
         function = FUNCTIONS.get(pdu[0])
         if function is None or peer.access < function.access or (function.writes and unit.write is None):
-            if function is not None and function.writes and unit.refused is not None:
+            if function is not None and function.writes:
                 unit.refused(peer, "writes are off" if unit.write is None else MAY_NOT_WRITE)
             raise RefusedError(ModbusException.ILLEGAL_FUNCTION)
         return function.work(unit, pdu, peer)
@@ -244,8 +244,7 @@ def _words(unit: Unit, function_code: int, address: int, count: int) -> bytes:
 def _write_bits(unit: Unit, address: int, count: int, bits: int, peer: Peer) -> None:
     found = masked(address, count, bits)
     if found is None:
-        if unit.refused is not None:
-            unit.refused(peer, f"coils {address} to {address + count - 1} are not of one register")
+        unit.refused(peer, f"coils {address} to {address + count - 1} are not of one register")
         raise RefusedError(ModbusException.ILLEGAL_ADDRESS)
     register, word, mask = found
     _write(unit, register, (word,), peer, mask)

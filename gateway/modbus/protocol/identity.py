@@ -11,12 +11,10 @@ from gateway import __version__
 from gateway.modbus.protocol.adu import ModbusException
 
 ROOM = 253 - 7  # of a PDU, after function code, MEI type and the five bytes of the head
-MAX_OBJECT_BYTES = ROOM - 2
 MORE_FOLLOWS = 0xFF
 LAST_OF_LEVEL = {1: 0x02, 2: 0x7F, 3: 0xFF}  # read device id code -> its highest object id
 INDIVIDUAL = 4
 INDIVIDUAL_TOO = 0x80  # flag in the conformity level: single objects can be read, too
-
 
 SERVER_ID = 1
 RUNNING, NOT_RUNNING = 0xFF, 0x00  # the run indicator
@@ -48,7 +46,7 @@ def objects(bay: str = "") -> dict[int, bytes]:
 def answer(known: Mapping[int, bytes], code: int, first: int) -> bytes | ModbusException:
     """What follows `2B 0E` in the answer to read device id code `code` from object `first` on, or why there is none.
 
-    `known`: object id (0..255) -> at most MAX_OBJECT_BYTES bytes; must hold the three basic objects.
+    `known`: object id (0..255) -> at most ROOM - 2 bytes; must hold the three basic objects.
     """
     level = 3 if max(known) > 0x7F else 2 if max(known) > 0x02 else 1
     if code == INDIVIDUAL:

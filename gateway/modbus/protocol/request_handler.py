@@ -74,8 +74,7 @@ class RequestHandler:
         if function is None or not function.writes:
             return False
         for unit in {id(kept): kept.unit for kept in self._units.values()}.values():
-            if unit.refused is not None:
-                unit.refused(peer, f"{function.name}: nothing is written under unit id 0")
+            unit.refused(peer, f"{function.name}: nothing is written under unit id 0")
         return True
 
     def _refused(self, frame: bytes, why: ModbusException) -> bytes:

@@ -114,10 +114,10 @@ def _cells(image: Image) -> tuple[str, ...]:
     flags = (f"**{image[name]}**" if image[name] else "0" for name in ("stop", "may_move", "in_place"))
     d, reason = image["d"], Reason(image["reason"])
     phase = VisitPhase(image["visit_phase"])
-    return ("-" if d is None else str(d), *flags, str(image["moved"]), f"{reason.value} {_said(reason)}", _said(phase))
+    return ("-" if d is None else str(d), *flags, str(image["moved"]), f"{reason.value} {_code(reason)}", _code(phase))
 
 
-def _said(code: Reason | VisitPhase) -> str:
+def _code(code: Reason | VisitPhase) -> str:
     return f"`{code.name.lower()}`"
 
 

@@ -41,6 +41,7 @@ from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
 MAP_VERSION = 3
 BLOCK_WORDS = 100
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
+_KNOWN_WORDS = (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
 KNOWN_FLOAT32 = 123456.0  # 0x47F12000
 NS_PER_MS = 1_000_000
 
@@ -261,25 +262,19 @@ def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOr
     return encode(withdrawn(state, now_ns), unix_ns, word_order)
 
 
-def word_order_of(image: Sequence[int]) -> WordOrder:
-    """Read off `known_u32`. Raises ProtocolError if it has neither order: then it is no image of this map."""
-    if len(image) != BLOCK_WORDS:
-        raise ProtocolError(f"an image has {BLOCK_WORDS} words, not {len(image)}")
-    address = _ADDRESS["known_u32"]
-    found, known = tuple(image[address : address + 2]), (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
-    if found == known:
-        return "big"
-    if found == known[::-1]:
-        return "little"
-    raise ProtocolError(f"registers {address} and {address + 1} do not hold 0x{KNOWN_UINT32:08X} in either word order")
-
-
 def decode(image: Sequence[int]) -> dict[str, Value]:
     """Every register by name, in its unit; None where there is no value. Finds the word order by itself.
 
     Raises ProtocolError for an image that is torn, of an older map version, or not one of ours.
     """
-    order = word_order_of(image)
+    if len(image) != BLOCK_WORDS:
+        raise ProtocolError(f"an image has {BLOCK_WORDS} words, not {len(image)}")
+    address = _ADDRESS["known_u32"]
+    orders: dict[tuple[int, ...], WordOrder] = {_KNOWN_WORDS: "big", _KNOWN_WORDS[::-1]: "little"}
+    if (order := orders.get(tuple(image[address : address + 2]))) is None:
+        raise ProtocolError(
+            f"registers {address} and {address + 1} do not hold 0x{KNOWN_UINT32:08X} in either word order"
+        )
     values = {
         register.name: unpack(
             register.kind, image[register.address : register.address + register.words], register.scale, order

@@ -110,7 +110,7 @@ class ConnectedWriters:
     """Reports to the units the first connection of each peer that may write, and the end of its last."""
 
     def __init__(self, units: Iterable[Unit]) -> None:
-        self._report = [unit.connection for unit in units if unit.connection is not None]
+        self._report = [unit.connection for unit in units]
         self._open: Counter[tuple[str, str]] = Counter()  # connections by address and subject
 
     def opened(self, peer: Peer) -> None:

@@ -181,11 +181,5 @@ class TlsTransport(asyncio.Transport):
     def resume_reading(self) -> None:
         self._tcp.resume_reading()
 
-    def is_reading(self) -> bool:
-        return self._tcp.is_reading()
-
     def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
         self._tcp.set_write_buffer_limits(high, low)
-
-    def get_write_buffer_size(self) -> int:
-        return self._tcp.get_write_buffer_size()

@@ -1,7 +1,7 @@
 """What a Modbus server has done, as a record for pages and metrics. Pure."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gateway.modbus.server.limits import Refusal
 
@@ -36,19 +36,14 @@ class ServerNow:
 
 
 def peers(connections: Iterable[PeerNow]) -> tuple[PeerNow, ...]:
-    """Connections of one address taken together."""
+    """One record an address."""
     found: dict[str, PeerNow] = {}
     for one in connections:
-        known = found.get(one.address)
-        found[one.address] = (
-            one
-            if known is None
-            else PeerNow(
-                one.address,
-                one.is_plc,
-                known.connections + one.connections,
-                known.requests + one.requests,
-                min(known.quiet_s, one.quiet_s),
-            )
+        known = found.get(one.address, replace(one, connections=0, requests=0))
+        found[one.address] = replace(
+            one,
+            connections=known.connections + one.connections,
+            requests=known.requests + one.requests,
+            quiet_s=min(known.quiet_s, one.quiet_s),
         )
     return tuple(sorted(found.values(), key=lambda peer: (not peer.is_plc, peer.quiet_s))[:MOST_PEERS])
