@@ -604,7 +604,7 @@ def test_a_pipe_or_a_link_in_the_folder_blocks_nothing(own_folder: Path) -> None
     assert done.wait(30)
 
 
-def test_a_file_that_is_not_ours_is_neither_taken_nor_written_through(own_folder: Path) -> None:
+def test_the_file_of_another_is_neither_used_nor_written_through(own_folder: Path) -> None:
     victim = own_folder / "victim"
     victim.write_text("precious")
     path_of("main", "bay1").symlink_to(victim)

@@ -1,4 +1,4 @@
-"""The byte stream: frames come out whole and in order, wherever it is cut, and faults are told where they stand."""
+"""The byte stream: frames are complete and in order, wherever it is cut, and faults are found at their place."""
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -56,7 +56,7 @@ def test_an_impossible_length_ends_it_with_the_frames_before_it(
     assert framer.held == 0
 
 
-def test_an_impossible_length_shows_before_the_frame_is_whole() -> None:
+def test_an_impossible_length_is_detected_before_the_frame_is_complete() -> None:
     framer = Framer()
     framer.feed(b"\0\1\0\0\xff")
     assert (framer.next(), framer.complete) == (None, False)
@@ -68,8 +68,8 @@ def test_an_impossible_length_shows_before_the_frame_is_whole() -> None:
 def test_the_limits_of_length() -> None:
     for length, fine in [(1, False), (2, True), (254, True), (255, False)]:
         framer = Framer()
-        told = out_of(framer, b"\0\1\0\0" + length.to_bytes(2, "big") + bytes(length))
-        assert (told != [Fault.BAD_LENGTH]) == fine
+        found = out_of(framer, b"\0\1\0\0" + length.to_bytes(2, "big") + bytes(length))
+        assert (found != [Fault.BAD_LENGTH]) == fine
     assert len(frame_bytes(0, 0, bytes(253))) == MAX_FRAME_BYTES
 
 

@@ -27,9 +27,9 @@ class Pair:
 
     def __init__(self, writes_on: bool = False, objects: dict[int, bytes] | None = None) -> None:
         self.words = list(WORDS)
-        told = OBJECTS if objects is None else objects
-        self.unit = Unit(lambda: self.words, self._write if writes_on else None, told)
-        self.bay = oracle.Bay(list(WORDS), WRITABLE, writes_on, told)
+        answered = OBJECTS if objects is None else objects
+        self.unit = Unit(lambda: self.words, self._write if writes_on else None, answered)
+        self.bay = oracle.Bay(list(WORDS), WRITABLE, writes_on, answered)
         self.server = oracle.Server({1: self.bay, 2: self.bay})
 
     def _write(self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
@@ -40,10 +40,10 @@ class Pair:
         return None
 
     def check(self, pdu: bytes) -> bytes:
-        told = answer(self.unit, pdu, ANYBODY)
-        assert told == oracle.answer(self.server, 1, pdu), pdu.hex(" ")
+        answered = answer(self.unit, pdu, ANYBODY)
+        assert answered == oracle.answer(self.server, 1, pdu), pdu.hex(" ")
         assert self.words == self.bay.words, pdu.hex(" ")
-        return told
+        return answered
 
 
 def pdu(function: int, *numbers: int) -> bytes:
@@ -100,9 +100,9 @@ def _writes() -> Iterator[bytes]:
 def test_writes_over_the_grid() -> None:
     pair = Pair(writes_on=True)
     answers = [pair.check(request) for request in _writes() if len(request) <= 253]
-    refused = {told[:2].hex() for told in answers if told[0] & 0x80}
+    refused = {answered[:2].hex() for answered in answers if answered[0] & 0x80}
     assert refused == {"8502", "8503", "8602", "8f02", "8f03", "9002", "9003", "9602", "9702", "9703"}
-    assert len([told for told in answers if told[0] in (5, 6, 15, 16, 22, 23)]) >= 300
+    assert len([answered for answered in answers if answered[0] in (5, 6, 15, 16, 22, 23)]) >= 300
     assert pair.words != WORDS  # something was written
 
 
@@ -126,12 +126,12 @@ def test_a_coil_is_the_bit_of_its_register() -> None:
     assert pair.words[81] == 0x7FFF & ~(0b1010101010 << 3)
 
 
-def test_coils_of_two_registers_are_not_written_and_told() -> None:
-    told: list[str] = []
+def test_coils_of_two_registers_are_not_written_and_reported() -> None:
+    answered: list[str] = []
     pair = Pair(writes_on=True)
-    unit = replace(pair.unit, refused=lambda _, why: told.append(why))
+    unit = replace(pair.unit, refused=lambda _, why: answered.append(why))
     assert answer(unit, pdu(15, CONTROL - 1, 2) + b"\x01\x03", ANYBODY) == b"\x8f\x02"
-    assert told == [f"coils {CONTROL - 1} to {CONTROL} are not of one register"]
+    assert answered == [f"coils {CONTROL - 1} to {CONTROL} are not of one register"]
     assert pair.words == WORDS
 
 
@@ -151,8 +151,8 @@ def test_report_server_id(status: int, running: int) -> None:
 
 
 def test_report_server_id_fits_whatever_the_names_are() -> None:
-    told = Pair(objects=LONG | {2: b"v" * 244}).check(b"\x11")
-    assert (len(told), told[1]) == (253, 251)
+    answered = Pair(objects=LONG | {2: b"v" * 244}).check(b"\x11")
+    assert (len(answered), answered[1]) == (253, 251)
 
 
 def test_function_23_reads_what_it_wrote() -> None:
@@ -165,7 +165,7 @@ def test_function_23_writes_nothing_where_it_can_not_read() -> None:
     assert pair.words == WORDS
 
 
-def test_what_the_write_says_is_the_exception() -> None:
+def test_the_exception_is_that_of_the_write() -> None:
     unit = Unit(lambda: WORDS, lambda address, words, peer, mask=0: ModbusException.ILLEGAL_VALUE)
     assert answer(unit, pdu(6, 80, 7), ANYBODY) == b"\x86\x03"
 
@@ -188,9 +188,9 @@ def test_a_role_decides_what_exists(access: Access, read: int, write: int) -> No
     pair = Pair(writes_on=True)
     for function in FUNCTIONS.values():
         request = REQUESTS.get(function.code, pdu(function.code, 0, 1))
-        told = answer(pair.unit, request, Peer("10.0.0.9", access, "some role"))
+        answered = answer(pair.unit, request, Peer("10.0.0.9", access, "some role"))
         refused = write if function.writes else read
-        assert (told == bytes([function.code | 0x80, 1])) == bool(refused), function.name
+        assert (answered == bytes([function.code | 0x80, 1])) == bool(refused), function.name
 
 
 LONG = {0: b"v" * 100, 1: b"c" * 100, 2: b"1" * 40, 4: b"p" * 244, 5: b"m", 0x80: b"x" * 200, 0xFF: b"y" * 44}
@@ -211,16 +211,16 @@ def test_identity_in_parts_has_every_object_once() -> None:
     found: dict[int, bytes] = {}
     first, parts = 0, 0
     while True:
-        told = answer(unit, bytes([43, 14, 3, first]), ANYBODY)
+        answered = answer(unit, bytes([43, 14, 3, first]), ANYBODY)
         at = 7
-        for _ in range(told[6]):
-            found[told[at]] = told[at + 2 : at + 2 + told[at + 1]]
-            at += 2 + told[at + 1]
-        assert at == len(told)
+        for _ in range(answered[6]):
+            found[answered[at]] = answered[at + 2 : at + 2 + answered[at + 1]]
+            at += 2 + answered[at + 1]
+        assert at == len(answered)
         parts += 1
-        if told[4] == 0:
+        if answered[4] == 0:
             break
-        first = told[5]
+        first = answered[5]
     assert found == LONG
     assert parts == 4
 
@@ -242,9 +242,9 @@ def test_units(units: tuple[int, ...]) -> None:
     exceptions = 0
     for unit in range(256):
         for request in (pdu(3, 98, 2), pdu(4, 0, 1), pdu(3, 0, 0), pdu(3, 99, 2), pdu(8, 0, 0), b"\x03", pdu(6, 80, 1)):
-            told = handler.answer(frame_bytes(0xA55A, unit, request), ANYBODY)
+            answered = handler.answer(frame_bytes(0xA55A, unit, request), ANYBODY)
             expected = oracle.answer(server, unit, request)
-            assert told == frame_bytes(0xA55A, unit, expected)
+            assert answered == frame_bytes(0xA55A, unit, expected)
             exceptions += expected[0] >= 0x80
     assert failed == []
     assert (stats.requests, stats.exceptions, stats.image_faults) == (256 * 7, exceptions, 0)

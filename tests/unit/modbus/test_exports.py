@@ -59,15 +59,15 @@ PROGRAMS = ("st", "plcopen", "codesys", "tcpou", "scl", "l5x", "openplc", "node-
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_no_program_has_an_output_that_could_be_taken_for_the_wrong_one(name: str) -> None:
+def test_no_program_has_an_output_that_could_be_mistaken_for_the_wrong_one(name: str) -> None:
     text = "\n".join(export(name, (TARGET, SECOND)).values())
     assert re.search(r"\bMayMove\b|may_move", text)
     assert re.search(r"\bInPlace\b|in_place", text)
     text = re.sub(r"Enable (Input|Output) - System Defined Parameter", "", text)  # Rockwell's own
     assert not re.search(r"\bEnable\b|LoadingEnable|[Mm]ay_?[Ll]oad|[Ll]oading may", text)
-    said = [line.strip() for line in text.splitlines() if re.search(r"[Cc]ondition for loading", line)]
-    assert said
-    assert [line for line in said if not re.search(r"only condition for loading|[Nn]ever a condition", line)] == []
+    lines = [line.strip() for line in text.splitlines() if re.search(r"[Cc]ondition for loading", line)]
+    assert lines
+    assert [line for line in lines if not re.search(r"only condition for loading|[Nn]ever a condition", line)] == []
 
 
 def unpack(words: list[int], letter: str) -> Any:
@@ -79,9 +79,9 @@ def unpack(words: list[int], letter: str) -> Any:
 
 def ignition_tags(target: Target) -> list[dict[str, Any]]:
     (text,) = export("ignition", (target,)).values()
-    whole = json.loads(text)
-    assert whole["tagType"] == "Provider"
-    (folder,) = whole["tags"]
+    provider = json.loads(text)
+    assert provider["tagType"] == "Provider"
+    (folder,) = provider["tags"]
     assert (folder["name"], folder["tagType"]) == (target.bay, "Folder")
     return list(folder["tags"])
 
@@ -206,9 +206,9 @@ def test_kepware_shows_no_sentinel_as_a_quantity() -> None:
     with_unit = [row["Tag Name"] for row in rows if row["Eng Units"]]
     assert with_unit == ["u_f32", "v_f32", "radius_f32", "distance_f32", "z_vision_f32"]
     assert all(math.isnan(read[name]) for name in with_unit)
-    told = {row["Tag Name"]: row["Description"] for row in rows}
-    assert told["radius_raw"] == "counts of 0.1 px; 65535: no value. marker radius R"
-    assert told["u_raw"].startswith("counts of 0.1 px; -32768: no value. ")
+    descriptions = {row["Tag Name"]: row["Description"] for row in rows}
+    assert descriptions["radius_raw"] == "counts of 0.1 px; 65535: no value. marker radius R"
+    assert descriptions["u_raw"].startswith("counts of 0.1 px; -32768: no value. ")
 
 
 # ---- Siemens
@@ -485,7 +485,7 @@ def openplc_entries(files: dict[str, str]) -> dict[str, str]:
     return entries
 
 
-def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
+def test_openplc_reads_the_block_and_puts_each_word_in_its_place() -> None:
     """Devices come one after the other: the second bay's words begin where those of the first end."""
     files = export("openplc", (TARGET, SECOND))
     assert set(files) == {openplc.PROGRAM, openplc.DEVICES}
@@ -510,7 +510,7 @@ def test_openplc_asks_for_the_block_and_puts_each_word_in_its_place() -> None:
 
 
 @pytest.mark.parametrize("writes", [True, False])
-def test_openplc_writes_where_the_gateway_takes_it(writes: bool) -> None:
+def test_openplc_writes_where_the_gateway_accepts_it(writes: bool) -> None:
     """A refused write makes OpenPLC close the connection at every poll."""
     targets = (Target(writes=writes), Target(bay="bay2", unit_id=2, writes=writes))
     files = export("openplc", targets)
@@ -555,7 +555,7 @@ def test_node_red_nodes_are_wired_to_each_other_and_to_the_bay() -> None:
     assert not other & set(ids)  # two bays fit into one Node-RED
 
 
-def test_node_red_decodes_and_says_may_move_or_in_place() -> None:
+def test_node_red_decodes_and_reports_may_move_or_in_place() -> None:
     first, second, third, fourth = function_node([(0, image(5)), (100, image(6)), (100, image(7)), (100, placed(8))])
     off = [{"topic": "may_move", "payload": False}, {"topic": "in_place", "payload": False}]
     assert first == [[*off, None, first[0][3], None], "heartbeat"]
@@ -583,12 +583,12 @@ def test_node_red_shows_no_sentinel_as_a_value() -> None:
     assert [name for name, value in expected.items() if value is None and data[name] is not None] == []
 
 
-def test_node_red_takes_the_other_word_order_only_when_told() -> None:
+def test_node_red_accepts_the_other_word_order_only_where_configured() -> None:
     messages = [(100, image(n, "little")) for n in (5, 6, 7)]
     assert [status for _, status in function_node(messages)] == ["word_order"] * 3
-    told = function_node(messages, LITTLE)
-    assert told[2][1] == "may move"
-    assert told[2][0][2]["payload"]["timestamp"] == 1_763_640_000_123
+    configured = function_node(messages, LITTLE)
+    assert configured[2][1] == "may move"
+    assert configured[2][0][2]["payload"]["timestamp"] == 1_763_640_000_123
 
 
 @pytest.mark.parametrize(
@@ -615,7 +615,7 @@ def test_node_red_finds_what_structured_text_finds(changes: dict[str, int], foun
     assert (outputs[2] is None) is (found < Diagnosis.STOP)
 
 
-def test_node_red_falls_on_silence_on_a_still_heartbeat_and_on_a_clock_set_back() -> None:
+def test_node_red_turns_off_on_silence_on_a_frozen_heartbeat_and_on_a_clock_set_back() -> None:
     live = [(0, placed(5)), (100, placed(6)), (100, placed(7))]
     limit = HEARTBEAT_TIMEOUT_MS
 
@@ -642,12 +642,12 @@ def test_node_red_gives_no_output_for_a_frozen_image(before: list[list[int]]) ->
         assert [out["payload"] for outputs, _ in ran for out in outputs[:2] if out] == [False, False]
 
 
-def test_node_red_writes_what_is_asked_while_the_gateway_takes_it() -> None:
+def test_node_red_writes_what_is_requested_while_the_gateway_accepts_it() -> None:
     plc = Handshake(PlcLink.ALIVE)
-    told: dict[str, Any] = {"topic": "command", "payload": {"truck_present": True, "release": True, "recipe": 7}}
+    command: dict[str, Any] = {"topic": "command", "payload": {"truck_present": True, "release": True, "recipe": 7}}
     less: dict[str, Any] = {"topic": "command", "payload": {"release": False, "unheard_of": True}}
     alive = [(100, placed(n, plc=plc)) for n in (5, 6, 7)]
-    ran = function_node([*alive, (10, told), (100, placed(8, plc=plc)), (10, less), (100, placed(9, plc=plc))])
+    ran = function_node([*alive, (10, command), (100, placed(8, plc=plc)), (10, less), (100, placed(9, plc=plc))])
     assert ran[2][0][4] == {"topic": "write", "payload": [1, 0, 0]}
     assert ran[3][0] is None
     assert ran[4][0][4]["payload"] == [2, 1 << Control.TRUCK_PRESENT | 1 << Control.RELEASE, 7]
@@ -666,7 +666,7 @@ def run(*argv: str) -> int:
 
 
 @pytest.mark.parametrize("name", SUMMARY)
-def test_each_format_comes_out_of_the_command(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_each_format(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
     argv = ["--bay", "bay-2", "--host", "10.1.2.3", "--port", "5020", "--unit-id", "7"]
     assert run("--format", name, *argv, "--out", f"{folder}/") == 0
@@ -691,7 +691,7 @@ def test_two_files_need_a_folder() -> None:
         run("--format", "openplc")
 
 
-def test_several_bays_are_told_by_name_and_unit_id(tmp_path: Path) -> None:
+def test_several_bays_are_given_by_name_and_unit_id(tmp_path: Path) -> None:
     argv = ["--host", "10.1.2.3", "--port", "5020", "--bay", "bay-2:7", "--bay", "bay-3:8", "--out", f"{tmp_path}/"]
     for name in ("st", "kepware", "openplc"):
         assert run("--format", name, *argv) == 0
@@ -703,7 +703,7 @@ def test_several_bays_are_told_by_name_and_unit_id(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         (("--bay", "a b"), "--bay: 'a b'"),
         (("--host", "x/y"), "--host: 'x/y'"),
@@ -716,8 +716,8 @@ def test_several_bays_are_told_by_name_and_unit_id(tmp_path: Path) -> None:
         (("--out", "/dev/null/x"), "--out /dev/null/x: Not a directory"),
     ],
 )
-def test_bad_arguments_are_named(argv: tuple[str, str], said: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(said)):
+def test_bad_arguments_are_named(argv: tuple[str, str], message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
         run("--format", "st", *argv)
 
 
@@ -746,7 +746,7 @@ def test_a_bay_has_a_name_that_plc_languages_take(bay: str, name: str) -> None:
 # ---- the page
 
 
-def test_every_reason_and_diagnosis_says_what_to_do() -> None:
+def test_every_reason_and_diagnosis_has_a_remedy() -> None:
     assert set(reference.REMEDY) == set(Reason)
     assert all(reference.REMEDY.values())
     shown = reference.diagnoses()

@@ -119,22 +119,22 @@ def test_status_bits(plc: Handshake, bits: set[str]) -> None:
 
 
 @pytest.mark.parametrize("phase", [phase for phase in TriggerPhase if phase is not TriggerPhase.VALID])
-def test_no_result_register_holds_anything_while_none_may_be_read(phase: TriggerPhase) -> None:
-    told = decode(encode(replace(STATE, plc=replace(STATE.plc, phase=phase)), 0, "big"))
-    assert (told["result_id"], told["result_outcome"]) == (0, 0)
-    assert {told[name] for name in ("result_u", "result_v", "result_radius", "result_distance")} == {None}
+def test_result_registers_are_empty_while_no_result_may_be_read(phase: TriggerPhase) -> None:
+    read = decode(encode(replace(STATE, plc=replace(STATE.plc, phase=phase)), 0, "big"))
+    assert (read["result_id"], read["result_outcome"]) == (0, 0)
+    assert {read[name] for name in ("result_u", "result_v", "result_radius", "result_distance")} == {None}
 
 
 @pytest.mark.parametrize("reason", [Reason.GATEWAY_FAULT, Reason.SHUTDOWN])
 def test_a_dead_gateway_offers_no_result_and_no_trigger(reason: Reason) -> None:
-    told = decode(encode(fusion.forced_stop(STATE, reason, 101 * S), 0, "big"))
-    on = HANDSHAKE_STATUS.on(int(told["handshake_status"] or 0))
+    read = decode(encode(fusion.forced_stop(STATE, reason, 101 * S), 0, "big"))
+    on = HANDSHAKE_STATUS.on(int(read["handshake_status"] or 0))
     assert not on & {"results_valid", "trigger_ready", "acquiring"}
-    assert (told["result_id"], told["guidance"], told["distance_to_go"]) == (0, GuidanceCode.FAULT, None)
+    assert (read["result_id"], read["guidance"], read["distance_to_go"]) == (0, GuidanceCode.FAULT, None)
 
 
 @pytest.mark.parametrize("link", [PlcLink.UNUSED, PlcLink.WAITING])
-def test_age_of_a_heartbeat_that_never_came(link: PlcLink) -> None:
+def test_a_heartbeat_that_never_arrived_has_no_age(link: PlcLink) -> None:
     assert decode(encode(replace(STATE, plc=Handshake(link=link)), 0, "big"))["plc_age"] is None
 
 
@@ -173,14 +173,14 @@ WHO = Writer("10.0.0.9", "plc1", "operator")
         (81, (6, 7), PlcWrite(WHO, None, 6, 7)),
     ],
 )
-def test_what_is_written_where(address: int, sent: tuple[int, ...], taken: PlcWrite) -> None:
+def test_each_word_is_written_to_its_field(address: int, sent: tuple[int, ...], taken: PlcWrite) -> None:
     bay = Bay()
     assert bay.write(address, sent, PEER) is None
     assert (bay.taken, bay.refused) == ([taken], [])
 
 
 @pytest.mark.parametrize(("address", "sent"), [(79, (1, 2)), (82, (1, 2)), (83, (1,)), (0, (1,)), (4, (0,))])
-def test_the_rest_is_read_only_and_nothing_of_such_a_write_is_taken(address: int, sent: tuple[int, ...]) -> None:
+def test_the_rest_is_read_only_and_such_a_write_changes_nothing(address: int, sent: tuple[int, ...]) -> None:
     bay = Bay()
     assert bay.write(address, sent, PEER) is ModbusException.ILLEGAL_ADDRESS
     first = address if address not in WRITABLE else 83
@@ -195,21 +195,21 @@ def test_the_rest_is_read_only_and_nothing_of_such_a_write_is_taken(address: int
         (WriteVerdict.UNDECIDED, ModbusException.DEVICE_FAILURE),
     ],
 )
-def test_what_becomes_of_a_write(verdict: WriteVerdict, exception: ModbusException | None) -> None:
+def test_the_exception_of_each_verdict(verdict: WriteVerdict, exception: ModbusException | None) -> None:
     bay = Bay(verdict)
     assert bay.write(80, (1,), PEER) is exception
     assert bay.refused == [], "the bay itself tells of a conflict"
 
 
 @pytest.mark.parametrize("bit", range(16))
-def test_a_control_bit_without_a_meaning_is_refused_and_told(bit: int) -> None:
+def test_a_control_bit_without_a_meaning_is_refused_and_reported(bit: int) -> None:
     bay, known = Bay(), bit in set(Control)
     assert bay.write(81, (1 << bit,), PEER) is (None if known else ModbusException.ILLEGAL_VALUE)
     assert bay.refused == ([] if known else [(WHO, f"plc_control has no bit {bit}")])
     assert len(bay.taken) == known
 
 
-def test_one_bit_without_a_meaning_refuses_the_whole_request() -> None:
+def test_one_bit_without_a_meaning_refuses_the_complete_request() -> None:
     bay = Bay()
     assert bay.write(80, (5, 0x4003, 7), PEER) is ModbusException.ILLEGAL_VALUE
     assert bay.taken == []

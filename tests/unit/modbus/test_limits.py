@@ -1,4 +1,4 @@
-"""The connection policy: who may come in, who makes room, who has to go. Time is an argument."""
+"""The connection policy: which clients may connect, and which connections are closed. Time is an argument."""
 
 import resource
 
@@ -24,7 +24,7 @@ def connections(address: str, count: int, *, is_plc: bool = False, active_s: flo
 
 
 @pytest.mark.parametrize(
-    ("allow", "plcs", "address", "let_in"),
+    ("allow", "plcs", "address", "allowed"),
     [
         ((), (), STRANGER, True),
         (("10.0.0.0/16",), (), SCADA, True),
@@ -35,18 +35,18 @@ def connections(address: str, count: int, *, is_plc: bool = False, active_s: flo
         (("fe80::/10",), (), SCADA, False),  # IPv4 is in no IPv6 network
     ],
 )
-def test_the_allow_list(allow: tuple[str, ...], plcs: tuple[str, ...], address: str, let_in: bool) -> None:
+def test_the_allow_list(allow: tuple[str, ...], plcs: tuple[str, ...], address: str, allowed: bool) -> None:
     verdict = limits(allow=allow, plc_addresses=plcs).judge(address, [], 0.0)
-    assert verdict == Verdict(None if let_in else Refusal.NOT_ALLOWED)
+    assert verdict == Verdict(None if allowed else Refusal.NOT_ALLOWED)
 
 
-def test_without_plc_addresses_all_the_room_is_for_everybody() -> None:
+def test_without_plc_addresses_no_connection_is_reserved() -> None:
     rules = limits(max_connections=10, plc_connections=4)
     assert rules.judge(SCADA, connections(STRANGER, 9), 1.0) == Verdict()
     assert rules.judge(SCADA, connections(STRANGER, 10, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
 
 
-def test_room_is_kept_for_the_plc() -> None:
+def test_connections_are_reserved_for_the_plc() -> None:
     rules = limits(max_connections=10, plc_connections=4, plc_addresses=(PLC,))
     assert rules.judge(STRANGER, connections(STRANGER, 5), 1.0) == Verdict()
     assert rules.judge(STRANGER, connections(STRANGER, 6, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
@@ -55,7 +55,7 @@ def test_room_is_kept_for_the_plc() -> None:
         assert rules.judge(PLC, crowd, 1.0) == Verdict()
 
 
-def test_the_quietest_makes_room_when_it_is_quiet_enough() -> None:
+def test_the_longest_idle_connection_is_replaced_when_it_is_idle_long_enough() -> None:
     rules = limits(max_connections=3)
     crowd = [
         ConnectionInfo(STRANGER, active_s=50.0),
@@ -76,7 +76,7 @@ def test_one_address_has_its_share_and_no_more() -> None:
     assert rules.judge(SCADA, there, 1.0) == Verdict(), "there is room for others"
 
 
-def test_the_quietest_of_the_same_address_makes_room_and_nobody_elses() -> None:
+def test_an_address_beyond_its_share_replaces_only_its_own_longest_idle_connection() -> None:
     rules = limits(max_connections=8, connections_per_address=2)
     crowd = [
         ConnectionInfo(SCADA, active_s=1.0),
@@ -93,19 +93,19 @@ def test_a_plc_needs_no_share() -> None:
         assert rules.judge(PLC, connections(PLC, there, is_plc=True), 1.0) == Verdict()
 
 
-def test_nobody_from_elsewhere_can_push_out_a_plc() -> None:
+def test_no_other_address_can_replace_a_plc() -> None:
     rules = limits(max_connections=4, plc_connections=2, plc_addresses=("10.0.0.0/24",))
     crowd = [*connections(PLC, 4, is_plc=True)]
     assert rules.judge(STRANGER, crowd, 1e6) == Verdict(Refusal.FULL)
 
 
-def test_a_plc_is_let_in_at_the_cost_of_others_even_of_busy_ones() -> None:
+def test_a_plc_replaces_another_client_even_a_busy_one() -> None:
     rules = limits(max_connections=4, plc_connections=1, plc_addresses=("10.0.0.0/24",))
     crowd = [ConnectionInfo(PLC, True, 1.0), *connections(STRANGER, 3, active_s=100.0)]
     assert rules.judge(OTHER_PLC, crowd, 100.0).instead_of is crowd[1]
 
 
-def test_a_plc_that_comes_again_takes_its_own_old_place_and_no_other_plcs() -> None:
+def test_a_plc_that_reconnects_replaces_its_own_old_connection_and_no_other_plcs() -> None:
     rules = limits(max_connections=4, plc_connections=4, plc_addresses=("10.0.0.0/24",))
     crowd = [ConnectionInfo(OTHER_PLC, True, 1.0), *connections(PLC, 3, is_plc=True, active_s=2.0)]
     assert rules.judge(PLC, crowd, 9.0).instead_of is crowd[1]
@@ -139,7 +139,7 @@ def test_addresses_as_the_kernel_gives_them(given: str, plain: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "said"),
+    ("keys", "message"),
     [
         ({"allow": ["10.0.0.5/24"]}, 'modbus.allow.0 = "10.0.0.5/24": should be an address or a network'),
         ({"plc_addresses": ["plc1"]}, 'modbus.plc_addresses.0 = "plc1": should be an address or a network'),
@@ -152,8 +152,8 @@ def test_addresses_as_the_kernel_gives_them(given: str, plain: str) -> None:
         ({"idle_timeout_s": 0.5}, "modbus.idle_timeout_s = 0.5: .*allowed: >= 1"),
     ],
 )
-def test_what_is_wrong_in_the_file(keys: dict[str, object], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_errors_of_the_file(keys: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         parse({"modbus": keys})
 
 
@@ -188,34 +188,34 @@ WRITER = Peer("10.0.0.9")
 
 
 def connected_writers() -> tuple[ConnectedWriters, list[tuple[str, str, bool]]]:
-    told: list[tuple[str, str, bool]] = []
-    unit = Unit(list, connection=lambda peer, here: told.append((peer.address, peer.subject, here)))
-    return ConnectedWriters([unit, Unit(list)]), told
+    reported: list[tuple[str, str, bool]] = []
+    unit = Unit(list, connection=lambda peer, here: reported.append((peer.address, peer.subject, here)))
+    return ConnectedWriters([unit, Unit(list)]), reported
 
 
-def test_the_first_and_the_last() -> None:
-    watched, told = connected_writers()
+def test_the_first_and_the_last_connection_of_a_writer_are_reported() -> None:
+    watched, reported = connected_writers()
     for _ in range(3):
         watched.opened(WRITER)
-    assert told == [("10.0.0.9", "", True)]
+    assert reported == [("10.0.0.9", "", True)]
     for _ in range(3):
         watched.closed(WRITER)
-    assert told == [("10.0.0.9", "", True), ("10.0.0.9", "", False)]
+    assert reported == [("10.0.0.9", "", True), ("10.0.0.9", "", False)]
     assert not watched._open
 
 
-def test_each_address_and_subject_is_somebody_else() -> None:
-    watched, told = connected_writers()
+def test_each_address_and_subject_is_another_writer() -> None:
+    watched, reported = connected_writers()
     watched.opened(Peer("10.0.0.9", subject="plc1"))
     watched.opened(Peer("10.0.0.9", subject="plc2"))
     watched.closed(Peer("10.0.0.9", subject="plc1"))
-    assert told[-1] == ("10.0.0.9", "plc1", False)
-    assert len(told) == 3
+    assert reported[-1] == ("10.0.0.9", "plc1", False)
+    assert len(reported) == 3
 
 
 @pytest.mark.parametrize("access", [Access.NONE, Access.READ])
-def test_who_may_not_write_is_nobody(access: Access) -> None:
-    watched, told = connected_writers()
+def test_a_client_that_may_not_write_is_not_reported(access: Access) -> None:
+    watched, reported = connected_writers()
     watched.opened(Peer("10.0.0.9", access))
     watched.closed(Peer("10.0.0.9", access))
-    assert told == []
+    assert reported == []

@@ -184,7 +184,7 @@ def test_the_health_of_the_picture_is_that_of_a_fresh_frame_or_none(
     assert now["picture_status"] == (0b101000 if known else 0)
 
 
-def test_what_cannot_be_told_of_a_picture_has_no_value() -> None:
+def test_what_is_not_known_of_a_picture_has_no_value() -> None:
     health = PictureHealth(0.01, 0.0, 0.02, None, None, None, status=1)
     now = values(replace(STATE, vision=replace(STATE.vision, picture=health)))
     assert [now[name] for name in PICTURE] == pytest.approx([1.0, 2.0, None, None, None])
@@ -234,7 +234,7 @@ def test_addresses_are_never_renumbered() -> None:
     assert tracking_of_version_2 in ", ".join(rows)
 
 
-def test_a_prediction_stands_beside_the_measured_registers_and_only_while_the_marker_coasts() -> None:
+def test_a_prediction_has_its_own_registers_and_only_while_the_marker_is_coasted() -> None:
     coasted = VisionReading(
         STATE.t_ns, Quality.COASTED, tracking=Tracking.COASTED, predicted=Circle(12.34, -5.0, 99.96)
     )
@@ -248,7 +248,7 @@ def test_a_prediction_stands_beside_the_measured_registers_and_only_while_the_ma
     assert "vision_fault" not in bits(replace(STATE, vision=coasted))
 
 
-def test_how_a_frame_was_come_by_is_told_of_fresh_frames_only() -> None:
+def test_tracking_is_reported_of_fresh_frames_only() -> None:
     fresh = {Quality.GOOD: 1, Quality.NO_TARGET: 3, Quality.COASTED: 2}
     for quality in Quality:
         label = Tracking(fresh.get(quality, Tracking.MEASURED))
@@ -295,7 +295,7 @@ def test_good_without_a_value_is_no_value() -> None:
     assert [read[name] for name in ("u", "v", "radius", "distance", "z_vision")] == [None] * 5
 
 
-def test_a_cut_value_is_told_and_its_mirror_is_true() -> None:
+def test_a_limited_value_is_reported_and_its_mirror_is_true() -> None:
     wide = replace(STATE, vision=replace(STATE.vision, circle=Circle(4000.5, 10.0, 180.0)))
     read = values(wide)
     assert read["u"] == 3276.7
@@ -336,8 +336,8 @@ def test_fault_bits_and_fault_events_agree(quality: Quality) -> None:
     for sensor, bit in (("vision", "vision_fault"), ("range", "range_fault")):
         reading = replace(getattr(STATE, sensor), quality=quality)
         state = replace(STATE, **{sensor: reading})
-        told = any(event.kind is EventKind.SENSOR_FAULT for event in events.diff(STATE, state))
-        assert told == (bit in bits(state)) == ("fault" in bits(state))
+        reported = any(event.kind is EventKind.SENSOR_FAULT for event in events.diff(STATE, state))
+        assert reported == (bit in bits(state)) == ("fault" in bits(state))
 
 
 def test_the_dead_image() -> None:
@@ -407,13 +407,13 @@ def test_decode_gives_back_what_was_encoded(order: WordOrder) -> None:
 
 def test_decode_refuses_what_it_cannot_trust() -> None:
     image = encode(STATE, UNIX_NS, "big")
-    for wrong, said in (
+    for wrong, message in (
         (image[:99], "99"),
         ((*image[:40], 0, 0, *image[42:]), "0x12345678"),
         ((*image[:99], image[99] ^ 2), "torn"),
         ((*image[:1], 0, *image[2:]), "map version 0"),
     ):
-        with pytest.raises(ProtocolError, match=said):
+        with pytest.raises(ProtocolError, match=message):
             decode(wrong)
 
 

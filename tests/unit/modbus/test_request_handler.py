@@ -1,4 +1,4 @@
-"""Kept answers: fast, and never old."""
+"""Kept answers are never old."""
 
 from collections.abc import Sequence
 
@@ -100,7 +100,7 @@ def test_exceptions_are_counted_every_time() -> None:
         assert (bench.stats.requests, bench.stats.exceptions) == (n + 1, n + 1)
 
 
-def test_what_is_kept_for_one_is_not_shown_to_one_who_may_not_read() -> None:
+def test_a_kept_answer_is_not_sent_to_a_peer_that_may_not_read() -> None:
     bench = Bench((1, 2))
     assert bench.ask(read(0, 1))[-1] == 1
     assert bench.handler.answer(read(0, 1), Peer("10.0.0.9", Access.NONE))[7:] == b"\x83\x01"

@@ -1,4 +1,4 @@
-"""The state table of the PLC's pages says what the visit's contract promises, situation by situation."""
+"""The state table of the PLC's pages agrees with the visit's contract, situation by situation."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ EXPECTED: dict[str, tuple[int | None, int, int, int, int, Reason, VisitPhase]] =
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_a_visit_without_a_fault_reads_as_the_contract_says(name: str) -> None:
+def test_a_visit_without_a_fault_reads_as_its_contract(name: str) -> None:
     image = IMAGES[name]
     names = ("d", "stop", "may_move", "in_place", "moved", "reason", "visit_phase")
     assert tuple(image[one] for one in names) == EXPECTED[name]
@@ -35,12 +35,12 @@ def test_no_fault_leaves_a_truck_in_place(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in IMAGES if "rolls" in name or "drives off" in name])
-def test_a_truck_that_moves_without_release_is_told(name: str) -> None:
+def test_a_truck_that_moves_without_release_is_reported(name: str) -> None:
     assert IMAGES[name]["moved"] == (0 if name == "at the mark, still rolling" else 1)
 
 
 @pytest.mark.parametrize("image", IMAGES.values(), ids=IMAGES)
-def test_no_row_says_two_things(image: dict[str, Any]) -> None:
+def test_no_row_contradicts_itself(image: dict[str, Any]) -> None:
     assert image["stop"] + image["may_move"] <= 1
     assert image["may_move"] + image["in_place"] <= 1
     assert image["in_place"] <= image["stop"]

@@ -55,7 +55,7 @@ def test_json_rows(capsys: pytest.CaptureFixture[str]) -> None:
     assert {b["bit"]: b["name"] for b in by_name["status"]["bits"]} == dict(enumerate(bits.split()))
 
 
-def test_a_stranger_can_read_the_image_with_the_json_alone() -> None:
+def test_an_image_can_be_decoded_with_the_json_alone() -> None:
     """Decodes an image by nothing but the exported rows, as an importer of tags would."""
     state = StateVector(
         "b",

@@ -1,4 +1,4 @@
-"""What is said of the files of [modbus.tls] before anybody connects."""
+"""What is checked and reported of the files of [modbus.tls] before any client connects."""
 
 import asyncio
 import subprocess
@@ -45,7 +45,7 @@ def test_good_files(plant: Plant) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "text", "said"),
+    ("key", "text", "message"),
     [
         ("cert", None, "modbus.tls.cert: cannot read "),
         ("key", None, "modbus.tls.key: cannot read "),
@@ -60,14 +60,14 @@ def test_good_files(plant: Plant) -> None:
         ("crl", "a client", "holds no revocation list"),
     ],
 )
-def test_bad_files(plant: Plant, tmp_path: Path, key: str, text: str | None, said: str) -> None:
+def test_bad_files(plant: Plant, tmp_path: Path, key: str, text: str | None, message: str) -> None:
     path = tmp_path / "file.pem"
     if text is not None:
         known = {"other key": plant.folder.key_path("plc1"), "a client": plant.folder.certificate_path("plc1")}
         path.write_bytes(known[text].read_bytes() if text in known else text.encode())
     with pytest.raises(ConfigError) as caught:
         tls.server_context(TlsFiles.of_modbus(plant.config(**{key: str(path)})))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert str(path) in str(caught.value)
 
 
@@ -103,7 +103,7 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("modbus", "said"),
+    ("modbus", "message"),
     [
         (
             {"handshake": {"heartbeat_required": False, "enable_required": True}},
@@ -127,10 +127,10 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
         ({"tls": {"cert": "a", "key": "b"}}, "modbus.tls.ca: is missing"),
     ],
 )
-def test_what_can_not_be_configured(modbus: dict[str, object], said: str) -> None:
+def test_combinations_that_are_refused(modbus: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse({"modbus": modbus})
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_roles(plant: Plant) -> None:
@@ -146,9 +146,7 @@ def test_roles(plant: Plant) -> None:
     }
 
 
-def test_a_certificate_in_use_is_looked_at_for_as_long_as_it_is_used(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_certificate_is_checked_for_as_long_as_it_is_used(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     own, clock = Plant(tmp_path), LaterClock()
     days = clock.days
     first, second = own.client("plc1"), own.client("plc2")  # for 30 days
@@ -181,7 +179,7 @@ def test_lists_of_several_authorities_in_one_file(tmp_path: Path) -> None:
         revoked(b"-----BEGIN X509 CRL-----\nnonsense\n-----END X509 CRL-----\n")
 
 
-def test_gateway_check_says_what_would_be_served(
+def test_gateway_check_shows_what_would_be_served(
     plant: Plant, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     keys = plant.config().model_dump()
@@ -189,16 +187,16 @@ def test_gateway_check_says_what_would_be_served(
     path = tmp_path / "g.toml"
     path.write_text(f"[modbus]\nplain = false\nwrites = true\n[modbus.tls]\n{tls_keys}\n")
     assert main(["check", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert "good. Site site1, Modbus/TCP Security on 127.0.0.1:802,\n" in said
-    assert "writes to the handshake block: over TLS only, by role operator\n" in said
+    output = capsys.readouterr().out
+    assert "good. Site site1, Modbus/TCP Security on 127.0.0.1:802,\n" in output
+    assert "writes to the handshake block: over TLS only, by role operator\n" in output
     path.write_text('[modbus]\nwrites = true\nplc_addresses = ["10.20.0.10", "10.20.0.11"]\n')
     main(["check", str(path)])
-    said = capsys.readouterr().out
-    assert "Modbus TCP on 127.0.0.1:502,\n  writes to the handshake block: by 10.20.0.10, 10.20.0.11\n" in said
+    output = capsys.readouterr().out
+    assert "Modbus TCP on 127.0.0.1:502,\n  writes to the handshake block: by 10.20.0.10, 10.20.0.11\n" in output
 
 
-def test_writes_by_nobody_in_particular_are_a_fault_of_the_file(tmp_path: Path) -> None:
+def test_writes_without_permitted_writers_are_an_error_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "g.toml"
     path.write_text("[modbus]\nhost = '10.20.0.5'\nwrites = true\n")
     with pytest.raises(ConfigError) as caught:
@@ -224,8 +222,8 @@ def test_a_plant_without_plc_addresses_is_warned(
     path = tmp_path / "g.toml"
     path.write_text(f"[modbus]\n{keys}\n")
     assert main(["check", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert ("  warning: modbus.plc_addresses: is empty, and host = " in said) == warned
+    output = capsys.readouterr().out
+    assert ("  warning: modbus.plc_addresses: is empty, and host = " in output) == warned
 
 
 def test_the_warning_is_in_the_log_of_a_gateway_that_starts(
@@ -243,7 +241,7 @@ def test_the_warning_is_in_the_log_of_a_gateway_that_starts(
 
 
 @pytest.mark.parametrize("key", ["cert", "key", "ca", "crl"])
-def test_a_file_that_vanishes_while_it_is_read_is_told(
+def test_a_file_that_vanishes_while_it_is_read_is_reported(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str
 ) -> None:
     """Somebody renews the certificates at this moment: no traceback, and the files read before stay in force."""
@@ -257,7 +255,7 @@ def test_a_file_that_vanishes_while_it_is_read_is_told(
         tls.server_context(TlsFiles.of_modbus(config))
 
 
-def test_a_subject_can_not_forge_a_line_of_the_log(plant: Plant) -> None:
+def test_a_subject_can_not_forge_a_log_line(plant: Plant) -> None:
     name = "plc1\n2026-01-01 INFO bay1: stop cleared\u2028\x1b[2J"
     made = issue.client(plant.by, name, "operator", issue.new_key(), NOW, 5)
     shown = subject_of(made)

@@ -1,4 +1,4 @@
-"""Who may begin a TLS handshake: bounded in number and rate, for all strangers together and for one address."""
+"""TLS handshakes are bounded in number and rate, for all unknown addresses together and for one address."""
 
 import asyncio
 import ssl
@@ -52,8 +52,8 @@ class Listener:
 
     def connect(self, address: str) -> Client | None:
         client = Client(address)
-        let_in = self.limiter.admit(client, cast(asyncio.Transport, client))
-        return client if let_in else None
+        admitted = self.limiter.admit(client, cast(asyncio.Transport, client))
+        return client if admitted else None
 
     def done(self, client: Client) -> None:
         self.limiter.established(client)
@@ -69,7 +69,7 @@ async def test_one_address_can_not_take_all_handshakes() -> None:
 
 
 @in_virtual_time
-async def test_nor_the_whole_rate() -> None:
+async def test_one_address_can_not_use_the_complete_rate() -> None:
     """A stranger that finishes each handshake at once, and begins a hundred a second, for a minute."""
 
     listener = Listener()
@@ -87,7 +87,7 @@ async def test_nor_the_whole_rate() -> None:
 
 
 @in_virtual_time
-async def test_all_strangers_together_have_no_more_than_before() -> None:
+async def test_all_unknown_addresses_together_are_limited() -> None:
     listener = Listener()
     crowd = [listener.connect(f"10.1.{n // 250}.{n % 250}") for n in range(500)]
     there = [client for client in crowd if client]
@@ -102,7 +102,7 @@ async def test_all_strangers_together_have_no_more_than_before() -> None:
 
 
 @in_virtual_time
-async def test_a_plc_is_held_up_by_nobody() -> None:
+async def test_a_plc_is_not_delayed_by_others() -> None:
     listener = Listener()
     strangers = [listener.connect(f"10.1.0.{n}") for n in range(100)]
     assert len([client for client in strangers if client]) == AT_ONCE
@@ -111,7 +111,7 @@ async def test_a_plc_is_held_up_by_nobody() -> None:
 
 
 @in_virtual_time
-async def test_addresses_are_forgotten_but_not_those_that_wait() -> None:
+async def test_addresses_are_forgotten_but_not_those_with_a_handshake() -> None:
     listener = Listener()
     waiting = [listener.connect(STRANGER) for _ in range(SHARE)]
     for n in range(3 * MAX_ADDRESSES):

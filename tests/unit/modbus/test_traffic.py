@@ -1,4 +1,4 @@
-"""What is told of a Modbus server's connections: one row an address, bounded, PLCs first."""
+"""How a Modbus server's connections are listed: one row an address, bounded, PLCs first."""
 
 from gateway.modbus.server.traffic import MOST_PEERS, PeerNow, peers
 
@@ -15,13 +15,13 @@ def test_connections_of_one_address_are_one_row() -> None:
     )
 
 
-def test_of_many_the_plcs_and_the_busy_ones_are_told() -> None:
+def test_of_many_the_plcs_and_the_busy_ones_are_listed() -> None:
     crowd = [PeerNow(f"10.0.1.{n}", False, 1, 1, float(n)) for n in range(200)]
-    told = peers([*crowd, PeerNow("10.0.0.1", True, 1, 0, 500.0)])
-    assert len(told) == MOST_PEERS
-    assert told[0].address == "10.0.0.1"
-    assert [peer.quiet_s for peer in told[1:]] == [float(n) for n in range(MOST_PEERS - 1)]
+    listed = peers([*crowd, PeerNow("10.0.0.1", True, 1, 0, 500.0)])
+    assert len(listed) == MOST_PEERS
+    assert listed[0].address == "10.0.0.1"
+    assert [peer.quiet_s for peer in listed[1:]] == [float(n) for n in range(MOST_PEERS - 1)]
 
 
-def test_nobody_is_nobody() -> None:
+def test_no_connections_give_no_rows() -> None:
     assert peers([]) == ()
