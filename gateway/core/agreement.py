@@ -101,7 +101,7 @@ def _constant(
 
 
 def _alike(pairs: tuple[Pair, ...], pair: Pair, tolerance: float) -> bool:
-    """Is R Z that of the newest pairs, by a share of the smaller one? Few pairs say nothing."""
+    """Is R Z that of the newest pairs, by a share of the smaller one? Few pairs show nothing."""
     if len(pairs) < MIN_PAIRS:
         return True
     known, this = median(r * z for r, z in pairs), pair[0] * pair[1]

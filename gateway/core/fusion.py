@@ -8,7 +8,7 @@ computed only from values that are fresh and good. Where one of them is not, D i
 unless `fail_safe` has been switched off. `may_move` requires more than `not stop`: both sensors good, no contradiction.
 One exception, off by default: with `arrive_by_camera` D is 0 for a truck that is too far away for the ranger.
 
-Stop comes on at once. By default (`decision = "held"`) it goes off later than by equation 14: D
+Stop is set at once. By default (`decision = "held"`) it ends later than by equation 14: D
 ends only when both sensors show that the truck moved away from where equation 14 last held; a sensor that was dead must
 be alive for `recovery_s`; and every cause must be gone for `clear_hold_s`. With `decision = "plain"` the equation
 decides at every step.
@@ -138,7 +138,7 @@ def initial(bay: str, now_ns: int) -> StateVector:
 
 
 def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
-    """The state with every value withdrawn and `stop` on: for a dead control task, and for the last word at exit."""
+    """The state with every value withdrawn and `stop` on: for a dead control task, and for the final state at exit."""
     return replace(
         state,
         t_ns=now_ns,
@@ -239,14 +239,14 @@ def _recovering(
     """Of a sensor that was dead, nothing counts until it has been alive for recovery_s: it must not flicker."""
     memory = state.memory
     new_vision, new_range = vision is not state.vision, rng is not state.range
-    seen = _failure(memory.vision_failure, vision, now_ns, config.vision_deadline_s, config, new=new_vision)
-    heard = _failure(memory.range_failure, rng, now_ns, config.range_deadline_s, config, new=new_range)
-    if (seen, heard) != (memory.vision_failure, memory.range_failure):
-        memory = replace(memory, vision_failure=seen, range_failure=heard)
-    if seen.quality is not None and vision.quality in FRESH_FRAME:
-        vision = replace(_without_circle(vision, seen.quality), detail=RECOVERING)
-    if heard.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
-        rng = replace(rng, quality=heard.quality, distance_mm=None, detail=RECOVERING)
+    of_vision = _failure(memory.vision_failure, vision, now_ns, config.vision_deadline_s, config, new=new_vision)
+    of_range = _failure(memory.range_failure, rng, now_ns, config.range_deadline_s, config, new=new_range)
+    if (of_vision, of_range) != (memory.vision_failure, memory.range_failure):
+        memory = replace(memory, vision_failure=of_vision, range_failure=of_range)
+    if of_vision.quality is not None and vision.quality in FRESH_FRAME:
+        vision = replace(_without_circle(vision, of_vision.quality), detail=RECOVERING)
+    if of_range.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
+        rng = replace(rng, quality=of_range.quality, distance_mm=None, detail=RECOVERING)
     return memory, vision, rng
 
 

@@ -17,7 +17,7 @@ from gateway.core.readings import Quality, RangeReading
 from gateway.core.state import FunctionCheck, Guidance, GuidanceCode, StateVector, VisitPhase
 
 NS_PER_S = 1_000_000_000
-TRACK_NS = 1_000_000_000  # readings older than this say nothing about the speed now
+TRACK_NS = 1_000_000_000  # readings older than this show nothing of the speed now
 TRACK_MAX = 16  # of them are kept: 120 pairs
 TRACK_MIN = 4
 TRACK_MIN_NS = 150_000_000  # over a shorter time the ranger's 1 mm steps would look like speed

@@ -207,7 +207,7 @@ def _latch(
 
 
 def _reset_after_move(current: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
-    """A reset ends the stop after a move, too, once both sensors say D = 0: the truck may be brought back."""
+    """A reset ends the stop after a move, too, once D is 0 by both sensors: the truck may be brought back."""
     if current.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
         return current, plc
     if fused.d is not False or fused.memory.disagree:

@@ -44,10 +44,10 @@ class PlcLink(IntEnum):
 
 
 PLC_LINK_MEANING: dict[PlcLink, str] = {
-    PlcLink.UNUSED: "writes are off: the gateway can't be told anything",
+    PlcLink.UNUSED: "writes are off: the gateway takes none",
     PlcLink.WAITING: "the PLC has written no heartbeat since the start of the gateway",
     PlcLink.ALIVE: "the heartbeat changed within its deadline",
-    PlcLink.LOST: "the heartbeat has stood still for longer than its deadline",
+    PlcLink.LOST: "the heartbeat has not changed for longer than its deadline",
 }
 
 
@@ -100,10 +100,10 @@ class RecipeVerdict(IntEnum):
 RECIPE_MEANING: dict[RecipeVerdict, str] = {
     RecipeVerdict.NONE: "no recipe was asked for since the start of the gateway",
     RecipeVerdict.ACTIVE: "the recipe asked for is in force",
-    RecipeVerdict.UNKNOWN: "no recipe has this id; recipe_active stands",
+    RecipeVerdict.UNKNOWN: "no recipe has this id; recipe_active stays as it is",
     RecipeVerdict.STOP_STANDS: "not while D is 1, or was when last known, or stop is latched: new thresholds must not "
-    "end a stop; recipe_active stands",
-    RecipeVerdict.BUSY: "not while a triggered measurement runs; recipe_active stands",
+    "end a stop; recipe_active stays as it is",
+    RecipeVerdict.BUSY: "not while a triggered measurement runs; recipe_active stays as it is",
 }
 
 

@@ -58,7 +58,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.SENSORS_DISAGREE: "camera and ranger contradict each other: R and Z do not fit",
     Reason.GATEWAY_FAULT: "the gateway's own control task does not run",
     Reason.SHUTDOWN: "the gateway is shutting down",
-    Reason.PLC_LOST: "the PLC's heartbeat does not come, or stands still; it is required",
+    Reason.PLC_LOST: "the PLC's heartbeat is missing, or no longer changes; it is required",
 }
 
 
@@ -215,7 +215,7 @@ GUIDANCE_MEANING: dict[GuidanceCode, str] = {
     GuidanceCode.TOO_FAR: "still moving, and already too far in: stop now; the amount is how far",
     GuidanceCode.FAULT: "stop: something is broken; a display shows it as STOP",
     GuidanceCode.LEAVE: "leave the bay: released, or on the way out",
-    GuidanceCode.DRIVE_UP: "drive on; too far away for the ranger to say how far",
+    GuidanceCode.DRIVE_UP: "drive on; too far away for the ranger to measure",
 }
 
 

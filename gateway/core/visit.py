@@ -96,7 +96,7 @@ def has_ended(visit: Visit, state: StateVector, limits: Limits) -> bool:
 
 
 def clear(state: StateVector, limits: Limits) -> bool:
-    """Do both sensors say that no truck is at the spout? A broken sensor proves nothing."""
+    """Do both sensors show that no truck is at the spout? A broken sensor proves nothing."""
     vision, distance_mm = state.vision, state.range.distance_mm
     if vision.quality is Quality.NO_TARGET and vision.wrong_size is None:
         return state.range.quality in NO_TRUCK_RANGE or (distance_mm is not None and distance_mm > limits.leave_mm)

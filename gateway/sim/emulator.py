@@ -133,7 +133,7 @@ class EmulatedRanger:
         assert self._process is not None
         while self._process.returncode is None:
             until_ns = self._clock.now_ns() + round(AHEAD_S * self._clock.speed * NS_PER_S)
-            await self._tell(self._program(until_ns))
+            await self._send(self._program(until_ns))
             await self._clock.sleep(FEED_S * self._clock.speed)
         raise LinkError(f"the firmware's emulator ended with code {self._process.returncode}")
 
@@ -145,13 +145,13 @@ class EmulatedRanger:
         origin_ns = clock.origin_ns + round((self._board_0_ns - clock.origin_ns) / clock.speed)
         arguments = [*self._arguments, "--port", self.port, "--origin", str(origin_ns)]
         arguments += ["--truth", str(self._log)] if self._log else []
-        self._told: dict[str, str] = commands_of({}, SensorErrors(-1.0))
+        self._sent: dict[str, str] = commands_of({}, SensorErrors(-1.0))
         self._process = await asyncio.create_subprocess_exec(
             *arguments, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
         )
         errors = self._errors
-        await self._tell([f"air {self._air_c:g}", f"step {errors.step_mm:g}", f"dropout {errors.dropout:g}"])
-        await self._tell(self._program(self._board_0_ns + round(2 * AHEAD_S * clock.speed * NS_PER_S)))
+        await self._send([f"air {self._air_c:g}", f"step {errors.step_mm:g}", f"dropout {errors.dropout:g}"])
+        await self._send(self._program(self._board_0_ns + round(2 * AHEAD_S * clock.speed * NS_PER_S)))
         assert self._process.stdout is not None
         try:
             async with asyncio.timeout(START_S):
@@ -161,7 +161,7 @@ class EmulatedRanger:
         if not answer.startswith(b"ready"):
             raise LinkError("the firmware's emulator did not start")
 
-    async def _tell(self, lines: Iterator[str] | list[str]) -> None:
+    async def _send(self, lines: Iterator[str] | list[str]) -> None:
         assert self._process is not None
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # it ended: `run` checks the return code
@@ -180,8 +180,8 @@ class EmulatedRanger:
 
     def _changes(self, wanted: Mapping[str, str]) -> Iterator[str]:
         for key, text in wanted.items():
-            if self._told[key] != text:
-                self._told[key] = text
+            if self._sent[key] != text:
+                self._sent[key] = text
                 yield text
 
     async def _end(self) -> None:

@@ -95,7 +95,7 @@ class Board:
             self._hello(now_ns)
 
     def advance(self, now_ns: int) -> bytes:
-        """Run up to `now_ns`; the bytes that were wholly sent since the last call."""
+        """Run up to `now_ns`; the bytes that were completely sent since the last call."""
         version = round(self.faults.get(RangerFault.WRONG_VERSION, PROTOCOL_VERSION))
         if version != self._version:  # as if flashed anew
             self._version = version

@@ -39,7 +39,7 @@ class Bench:
         self.alive: list[int] = []  # tokens of processes that exist
         self.seq = 0
         self.notes = Progress()
-        self.told: list[VisionReading] = []
+        self.readings: list[VisionReading] = []
         self.killed: dict[int, str] = {}
         self.given_up: list[str] = []
         self.settle()
@@ -67,7 +67,7 @@ class Bench:
                 case Kill(token, why):
                     self.killed[token] = why
                 case Emit(reading):
-                    self.told.append(reading)
+                    self.readings.append(reading)
                 case GiveUp(why):
                     self.given_up.append(why)
         return actions
@@ -102,7 +102,7 @@ class Bench:
         self.monitor.result(self.token, message, self.ns)
         self.notes = replace(self.notes, work_began_ns=0, detector_ns=self.ns)
         self.settle()
-        return self.told[-1]
+        return self.readings[-1]
 
     def look(self, detection: Detection = SEEN, picture: PictureHealth | None = None) -> VisionReading:
         self.frame()
@@ -136,10 +136,10 @@ class Bench:
         return waited_ms
 
     def seqs(self) -> list[int]:
-        return [reading.frame_id for reading in self.told]
+        return [reading.frame_id for reading in self.readings]
 
     def qualities(self) -> list[Quality]:
-        return [reading.quality for reading in self.told]
+        return [reading.quality for reading in self.readings]
 
 
 def running(*, lossless: bool = False, finite: bool = False) -> Bench:
@@ -159,7 +159,7 @@ def counts(bench: Bench) -> tuple[int, int, int, int, int]:
 
 def test_one_process_is_started_and_nothing_is_reported_yet() -> None:
     bench = Bench(first_ms=0)
-    assert (len(bench.starts), bench.told) == (1, [])
+    assert (len(bench.starts), bench.readings) == (1, [])
     assert (bench.starts[0].first_seq, bench.starts[0].discard) == (1, 0)
 
 
@@ -171,7 +171,7 @@ def test_a_frame_becomes_a_reading_with_its_capture_time_and_age() -> None:
 
     reading = bench.result()
 
-    assert len(bench.told) == 1
+    assert len(bench.readings) == 1
     assert (t_capture_ns, Quality.GOOD, 1) == (reading.t_ns, reading.quality, reading.frame_id)
     assert (Circle(10.0, 20.0, 30.0), 0.1, 0.2) == (reading.circle, reading.x_n, reading.y_n)
     assert reading.stage_ns == (("hsv", 7), ("circle", 3))
@@ -211,7 +211,7 @@ def test_the_health_of_the_picture_is_judged_here_and_reported_with_every_result
     assert look(None, 100).picture is None
     assert look(dark, 100).picture is not None
     bench.lose()
-    assert (bench.told[-1].quality, bench.told[-1].picture) == (Quality.LINK_DOWN, None)
+    assert (bench.readings[-1].quality, bench.readings[-1].picture) == (Quality.LINK_DOWN, None)
 
 
 def test_a_frame_without_a_marker_is_no_target_not_a_fault() -> None:
@@ -235,10 +235,10 @@ def test_the_rate_is_the_number_of_results_of_the_last_second() -> None:
     for _ in range(40):
         bench.ms += 50
         bench.look()
-    assert bench.told[-1].stats.rate_hz == 20.0
+    assert bench.readings[-1].stats.rate_hz == 20.0
     bench.ms += 600
     bench.lose()
-    assert bench.told[-1].stats.rate_hz == 8.0
+    assert bench.readings[-1].stats.rate_hz == 8.0
 
 
 def test_the_newest_frame_wins_and_every_other_is_counted() -> None:
@@ -277,7 +277,7 @@ def test_a_process_that_dies_loses_its_frame_and_the_state_is_bad_at_once() -> N
     t_capture_ns = bench.ns - 2 * MS
     bench.die()
 
-    (reading,) = bench.told
+    (reading,) = bench.readings
     assert (reading.quality, reading.t_ns, reading.frame_id) == (Quality.PROCESS_FAULT, t_capture_ns, 1)
     assert (reading.detail, reading.stage_ns) == ("vision process was killed by SIGKILL", ())
     assert counts(bench) == (0, 0, 1, 1, 0)
@@ -289,7 +289,7 @@ def test_a_process_that_dies_while_it_waits_for_a_frame_is_a_fault_without_a_los
     bench.look()
     bench.capture()  # and the detector has not begun it
     bench.die()
-    assert (bench.qualities(), bench.told[-1].t_ns) == ([Quality.GOOD, Quality.PROCESS_FAULT], bench.ns)
+    assert (bench.qualities(), bench.readings[-1].t_ns) == ([Quality.GOOD, Quality.PROCESS_FAULT], bench.ns)
     assert counts(bench) == (1, 1, 0, 1, 0)
 
 
@@ -298,7 +298,7 @@ def test_a_detector_that_throws_is_reported_at_once_and_its_process_is_ended() -
     bench.frame()
     old = bench.token
     bench.fail("ValueError: poison")
-    assert [(r.quality, r.detail) for r in bench.told] == [
+    assert [(r.quality, r.detail) for r in bench.readings] == [
         (Quality.PROCESS_FAULT, "vision process: ValueError: poison")
     ]
     assert old in bench.killed
@@ -307,7 +307,7 @@ def test_a_detector_that_throws_is_reported_at_once_and_its_process_is_ended() -
     bench.die()
     assert bench.token != old
     assert counts(bench) == (0, 0, 1, 1, 0)
-    assert len(bench.told) == 1
+    assert len(bench.readings) == 1
 
 
 @pytest.mark.failure_mode("V4")
@@ -324,7 +324,7 @@ def test_a_detector_hangs_exactly_at_its_deadline() -> None:
     assert counts(bench) == (0, 1, 1, 0, 0)
 
 
-def test_work_that_nobody_was_told_of_is_noticed_in_time() -> None:
+def test_work_that_no_message_reported_is_noticed_in_time() -> None:
     """A note wakes nobody: the main process looks in good time."""
     bench = running()
     bench.look()
@@ -378,7 +378,9 @@ def test_the_first_failure_is_replaced_at_once_later_ones_with_a_delay_until_a_r
 def test_a_detector_that_cannot_be_built_is_reported() -> None:
     bench = Bench()
     bench.fail("ImportError: no")
-    assert [(r.quality, r.detail) for r in bench.told] == [(Quality.PROCESS_FAULT, "vision process: ImportError: no")]
+    assert [(r.quality, r.detail) for r in bench.readings] == [
+        (Quality.PROCESS_FAULT, "vision process: ImportError: no")
+    ]
 
 
 def test_a_process_that_is_not_ready_in_time_gets_more_time_the_next_time() -> None:
@@ -415,7 +417,7 @@ def test_a_silent_source_is_bad_at_its_deadline(frames: int) -> None:
         assert Quality.LINK_DOWN not in bench.qualities()
         bench.notes = replace(bench.notes, detector_ns=bench.ns)  # which waits for a frame
         bench.settle(after_ms=100)
-    reading = bench.told[-1]
+    reading = bench.readings[-1]
     assert (Quality.LINK_DOWN, words, bench.ns) == (reading.quality, reading.detail, reading.t_ns)
     assert {bench.token: words} == bench.killed
 
@@ -431,7 +433,7 @@ def test_a_source_is_not_judged_while_the_detector_works() -> None:
     assert bench.qualities() == [Quality.GOOD]
     bench.settle(after_ms=1)
     assert bench.qualities() == [Quality.GOOD, Quality.LINK_DOWN]
-    assert bench.told[-1].detail == "cam: no frame within 1 s"
+    assert bench.readings[-1].detail == "cam: no frame within 1 s"
 
 
 def test_a_process_of_which_neither_thread_runs_is_a_fault_of_the_process() -> None:
@@ -466,7 +468,7 @@ def test_a_process_that_ends_ends_by_its_driver_or_by_itself(moment: str, crashe
         bench.frame()
     bench.die("was killed by SIGSEGV", crashed=crashed)
     assert bench.qualities()[-1] is quality
-    assert "vision process was killed by SIGSEGV" in bench.told[-1].detail
+    assert "vision process was killed by SIGSEGV" in bench.readings[-1].detail
     bench.until_started()
     assert counts(bench)[3:] == ((0, 1) if quality is Quality.LINK_DOWN else (1, 0))
 
@@ -532,7 +534,7 @@ def test_nothing_captured_before_the_loss_is_reported_after_it() -> None:
     bench.settle()
     bench.lose()
     bench.result()
-    assert [(r.quality, r.detail, r.frame_id) for r in bench.told] == [(Quality.LINK_DOWN, "cam: lost", 3)]
+    assert [(r.quality, r.detail, r.frame_id) for r in bench.readings] == [(Quality.LINK_DOWN, "cam: lost", 3)]
     assert counts(bench) == (0, 3, 0, 0, 0)
 
 
@@ -560,7 +562,7 @@ def test_late_messages_of_a_process_given_up_are_ignored() -> None:
     bench.lose()
     bench.die()
     bench.until_started()
-    told = len(bench.told)
+    known = len(bench.readings)
     deadline_ns = bench.monitor.next_deadline_ns()
 
     bench.monitor.result(old, FrameResult(9, bench.ns, SEEN, bench.ns), bench.ns)
@@ -573,9 +575,9 @@ def test_late_messages_of_a_process_given_up_are_ignored() -> None:
     bench.monitor.gone(old, "too late", bench.ns)
     bench.settle()
 
-    assert (told, bench.killed) == (len(bench.told), {old: "cam: lost"})
+    assert (known, bench.killed) == (len(bench.readings), {old: "cam: lost"})
     bench.look()
-    assert bench.told[-1].frame_id == 2
+    assert bench.readings[-1].frame_id == 2
 
 
 def test_a_configuration_error_gives_up_after_the_fault_was_reported() -> None:
@@ -632,7 +634,7 @@ def test_notes_that_cannot_be_are_no_notes(nonsense: dict[str, int]) -> None:
             assert deadline_ns is not None
             assert deadline_ns <= bench.ns + 1000 * MS
     assert bench.killed == {bench.token: "vision process has stopped: no sign of life for 1 s"}
-    assert bench.told[-1].quality is Quality.PROCESS_FAULT
+    assert bench.readings[-1].quality is Quality.PROCESS_FAULT
     bench.die()
     bench.until_started()
     assert bench.starts[-1].first_seq == 2
@@ -654,8 +656,8 @@ def test_a_fault_is_never_older_than_the_reading_before_it(*, settings_change: b
     bench.frame()
     bench.notes = replace(bench.notes, work_t_capture_ns=5)
     bench.die()
-    assert bench.told[-1].quality is Quality.PROCESS_FAULT
-    assert bench.told[-1].t_ns == good.t_ns
+    assert bench.readings[-1].quality is Quality.PROCESS_FAULT
+    assert bench.readings[-1].t_ns == good.t_ns
 
 
 @pytest.mark.parametrize(
@@ -701,7 +703,7 @@ def test_a_source_is_opened_once() -> None:
         bench.monitor.opened(bench.token, bench.ns, lossless=True, finite=True)
         bench.settle()
     assert bench.qualities() == [Quality.GOOD, Quality.LINK_DOWN]
-    assert bench.told[-1].detail == "cam: no frame within 1 s"
+    assert bench.readings[-1].detail == "cam: no frame within 1 s"
 
 
 @pytest.mark.parametrize(("deadline_s", "allowed_s"), [(0.5, 1), (2.0, 2)])
@@ -756,7 +758,7 @@ def test_the_end_of_a_film_is_reported_after_its_last_frame() -> None:
     bench.lose("film: ended")
     bench.die("ended with exit code 1")
     assert bench.qualities() == [Quality.GOOD] * 3 + [Quality.LINK_DOWN]
-    assert bench.told[-1].detail == "film: ended"
+    assert bench.readings[-1].detail == "film: ended"
     bench.settle(after_ms=501)
     assert bench.token != old
     assert bench.starts[-1].discard == 0  # it is a film to be repeated
@@ -773,7 +775,7 @@ def test_a_film_in_which_no_frame_may_be_skipped_continues_after_the_frame_that_
     bench.until_started()
     assert bench.starts[-1] == Start(bench.token, first_seq=3, discard=2)
     bench.look()
-    assert [(r.frame_id, r.quality) for r in bench.told] == [
+    assert [(r.frame_id, r.quality) for r in bench.readings] == [
         (1, Quality.GOOD),
         (2, Quality.PROCESS_FAULT),
         (2, Quality.PROCESS_FAULT),
@@ -812,7 +814,7 @@ def test_a_film_that_was_lost_after_its_first_frame_is_not_begun_again(lossless:
         Quality.GOOD,
         Quality.LINK_DOWN,
     ]
-    assert bench.told[-1].detail == f"{why}; it is not begun again (camera.loop)"
+    assert bench.readings[-1].detail == f"{why}; it is not begun again (camera.loop)"
     assert bench.monitor.next_deadline_ns() is None
     for _ in range(100):
         assert bench.settle(60_000) == []
@@ -827,7 +829,7 @@ def test_a_film_that_cannot_be_opened_yet_is_tried_again() -> None:
     bench.lose("film.avi: no such file or folder")
     bench.die()
     bench.until_started()
-    assert bench.told[-1].detail == "film.avi: no such file or folder"
+    assert bench.readings[-1].detail == "film.avi: no such file or folder"
     assert bench.token != old
 
 
@@ -911,7 +913,7 @@ class Chaos(RuleBasedStateMachine):
 
     @invariant()
     def readings_never_go_back(self) -> None:
-        seqs = [r.frame_id for r in self.bench.told if r.quality in (Quality.GOOD, Quality.NO_TARGET)]
+        seqs = [r.frame_id for r in self.bench.readings if r.quality in (Quality.GOOD, Quality.NO_TARGET)]
         assert seqs == sorted(set(seqs))
         assert self.bench.seqs() == sorted(self.bench.seqs())
 
