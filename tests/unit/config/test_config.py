@@ -19,6 +19,7 @@ from gateway.config import (
     FusionConfig,
     GatewayConfig,
     ModbusConfig,
+    RangerConfig,
     Reconnect,
     VisionConfig,
     load,
@@ -152,6 +153,11 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
 
 
 # The shape of an error.
+
+
+def _bays(section: str, count: int) -> str:
+    """So many bays, each with this section."""
+    return "".join(f"[[bays]]\nname = 'b{n}'\nunit_id = {n}\n{section}" for n in range(2, 2 + count))
 
 
 @pytest.mark.parametrize(
@@ -329,6 +335,42 @@ def test_merge_takes_every_leaf_of_the_upper_and_loses_none_of_the_lower(
             "[vision]\naffinity = [0, -1]\n",
             "g.toml:2: vision.affinity.1 = -1: Input should be greater than or equal to 0",
         ),
+        # Where it was written: in a shared section (once for all bays), in a bay's own section, in an inline table.
+        (
+            "[ranger]\nbaud = 1\n" + _bays("[bays.ranger]\nport = 'p'\n", 4),
+            "g.toml:2: ranger.baud = 1: Input should be greater than or equal to 300 (allowed: >= 300, <= 2e+06)",
+        ),
+        (
+            "[ranger]\nbaud = 9600\n[[bays]]\n[bays.ranger]\nbaud = 1\n" + _bays("", 1),
+            "g.toml:5: bays.0.ranger.baud = 1: Input should be greater than or equal to 300"
+            " (allowed: >= 300, <= 2e+06)",
+        ),
+        (
+            "[ranger]\nbaud = 9600\n[[bays]]\nranger = { bauds = 1 }\n",
+            "g.toml:4: bays.0.ranger.bauds = 1: unknown key (misspelt?); known here: "
+            + ", ".join(RangerConfig.model_fields),
+        ),
+        (
+            "# x\nbays = [{ fusion = { period_s = 9 } }]\n",
+            "g.toml:2: bays.0.fusion.period_s = 9: Input should be less than or equal to 1 (allowed: >= 0.005, <= 1)",
+        ),
+        (
+            "[fusion]\nperiod_s = 0.02\n[[bays]]\n[bays.fusion.cross_check]\nfocal_px = 600\n",
+            "g.toml:4: bays.0.fusion.cross_check.marker_radius_mm: is missing (allowed: > 0, <= 10000)",
+        ),
+        # The checker finds a tuple of bays too short after it has itself dropped the faulty one.
+        *(
+            (
+                "[[bays]]\nname = '!'\n" + _bays("", good_bays),
+                "g.toml:2: bays.0.name = \"!\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'",
+            )
+            for good_bays in (0, 3)
+        ),
+        # A value is shown as in the file.
+        (
+            'site = "S\u00fcd \\u0007"\n',
+            "g.toml:1: site = \"S\u00fcd \\u0007\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'",
+        ),
     ],
 )  # fmt: skip
 def test_one_fault_is_one_line(text: str, expected: str) -> None:
@@ -350,47 +392,6 @@ def test_several_faults_are_several_lines() -> None:
     ]  # fmt: skip
 
 
-def test_a_fault_in_a_shared_section_is_reported_once_and_at_its_line() -> None:
-    bays = "".join(f"[[bays]]\nname = 'b{n}'\nunit_id = {n}\n[bays.ranger]\nport = 'p{n}'\n" for n in range(1, 5))
-
-    assert errors("[ranger]\nbaud = 1\n" + bays) == [
-        "g.toml:2: ranger.baud = 1: Input should be greater than or equal to 300 (allowed: >= 300, <= 2e+06)"
-    ]
-
-
-def test_a_fault_of_one_bay_names_that_bay_although_the_section_is_shared_too() -> None:
-    text = "[ranger]\nbaud = 9600\n[[bays]]\n[bays.ranger]\nbaud = 1\n[[bays]]\nname = 'b'\nunit_id = 2\n"
-    assert errors(text) == [
-        "g.toml:5: bays.0.ranger.baud = 1: Input should be greater than or equal to 300 (allowed: >= 300, <= 2e+06)"
-    ]
-
-    inline = "[ranger]\nbaud = 9600\n[[bays]]\nranger = { bauds = 1 }\n"
-    (line,) = errors(inline)
-    assert line.startswith("g.toml:4: bays.0.ranger.bauds = 1: unknown key")
-
-
-def test_an_inline_table_of_bays_has_a_line_too() -> None:
-    assert errors("# x\nbays = [{ fusion = { period_s = 9 } }]\n") == [
-        "g.toml:2: bays.0.fusion.period_s = 9: Input should be less than or equal to 1 (allowed: >= 0.005, <= 1)"
-    ]
-
-
-def test_a_key_missing_in_the_bay_s_own_table_is_reported_there() -> None:
-    text = "[fusion]\nperiod_s = 0.02\n[[bays]]\n[bays.fusion.cross_check]\nfocal_px = 600\n"
-
-    assert errors(text) == ["g.toml:4: bays.0.fusion.cross_check.marker_radius_mm: is missing (allowed: > 0, <= 10000)"]
-
-
-@pytest.mark.parametrize("good_bays", [0, 3])
-def test_a_faulty_bay_brings_no_fault_that_does_not_exist(good_bays: int) -> None:
-    """The checker finds a tuple of bays too short after it has itself dropped the faulty one."""
-    text = "[[bays]]\nname = '!'\n" + "".join(
-        f"[[bays]]\nname = 'b{n}'\nunit_id = {n}\n" for n in range(2, 2 + good_bays)
-    )
-
-    assert errors(text) == ["g.toml:2: bays.0.name = \"!\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"]
-
-
 def test_a_fault_of_the_complete_file_has_no_key() -> None:
     """Other files are checked by the same means, with models of their own."""
 
@@ -409,12 +410,6 @@ def test_a_fault_of_the_complete_file_has_no_key() -> None:
         Pair.model_validate(tomllib.loads(text))
 
     assert explain(caught.value, source="w.toml", text=text, model=Pair) == ["w.toml: (whole file): a and b must agree"]
-
-
-def test_a_value_is_shown_as_in_the_file() -> None:
-    assert errors('site = "S\u00fcd \\u0007"\n') == [
-        "g.toml:1: site = \"S\u00fcd \\u0007\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"
-    ]
 
 
 def test_a_long_value_is_cut() -> None:
