@@ -110,7 +110,7 @@ def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[in
     paths = inputs.expand(names)
     seen: list[tuple[View | None, str, tuple[int, int]]] = []
     kept: list[Image] = []  # the first few without a board, for a hint
-    with vision_args.progress("look for the board", len(paths)) as advance:
+    with vision_args.progress("search for the board", len(paths)) as advance:
         for path in paths:
             try:
                 for shot in inputs.read(path):

@@ -26,12 +26,12 @@ def show(out: Console, table: Table, columns: slice = slice(1, None), *, widest:
     marks = {at: cell[1] for _, cells in table.rows for at, cell in enumerate(cells) if not isinstance(cell, str)}
     for at, head in list(enumerate(table.heads))[columns]:
         shown.add_column(head, justify="left" if marks.get(at) == "left" else "right", no_wrap=True)
-    following = [look for look, _ in table.rows[1:]]
-    for (look, cells), after in zip(table.rows, [*following, ""], strict=True):
+    following = [style for style, _ in table.rows[1:]]
+    for (style, cells), after in zip(table.rows, [*following, ""], strict=True):
         texts = [Text(cell) if isinstance(cell, str) else _marked(*cell) for cell in (cells[0], *cells[columns])]
-        shown.add_row(*texts, style=_STYLES.get(look, ""), end_section=look in ("whole", "half") and after != look)
+        shown.add_row(*texts, style=_STYLES.get(style, ""), end_section=style in ("whole", "half") and after != style)
     out.print(shown)
 
 
-def _marked(text: str, look: str) -> Text:
-    return Text(text, style="bold red" if look == "bad" else "")
+def _marked(text: str, style: str) -> Text:
+    return Text(text, style="bold red" if style == "bad" else "")

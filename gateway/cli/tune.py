@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
     params = vision_args.bay_vision(args.config, args.bay)
     examples = _Examples(args, params)
     with vision_args.progress("tune", 3 * len(examples.labels)) as advance:
-        found = study(examples.labels, examples.look, params, advance)
+        found = study(examples.labels, examples.read, params, advance)
     marked = sum(example.marked for example in found.examples)
     missed = [outcome.label.file for outcome in found.found if outcome.label.found and not outcome.on_target]
     useless = not any(outcome.on_target for outcome in found.found)
@@ -111,7 +111,7 @@ class _Examples:
         if not any(label.found for label in self.labels):
             raise ConfigError("gateway tune: no example with a marker; name pictures with --labels or --at")
 
-    def look(self, label: "Label") -> "Image":
+    def read(self, label: "Label") -> "Image":
         return self._decode(self._paths[label.file])
 
     def _from_file(self, path: Path) -> None:
@@ -127,7 +127,7 @@ class _Examples:
         from gateway.vision.detect import registry
 
         find = registry.detector(params.model_copy(update={"method": "robust", "tracking": False}))
-        with vision_args.progress("look for markers", len(paths)) as advance:
+        with vision_args.progress("search for markers", len(paths)) as advance:
             for path in paths:
                 found = find(self._decode(path))
                 rim = found.ellipse

@@ -51,7 +51,7 @@ def same_ellipse(one: Ellipse, other: Ellipse) -> bool:
 
 
 def same_candidate(one: Round, other: Round) -> bool:
-    """Two places that are so alike that looking at one of them is enough."""
+    """Two places that are so alike that measuring one of them is enough."""
     reach_px = 0.22 * min(one.radius_px, other.radius_px)
     return _within(one, other, reach_px) and 0.8 < one.radius_px / other.radius_px < 1.25
 

@@ -10,7 +10,7 @@ from gateway.processes.codec import Message
 
 LIFE_NS = 500_000_000
 PERIOD_NS = 100_000_000  # no more often than that
-CHANGE = 0.05  # of either limit: less is no news
+CHANGE = 0.05  # of either limit: less is nothing new
 
 
 class MarkerRadii(Message, frozen=True):

@@ -64,7 +64,7 @@ def expand(arguments: Sequence[str]) -> list[Path]:
     there is nothing else, raises ConfigError.
     """
     paths: list[Path] = []
-    hollow: list[str] = []
+    empty: list[str] = []
     for argument in arguments:
         path = Path(argument)
         matches = [path]
@@ -72,10 +72,10 @@ def expand(arguments: Sequence[str]) -> list[Path]:
             matches = sorted(map(Path, glob(argument, recursive=True)), key=natural_key)
         files = [file for match in matches for file in (_in_folder(match) if os.path.isdir(match) else [match])]
         if not files:
-            hollow.append(argument)
+            empty.append(argument)
         paths += dict.fromkeys(files or [path])  # `**` finds a folder and what is in it
-    if len(hollow) == len(arguments):
-        raise ConfigError(f"no picture or video in: {', '.join(hollow)}" if hollow else "no input named")
+    if len(empty) == len(arguments):
+        raise ConfigError(f"no picture or video in: {', '.join(empty)}" if empty else "no input named")
     return paths
 
 

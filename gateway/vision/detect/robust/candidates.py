@@ -25,7 +25,7 @@ BLOBS = 5  # of a threshold
 
 @dataclass(frozen=True, slots=True)
 class Seed:
-    """A place worth a look, px of the full frame. `weight` only orders seeds of the same kind."""
+    """A place worth measuring, px of the full frame. `weight` only orders seeds of the same kind."""
 
     u_px: float
     v_px: float

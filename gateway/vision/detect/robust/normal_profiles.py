@@ -64,10 +64,10 @@ def sample(
     rays miss the frame altogether.
     """
     height, width = image.shape[:2]
-    look = directions(count)
-    support = np.sqrt(np.array((outline.alpha, outline.beta, outline.gamma)) @ look.waves)
+    normals = directions(count)
+    support = np.sqrt(np.array((outline.alpha, outline.beta, outline.gamma)) @ normals.waves)
     spread = np.array(((outline.alpha + outline.beta, outline.gamma), (outline.gamma, outline.alpha - outline.beta)))
-    crossing = spread @ look.normal
+    crossing = spread @ normals.normal
     crossing /= support
     reach = outline.major_px + float(offsets_px[-1]) + 2.0
     left, top = max(int(outline.u - reach), 0), max(int(outline.v - reach), 0)
@@ -77,16 +77,16 @@ def sample(
     crossing[0] += outline.u - left
     crossing[1] += outline.v - top
     steps = offsets_px[:, np.newaxis]
-    columns = steps * look.across[0]
+    columns = steps * normals.across[0]
     columns += crossing[0]
-    rows = steps * look.across[1]
+    rows = steps * normals.across[1]
     rows += crossing[1]
     # A view of the neighbourhood: remap refuses pictures of 32768 px and more, and the maps keep their precision.
     near = image[top:bottom, left:right]
     colours = cv2.remap(near, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    inside = look.everywhere
+    inside = normals.everywhere
     if not (reach <= outline.u < width - 1 - reach and reach <= outline.v < height - 1 - reach):
-        wide, high = np.abs(look.normal) * margin_px
+        wide, high = np.abs(normals.normal) * margin_px
         u, v = crossing[0] + left, crossing[1] + top
         inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)
     if opponent:

@@ -16,7 +16,7 @@ LEAST_RED = 0.15  # log(R/G): a marker behind much dust still has this
 AS_RED = 0.5  # what appears is new if it is at least so red, compared with what is followed
 OWN = 1.25  # what lies within so many radii of what is followed is part of it
 SMALLEST_PX = 12  # smallest area of a red spot in the sparse picture that counts: a disc of radius 2
-GROWN_PX = 6  # a known spot may have moved so far in the sparse picture since the last look
+GROWN_PX = 6  # a known spot may have moved so far in the sparse picture since the last check
 
 
 @dataclass(frozen=True, slots=True)

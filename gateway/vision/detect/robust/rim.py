@@ -130,8 +130,8 @@ def _hypotheses() -> Floats:
     well enough to be of use: an error of one ray is not blown up more than a few times.
     """
     random = np.random.default_rng(20_260)
-    look = directions(_COARSE_RAYS)
-    rows = np.concatenate([look.normal, look.waves]).T
+    normals = directions(_COARSE_RAYS)
+    rows = np.concatenate([normals.normal, normals.waves]).T
     kept = []
     for size, wanted, limit in ((5, 64, 4.0), (3, 48, 3.0)):
         missing = wanted

@@ -84,17 +84,17 @@ def _seeds(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
     return [seed for pair in zip_longest(voted, blobs) for seed in pair if seed is not None]
 
 
-def _worth_a_rim(seeds: Sequence[Seed], looked: Sequence[Evidence | None]) -> tuple[list[Evidence], list[Rejected]]:
+def _worth_a_rim(seeds: Sequence[Seed], measured: Sequence[Evidence | None]) -> tuple[list[Evidence], list[Rejected]]:
     """The most promising, each rim once; and those that are nothing for sure."""
     rejected: list[Rejected] = []
-    hopeful: list[Evidence] = []
-    for seed, found in zip(seeds, looked, strict=True):
+    with_rim: list[Evidence] = []
+    for seed, found in zip(seeds, measured, strict=True):
         if found is None:
             rejected.append((0.0, Circle(seed.u_px, seed.v_px, seed.radius_px), "rim"))
         else:
-            hopeful.append(found)
+            with_rim.append(found)
     kept: list[Evidence] = []
-    for found in sorted(hopeful, key=lambda found: -priority(found)):
+    for found in sorted(with_rim, key=lambda found: -priority(found)):
         if len(kept) < RIMS and not any(same_ellipse(found.ellipse, other.ellipse) for other in kept):
             kept.append(found)
     return kept, rejected

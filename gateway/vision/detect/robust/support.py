@@ -33,10 +33,10 @@ class Fit(NamedTuple):
 
 def design(outline: SupportEllipse, support: Floats) -> Floats:
     """(5, count): how the offset along every normal answers to (du, dv, x, y, z)."""
-    look = directions(len(support))
+    normals = directions(len(support))
     rows = np.empty((5, len(support)))
-    rows[:2] = look.normal
-    np.multiply(look.waves, outline.mean_px / support, out=rows[2:])
+    rows[:2] = normals.normal
+    np.multiply(normals.waves, outline.mean_px / support, out=rows[2:])
     return rows
 
 

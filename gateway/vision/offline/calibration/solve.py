@@ -1,4 +1,4 @@
-"""Points on a board and where they are seen -> intrinsics, their uncertainty, and doubts about them. Pure."""
+"""Points on a board and where they are seen -> intrinsics, their uncertainty, and warnings. Pure."""
 
 import math
 from collections.abc import Sequence
@@ -206,35 +206,33 @@ def _warnings(
     coverage: NDArray[np.int64],
     size_px: tuple[int, int],
 ) -> list[str]:
-    doubts: list[str] = []
+    found: list[str] = []
     if len(solved.fits) < GOOD_VIEWS:
-        doubts.append(f"only {len(solved.fits)} views: take {GOOD_VIEWS} or more, near and far, tilted each way")
+        found.append(f"only {len(solved.fits)} views: take {GOOD_VIEWS} or more, near and far, tilted each way")
     tilted = sum(fit.tilt_deg >= TILTED_DEG for fit in solved.fits)
     if tilted < FEWEST_VIEWS:
-        doubts.append(
+        found.append(
             f"{tilted} views are tilted by {TILTED_DEG:g} degrees or more: seen only from the front, a short focal "
             "length near by looks as a long one far away; tilt the board by 20 to 45 degrees, left, right, up and down"
         )
     covered = float((coverage > 0).mean())
     if covered < 0.6:
-        doubts.append(f"the board was seen in {100 * covered:.0f} % of the frame: the distortion elsewhere is a guess")
+        found.append(f"the board was seen in {100 * covered:.0f} % of the frame: the distortion elsewhere is a guess")
     if solved.rms_px > 1.0:
-        doubts.append(
+        found.append(
             f"reprojection error of {solved.rms_px:.2f} px: below 0.5 is usual; is the board flat, the lens fixed (no "
             "autofocus), the picture sharp, and the board's size right?"
         )
     for name in ("fx", "fy"):
         share = sigma[name] / getattr(lens, name)
         if share > 0.005:
-            doubts.append(
-                f"{name} is uncertain by {100 * share:.1f} % (one standard deviation): more and steeper views"
-            )
+            found.append(f"{name} is uncertain by {100 * share:.1f} % (one standard deviation): more and steeper views")
     if abs(lens.fx / lens.fy - 1) > 0.02:
-        doubts.append(
+        found.append(
             f"fx and fy differ by {100 * abs(lens.fx / lens.fy - 1):.1f} %: square pixels have none; wrong board?"
         )
     away = math.hypot(lens.cx - (size_px[0] - 1) / 2, lens.cy - (size_px[1] - 1) / 2)
     if away > 0.1 * max(size_px):
-        doubts.append(f"the principal point lies {away:.0f} px from the middle: were the pictures cropped or turned?")
-    doubts += [f"left out, it fits far worse than the others: {name} (rms {rms:.2f} px)" for name, rms in rejected]
-    return doubts
+        found.append(f"the principal point lies {away:.0f} px from the middle: were the pictures cropped or turned?")
+    found += [f"left out, it fits far worse than the others: {name} (rms {rms:.2f} px)" for name, rms in rejected]
+    return found

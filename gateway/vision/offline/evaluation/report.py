@@ -14,7 +14,7 @@ from gateway.vision.offline.reports.page import figure, page, plain, table, tile
 from gateway.vision.offline.reports.tables import Row, Table, number, share
 from gateway.vision.pixels import Image
 
-Look = Callable[[Label], Image]
+ReadPicture = Callable[[Label], Image]
 SHOWN = frozenset((Verdict.FALSE, Verdict.WRONG, Verdict.MISSED, Verdict.LOOSE, Verdict.CLOSE))
 
 
@@ -32,13 +32,13 @@ def html(
     results: Sequence[Summary],
     about: About,
     series: SeriesOf,
-    look: Look,
+    read: ReadPicture,
     reasons: Mapping[str, str],
     *,
     worst: int = 12,
     advance: Callable[[], None] = lambda: None,
 ) -> str:
-    """The complete page. `look` reads the picture of a label again; `worst` cases of each method are drawn."""
+    """The complete page. `read` gives the picture of a label again; `worst` cases of each method are drawn."""
     body = [f"<h1>{plain(about.title)}</h1>", *(f'<p class="soft">{plain(fact)}</p>' for fact in about.facts)]
     body += _verdict_of_gate(about.unmet)
     for result in results:
@@ -52,7 +52,7 @@ def html(
         body += _followed(result, series)
     body += _constancy(results)
     for result in results:
-        body += _cases(result, worst, look, reasons, advance, named=len(results) > 1)
+        body += _cases(result, worst, read, reasons, advance, named=len(results) > 1)
     for result in results:
         body.append(_all(result, named=len(results) > 1))
     return page(about.title, body, "Made by gateway evaluate. Pixel centres lie at integers; u to the right, v down.")
@@ -147,7 +147,7 @@ def _constancy(results: Sequence[Summary]) -> list[str]:
 def _cases(
     result: Summary,
     worst: int,
-    look: Look,
+    read: ReadPicture,
     reasons: Mapping[str, str],
     advance: Callable[[], None],
     *,
@@ -158,7 +158,7 @@ def _cases(
         return []
     cards = []
     for outcome in chosen:
-        cards.append(case_cards.card(outcome, look(outcome.label), reasons))
+        cards.append(case_cards.card(outcome, read(outcome.label), reasons))
         advance()
     key = (
         '<p class="soft">Truth: <b style="color:#0077b6">blue, solid</b>. Answer: <b style="color:#9a7b00">yellow, '

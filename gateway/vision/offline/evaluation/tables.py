@@ -29,7 +29,7 @@ def parts(result: Summary) -> Table:
     named = [("whole", "whole set", result.total)]
     named += [("half", name, part) for name, part in result.halves.items()]
     named += [("", name, part) for name, part in result.groups.items()]
-    rows: list[Row] = [(look, [name, *(cell(part) for _, cell in _COLUMNS)]) for look, name, part in named]
+    rows: list[Row] = [(style, [name, *(cell(part) for _, cell in _COLUMNS)]) for style, name, part in named]
     return Table(f"Method {result.method}", ("part", *(head for head, _ in _COLUMNS)), rows)
 
 

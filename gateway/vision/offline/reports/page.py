@@ -82,23 +82,23 @@ def plain(text: str) -> str:
 
 
 def table(found: Table, *, titled: bool = True) -> str:
-    """How rows and cells look are classes of STYLE."""
+    """The styles of rows and cells are classes of STYLE."""
     title = f"<h3>{plain(found.title)}</h3>" if titled else ""
     heads = "".join(f"<th>{plain(head)}</th>" for head in found.heads)
     lines = [f'{title}<div class="scroll"><table><thead><tr>{heads}</tr></thead><tbody>']
-    for look, cells in found.rows:
-        lines.append(f'<tr class="{look}">')
-        lines += [f'<td class="{kind}">{plain(text)}</td>' for text, kind in map(_with_look, cells)]
+    for style, cells in found.rows:
+        lines.append(f'<tr class="{style}">')
+        lines += [f'<td class="{kind}">{plain(text)}</td>' for text, kind in map(_with_style, cells)]
         lines.append("</tr>")
     return "".join([*lines, "</tbody></table></div>"])
 
 
-def _with_look(cell: Cell) -> tuple[str, str]:
+def _with_style(cell: Cell) -> tuple[str, str]:
     return (cell, "") if isinstance(cell, str) else cell
 
 
-def tile(value: str, text: str, look: str = "plain") -> str:
-    return f'<div class="tile {look}"><b>{value}</b><span>{text}</span></div>'
+def tile(value: str, text: str, style: str = "plain") -> str:
+    return f'<div class="tile {style}"><b>{value}</b><span>{text}</span></div>'
 
 
 def figure(svg: str, caption: str) -> str:

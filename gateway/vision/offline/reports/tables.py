@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-Cell = str | tuple[str, str]  # plain text, or with how it looks: "good", "bad", "left"
-Row = tuple[str, Sequence[Cell]]  # how it looks: "whole", "half", "bad", "faint" or ""
+Cell = str | tuple[str, str]  # plain text, or with its style: "good", "bad", "left"
+Row = tuple[str, Sequence[Cell]]  # its style: "whole", "half", "bad", "faint" or ""
 
 
 @dataclass(frozen=True, slots=True)

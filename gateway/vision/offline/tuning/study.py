@@ -37,7 +37,7 @@ class Study:
 
 def study(
     labels: Sequence[Label],
-    look: Callable[[Label], Image],
+    read: Callable[[Label], Image],
     params: VisionConfig,
     advance: Callable[[], None] = lambda: None,
 ) -> Study:
@@ -45,7 +45,7 @@ def study(
     called three times for each label."""
     examples, lights = [], []
     for label in labels:
-        image = look(label)
+        image = read(label)
         examples.append(samples.example(label.file, image, circle_of(label), params))
         lights.append(exposure.measure(image, circle_of(label)))
         advance()
@@ -57,7 +57,7 @@ def study(
     halves = _halves(labels, examples, params)
     outcomes: dict[str, list[Outcome]] = {name: [] for name in (*settings, _CROSS)}
     for label in labels:
-        image = look(label)
+        image = read(label)
         for name, setting in settings.items():
             outcomes[name].append(judge(label, pipeline.detect(image, setting)))
         if halves:
@@ -67,7 +67,7 @@ def study(
     gated = proposed.apply(params).model_copy(update=keys)
     found = []
     for label in labels:
-        found.append(judge(label, pipeline.detect(look(label), gated)))
+        found.append(judge(label, pipeline.detect(read(label), gated)))
         advance()
     effect = {name: scores(rows) for name, rows in outcomes.items() if rows}
     effect["proposed thresholds and gates"] = scores(found)
