@@ -1,4 +1,4 @@
-"""The configuration's own words about itself: the table of keys for docs and `gateway check`. Pure."""
+"""The tables of configuration keys for the docs, and the values in force for `gateway check`. Pure."""
 
 from collections.abc import Iterator
 from typing import get_origin

@@ -88,11 +88,11 @@ class ProcessSlot(Generic[Out, In]):
         """Start a process, where there is none, and send it its job. Takes a few ms. Raises LinkError."""
         channel, theirs = Channel[Out, In | Failed].pair(self._codec)
         cpus = ",".join(map(str, role.affinity or ()))
-        words = [role.module, role.name, str(os.getpid()), str(theirs.fileno()), cpus]
+        arguments = [role.module, role.name, str(os.getpid()), str(theirs.fileno()), cpus]
         with theirs, _without_ctrl_c():
             try:
                 process = subprocess.Popen(
-                    [sys.executable, "-c", BOOT, *words, "\n".join(sys.path)],
+                    [sys.executable, "-c", BOOT, *arguments, "\n".join(sys.path)],
                     stdin=subprocess.DEVNULL,
                     pass_fds=(theirs.fileno(), *role.fds),
                     env={**ENVIRONMENT, **os.environ},

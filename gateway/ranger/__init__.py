@@ -1,1 +1,1 @@
-"""Distance over a serial line. Pure: protocol, session, filters. IO: service."""
+"""Distance sensors behind one contract. Pure: contract, conditioning, hcsr04. IO: port, service (a thread each)."""

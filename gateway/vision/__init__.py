@@ -1,1 +1,1 @@
-"""Frames in, detections out. Pure: pixels, stages, pipeline, intrinsics, dispatch. IO: capture, pool, service."""
+"""Frames in, detections out; docs/architecture.md has what each folder does."""

@@ -30,7 +30,7 @@ class Section(BaseModel):
 
 @dataclass(frozen=True)
 class NameIn:
-    """Annotates a string key: the name of a part in a registry. Refused in the same words as a `Literal`'s."""
+    """Annotates a string key: the name of a part in a registry. Refused with the same text as a `Literal`'s."""
 
     parts: Registry
 
@@ -53,7 +53,7 @@ def choices_of(info: FieldInfo) -> tuple[str, ...]:
 
 
 def bounds_of(info: FieldInfo) -> str:
-    """The numeric range of a field, in words: `>= 1, <= 31`."""
+    """The numeric range of a field, as text: `>= 1, <= 31`."""
     signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
     found = [(signs[k], v) for m in info.metadata for k in signs if (v := getattr(m, k, None)) is not None]
     return ", ".join(f"{sign} {value:g}" for sign, value in found)

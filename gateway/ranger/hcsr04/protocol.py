@@ -118,7 +118,7 @@ def tenths_at_20c(ticks: int) -> int:
 
 
 def reset_cause(mcusr: int) -> str:
-    """The reset causes in words."""
+    """The reset causes as text."""
     return ", ".join(name for bit, name in RESET_CAUSES if mcusr & bit) or "unknown"
 
 
@@ -237,7 +237,7 @@ def markdown() -> str:
     """The wire as docs/ranger.md shows it."""
     near = encode_measurement(Measurement(1234, 2912))
     warm = encode_measurement(Measurement(1235, 2912, NO_FLAGS, 215))
-    deaf = encode_measurement(Measurement(1236, 0, Flags.NO_ECHO))
+    no_echo = encode_measurement(Measurement(1236, 0, Flags.NO_ECHO))
     longest = encode_measurement(Measurement(MAX_SEQ, 46_590, ALL_FLAGS, MIN_TEMPERATURE_DC))
     hello = encode_hello(Hello("hcsr04", PROTOCOL_VERSION, PERIOD_MS, 2))
     fields = (
@@ -256,29 +256,29 @@ def markdown() -> str:
     rows = ["| field | meaning | range |", "|---|---|---|", *(f"| {a} | {b} | {c} |" for a, b, c in fields)]
     flags = ["| flag | name | meaning |", "|---|---|---|"]
     flags += [f"| {flag.value} | {flag.name} | {text} |" for flag, text in FLAG_MEANING.items()]
-    spoken = (
+    lines = (
         ("valid, 250 mm", near),
         ("with temperature, 21.5 °C", warm),
-        ("no echo", deaf),
+        ("no echo", no_echo),
         ("longest the sensor can cause", longest),
         ("hello", hello),
     )
     examples = ["| example | line | bytes | ms at 9600 baud |", "|---|---|---|---|"]
-    examples += [f"| {n} | `{b.decode().strip()}` | {len(b)} | {wire_ms(len(b), 9600):.1f} |" for n, b in spoken]
+    examples += [f"| {n} | `{b.decode().strip()}` | {len(b)} | {wire_ms(len(b), 9600):.1f} |" for n, b in lines]
     return "\n\n".join("\n".join(table) for table in (rows, flags, examples, _budget(9600))) + "\n"
 
 
 def _budget(baud: int) -> list[str]:
     """From the trigger to a complete line, by distance."""
     table = [
-        "| target at | ECHO pulse, ms | line, bytes | line on the wire, ms | trigger to whole line, ms | wire in use |",
+        "| target at | ECHO pulse, ms | line, bytes | line on the wire, ms | trigger to complete line, ms | wire in use |",
         "|---|---|---|---|---|---|",
     ]
     for mm in (20, 250, 300, 520, 1500, 4000):
         ticks = round(mm * 10 * TENTHS_PER_TICK[1] / TENTHS_PER_TICK[0])
         size = len(encode_measurement(Measurement(12_345, ticks)))
         pulse_ms, line_ms = ticks * TICK_NS / 1e6, wire_ms(size, baud)
-        whole_ms = BURST_NS / 1e6 + pulse_ms + line_ms
+        total_ms = BURST_NS / 1e6 + pulse_ms + line_ms
         share = line_ms / PERIOD_MS
-        table.append(f"| {mm / 10:g} cm | {pulse_ms:.1f} | {size} | {line_ms:.1f} | {whole_ms:.1f} | {share:.0%} |")
+        table.append(f"| {mm / 10:g} cm | {pulse_ms:.1f} | {size} | {line_ms:.1f} | {total_ms:.1f} | {share:.0%} |")
     return table

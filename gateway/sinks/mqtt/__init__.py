@@ -1,1 +1,2 @@
-"""MQTT. Pure: topics, address, payloads, outbox, reference. IO: dial, link (imports the client library), publisher."""
+"""MQTT. Pure: topics, topic_plan, messages, payloads, home_assistant, reference. IO: broker (reads files), broker_socket,
+broker_link (imports the client library), session, publisher."""

@@ -20,7 +20,7 @@ AddressInfo = tuple[Any, ...]  # as getaddrinfo gives it: family, type, protocol
 async def open_socket(host: str, port: int, tls: ssl.SSLContext | None, timeout_s: float) -> socket.socket:
     """Connected, non-blocking; the caller closes it. `timeout_s` (real seconds) bounds what follows the name lookup.
 
-    Raises LinkError in the operating system's words.
+    Raises LinkError with the operating system's text.
     """
     try:
         addresses = await _resolve(host, port)

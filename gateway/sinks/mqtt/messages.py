@@ -31,7 +31,7 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.VISIT_ENDED: "the truck that was in place has left the bay",
     EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` describe it",
     EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
-    EventKind.PLC_LOST: "the PLC's heartbeat has stood still for longer than its deadline",
+    EventKind.PLC_LOST: "the PLC's heartbeat has not changed for longer than its deadline",
     EventKind.PLC_RETURNED: "the PLC's heartbeat arrived for the first time, or again",
     EventKind.PLC_WRITE: "the PLC changed a register of the handshake block; `write` has the writer and both values",
     EventKind.WRITE_REFUSED: "a write had no effect; `detail` has the reason",
