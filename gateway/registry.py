@@ -11,7 +11,7 @@ from gateway.errors import ConfigError
 
 
 class Registry:
-    """One kind of part; `kind` is its name in error texts. `group`: the entry points' group that other distributions use."""
+    """One kind of part; `kind` is its name in errors. `group`: the entry points' group that other distributions use."""
 
     def __init__(self, kind: str, group: str, parts: Mapping[str, str]) -> None:
         self.kind = kind

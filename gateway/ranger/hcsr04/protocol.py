@@ -271,7 +271,7 @@ def markdown() -> str:
 def _budget(baud: int) -> list[str]:
     """From the trigger to a complete line, by distance."""
     table = [
-        "| target at | ECHO pulse, ms | line, bytes | line on the wire, ms | trigger to complete line, ms | wire in use |",
+        "| target at | ECHO pulse, ms | line, bytes | line, ms | trigger to complete line, ms | wire in use |",
         "|---|---|---|---|---|---|",
     ]
     for mm in (20, 250, 300, 520, 1500, 4000):

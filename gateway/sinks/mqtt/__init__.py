@@ -1,2 +1,4 @@
-"""MQTT. Pure: topics, topic_plan, messages, payloads, home_assistant, reference. IO: broker (reads files), broker_socket,
-broker_link (imports the client library), session, publisher."""
+"""MQTT. Pure: topics, topic_plan, messages, payloads, home_assistant, reference.
+
+IO: broker (reads files), broker_socket, broker_link (imports the client library), session, publisher.
+"""
