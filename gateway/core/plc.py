@@ -1,4 +1,4 @@
-"""The PLC's side of a bay, as records: what it writes, what is reported to it, and the texts for both. Pure.
+"""The PLC's side of a bay, as records: what it writes, what is reported to it, and the texts for it. Pure.
 
 The numbers are on the wire: never renumber, only add. The transitions are in gateway/core/handshake.py.
 """
@@ -37,35 +37,19 @@ CONTROL_BITS = sum(1 << bit for bit in Control)
 class PlcLink(IntEnum):
     """Is the PLC alive? Judged by its heartbeat only."""
 
-    UNUSED = 0
-    WAITING = 1
-    ALIVE = 2
-    LOST = 3
-
-
-PLC_LINK_MEANING: dict[PlcLink, str] = {
-    PlcLink.UNUSED: "writes are off: the gateway takes none",
-    PlcLink.WAITING: "the PLC has written no heartbeat since the start of the gateway",
-    PlcLink.ALIVE: "the heartbeat changed within its deadline",
-    PlcLink.LOST: "the heartbeat has not changed for longer than its deadline",
-}
+    UNUSED = 0  # writes are off
+    WAITING = 1  # it has written no heartbeat since the start of the gateway
+    ALIVE = 2  # the heartbeat changed within its deadline
+    LOST = 3  # the heartbeat has not changed for longer than its deadline
 
 
 class TriggerPhase(IntEnum):
     """The phase of a triggered measurement."""
 
-    READY = 0
-    ACQUIRING = 1
-    VALID = 2
-    CLEARING = 3
-
-
-TRIGGER_PHASE_MEANING: dict[TriggerPhase, str] = {
-    TriggerPhase.READY: "a trigger would be taken",
-    TriggerPhase.ACQUIRING: "waiting for a frame and a distance of which nothing is older than the trigger",
-    TriggerPhase.VALID: "the result of acquisition_id is held and may be read",
-    TriggerPhase.CLEARING: "the result was acknowledged; waiting for results_ack to go back to 0",
-}
+    READY = 0  # a trigger would be taken
+    ACQUIRING = 1  # waiting for a frame and a distance of which nothing is older than the trigger
+    VALID = 2  # the result of acquisition_id is held and may be read
+    CLEARING = 3  # the result was acknowledged; waiting for results_ack to go back to 0
 
 
 class Outcome(IntEnum):

@@ -4,6 +4,7 @@ import logging
 import os
 import random
 from collections.abc import Callable
+from functools import partial
 
 from gateway.clock import NS_PER_S, Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
@@ -119,7 +120,7 @@ class VisionService:
                 else:
                     self._monitor.progress(progress.read(), self._clock.now_ns())
                     self._monitor = self._monitor.successor(self._vision)
-                carry_out = lambda action, slot: self._carry_out(action, slot, ring)  # noqa: E731
+                carry_out = partial(self._carry_out, ring)
                 self._loop = _MonitorLoop(self._monitor, progress, self._clock, carry_out)
                 async with VisionSlot(self._bay, self._clock, FROM_VISION, self._loop.on_arrival) as slot:
                     await self._loop.run(slot)
@@ -129,7 +130,7 @@ class VisionService:
             if self._ring is None:
                 ring.close()
 
-    def _carry_out(self, action: Action, slot: VisionSlot, ring: RingSpec) -> None:
+    def _carry_out(self, ring: RingSpec, action: Action, slot: VisionSlot) -> None:
         match action:
             case monitor.Emit(reading):
                 self._emit(reading)

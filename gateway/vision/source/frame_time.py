@@ -10,9 +10,7 @@ from typing import Protocol
 NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
 SAME_CLOCK_NS = 10 * NS_PER_S  # a buffer's stamp that lies so near before its arrival is of the gateway's own clock
-CLOCK_SET_NS = (
-    NS_PER_S  # arriving so much earlier than ever before: the source's clock was set, or its film began again
-)
+CLOCK_SET_NS = NS_PER_S  # arriving so much earlier than ever before: its clock was set, or its film began again
 DRIFT_WINDOW_NS = 20 * NS_PER_S
 MOST_DRIFT = 500e-6  # between two clocks; what grows faster is a backlog
 

@@ -214,20 +214,19 @@ def test_the_health_of_the_picture_is_judged_here_and_reported_with_every_result
     assert (bench.readings[-1].quality, bench.readings[-1].picture) == (Quality.LINK_DOWN, None)
 
 
-def test_a_frame_without_a_marker_is_no_target_not_a_fault() -> None:
-    reading = running().look(EMPTY)
-    assert (reading.quality, reading.circle, reading.stage_ns) == (Quality.NO_TARGET, None, (("hsv", 5),))
-
-
-def test_a_marker_that_is_only_predicted_is_coasted() -> None:
-    predicted = Circle(1.0, 2.0, 3.0)
-    reading = running().look(Detection(None, predicted=predicted))
-    assert (reading.quality, reading.circle, reading.predicted) == (Quality.COASTED, None, predicted)
-
-
-def test_a_disc_of_the_wrong_size_is_reported_with_the_frame() -> None:
-    reading = running().look(Detection(None, wrong_size=Circle(10.0, 20.0, 30.0)))
-    assert (reading.quality, reading.wrong_size) == (Quality.NO_TARGET, Circle(10.0, 20.0, 30.0))
+@pytest.mark.parametrize(
+    ("found", "quality"),
+    [
+        (EMPTY, Quality.NO_TARGET),
+        (replace(EMPTY, predicted=Circle(1.0, 2.0, 3.0)), Quality.COASTED),
+        (replace(EMPTY, wrong_size=Circle(10.0, 20.0, 30.0)), Quality.NO_TARGET),
+    ],
+    ids=["nothing", "a prediction", "a disc of the wrong size"],
+)
+def test_a_frame_without_a_measured_marker_is_no_fault(found: Detection, quality: Quality) -> None:
+    reading = running().look(found)
+    assert (reading.quality, reading.circle, reading.stage_ns) == (quality, None, found.stage_ns)
+    assert (reading.predicted, reading.wrong_size) == (found.predicted, found.wrong_size)
 
 
 def test_the_rate_is_the_number_of_results_of_the_last_second() -> None:
