@@ -17,6 +17,7 @@ class Registry:
         self.kind = kind
         self.group = group
         self._parts = dict(parts)
+        self._loaded: dict[str, Any] = {}
 
     def names(self) -> tuple[str, ...]:
         """The package's own first."""
@@ -36,7 +37,15 @@ class Registry:
         return next(iter(places))
 
     def load(self, name: str) -> Any:
-        """Raises ConfigError like `place`, and for another distribution's part that can't be imported."""
+        """Raises ConfigError like `place`, and for another distribution's part that can't be imported.
+
+        Only the first call reads files; the control path makes later ones, and waits for no disk.
+        """
+        if name not in self._loaded:
+            self._loaded[name] = self._load(name)
+        return self._loaded[name]
+
+    def _load(self, name: str) -> Any:
         place = self.place(name)
         part = EntryPoint(name, place, self.group)
         if name in self._parts:

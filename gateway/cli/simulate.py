@@ -46,6 +46,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mqtt-url", metavar="URL", help="publish to this broker: mqtt[s]://[user[:password]@]host[:port]"
     )
+    parser.add_argument(
+        "--state-dir",
+        metavar="FOLDER",
+        help="keep the bay files and the outbox there, as `gateway run` does (default: nothing outlives the run)",
+    )
     parser.add_argument("--method", metavar="NAME", help="robust or paper (default: as in the settings, robust)")
     parser.add_argument("--trials", type=int, metavar="N", help="run N alignment trials and print Table II (paper: 10)")
     parser.add_argument(

@@ -123,7 +123,7 @@ def _only_simulation() -> Iterator[bool]:
 
 
 def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
-    over: dict[str, Any] = {"state_dir": ""}  # nothing simulated outlives the run
+    over: dict[str, Any] = {"state_dir": args.state_dir or ""}
     if args.modbus_port is not None:
         over["modbus"] = {"port": args.modbus_port}
     if args.no_hmi:
@@ -131,7 +131,8 @@ def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
     elif args.hmi_port is not None:
         over["hmi"] = {"port": args.hmi_port}
     if args.mqtt_url is not None:
-        over["mqtt"] = {"url": args.mqtt_url, "outbox_file": ""}
+        outbox = Path(args.state_dir) / "outbox.sqlite" if args.state_dir else ""
+        over["mqtt"] = {"url": args.mqtt_url, "outbox_file": str(outbox)}
     if args.config is None:
         over["instance"] = "simulate" if first else f"simulate-{os.getpid()}"  # several may run side by side
     if args.method is not None:
@@ -297,6 +298,7 @@ class _Simulation:
                 instance=self._settings.instance,
                 speed=self._args.speed,
                 seed=self._scenario.seed,
+                world_start_ns=self._bays[0].origin_ns,
             )
             return
         name = f"{self._args.trials} trials" if self._args.trials else (self._args.scenario or "approach")

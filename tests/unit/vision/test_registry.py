@@ -104,3 +104,14 @@ def test_detectors_that_share_the_frames_each_follow_in_theirs(method: str) -> N
     hidden = workers[0](np.zeros((240, 320, 3), np.uint8), 33 * NS_PER_MS * 12)
     assert hidden.predicted is not None
     assert abs(hidden.predicted.u_px - 120) < 3
+
+
+def test_the_control_path_names_a_method_without_reading_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each distance asks what the method uses. Reading files for it took 10 ms, and failed with no descriptor left."""
+    known = registry.method("robust")
+
+    def no_descriptors(group: str) -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr("gateway.registry.entry_points", no_descriptors)
+    assert registry.method("robust") is known
