@@ -3,7 +3,7 @@
 Shares nothing with the gateway. Sources: Modbus Application Protocol V1.1b3, chapters 6 (state diagrams) and 7
 (exception codes), and the MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 3.1.3 and 4.4.2.
 
-Used by the unit tests, by the tests over sockets and by bench/modbus_fuzz.py.
+Used by the unit tests, by the tests over sockets and by bench/neighbours.py.
 """
 
 from collections.abc import Callable

@@ -40,6 +40,7 @@ SETTLE_S = 1.0  # visit.settle_s: in_place after a start at the earliest
 PIECE_S = 5.0  # the rules that look back are applied to so much at least, cut where no truck is near its mark
 FAR_MM = 600.0
 RECENT = 400
+JUST_NOW_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +100,7 @@ class Judge:
         self._rows: list[Row] = []
         self._piece_starved = False
         self._crossing = _Latency()
+        self._moved_s = float("-inf")  # when MayMove was last on
         self._seen: set[str] = set()
 
     # -- what happens ----------------------------------------------------------------------------------------------
@@ -109,7 +111,7 @@ class Judge:
             self.finish()
             self._start_ns = world_start_ns
             self._first_image_ns = None
-            self._crossing = _Latency()
+            self._crossing, self._moved_s = _Latency(), float("-inf")
 
     def poll(self, poll: Poll) -> None:
         """The PLC's newest poll."""
@@ -242,15 +244,18 @@ class Judge:
         if surely_off:
             self.figures.truth_clear_s += passed_s
             self.figures.may_move_s += passed_s * row.may_move
+        moves = row.may_move and not row.released
         if not surely_at:
             self._crossing = _Latency()
+            self._moved_s = row.t_s if moves else self._moved_s
             return
         crossing = self._crossing
         if crossing.since_s is None:
             crossing.since_s = row.t_s
-            crossing.counted = not (row.may_move and not row.released)
+            # One that did not move on its way in shows nothing.
+            crossing.counted = row.t_s - self._moved_s > JUST_NOW_S
             self.figures.crossings += not crossing.counted
-        if not crossing.counted and not (row.may_move and not row.released):
+        if not crossing.counted and not moves:
             crossing.counted = True
             self.figures.late_s.setdefault(self.playing, []).append(row.t_s - crossing.since_s)
 

@@ -13,7 +13,6 @@ import sys
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -34,10 +33,10 @@ STARTED_S = 60.0
 ROLES = {"gw-worker": "vision", "gw-hmi": "web"}  # by the beginning of the process's name, as `top` shows it
 CONFIG = f"""
 instance = "{{instance}}"
-log_level = "warning"
+log_level = "{{log_level}}"
 [modbus]
 port = {{port}}
-writes = true
+writes = {{writes}}
 plc_addresses = ["{PLC_ADDRESS}"]
 connections_per_address = 16
 [hmi]
@@ -80,21 +79,28 @@ class Usage:
 class Simulated:
     """A context manager: the gateway in `folder`. `start` and `kill` may be called again and again.
 
-    `bays` is 1. `more` is added to the configuration (TOML); `scenario` is the text of one.
+    `more` is added to the configuration (TOML); `scenario` is the text of one. `writes`: the PLC writes its heartbeat.
     """
 
     def __init__(
-        self, folder: Path, *, seed: int = 1, scenario: str = TRUCKS, more: str = "", arguments: Sequence[str] = ()
+        self,
+        folder: Path,
+        *,
+        seed: int = 1,
+        scenario: str = TRUCKS,
+        more: str = "",
+        writes: bool = True,
+        log_level: str = "warning",
     ) -> None:
         self.folder = folder
         self.port, self.hmi_port = free_port(), free_port()
         self.config_file, self._scenario_file = folder / "gateway.toml", folder / "scenario.toml"
-        text = CONFIG.format(instance=f"proof{os.getpid()}", port=self.port, hmi_port=self.hmi_port) + more
+        names = {"instance": f"proof{os.getpid()}", "port": self.port, "hmi_port": self.hmi_port}
+        text = CONFIG.format(**names, writes=str(writes).lower(), log_level=log_level) + more
         self.config_file.write_text(text, encoding="utf-8")
         self._scenario_file.write_text(scenario.replace("{seed}", str(seed)), encoding="utf-8")
         self.state = folder / "state"
         self.state.mkdir()
-        self._arguments = list(arguments)
         self.own_disk = os.geteuid() == 0
         self.process: subprocess.Popen[str] | None = None
         self.started: dict[str, Any] = {}
@@ -127,7 +133,7 @@ class Simulated:
     def start(self) -> dict[str, Any]:
         """Start it, wait until a PLC could poll; its `started` row."""
         command = [sys.executable, "-m", "gateway", "simulate", "--json", "--config", str(self.config_file)]
-        command += ["--scenario", str(self._scenario_file), "--state-dir", str(self.state), *self._arguments]
+        command += ["--scenario", str(self._scenario_file), "--state-dir", str(self.state)]
         if self.own_disk:  # in a mount namespace of its own, which ends with it; the state survives in `kept`
             mount = f'mount -t tmpfs -o size={STATE_MB}m none "$1" && cp -a "$2/." "$1" && shift 2 && exec "$@"'
             kept = self.folder / "kept"
@@ -212,12 +218,16 @@ class Simulated:
                 )
         return found
 
-    def files(self) -> int:
-        """Files in its state folder and in shared memory."""
-        try:
-            return sum(path.is_file() for path in self.disk.rglob("*")) + len(list(Path("/dev/shm").iterdir()))
-        except OSError:
-            return 0
+    def files(self) -> tuple[int, int]:
+        """Files of its own in its state folder and in shared memory, and their bytes."""
+        instance = str(self.started.get("instance"))
+        own = [path for path in Path("/dev/shm").iterdir() if instance in path.name]
+        sizes = []
+        for path in (*self.disk.rglob("*"), *own):
+            with contextlib.suppress(OSError):
+                if path.is_file():
+                    sizes.append(path.stat().st_size)
+        return len(sizes), sum(sizes)
 
     # -- what it prints --------------------------------------------------------------------------------------------
 
