@@ -6,14 +6,19 @@ import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import cv2
+
+from gateway.clock import SystemClock
+from gateway.config import VisionConfig
+from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError
-
-if TYPE_CHECKING:
-    from gateway.config import VisionConfig
-    from gateway.core.detection import Circle, Detection
-    from gateway.vision.offline.inputs import Picture
+from gateway.vision.detect import registry
+from gateway.vision.detect.stage_timer import total_ns
+from gateway.vision.offline import inputs
+from gateway.vision.offline.inputs import Picture
+from gateway.vision.view import drawing, overlay
 
 Row = dict[str, Any]
 
@@ -29,7 +34,7 @@ class Names:
         self.folder = folder
         self._taken: set[str] = set()
 
-    def of(self, path: Path, picture: "Picture") -> str:
+    def of(self, path: Path, picture: Picture) -> str:
         stem = os.fsdecode(os.fsencode(path.stem)[:180])  # a file name has at most 255 bytes
         base = stem if picture.frame is None else f"{stem}-frame{picture.frame:06d}"
         name, number = base, 1
@@ -43,10 +48,7 @@ class Names:
 class DetectionRun:
     """Processes one picture after the other, and writes the requested outputs."""
 
-    def __init__(self, params: "VisionConfig", args: argparse.Namespace) -> None:
-        from gateway.clock import SystemClock
-        from gateway.vision.detect import registry
-
+    def __init__(self, params: VisionConfig, args: argparse.Namespace) -> None:
         self._params = params
         self._fps: float | None = args.track
         # Without --track the pictures are no sequence: each is processed by itself.
@@ -59,10 +61,6 @@ class DetectionRun:
 
     def rows(self, path: Path) -> Iterator[Row]:
         """One row for each picture of the input, and one for what stopped it, if anything did."""
-        import cv2
-
-        from gateway.vision.offline import inputs
-
         wrong = ""
         try:
             for picture in inputs.read(path):
@@ -86,10 +84,8 @@ class DetectionRun:
         if wrong:
             yield {"file": str(path), "found": False, "u": None, "v": None, "r": None, "error": wrong}
 
-    def _check_size(self, picture: "Picture") -> None:
+    def _check_size(self, picture: Picture) -> None:
         """Raises InputError for a picture that the intrinsics do not hold for."""
-        from gateway.vision.offline import inputs
-
         lens, (height, width) = self._params.intrinsics, picture.image.shape[:2]
         if lens is not None and (lens.width_px, lens.height_px) not in ((None, None), (width, height)):
             raise inputs.InputError(
@@ -100,25 +96,18 @@ class DetectionRun:
         self._looked += 1
         return round(self._looked * 1e9 / (self._fps or 1.0))
 
-    def _write_stages(self, names: Names, path: Path, picture: "Picture", found: "Detection") -> Path:
+    def _write_stages(self, names: Names, path: Path, picture: Picture, found: Detection) -> Path:
         """Returns the beginning of the names of what was written."""
-        from gateway.vision.detect import registry
-        from gateway.vision.view import drawing
-
         name = names.of(path, picture)
         drawing.save(names.folder, name, registry.stage_pictures(self._params, picture.image, found))
         return names.folder / name
 
-    def _write_drawn(self, names: Names, path: Path, picture: "Picture", found: "Detection") -> Path:
-        from gateway.vision.view import drawing, overlay
-
+    def _write_drawn(self, names: Names, path: Path, picture: Picture, found: Detection) -> Path:
         (path,) = drawing.save(names.folder, names.of(path, picture), {"found": overlay.overlay(picture.image, found)})
         return path
 
 
-def _row(path: Path, picture: "Picture", found: "Detection", *, known_lens: bool) -> Row:
-    from gateway.vision.detect.stage_timer import total_ns
-
+def _row(path: Path, picture: Picture, found: Detection, *, known_lens: bool) -> Row:
     circle, ellipse = found.circle, found.ellipse
     row: Row = {"file": str(path)}
     if picture.frame is not None:
@@ -147,5 +136,5 @@ def _row(path: Path, picture: "Picture", found: "Detection", *, known_lens: bool
     return row
 
 
-def _circle(circle: "Circle") -> Row:
+def _circle(circle: Circle) -> Row:
     return {"u": circle.u_px, "v": circle.v_px, "r": circle.radius_px}

@@ -33,25 +33,23 @@ def _below(value: float | None, limit: float) -> float | None:
     return None if value is None or not limit else limit / max(value, 1e-6)
 
 
-def _seeing(health: PictureHealth, limits: PictureConfig) -> bool:
-    """In a picture that is dark, burnt out or covered nothing else can be judged."""
-    return (
-        health.brightness >= limits.brightness_min
-        and health.contrast >= limits.contrast_min
-        and (not limits.clipped_max or health.clipped <= limits.clipped_max)
-    )
-
-
-def _flat(health: PictureHealth, limits: PictureConfig) -> float | None:
-    dark = health.brightness < limits.brightness_min
+def _exposed(health: PictureHealth, limits: PictureConfig) -> bool:
+    """In a picture that is dark or burnt out nothing else can be judged."""
     burnt = bool(limits.clipped_max) and health.clipped > limits.clipped_max
-    return None if dark or burnt else _below(health.contrast, limits.contrast_min)
+    return health.brightness >= limits.brightness_min and not burnt
+
+
+def _seeing(health: PictureHealth, limits: PictureConfig) -> bool:
+    """Nor can it if the camera is covered."""
+    return _exposed(health, limits) and health.contrast >= limits.contrast_min
 
 
 RULES: dict[PictureFault, _Rule] = {
     PictureFault.DARK: _Rule(lambda h, c: _below(h.brightness, c.brightness_min), lambda c: c.blind_s),
     PictureFault.BRIGHT: _Rule(lambda h, c: _above(h.clipped, c.clipped_max), lambda c: c.blind_s),
-    PictureFault.FLAT: _Rule(_flat, lambda c: c.blind_s),
+    PictureFault.FLAT: _Rule(
+        lambda h, c: _below(h.contrast, c.contrast_min) if _exposed(h, c) else None, lambda c: c.blind_s
+    ),
     PictureFault.BLURRED: _Rule(
         lambda h, c: _below(h.sharpness, c.sharpness_min) if _seeing(h, c) else None, lambda c: c.lasting_s
     ),

@@ -6,8 +6,9 @@ import numpy as np
 
 from gateway.vision.offline.evaluation.scoring import CLOSE, Outcome
 from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
-from gateway.vision.offline.reports.chart import Axis, Chart
+from gateway.vision.offline.reports.chart import Axis, Chart, Point
 
+Named = tuple[Point, str]  # a point and its title
 _FLOOR_PX, _CEILING_PX = 0.01, 1000.0
 
 
@@ -55,22 +56,13 @@ def radius_against_truth(results: Sequence[Summary]) -> str:
         return ""
     low, high = min(x for x, _ in flat), max(x for x, _ in flat)
     reach = min(25.0, max(1.0, max(abs(y) for _, y in flat) * 1.1))
-    chart = Chart(
-        Axis("true radius, px", low / 1.15, high * 1.15, log=True),
-        Axis("radius error, %", -reach, reach),
-        title="radius error against radius",
-    )
-    for level in (-100 * CLOSE, 0, 100 * CLOSE):
-        if abs(level) <= reach:
-            chart.rule(y=level)
-    for style, (result, found) in enumerate(zip(results, points, strict=True)):
-        chart.points([point for point, _ in found], style, result.method, [name for _, name in found])
-    return chart.svg()
+    x, y = Axis("true radius, px", low / 1.15, high * 1.15, log=True), Axis("radius error, %", -reach, reach)
+    return _scatter(results, points, Chart(x, y, title="radius error against radius"), 100 * CLOSE)
 
 
 def r_times_z(results: Sequence[Summary], series: SeriesOf) -> str:
     """R Z over its series' median, against Z."""
-    found: list[list[tuple[tuple[float, float], str]]] = []
+    found: list[list[Named]] = []
     for result in results:
         medians = {part.series: part.median_px_cm for part in result.constancy}
         rows = []
@@ -85,12 +77,8 @@ def r_times_z(results: Sequence[Summary], series: SeriesOf) -> str:
         return ""
     reach = min(30.0, max(1.5, max(abs(y) for _, y in flat) * 1.1))
     high = max(x for x, _ in flat) * 1.05
-    chart = Chart(Axis("distance Z, cm", 0, high), Axis("R Z against its median, %", -reach, reach), title="R times Z")
-    for level in (-1, 0, 1):
-        chart.rule(y=level)
-    for style, (result, rows) in enumerate(zip(results, found, strict=True)):
-        chart.points([point for point, _ in rows], style, result.method, [name for _, name in rows])
-    return chart.svg()
+    x, y = Axis("distance Z, cm", 0, high), Axis("R Z against its median, %", -reach, reach)
+    return _scatter(results, found, Chart(x, y, title="R times Z"), 1)
 
 
 def sequence(result: Summary, name: str, series: SeriesOf) -> str:
@@ -116,6 +104,16 @@ def sequence(result: Summary, name: str, series: SeriesOf) -> str:
     return chart.svg()
 
 
-def _radius_point(outcome: Outcome) -> tuple[tuple[float, float], str]:
+def _scatter(results: Sequence[Summary], found: Sequence[Sequence[Named]], chart: Chart, level: float) -> str:
+    """With lines at 0 and at `level` to either side, where the chart reaches so far."""
+    for y in (-level, 0, level):
+        if abs(y) <= chart.y.high:
+            chart.rule(y=y)
+    for style, (result, rows) in enumerate(zip(results, found, strict=True)):
+        chart.points([point for point, _ in rows], style, result.method, [name for _, name in rows])
+    return chart.svg()
+
+
+def _radius_point(outcome: Outcome) -> Named:
     share = 100 * (outcome.radius_share or 0)
     return (outcome.label.major_px or 1.0, share), f"{outcome.label.file}: {share:+.2f} %"
