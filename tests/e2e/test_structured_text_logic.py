@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from gateway.core.detection import Circle
 from gateway.core.plc import TriggerPhase
 from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
+from gateway.core.shown import withdrawn
 from gateway.core.state import Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.modbus.exports import node_red_function, openplc, structured_text
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
@@ -22,7 +23,7 @@ from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS, STEP_TIMEOUT_MS
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
 from tests.plc_images import ADDRESS, answered, doubtful, words
@@ -349,7 +350,7 @@ def test_the_export_for_the_other_word_order_differs_in_the_words_places_alone()
 
 def test_a_dead_gateway_and_a_doubtful_image_leave_no_good_looking_value(scan: Scan) -> None:
     scan.start()
-    assert scan.run(dead_image(permitted(8), 6_000_000_000, 0, "big")) is Diagnosis.STOP
+    assert scan.run(encode(withdrawn(permitted(8), 6_000_000_000), 0, "big")) is Diagnosis.STOP
     assert scan.block["Reason"] == int(Reason.GATEWAY_FAULT)
     scan.run(words(permitted(9)))
     assert scan.run([0] * BLOCK_WORDS) is Diagnosis.FOREIGN

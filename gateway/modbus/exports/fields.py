@@ -28,11 +28,10 @@ class Field:
 def fields() -> Iterator[Field]:
     """Every member of the structure, in the order of the table."""
     for register in REGISTERS:
-        yield from of(register)
+        yield from _of(register)
 
 
-def of(register: Register) -> Iterator[Field]:
-    """The members that one register becomes."""
+def _of(register: Register) -> Iterator[Field]:
     if register.words == 4:
         yield Field(f"{register.name}_high", "UDINT", f"{describe(register)}: high half", register, "high")
         yield Field(f"{register.name}_low", "UDINT", f"{describe(register)}: low half", register, "low")

@@ -68,7 +68,7 @@ def _expression(register: Register) -> dict[str, Any]:
     if register.kind.is_float:
         missing = f"({{[.]{RAW}/{register.name}_high}} & {_EXPONENT}) = {_EXPONENT}"
     else:
-        missing = f"{source} = {_sentinel(register)}"
+        missing = f"{source} = {register.kind.sentinel}"
     value = source if register.scale == 1 else f"{source} * {register.scale}"
     tag = {
         "name": register.name,
@@ -82,14 +82,8 @@ def _expression(register: Register) -> dict[str, Any]:
     return tag | {"engUnit": register.unit} if register.unit else tag
 
 
-def _sentinel(register: Register) -> int:
-    """No value, as a signed or unsigned number."""
-    word = register.kind.no_value or 0
-    return word - 0x10000 if register.kind.low < 0 else word
-
-
 def _none(register: Register) -> str:
-    return "NaN: no value" if register.kind.is_float else f"{_sentinel(register)}: no value"
+    return "NaN: no value" if register.kind.is_float else f"{register.kind.sentinel}: no value"
 
 
 def _bits(register: Register, target: Target) -> dict[str, Any]:

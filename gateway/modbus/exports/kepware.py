@@ -76,10 +76,9 @@ def _rows(register: Register, target: Target) -> list[Row]:
 
 def _description(register: Register, *, counted: bool) -> str:
     """The meaning, what an unscaled register counts, and the number that means no value."""
-    word = register.kind.no_value
-    if word is None:
+    if register.kind.no_value is None:
         return describe(register)
-    none = "NaN" if register.kind.is_float else str(word - 0x10000 if register.kind.low < 0 else word)
+    none = "NaN" if register.kind.is_float else str(register.kind.sentinel)
     if counted:
         return f"counts of {register.scale:g} {register.unit}; {none}: no value. {register.meaning}"
     return f"{describe(register)}; {none}: no value"

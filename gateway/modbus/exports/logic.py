@@ -8,13 +8,14 @@ float is put together by arithmetic, which is exact because only powers of two a
 import re
 from collections.abc import Iterator, Sequence
 
+from gateway.core.shown import withdrawn
 from gateway.core.state import StateVector
 from gateway.modbus.exports.decode import decode
 from gateway.modbus.exports.diagnosis import ALIVE, FIRST_ALIVE, HEARTBEAT_CHANGES, SOUND, VALUES, Check
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import REQUESTS, STEP_TIMEOUT_MS
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers.register_map import dead_image
+from gateway.modbus.registers.register_map import encode
 
 _PLAIN = {"×": "x", "–": "-", "°": "deg", "±": "+-", "µ": "u"}
 _HEARTBEAT = f"""\
@@ -158,7 +159,7 @@ def dead_fields() -> Iterator[tuple[str, str]]:
 
     Without them an empty structure would mean "quality good, no reason".
     """
-    image = dead_image(StateVector(""), 0, 0, "big")
+    image = encode(withdrawn(StateVector(""), 0), 0, "big")
     for field in fields():
         register = field.register
         if register.codes is None and register.bits is None and register.name != "stop":

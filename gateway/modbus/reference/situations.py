@@ -13,6 +13,7 @@ from gateway.core.detection import Circle
 from gateway.core.fusion import Observation, forced_stop
 from gateway.core.plc import Control
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.shown import withdrawn
 from gateway.core.state import Reason, StateVector, VisitPhase
 from gateway.modbus.reference.timing_diagrams import (
     BIT,
@@ -27,7 +28,7 @@ from gateway.modbus.reference.timing_diagrams import (
     svg,
     word,
 )
-from gateway.modbus.registers.register_map import dead_image, decode, encode
+from gateway.modbus.registers.register_map import decode, encode
 
 R_TIMES_Z = 54_000.0  # px mm: the paper's thresholds, 180 px at 300 mm, of one marker and one lens
 FAR_MM, MARK_MM, CREPT_MM = 900.0, 280.0, 350.0
@@ -68,7 +69,7 @@ PLACED = (EMPTY, COMING, DRIVING, STANDING)
 HELD = (*PLACED, COVERED)
 
 # Situation -> (the scenes that lead to it, what became of the gateway itself in the end).
-Ending = Callable[[StateVector], StateVector | None]
+Ending = Callable[[StateVector], StateVector]
 SITUATIONS: dict[str, tuple[tuple[Scene, ...], Ending | None]] = {
     "empty bay": ((EMPTY,), None),
     "approaching": (MOVING, None),
@@ -91,7 +92,7 @@ SITUATIONS: dict[str, tuple[tuple[Scene, ...], Ending | None]] = {
     "held, camera dead": ((*HELD, Scene(1000, vision=None)), None),
     "held, ranger dead": ((*HELD, Scene(1000, vision=Quality.NO_TARGET, range=None)), None),
     "held, no echo": ((*HELD, Scene(1000, vision=Quality.NO_TARGET, range=Quality.NO_ECHO)), None),
-    "in place, the gateway's decision stands still": (PLACED, lambda _: None),
+    "in place, the gateway's decision stands still": (PLACED, lambda state: withdrawn(state, state.t_ns)),
     "in place, the gateway shuts down": (PLACED, lambda state: forced_stop(state, Reason.SHUTDOWN, state.t_ns)),
 }
 COLUMNS = ("D", "stop", "may_move", "in_place", "moved", "reason", "visit_phase")
@@ -144,10 +145,7 @@ def _sequence(title: str, scenes: tuple[Scene, ...], signals: dict[str, tuple[st
 
 def _at_end(scenes: tuple[Scene, ...], ending: Ending | None) -> Image:
     *_, state = states(_sequence("", scenes, {}))
-    if ending is None:
-        return decode(encode(state, 0, "big"))
-    ended = ending(state)
-    return decode(dead_image(state, state.t_ns, 0, "big") if ended is None else encode(ended, 0, "big"))
+    return decode(encode(state if ending is None else ending(state), 0, "big"))
 
 
 VISIT: tuple[Scene, ...] = (

@@ -41,6 +41,12 @@ class WireType:
     no_value: int | None = None
     is_float: bool = False
 
+    @property
+    def sentinel(self) -> int:
+        """`no_value` of an integer as the number that a client reads; 0 in a type that always has a value."""
+        word = self.no_value or 0
+        return word - 0x1_0000 if self.low < 0 else word
+
 
 # A plain uint16 is a code or a counter and uses all its bits; a measured one gives up 0xFFFF as its sentinel.
 UINT16 = WireType("uint16", 1, 0, 0xFFFF)

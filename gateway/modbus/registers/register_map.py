@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 
 from gateway.core.detection import TRACKING_MEANING, Circle, Ellipse
 from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, VisionReading
-from gateway.core.shown import withdrawn
 from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.handshake import HANDSHAKE
@@ -252,14 +251,6 @@ _PLANS = {
     )
     for order in _ORDERS
 }
-
-
-def dead_image(state: StateVector, now_ns: int, unix_ns: int, word_order: WordOrder) -> Image:
-    """What a PLC must see when the control task does not run any more: `state` is its last, `now_ns` monotonic.
-
-    Stop on, may_move and in_place off, reason GATEWAY_FAULT, no values, heartbeat as it stood.
-    """
-    return encode(withdrawn(state, now_ns), unix_ns, word_order)
 
 
 def decode(image: Sequence[int]) -> dict[str, Value]:

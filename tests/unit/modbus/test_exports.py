@@ -17,6 +17,7 @@ import pytest
 from gateway import registry
 from gateway.cli import registers as verb
 from gateway.core.plc import Control, Handshake, PlcLink
+from gateway.core.shown import withdrawn
 from gateway.core.state import Reason, StateVector
 from gateway.errors import ConfigError
 from gateway.modbus.exports import (
@@ -35,7 +36,7 @@ from gateway.modbus.exports.fields import fields, measured
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS, REQUESTS
 from gateway.modbus.exports.registry import EXPORTS, SUMMARY, export
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, dead_image, decode, encode
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
 
@@ -51,7 +52,7 @@ def image(heartbeat: int = 7, order: Any = "big") -> list[int]:
 
 def empty(order: Any = "big") -> list[int]:
     """Every register that may hold no value holds none."""
-    return list(dead_image(StateVector(""), 0, 0, order))
+    return list(encode(withdrawn(StateVector(""), 0), 0, order))
 
 
 # What plants wire to spouts and lights: an output that is on while the truck may move is no condition for loading.

@@ -10,6 +10,7 @@ from gateway.core import events, fusion
 from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import EventKind
 from gateway.core.readings import PictureHealth, Quality, RangeReading, RangeStats, VisionReading, VisionStats
+from gateway.core.shown import withdrawn
 from gateway.core.state import FusionMemory, Reason, StateVector
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_unit import image_of
@@ -20,7 +21,6 @@ from gateway.modbus.registers.register_map import (
     RESERVED,
     STATUS,
     Value,
-    dead_image,
     decode,
     encode,
 )
@@ -342,7 +342,7 @@ def test_fault_bits_and_fault_events_agree(quality: Quality) -> None:
 
 def test_the_dead_image() -> None:
     alive = encode(STATE, UNIX_NS, "big")
-    image = dead_image(STATE, STATE.t_ns + S, UNIX_NS, "big")
+    image = encode(withdrawn(STATE, STATE.t_ns + S), UNIX_NS, "big")
     read = decode(image)
     assert (read["stop"], read["may_move"], read["reason"]) == (1, 0, 40)
     assert image[2] == alive[2]  # the heartbeat as it stood
@@ -358,7 +358,7 @@ def test_the_dead_image() -> None:
 def test_sequence_numbers_of_living_and_dead_never_meet(seq: int) -> None:
     state = StateVector("b", seq=seq)
     assert encode(state, 0, "big")[0] % 2 == 0
-    assert dead_image(state, 0, 0, "big")[0] == (encode(state, 0, "big")[0] + 1) % 0x1_0000
+    assert encode(withdrawn(state, 0), 0, "big")[0] == (encode(state, 0, "big")[0] + 1) % 0x1_0000
 
 
 class HandClock(LoopClock):
