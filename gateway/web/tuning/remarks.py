@@ -11,7 +11,7 @@ from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import Remark
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.profile.parameter_schema import changes
-from gateway.web.tuning.trial import TrialResult
+from gateway.web.tuning.trial import TrialResult, spread
 
 LOOKED_AT = 3  # frames of a recording, spread over it
 SLOWER = 1.25  # times the time in force is worth a remark
@@ -23,9 +23,7 @@ def remarks(
     """The most telling first; at least one frame, those that `result` is about."""
     found = [*_against_others(result), *_idle(tried, in_force), *_speed(frames, result)]
     method = registry.method(tried.method)
-    count = min(result.frames, len(frames))
-    chosen = sorted({round(n * (count - 1) / max(1, LOOKED_AT - 1)) for n in range(LOOKED_AT)})
-    for n in chosen:
+    for n in spread(min(result.frames, len(frames)), LOOKED_AT):
         found += method.remarks(frames[n].image, tried, result.tried.found[n], result.reference[n])
     first = {(remark.key, remark.text.partition(":")[0]): remark for remark in reversed(found)}
     return sorted(first.values(), key=lambda remark: not remark.warning)

@@ -245,6 +245,5 @@ class TuningService:
 
 
 def _lights(frames: Sequence[Snapshot], result: TrialResult) -> tuple[Light, ...]:
-    count = result.frames
-    chosen = sorted({round(n * (count - 1) / max(1, LIGHTS - 1)) for n in range(LIGHTS)})
+    chosen = trial.spread(result.frames, LIGHTS)
     return tuple(exposure.measure(frames[n].image, result.reference[n].circle) for n in chosen)

@@ -87,6 +87,11 @@ def shipped(lens: VisionConfig) -> VisionConfig:
     )
 
 
+def spread(count: int, most: int) -> list[int]:
+    """At most so many of `count` frames, spread over them: their numbers."""
+    return sorted({round(n * (count - 1) / max(1, most - 1)) for n in range(most)})
+
+
 def look(
     frame: Snapshot,
     tried: VisionConfig,
