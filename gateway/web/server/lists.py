@@ -85,7 +85,7 @@ def _change_view(client: GatewayClient, change: AlarmChange) -> AlarmChangeView:
     return AlarmChangeView.model_validate(_fields(change) | more)
 
 
-def _fields(record: Alarm | AlarmChange | AlarmDefinition[Any] | Register) -> dict[str, Any]:
+def _fields(record: Alarm | AlarmChange | AlarmDefinition[Any]) -> dict[str, Any]:
     return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
@@ -155,11 +155,16 @@ def _register_view(register: Register, value: float | None, image: Sequence[int]
         BitView(bit=bit, name=name, on=value is not None and bool(int(value) >> bit & 1))
         for bit, (name, _) in (register.bits or {}).items()
     )
-    more = {
-        "words": image[register.address : register.address + register.words],
-        "type": register.kind.name,
-        "value": value,
-        "text": None if named is None else named[0],
-        "bits": tuple(bits),
-    }
-    return RegisterView.model_validate(_fields(register) | more)
+    return RegisterView(
+        address=register.address,
+        words=tuple(image[register.address : register.address + register.words]),
+        name=register.name,
+        type=register.kind.name,
+        unit=register.unit,
+        scale=register.scale,
+        value=value,
+        text=None if named is None else named[0],
+        bits=tuple(bits),
+        meaning=register.meaning,
+        writable=register.writable,
+    )
