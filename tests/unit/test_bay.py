@@ -53,11 +53,11 @@ class Bench:
         self.bay.on_vision(seen(self.at(ms), radius_px))
         self.bay.on_range(heard(self.at(ms), distance_mm))
 
-    def told(self) -> list[EventKind]:
+    def kinds(self) -> list[EventKind]:
         return [event.kind for event in self.events.drain()]
 
 
-def test_it_starts_at_stop_and_says_so() -> None:
+def test_it_starts_at_stop_and_reports_it() -> None:
     bench = Bench()
 
     (event,) = bench.events.drain()
@@ -68,7 +68,7 @@ def test_it_starts_at_stop_and_says_so() -> None:
     assert bench.bay.state() is bench.state
 
 
-def test_every_observation_is_published_mirrored_and_told() -> None:
+def test_every_observation_is_published_and_mirrored_with_its_events() -> None:
     bench = Bench()
     bench.go(5)
     bench.go(30, radius_px=200.0, distance_mm=200.0)
@@ -77,7 +77,7 @@ def test_every_observation_is_published_mirrored_and_told() -> None:
     assert [s.stop for s in bench.mirrored] == [True, True, False, False, True]
     assert bench.mirrored[-1] is bench.state is bench.bay.state()
     assert (bench.state.t_ns, bench.state.d, bench.state.reason) == (T0 + 30 * MS, True, Reason.TARGET_REACHED)
-    assert bench.told() == [
+    assert bench.kinds() == [
         EventKind.START,
         EventKind.TARGET_FOUND,
         EventKind.STOP_CLEARED,
@@ -132,7 +132,7 @@ def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float,
     bench.go()
     last = bench.state
     assert last.may_move
-    bench.told()
+    bench.kinds()
 
     bench.at(dead_after_ms)
     assert bench.bay.state() is last
@@ -147,7 +147,7 @@ def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float,
     # Looking changes nothing: the number comes again with the next state, under another reason.
     assert dead.seq == bench.bay.state().seq == last.seq + 1
     assert bench.state is last
-    assert bench.told() == []
+    assert bench.kinds() == []
 
 
 def test_a_dead_control_task_stops_even_where_fail_safe_is_off() -> None:
@@ -209,19 +209,19 @@ def test_a_prediction_does_not_outlive_the_control_task() -> None:
     bench.bay.shut_down()
     for state in (dead, bench.bay.state()):
         assert (state.vision.quality, state.vision.predicted) == (Quality.STALE, None)
-        told = decode(encode(state, 0, "big"))
+        registers = decode(encode(state, 0, "big"))
         names = ("predicted_u", "predicted_v", "predicted_radius", "tracking")
-        assert [told[name] for name in names] == [None] * 4
+        assert [registers[name] for name in names] == [None] * 4
 
 
 # The end.
 
 
-def test_the_last_word_is_stop() -> None:
+def test_the_final_state_is_stop() -> None:
     bench = Bench()
     bench.go()
     assert not bench.state.stop
-    bench.told()
+    bench.kinds()
     bench.at(40)
     bench.bay.shut_down()
 
@@ -237,18 +237,18 @@ def test_the_last_word_is_stop() -> None:
 
 def test_where_stop_is_on_already_it_is_not_raised_again() -> None:
     bench = Bench()
-    bench.told()
+    bench.kinds()
     bench.bay.shut_down()
 
-    assert bench.told() == [EventKind.SHUTDOWN]
+    assert bench.kinds() == [EventKind.SHUTDOWN]
 
 
 @in_virtual_time
-async def test_nothing_changes_the_last_word() -> None:
+async def test_nothing_changes_the_final_state() -> None:
     bench = Bench(LoopClock())
     bench.bay.shut_down()
     last = bench.state
-    bench.told()
+    bench.kinds()
     task = asyncio.create_task(bench.bay.run())
     await asyncio.sleep(5.0)
     bench.bay.on_vision(seen(bench.clock.now_ns()))
@@ -259,7 +259,7 @@ async def test_nothing_changes_the_last_word() -> None:
 
     assert bench.state is last
     assert bench.bay.state() is last  # not GATEWAY_FAULT: a PLC may still ask why
-    assert bench.told() == []
+    assert bench.kinds() == []
 
 
 def test_events_are_logged_in_words(caplog: pytest.LogCaptureFixture) -> None:

@@ -1,4 +1,4 @@
-"""A write through the control task: published at once, told with who and what, and no sign of life by itself."""
+"""A write through the control task: published at once, reported with who and what, and no sign of life by itself."""
 
 import asyncio
 
@@ -35,7 +35,7 @@ class Bench:
         self.bay.on_vision(VisionReading(self.clock.t_ns, Quality.GOOD, Circle(1, 2, 200.0)))
         self.bay.on_range(RangeReading(self.clock.t_ns, Quality.GOOD, distance_mm))
 
-    def told(self) -> list[tuple[EventKind, str]]:
+    def reported(self) -> list[tuple[EventKind, str]]:
         return [(event.kind, event.detail) for event in self.events.drain()]
 
 
@@ -55,10 +55,10 @@ def test_who_wrote_what() -> None:
     assert (second.kind, second.detail) == (EventKind.PLC_RETURNED, "plc_heartbeat is 1")
 
 
-def test_another_master_is_refused_counted_and_told() -> None:
+def test_another_master_is_refused_counted_and_reported() -> None:
     bench, other = Bench(), Writer("10.0.0.8")
     bench.bay.on_write(PlcWrite(WHO, 1, 3, 0))
-    bench.told()
+    bench.reported()
     assert bench.bay.on_write(PlcWrite(other, 9, 0, 7)) is WriteVerdict.CONFLICT
     plc = bench.hub.state("bay1").plc
     assert (plc.heartbeat, plc.control, plc.recipe_asked, plc.writes, plc.conflicts) == (1, 3, 0, 1, 1)
@@ -72,21 +72,21 @@ def test_another_master_is_refused_counted_and_told() -> None:
 def test_another_master_can_not_flood() -> None:
     bench = Bench()
     bench.bay.on_write(PlcWrite(WHO, 1))
-    bench.told()
+    bench.reported()
     for _ in range(1000):
         bench.bay.on_write(PlcWrite(Writer("10.0.0.8"), 9))
-    assert [kind for kind, _ in bench.told()] == [EventKind.WRITE_REFUSED] * BURST
+    assert [kind for kind, _ in bench.reported()] == [EventKind.WRITE_REFUSED] * BURST
     assert bench.hub.state("bay1").plc.conflicts == 1000
 
 
-def test_who_takes_over_is_told() -> None:
+def test_a_new_owner_is_reported() -> None:
     bench, other = Bench(), Writer("10.0.0.8")
     bench.bay.on_write(PlcWrite(WHO, 1, 3))
     bench.clock.t_ns += 1001 * MS
     bench.bay._step(Tick())
-    bench.told()
+    bench.reported()
     assert bench.bay.on_write(PlcWrite(other, 1)) is WriteVerdict.TAKEN
-    assert bench.told() == [
+    assert bench.reported() == [
         (EventKind.PLC_WRITE, "10.0.0.8: plc_control 3 -> 0"),  # what the one before had set does not hold for it
         (EventKind.OWNER_CHANGED, "10.0.0.9 (plc1, role operator) -> 10.0.0.8"),
         (EventKind.PLC_RETURNED, "plc_heartbeat is 1"),
@@ -105,23 +105,23 @@ def test_only_the_owners_connection_means_anything() -> None:
     assert not bench.hub.state("bay1").plc.owner_gone
 
 
-def test_heartbeats_are_counted_and_only_their_loss_and_return_are_told() -> None:
+def test_heartbeats_are_counted_and_only_their_loss_and_return_are_reported() -> None:
     bench = Bench()
     for beat in range(500):
         bench.clock.t_ns += 100 * MS
         bench.bay._step(Tick())
         bench.bay.on_write(PlcWrite(WHO, beat, 0, 0))
-    about_the_plc = [told for told in bench.told() if told[0] is not EventKind.SENSOR_FAULT]
+    about_the_plc = [one for one in bench.reported() if one[0] is not EventKind.SENSOR_FAULT]
     assert about_the_plc == [(EventKind.PLC_RETURNED, "plc_heartbeat is 0")]
     assert bench.hub.state("bay1").plc.writes == 500
     bench.clock.t_ns += 1001 * MS
     bench.see(900.0)
-    lost = bench.told()
+    lost = bench.reported()
     assert (EventKind.PLC_LOST, "plc_heartbeat stopped at 499") in lost
     assert bench.hub.state("bay1").reason is Reason.PLC_LOST
     bench.bay._step(Tick())
     bench.bay.on_write(PlcWrite(WHO, 1))
-    assert (EventKind.PLC_RETURNED, "plc_heartbeat is 1") in bench.told()
+    assert (EventKind.PLC_RETURNED, "plc_heartbeat is 1") in bench.reported()
 
 
 def test_a_chattering_plc_can_not_flood() -> None:
@@ -129,12 +129,12 @@ def test_a_chattering_plc_can_not_flood() -> None:
     for n in range(1000):
         bench.bay.on_write(PlcWrite(WHO, control=n & 1))
         bench.bay.on_refused(WHO, "register 4 is read only")
-    kinds = [kind for kind, _ in bench.told()]
+    kinds = [kind for kind, _ in bench.reported()]
     assert kinds.count(EventKind.PLC_WRITE) == BURST
     assert kinds.count(EventKind.WRITE_REFUSED) == BURST, "whoever may not write can't hide what others do"
     bench.clock.t_ns += 250 * MS
     bench.bay.on_refused(WHO, "register 4 is read only")
-    ((kind, detail),) = bench.told()
+    ((kind, detail),) = bench.reported()
     assert kind is EventKind.WRITE_REFUSED
     assert detail.startswith("10.0.0.9 (plc1, role operator): register 4 is read only (and 980 before it")
 
@@ -162,7 +162,7 @@ def test_a_chattering_plc_does_not_hide_a_stop() -> None:
     bench.bay.on_write(PlcWrite(WHO, control=0))
     bench.bay.on_write(PlcWrite(WHO, control=1 << Control.RESET))
     bench.see(200.0)
-    kinds = [kind for kind, _ in bench.told()]
+    kinds = [kind for kind, _ in bench.reported()]
     assert EventKind.STOP_CLEARED in kinds
     assert kinds[-1] is EventKind.STOP_RAISED
     assert EventKind.LATCH_RELEASED in kinds
@@ -172,13 +172,13 @@ def test_what_became_of_the_plcs_wishes() -> None:
     bench = Bench()
     bench.see(900.0)
     bench.bay.on_write(PlcWrite(WHO, 1, control=0, recipe=7))
-    assert (EventKind.WRITE_REFUSED, "recipe 7: stop_stands") in bench.told()
+    assert (EventKind.WRITE_REFUSED, "recipe 7: stop_stands") in bench.reported()
     bench.bay.on_write(PlcWrite(WHO, control=1 << Control.RESET))
-    assert (EventKind.LATCH_RELEASED, "reset by the PLC") in bench.told()
+    assert (EventKind.LATCH_RELEASED, "reset by the PLC") in bench.reported()
     bench.bay.on_write(PlcWrite(WHO, recipe=7))
-    assert bench.told() == [(EventKind.RECIPE_CHANGED, "recipe 0 -> 7")]
+    assert bench.reported() == [(EventKind.RECIPE_CHANGED, "recipe 0 -> 7")]
     bench.bay.on_write(PlcWrite(WHO, recipe=8))
-    assert (EventKind.WRITE_REFUSED, "recipe 8: unknown") in bench.told()
+    assert (EventKind.WRITE_REFUSED, "recipe 8: unknown") in bench.reported()
 
 
 def test_a_technician_comes_and_goes() -> None:
@@ -186,7 +186,7 @@ def test_a_technician_comes_and_goes() -> None:
     bench.bay.check_function(FunctionCheck.MAY_MOVE_OFF)
     bench.bay.check_function(FunctionCheck.MAY_MOVE_KEPT)
     bench.bay.check_function(FunctionCheck.OFF)
-    assert [kind for kind, _ in bench.told()] == [EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED]
+    assert [kind for kind, _ in bench.reported()] == [EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED]
 
 
 def test_a_write_does_not_make_a_dead_bay_look_alive() -> None:
@@ -199,7 +199,7 @@ def test_a_write_does_not_make_a_dead_bay_look_alive() -> None:
     assert bench.hub.state("bay1").plc.control == 0
 
 
-def test_while_it_ticks_writes_are_taken_and_after_the_last_word_no_more() -> None:
+def test_while_it_ticks_writes_are_taken_and_after_the_final_state_no_more() -> None:
     async def scene() -> None:
         hub = Hub(["bay1"])
         clock = LoopClock()

@@ -53,7 +53,7 @@ def test_it_never_steps_back(speed: float, steps_ns: list[int]) -> None:
             seen_ns = clock.now_ns()
 
 
-def test_a_worker_s_copy_tells_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_child_s_copy_shows_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SystemClock(7.0, origin_ns=3, wall_origin_ns=4)
     copy = record_of(SystemClock, record_packed(clock))
     monkeypatch.setattr(time, "monotonic_ns", lambda: 1003)

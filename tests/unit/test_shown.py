@@ -209,7 +209,7 @@ def test_what_nobody_has_computed_is_not_shown() -> None:
     assert shown(StateVector("bay1"), 1).reason is Reason.GATEWAY_FAULT
 
 
-def test_the_last_word_of_a_gateway_stays() -> None:
+def test_the_final_state_of_a_gateway_stays() -> None:
     last = StateVector("bay1", reason=Reason.SHUTDOWN)
     assert shown(last, 10**18) is last
 

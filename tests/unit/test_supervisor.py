@@ -77,7 +77,7 @@ def test_delay_lies_between_its_limits(min_s: float, more_s: float, attempt: int
         assert delay <= min_s * 2**attempt
 
 
-def test_delay_uses_the_whole_range() -> None:
+def test_delay_uses_the_full_range() -> None:
     rng = random.Random(7)
     delays = sorted(delay_s(BACKOFF, 3, rng) for _ in range(400))
 
@@ -118,7 +118,9 @@ def test_a_peer_of_another_version_is_no_crash() -> None:
     assert record.last_error == "speaks version 9"
 
 
-def test_a_link_that_has_lived_long_is_tried_again_soon_and_its_loss_is_news(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_link_that_has_lived_long_is_tried_again_soon_with_a_warning(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     caplog.set_level(logging.DEBUG, "gateway.supervisor")
     lives = iter([0.0] * 6 + [5.1] + [0.0] * 3)
 
@@ -363,7 +365,7 @@ def test_one_task_s_trouble_is_not_another_s() -> None:
     assert sup.records["control"].starts == 1
 
 
-def test_a_record_says_what_runs() -> None:
+def test_a_record_shows_what_runs() -> None:
     sup = supervisor(Task("ranger", for_ever), Task("down", Failing(lambda: LinkError("cut")), BACKOFF))
 
     async def main() -> tuple[bool, bool]:

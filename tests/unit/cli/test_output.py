@@ -74,7 +74,7 @@ def test_closing_without_a_limit_waits_for_a_slow_reader() -> None:
         assert out.line() == "last\n"
 
 
-def test_a_blocked_stream_blocks_nobody_and_what_was_dropped_is_told() -> None:
+def test_a_blocked_stream_blocks_nobody_and_what_was_dropped_is_counted() -> None:
     with pipe() as out:
         out.shut()
         outlet = LossyOutput(out.stream, limit=3)
@@ -124,7 +124,7 @@ def test_the_interpreter_ends_while_the_thread_hangs_in_a_write() -> None:
         assert process.stderr.read() == b""
 
 
-def test_a_lost_reader_is_told_once_and_nothing_raises() -> None:
+def test_a_lost_reader_is_reported_once_and_nothing_raises() -> None:
     lost = threading.Semaphore(0)
     read, write = os.pipe()
     os.close(read)

@@ -81,7 +81,7 @@ def test_a_bar_keeps_its_threshold_mark_or_is_not_there(width: int) -> None:
     assert "good" in radius
 
 
-def test_stop_is_said_in_words() -> None:
+def test_stop_is_shown_in_words() -> None:
     assert any("APPROACH" in line for line in drawn(view.bay_panel(config.BayConfig(), good(), 0)))
     near = drawn(view.bay_panel(config.BayConfig(), good(radius_px=200, distance_mm=280), 0))
     assert any("STOP" in line for line in near)

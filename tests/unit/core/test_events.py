@@ -1,4 +1,4 @@
-"""What a log or an MQTT subscriber is told, for each pair of states."""
+"""What a log or an MQTT subscriber gets, for each pair of states."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def with_range(quality: Quality, detail: str = "") -> StateVector:
     return replace(CALM, range=RangeReading(0, quality, detail=detail))
 
 
-def told(old: StateVector, new: StateVector) -> list[tuple[str, str, Quality, str]]:
+def reported(old: StateVector, new: StateVector) -> list[tuple[str, str, Quality, str]]:
     return [(e.kind.value, e.sensor, e.quality, e.detail) for e in diff(old, new)]
 
 
@@ -43,11 +43,11 @@ def test_stop_and_target_edges() -> None:
     seen = replace(CALM, memory=FusionMemory(target_seen=True))
     stopped = replace(CALM, stop=True)
 
-    assert told(CALM, stopped) == [("stop_raised", "", Quality.GOOD, "")]
-    assert told(stopped, CALM) == [("stop_cleared", "", Quality.GOOD, "")]
-    assert told(CALM, seen) == [("target_found", "", Quality.GOOD, "")]
-    assert told(seen, CALM) == [("target_lost", "", Quality.GOOD, "")]
-    assert told(seen, seen) == told(stopped, stopped) == []
+    assert reported(CALM, stopped) == [("stop_raised", "", Quality.GOOD, "")]
+    assert reported(stopped, CALM) == [("stop_cleared", "", Quality.GOOD, "")]
+    assert reported(CALM, seen) == [("target_found", "", Quality.GOOD, "")]
+    assert reported(seen, CALM) == [("target_lost", "", Quality.GOOD, "")]
+    assert reported(seen, seen) == reported(stopped, stopped) == []
 
 
 FINE_VISION = {Quality.GOOD, Quality.WAITING, Quality.NO_TARGET, Quality.COASTED}
@@ -57,7 +57,7 @@ FINE_RANGE = {Quality.GOOD, Quality.WAITING}
 @pytest.mark.parametrize("before", Quality)
 @pytest.mark.parametrize("now", Quality)
 def test_every_change_of_a_sensor(before: Quality, now: Quality) -> None:
-    """An empty bay is no fault of the camera; every other complaint is one, and each new one is told."""
+    """An empty bay is no fault of the camera; every other complaint is one, and each new one is reported."""
     for name, fine, make in (("vision", FINE_VISION, with_vision), ("range", FINE_RANGE, with_range)):
         if now not in fine and now is not before:
             expected = [("sensor_fault", name, now, "why")]
@@ -65,7 +65,7 @@ def test_every_change_of_a_sensor(before: Quality, now: Quality) -> None:
             expected = [("sensor_recovered", name, now, "")]
         else:
             expected = []
-        assert told(make(before, "old"), make(now, "why")) == expected
+        assert reported(make(before, "old"), make(now, "why")) == expected
 
 
 def test_a_disagreement_is_a_fault_of_its_own() -> None:
@@ -79,11 +79,11 @@ def test_a_disagreement_is_a_fault_of_its_own() -> None:
     deaf = replace(apart, z_vision_mm=None)
 
     detail = "camera sees 600 mm, ranger 300 mm"
-    assert told(CALM, apart) == [("sensor_fault", "cross_check", Quality.GOOD, detail)]
-    assert told(CALM, blind) == told(CALM, deaf) == [("sensor_fault", "cross_check", Quality.GOOD, "")]
-    assert told(apart, CALM) == [("sensor_recovered", "cross_check", Quality.GOOD, "")]
-    assert told(apart, replace(apart, memory=FusionMemory())) == told(apart, CALM)
-    assert told(apart, apart) == []
+    assert reported(CALM, apart) == [("sensor_fault", "cross_check", Quality.GOOD, detail)]
+    assert reported(CALM, blind) == reported(CALM, deaf) == [("sensor_fault", "cross_check", Quality.GOOD, "")]
+    assert reported(apart, CALM) == [("sensor_recovered", "cross_check", Quality.GOOD, "")]
+    assert reported(apart, replace(apart, memory=FusionMemory())) == reported(apart, CALM)
+    assert reported(apart, apart) == []
 
 
 def test_causes_come_before_consequences() -> None:
@@ -114,7 +114,7 @@ MOVES = st.lists(
 
 @given(MOVES)
 @settings(max_examples=examples(80), deadline=None)
-def test_over_any_time_events_tell_the_whole_story(moves: list[tuple[int, Quality, float, bool]]) -> None:
+def test_over_any_time_events_report_every_change(moves: list[tuple[int, Quality, float, bool]]) -> None:
     """Replaying the events alone gives the last state's stop, target, faults and disagreement."""
     state = initial("bay1", 0)
     now_ns = 0

@@ -391,7 +391,7 @@ def test_every_fault_of_a_sensor_stops_with_its_reason(quality: Quality) -> None
         assert (state.d, state.stop, state.may_move, state.reason) == (None, True, False, reason)
 
 
-def test_no_table_of_reasons_excuses_a_good_value() -> None:
+def test_no_table_of_reasons_has_a_good_value() -> None:
     assert Quality.GOOD not in VISION_REASON
     assert Quality.GOOD not in RANGE_REASON
     assert Reason.NONE not in {*VISION_REASON.values(), *RANGE_REASON.values()}

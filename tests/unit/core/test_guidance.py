@@ -1,4 +1,4 @@
-"""What the driver is told, in numbers and in one word."""
+"""What the driver is advice, in numbers and in one word."""
 
 import random
 from typing import Any
@@ -48,9 +48,9 @@ def advise(
 
 
 def test_on_the_way() -> None:
-    told = advise()
+    advice = advise()
     # Z_th: 900 - 300 = 600 mm; R_th at 900 * 60 / 180 = 300 mm, which is 600 mm away, too.
-    assert told == Guidance(GuidanceCode.FORWARD, 600.0, 0.0, 10.0, 0.0, 0.0, 600.0)
+    assert advice == Guidance(GuidanceCode.FORWARD, 600.0, 0.0, 10.0, 0.0, 0.0, 600.0)
 
 
 def test_to_go_is_where_the_later_of_both_conditions_comes_true() -> None:
@@ -85,11 +85,11 @@ def test_to_go_is_nothing_exactly_where_d_turns(radius_px: float, distance_mm: f
     ],
 )
 def test_to_the_side(u_px: float, mirrored: bool, code: GuidanceCode) -> None:
-    told = advise(u_px=u_px, config=AIM.model_copy(update={"mirrored": mirrored}))
-    assert told.code is code
-    assert told.offset_mm == pytest.approx((u_px - 320) * 100 / 60)
+    advice = advise(u_px=u_px, config=AIM.model_copy(update={"mirrored": mirrored}))
+    assert advice.code is code
+    assert advice.offset_mm == pytest.approx((u_px - 320) * 100 / 60)
     if code is not GuidanceCode.FORWARD:
-        assert told.amount_mm == pytest.approx(21 * 100 / 60)
+        assert advice.amount_mm == pytest.approx(21 * 100 / 60)
 
 
 def test_mm_to_the_side_need_the_markers_size() -> None:
@@ -132,8 +132,8 @@ def test_slow(distance_mm: float, speed: float | None, code: GuidanceCode) -> No
 def test_at_the_mark_and_past_it(
     distance_mm: float, u_px: float, speed: float | None, code: GuidanceCode, amount: float | None
 ) -> None:
-    told = advise(900.0, distance_mm, u_px=u_px, d=True, stop=True, speed=speed)
-    assert (told.code, told.amount_mm) == (code, amount)
+    advice = advise(900.0, distance_mm, u_px=u_px, d=True, stop=True, speed=speed)
+    assert (advice.code, advice.amount_mm) == (code, amount)
 
 
 @pytest.mark.parametrize(
@@ -154,8 +154,8 @@ def test_at_the_mark_and_past_it(
     ],
 )
 def test_without_a_good_sensor(vision: Quality, rng: Quality, code: GuidanceCode) -> None:
-    told = advise(vision=vision, rng=rng)
-    assert (told.code, told.amount_mm, told.to_go_mm) == (code, None, None)
+    advice = advise(vision=vision, rng=rng)
+    assert (advice.code, advice.amount_mm, advice.to_go_mm) == (code, None, None)
 
 
 def test_what_else_holds_a_truck_back() -> None:

@@ -77,7 +77,7 @@ def play(*moves: tuple[PlcWrite | None, StateVector], start: Handshake = FRESH) 
 # The round of a triggered measurement.
 
 
-def test_one_whole_round() -> None:
+def test_one_complete_measurement() -> None:
     triggered = play((write(Control.TRIGGER), old(T0)))
     assert (triggered.phase, triggered.acquisition, triggered.trigger_ack) == (TriggerPhase.ACQUIRING, 1, True)
     assert triggered.result is None
@@ -274,7 +274,7 @@ def test_recipes_are_taken_refused_and_left() -> None:
 
 
 @pytest.mark.parametrize("memory", [FusionMemory(d=True), FusionMemory(latched=True)])
-def test_no_recipe_while_a_stop_by_d_stands(memory: FusionMemory) -> None:
+def test_no_recipe_while_a_stop_by_d_is_on(memory: FusionMemory) -> None:
     held = handshake.select(FRESH, 1, state(T0, d=None, memory=memory), {0, 1})
     assert (held.recipe, held.recipe_verdict) == (0, RecipeVerdict.STOP_STANDS)
 

@@ -79,7 +79,7 @@ class Bay:
         return self.step(PlcWrite(PLC, heartbeat=self.beat & 0xFFFF))
 
     @property
-    def said(self) -> tuple[bool, bool, Reason]:
+    def outputs(self) -> tuple[bool, bool, Reason]:
         return self.state.stop, self.state.may_move, self.state.reason
 
 
@@ -117,16 +117,16 @@ def test_by_default_it_decides_exactly_as_fusion_does() -> None:
 def test_a_latched_stop_stays_until_reset() -> None:
     bay = Bay(rules(latch_stop=True))
     assert bay.see().memory.latched, "whether it was latched before the start is not known"
-    assert bay.said == LATCHED
+    assert bay.outputs == LATCHED
     assert bay.set(Control.RESET).plc.reset_verdict is ResetVerdict.DONE
-    assert bay.said == ON_ITS_WAY
+    assert bay.outputs == ON_ITS_WAY
     bay.set()
     bay.see(NEAR)
-    assert bay.said == IN_PLACE
+    assert bay.outputs == IN_PLACE
     bay.see(FAR)
-    assert bay.said == LATCHED
+    assert bay.outputs == LATCHED
     bay.set(Control.RESET)
-    assert bay.said == ON_ITS_WAY
+    assert bay.outputs == ON_ITS_WAY
 
 
 def test_a_reset_that_is_on_when_the_gateway_starts_resets_nothing() -> None:
@@ -142,13 +142,13 @@ def test_a_reset_that_is_on_when_the_gateway_starts_resets_nothing() -> None:
     assert (state.memory.latched, state.d, state.plc.reset_verdict) == (True, False, ResetVerdict.NONE)
 
 
-def test_a_reset_never_ends_a_stop_whose_cause_stands() -> None:
+def test_a_reset_never_ends_a_stop_whose_cause_is_present() -> None:
     bay = Bay(rules(latch_stop=True))
     bay.see(NEAR)
     bay.set(Control.RESET)
-    assert (bay.state.plc.reset_verdict, bay.said) == (ResetVerdict.CAUSE_STANDS, IN_PLACE)
+    assert (bay.state.plc.reset_verdict, bay.outputs) == (ResetVerdict.CAUSE_STANDS, IN_PLACE)
     bay.see(FAR)
-    assert bay.said == LATCHED, "the bit that stayed on resets nothing later"
+    assert bay.outputs == LATCHED, "the bit that stayed on resets nothing later"
     bay.step(VisionReading(bay.now_ns, Quality.LINK_DOWN))
     bay.set()
     bay.set(Control.RESET)
@@ -163,24 +163,24 @@ def test_reset_without_a_latch() -> None:
         bay.set(Control.RESET)
         bay.set()
         bay.set(Control.RESET)
-        assert (bay.state.plc.reset_verdict, bay.said) == (ResetVerdict.NOTHING_LATCHED, ON_ITS_WAY)
+        assert (bay.state.plc.reset_verdict, bay.outputs) == (ResetVerdict.NOTHING_LATCHED, ON_ITS_WAY)
 
 
 def test_without_fail_safe_the_latch_holds_a_blind_gateway_at_stop() -> None:
     bay = Bay(rules(latch_stop=True, fail_safe=False))
     bay.see(NEAR)
     bay.step(VisionReading(bay.now_ns, Quality.LINK_DOWN))
-    assert bay.said == LATCHED
+    assert bay.outputs == LATCHED
 
 
-def test_the_plc_says_that_the_truck_has_left() -> None:
+def test_the_plc_reports_that_the_truck_has_left() -> None:
     bay = Bay(rules(latch_stop=True))
     bay.set(Control.TRUCK_PRESENT)
     bay.see(NEAR)
     bay.set()
-    assert bay.said == IN_PLACE, "it may say what it likes while the marker is there"
+    assert bay.outputs == IN_PLACE, "it may say what it likes while the marker is there"
     bay.see(FAR)
-    assert bay.said == ON_ITS_WAY
+    assert bay.outputs == ON_ITS_WAY
 
 
 def test_a_new_truck_takes_back_that_the_old_one_left() -> None:
@@ -190,7 +190,7 @@ def test_a_new_truck_takes_back_that_the_old_one_left() -> None:
     bay.set()
     bay.set(Control.TRUCK_PRESENT)
     bay.see(FAR)
-    assert bay.said == LATCHED
+    assert bay.outputs == LATCHED
 
 
 def test_that_a_truck_left_counts_for_one_latch_only() -> None:
@@ -201,7 +201,7 @@ def test_that_a_truck_left_counts_for_one_latch_only() -> None:
     bay.set()  # left, and nothing was latched
     bay.see(NEAR)
     bay.see(FAR)
-    assert bay.said == LATCHED
+    assert bay.outputs == LATCHED
 
 
 @pytest.mark.parametrize("quality", [Quality.TOO_FAR, Quality.NO_ECHO])
@@ -266,16 +266,16 @@ def test_leave_time_zero_means_never() -> None:
 def test_without_the_plcs_heartbeat_nothing_is_permitted() -> None:
     bay = Bay(rules("heartbeat_required"))
     bay.see()
-    assert bay.said == (False, False, Reason.NONE), "its time has not run out yet"
+    assert bay.outputs == (False, False, Reason.NONE), "its time has not run out yet"
     bay.now_ns += 2 * S
     bay.see()
-    assert bay.said == (True, False, Reason.PLC_LOST)
+    assert bay.outputs == (True, False, Reason.PLC_LOST)
     bay.live()
     bay.see()
-    assert bay.said == ON_ITS_WAY
+    assert bay.outputs == ON_ITS_WAY
     bay.now_ns += int(1.1 * S)
     bay.see()
-    assert bay.said == (True, False, Reason.PLC_LOST)
+    assert bay.outputs == (True, False, Reason.PLC_LOST)
     assert bay.state.guidance.code is GuidanceCode.FAULT
 
 
@@ -283,32 +283,32 @@ def test_a_lost_plc_without_fail_safe_takes_the_permit_only() -> None:
     bay = Bay(rules("heartbeat_required", fail_safe=False))
     bay.now_ns += 2 * S
     bay.see()
-    assert bay.said == (False, False, Reason.NONE)
+    assert bay.outputs == (False, False, Reason.NONE)
     assert bay.state.plc.missed
 
 
-def test_what_somebody_must_repair_is_told_before_the_lost_plc() -> None:
+def test_what_needs_a_repair_is_reported_before_the_lost_plc() -> None:
     bay = Bay(rules("heartbeat_required"))
     bay.now_ns += 2 * S
     bay.see(NEAR)
-    assert bay.said == (True, False, Reason.PLC_LOST)
+    assert bay.outputs == (True, False, Reason.PLC_LOST)
     bay.step(VisionReading(bay.now_ns, Quality.LINK_DOWN))
-    assert bay.said == (True, False, Reason.CAMERA_DOWN)
+    assert bay.outputs == (True, False, Reason.CAMERA_DOWN)
 
 
 @pytest.mark.parametrize(
     ("required", "bit"), [("enable_required", Control.ENABLE), ("truck_required", Control.TRUCK_PRESENT)]
 )
-def test_permit_waits_for_the_plcs_word(required: str, bit: Control) -> None:
+def test_may_move_waits_for_the_plc(required: str, bit: Control) -> None:
     bay = Bay(rules(f"heartbeat_required {required}"))
     bay.live()
     bay.see()
-    assert bay.said == (False, False, Reason.NONE)
+    assert bay.outputs == (False, False, Reason.NONE)
     assert bay.state.guidance.code is GuidanceCode.WAIT
     bay.set(bit)
-    assert bay.said == ON_ITS_WAY
+    assert bay.outputs == ON_ITS_WAY
     bay.set()
-    assert bay.said == (False, False, Reason.NONE)
+    assert bay.outputs == (False, False, Reason.NONE)
     assert Bay(rules()).see().may_move
 
 
@@ -318,9 +318,9 @@ def test_permit_waits_for_the_plcs_word(required: str, bit: Control) -> None:
 def test_function_check() -> None:
     bay = Bay(rules())
     bay.see()
-    assert bay.said == ON_ITS_WAY
+    assert bay.outputs == ON_ITS_WAY
     bay.step(FunctionCheck.MAY_MOVE_OFF)
-    assert bay.said == (False, False, Reason.NONE)
+    assert bay.outputs == (False, False, Reason.NONE)
     assert bay.see().guidance.code is GuidanceCode.WAIT
     assert not bay.state.may_move
     assert bay.step(FunctionCheck.MAY_MOVE_KEPT).may_move
@@ -344,7 +344,7 @@ def test_a_recipe_can_not_end_a_stop() -> None:
     bay.see(NEAR)
     bay.step(PlcWrite(PLC, recipe=7))
     assert bay.state.plc.recipe_verdict is RecipeVerdict.STOP_STANDS
-    assert bay.said == IN_PLACE
+    assert bay.outputs == IN_PLACE
     bay.step(VisionReading(bay.now_ns, Quality.NO_TARGET))
     bay.step(PlcWrite(PLC, recipe=7))
     assert bay.state.plc.recipe == 0, "the marker is only hidden; the truck may stand there still"
@@ -427,14 +427,14 @@ def test_invariants(moves: list[tuple[int, tuple[Any, ...]]], keys: dict[str, An
         # A latch ends only where D is known to be 0, or the marker is known to be away.
         if before.memory.latched and not state.memory.latched:
             assert alone.d is False or alone.vision.quality is Quality.NO_TARGET
-        # The driver is never told to come nearer while stop is on.
+        # The driver never gets a code to come nearer while stop is on.
         if state.stop:
             assert state.guidance.code not in {
                 GuidanceCode.FORWARD, GuidanceCode.SLOW, GuidanceCode.LEFT, GuidanceCode.RIGHT
             }  # fmt: skip
 
 
-def test_the_last_word_withdraws_what_the_plc_could_take_for_good() -> None:
+def test_a_forced_stop_withdraws_what_the_plc_could_take_for_good() -> None:
     bay = Bay(rules())
     bay.set(Control.TRIGGER)
     bay.see()

@@ -236,7 +236,7 @@ def test_a_truck_that_left_for_one_has_not_left_for_the_next() -> None:
     assert bay.state.memory.latched
 
 
-def test_the_one_that_comes_back_before_another_took_over_goes_on() -> None:
+def test_an_owner_that_returns_before_another_took_over_continues() -> None:
     bay = Bay(enable_required=True)
     bay.wait(100)
     bay.write(A, 1, 0)
@@ -249,7 +249,7 @@ def test_the_one_that_comes_back_before_another_took_over_goes_on() -> None:
     assert not bay.write(B, 9)
 
 
-def test_the_one_that_comes_back_after_another_took_over_is_refused() -> None:
+def test_an_owner_that_returns_after_another_took_over_is_refused() -> None:
     bay = Bay()
     bay.wait(100)
     bay.write(A, 1, 0)

@@ -90,7 +90,7 @@ class Bay:
         return [self.hears(Quality.GOOD, distance_mm) for _ in range(4)][-1]
 
 
-def test_each_distance_tells_the_search_how_large_the_marker_can_be() -> None:
+def test_each_distance_gives_the_search_the_possible_radii() -> None:
     bay = Bay()
     assert bay.stands() == pytest.approx((124.2, 299.4), abs=0.1)
     assert bay.vision.told[:3] == [None] * 3  # its speed was not known yet
@@ -108,7 +108,7 @@ def test_where_fusion_does_not_go_by_what_was_learned_neither_does_the_search(ke
     assert Bay(**keys).stands() is None
 
 
-def test_nothing_is_told_that_was_not_learned() -> None:
+def test_no_radii_are_given_that_were_not_learned() -> None:
     assert Bay(samples=SAMPLES[:2]).stands() is None
 
 
@@ -119,7 +119,7 @@ def test_without_a_distance_it_is_withdrawn(quality: Quality) -> None:
     assert bay.hears(quality) is None
 
 
-def test_nobody_is_told_anything_for_a_control_task_that_is_dead() -> None:
+def test_a_dead_control_task_gives_no_radii() -> None:
     bay = Bay()
     assert bay.stands() is not None
     assert bay.hears(Quality.GOOD, 280.0) is None  # 300 ms without a tick
@@ -165,7 +165,7 @@ def test_a_disc_of_the_wrong_size_contradicts_as_a_circle_would() -> None:
 
 
 @pytest.mark.parametrize("quality", [Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.WAITING])
-def test_only_a_frame_that_was_looked_at_says_so(quality: Quality) -> None:
+def test_only_a_processed_frame_reports_it(quality: Quality) -> None:
     config, state = FusionConfig(scale_lasting_s=0), fusion.initial("north", T0)
     state = fusion.step(state, RangeReading(T0, Quality.GOOD, 280.0), T0, config)
     told = fusion.step(state, VisionReading(T0, quality, wrong_size=LAMP), T0, config)
@@ -173,7 +173,7 @@ def test_only_a_frame_that_was_looked_at_says_so(quality: Quality) -> None:
     assert not told.memory.disagree
 
 
-def test_a_frame_that_is_too_old_says_it_no_more() -> None:
+def test_a_frame_that_is_too_old_reports_it_no_more() -> None:
     config, state = FusionConfig(), fusion.initial("north", T0)
     state = fusion.step(state, VisionReading(T0, Quality.NO_TARGET, wrong_size=LAMP), T0, config)
     assert state.vision.wrong_size == LAMP

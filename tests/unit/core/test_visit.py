@@ -95,7 +95,7 @@ def events(bench: Bench, *kinds: EventKind) -> list[tuple[EventKind, str]]:
 # In place: by both sensors only.
 
 
-def test_a_whole_visit_goes_through_its_phases_in_order() -> None:
+def test_a_complete_visit_has_its_phases_in_order() -> None:
     legs = ({"distance_cm": 28, "speed_cm_s": 20, "hold_s": 12}, LEAVE)
     bench = Bench(truck(*legs, faults=(spout(9, 6),)))
     release_at(bench, 16)

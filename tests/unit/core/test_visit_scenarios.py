@@ -58,7 +58,7 @@ def kinds(bench: Bench) -> list[EventKind]:
 
 @pytest.mark.parametrize("config", CONFIGS)
 @pytest.mark.parametrize("name", VISITS)
-def test_nothing_that_must_not_be_is_ever_said(name: str, config: str) -> None:
+def test_no_output_is_ever_wrong(name: str, config: str) -> None:
     bench = played(name, config)
     assert complaints(rows(bench), bench.config) == []
     assert any(moment.state.in_place for moment in bench.moments)
@@ -157,7 +157,7 @@ def test_a_plc_that_holds_its_release_bit_all_day_gains_nothing(name: str) -> No
 
 @given(st.integers(0, 2**31))
 @settings(max_examples=examples(12), suppress_health_check=[HealthCheck.too_slow])
-def test_whatever_a_visit_brings_nothing_that_must_not_be_is_said(seed: int) -> None:
+def test_in_random_visits_no_output_is_ever_wrong(seed: int) -> None:
     """Trucks that roll, drive off or change; lamps, echoes, dead sensors, restarts, and a PLC that writes at random."""
     bench = play(seed)
     assert complaints(rows(bench), bench.config) == []

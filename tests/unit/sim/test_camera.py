@@ -159,7 +159,7 @@ def test_a_lost_camera_raises_on_read_and_on_open_while_it_lasts() -> None:
     assert opened(clock, faulty("camera_lost")).read().image.shape == (120, 160, 3)
 
 
-def test_a_camera_lost_while_frozen_says_so() -> None:
+def test_a_camera_lost_while_frozen_is_reported_lost() -> None:
     freeze, lost = ({"kind": k, "at_s": a, "for_s": 5.0} for k, a in (("camera_freeze", 1.0), ("camera_lost", 2.0)))
     clock = HandClock()
     camera = opened(clock, parse({**SMALL, "faults": [freeze, lost]}))

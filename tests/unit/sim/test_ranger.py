@@ -151,7 +151,7 @@ def test_of_several_echoes_of_a_scenario_the_nearest_is_heard() -> None:
     assert found == [{}, {RangerFault.ECHO: 300.0}, {RangerFault.ECHO: 120.0}, {RangerFault.ECHO: 300.0}]
 
 
-def test_it_says_hello_first_then_a_measurement_every_60_ms() -> None:
+def test_it_sends_hello_first_then_a_measurement_every_60_ms() -> None:
     sent = events(run(board(standing(250.0), errors=PERFECT), 3 * S))
     assert sent[0] == Hello("hcsr04-sim", 1, 60, 1)
     assert sent[1:3] == [Measurement(0, 2912), Measurement(1, 2912)]
@@ -181,7 +181,7 @@ def test_a_line_ends_its_wire_time_after_the_echo() -> None:
     assert min(abs(t - expected) for t in ends) <= 100_000
 
 
-def test_hello_comes_every_five_seconds_and_when_asked() -> None:
+def test_hello_is_sent_every_five_seconds_and_on_request() -> None:
     made = board(standing(250.0))
     assert sum(isinstance(e, Hello) for e in events(run(made, 15 * S))) == 3
     made.hear(b"??x?", 15 * S)

@@ -495,7 +495,7 @@ def test_the_delay_grows_for_a_camera_that_cannot_be_opened() -> None:
     assert delays[4] > delays[2] > delays[0]
 
 
-def test_the_counters_tell_processes_that_failed_from_sources_that_were_lost() -> None:
+def test_the_counters_distinguish_failed_processes_from_lost_sources() -> None:
     bench = running()
     bench.lose()
     bench.die()

@@ -195,7 +195,7 @@ def test_a_viewer_cannot_make_the_vision_process_wait(spec: RingSpec) -> None:
     assert writer.due(3)
 
 
-def test_where_the_kernel_cannot_tell_every_frame_is_written(spec: RingSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_on_an_older_kernel_every_frame_is_written(spec: RingSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     def unsupported(*_: object) -> int:
         raise OSError(errno.EOPNOTSUPP, "Operation not supported")
 

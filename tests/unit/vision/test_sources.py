@@ -165,7 +165,7 @@ def shades(source: Source, count: int) -> list[int]:
     return [int(source.read().image[0, 0, 0]) for _ in range(count)]
 
 
-def test_a_folder_comes_in_natural_order_at_its_pace_and_ends(folder: Path, clock: StepClock) -> None:
+def test_a_folder_is_read_in_natural_order_at_its_pace_and_ends(folder: Path, clock: StepClock) -> None:
     source = source_spec(CameraConfig(url=str(folder))).open(clock)
     assert not source.lossless
     assert source.may_repeat
@@ -435,7 +435,7 @@ def test_frames_held_back_by_the_driver_are_as_old_as_their_buffers(clock: StepC
     assert taken == [49_900_000_000, 49_200_000_000, 50_030_000_000]
 
 
-def test_a_stream_that_stays_behind_is_lost_and_says_how_far(clock: StepClock) -> None:
+def test_a_stream_that_stays_behind_is_lost_with_its_delay(clock: StepClock) -> None:
     """One frame every 30 ms of its own time, delivered at half that pace."""
     driver = Driver(clock, [shade(1)] * 500, (15.0 * n for n in range(500)))
     source = live(driver, clock, PresentationTime())

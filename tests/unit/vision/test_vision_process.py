@@ -147,7 +147,7 @@ def test_every_frame_of_a_source_that_wants_it_is_looked_at_before_its_end_is_re
 
 
 @pytest.mark.parametrize("message", [SourceLost, Failed])
-def test_what_a_process_says_is_short_and_printable_in_every_log(message: type[SourceLost | Failed]) -> None:
+def test_what_a_process_reports_is_short_and_printable_in_every_log(message: type[SourceLost | Failed]) -> None:
     monitor = ProcessMonitor("cam", CameraConfig(), VisionConfig(), random.Random(1))
     monitor.settle(0)
     monitor.ready(monitor.token, 0)
