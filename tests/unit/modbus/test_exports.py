@@ -26,6 +26,7 @@ from gateway.modbus.exports import (
     logic,
     logix,
     node_red,
+    node_red_function,
     openplc,
     reference,
     scl,
@@ -37,7 +38,7 @@ from gateway.modbus.exports.interface import INPUTS, OUTPUTS, REQUESTS
 from gateway.modbus.exports.registry import EXPORTS, SUMMARY, export
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
-from tests.node_function import run_function
+from tests.node_function import Messages, run_each, run_function
 from tests.permitted import permitted, standing
 
 TARGET = Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7)
@@ -535,10 +536,13 @@ def test_openplc_has_room_for_four_bays() -> None:
 # ---- Node-RED
 
 
-def function_node(messages: list[tuple[int, Any]], target: Target = TARGET) -> list[Any]:
-    """Runs the flow's function node: [(ms later, words | "tick" | "")] -> [[outputs, status]]."""
-    (judge,) = (node for node in json.loads(node_red.text(target)) if node["type"] == "function")
-    return run_function(judge["func"], messages)
+def function_nodes(runs: list[Messages], target: Target = TARGET) -> list[list[Any]]:
+    """Runs the flow's function node: for each run [(ms later, words | "tick" | "")] -> [[outputs, status]]."""
+    return run_each(node_red_function.code(target), runs)
+
+
+def function_node(messages: Messages, target: Target = TARGET) -> list[Any]:
+    return function_nodes([messages], target)[0]
 
 
 def test_node_red_nodes_are_wired_to_each_other_and_to_the_bay() -> None:
@@ -549,6 +553,7 @@ def test_node_red_nodes_are_wired_to_each_other_and_to_the_bay() -> None:
         assert {target for wire in node.get("wires", []) for target in wire} <= set(ids)
     by_type = {node["type"]: node for node in flow}
     assert (by_type["modbus-client"]["tcpHost"], by_type["modbus-client"]["tcpPort"]) == ("10.1.2.3", "5020")
+    assert by_type["function"]["func"] == node_red_function.code(TARGET)
     read = by_type["modbus-read"]
     assert (read["unitid"], read["dataType"], read["adr"], read["quantity"]) == ("7", "HoldingRegister", "0", "100")
     assert (read["server"], read["wires"][0]) == (by_type["modbus-client"]["id"], [by_type["function"]["id"]])
@@ -576,9 +581,8 @@ def placed(heartbeat: int, **changes: Any) -> list[int]:
 
 
 def test_node_red_shows_no_sentinel_as_a_value() -> None:
-    (judge,) = (node for node in json.loads(node_red.text(Target())) if node["type"] == "function")
-    decoded = judge["func"] + "\n"
-    decoded = decoded[: decoded.index("const now = Date.now();")] + "return [decode(msg.payload)];"
+    code = node_red_function.code(Target())
+    decoded = code[: code.index("const now = Date.now();")] + "return [decode(msg.payload)];"
     ((data,), _), *_ = run_function(decoded, [(0, empty())])
     expected = decode(empty())
     assert [name for name, value in expected.items() if value is None and data[name] is not None] == []
@@ -592,54 +596,63 @@ def test_node_red_accepts_the_other_word_order_only_where_configured() -> None:
     assert configured[2][0][2]["payload"]["timestamp"] == 1_763_640_000_123
 
 
-@pytest.mark.parametrize(
-    ("changes", "found"),
-    [
-        ({"seq_end": 3}, Diagnosis.TORN),
-        ({"map_version": 0}, Diagnosis.OLD_MAP),
-        ({"known_u32": 1}, Diagnosis.FOREIGN),
-        ({"stop": 1}, Diagnosis.CONTRADICTION),
-        ({"may_move": 0}, Diagnosis.CONTRADICTION),
-        ({"in_place": 1}, Diagnosis.CONTRADICTION),
-        ({"reason": 10}, Diagnosis.CONTRADICTION),
-        ({"vision_quality": 1}, Diagnosis.VISION),
-        ({"range_quality": 1}, Diagnosis.RANGER),
-    ],
-)
-def test_node_red_finds_what_structured_text_finds(changes: dict[str, int], found: Diagnosis) -> None:
-    doubtful = image(9)
-    for name, word in changes.items():
-        doubtful[BY_NAME[name].address] = word
-    *_, (outputs, status) = function_node([(100, image(n)) for n in (6, 7, 8)] + [(100, doubtful)])
-    assert status == found.name.lower()
-    assert outputs[0] == {"topic": "may_move", "payload": False}
-    assert (outputs[2] is None) is (found < Diagnosis.STOP)
+FINDINGS: list[tuple[dict[str, int], Diagnosis]] = [
+    ({"seq_end": 3}, Diagnosis.TORN),
+    ({"map_version": 0}, Diagnosis.OLD_MAP),
+    ({"known_u32": 1}, Diagnosis.FOREIGN),
+    ({"stop": 1}, Diagnosis.CONTRADICTION),
+    ({"may_move": 0}, Diagnosis.CONTRADICTION),
+    ({"in_place": 1}, Diagnosis.CONTRADICTION),
+    ({"reason": 10}, Diagnosis.CONTRADICTION),
+    ({"vision_quality": 1}, Diagnosis.VISION),
+    ({"range_quality": 1}, Diagnosis.RANGER),
+]
+
+
+def test_node_red_finds_what_structured_text_finds() -> None:
+    live: Messages = [(100, image(n)) for n in (6, 7, 8)]
+    runs = []
+    for changes, _ in FINDINGS:
+        doubtful = image(9)
+        for name, word in changes.items():
+            doubtful[BY_NAME[name].address] = word
+        runs.append([*live, (100, doubtful)])
+    for (changes, found), ran in zip(FINDINGS, function_nodes(runs), strict=True):
+        outputs, status = ran[-1]
+        assert status == found.name.lower(), changes
+        assert outputs[0] == {"topic": "may_move", "payload": False}, changes
+        assert (outputs[2] is None) is (found < Diagnosis.STOP), changes
 
 
 def test_node_red_turns_off_on_silence_on_a_frozen_heartbeat_and_on_a_clock_set_back() -> None:
-    live = [(0, placed(5)), (100, placed(6)), (100, placed(7))]
+    live: Messages = [(0, placed(5)), (100, placed(6)), (100, placed(7))]
     limit = HEARTBEAT_TIMEOUT_MS
+    cases: list[tuple[Messages, str]] = [
+        ([(limit - 1, "tick")], "in place"),
+        ([(limit, "tick")], "poll_failed"),
+        ([(limit - 1, placed(7))], "in place"),
+        ([(limit, placed(7))], "heartbeat"),
+        ([(100, placed(7)), (limit - 100, "tick")], "heartbeat"),
+        ([(100, "")], "poll_failed"),
+        ([(100, ""), (limit, placed(9))], "heartbeat"),  # another number, but no change was seen
+        ([(100, ""), (limit, placed(9)), (100, placed(10))], "heartbeat"),
+        ([(100, ""), (limit, placed(9)), (100, placed(10)), (100, placed(11))], "in place"),
+        ([(-5000, placed(7))], "heartbeat"),
+        ([(100, "tick"), (100, placed(8))], "in place"),
+    ]
+    for (more, status), ran in zip(cases, function_nodes([live + more for more, _ in cases]), strict=True):
+        assert ran[-1][1] == status, more
 
-    def last(more: list[tuple[int, Any]]) -> str:
-        return str(function_node([*live, *more])[-1][1])
 
-    assert last([(limit - 1, "tick")]) == "in place"
-    assert last([(limit, "tick")]) == "poll_failed"
-    assert last([(limit - 1, placed(7))]) == "in place"
-    assert last([(limit, placed(7))]) == "heartbeat"
-    assert last([(100, placed(7)), (limit - 100, "tick")]) == "heartbeat"
-    assert last([(100, "")]) == "poll_failed"
-    assert last([(100, ""), (limit, placed(9))]) == "heartbeat"  # another number, but not seen to move
-    assert last([(100, ""), (limit, placed(9)), (100, placed(10))]) == "heartbeat"
-    assert last([(100, ""), (limit, placed(9)), (100, placed(10)), (100, placed(11))]) == "in place"
-    assert last([(-5000, placed(7))]) == "heartbeat"
-    assert last([(100, "tick"), (100, placed(8))]) == "in place"
-
-
-@pytest.mark.parametrize("before", [[], [[0] * BLOCK_WORDS], [image(3)], [placed(3)], [[0] * BLOCK_WORDS, image(3)]])
-def test_node_red_gives_no_output_for_a_frozen_image(before: list[list[int]]) -> None:
-    for frozen in (image(7), placed(7)):
-        ran = function_node([(100, words) for words in before] + [(100, frozen)] * 12)
+def test_node_red_gives_no_output_for_a_frozen_image() -> None:
+    zeros = [0] * BLOCK_WORDS
+    befores = [[], [zeros], [image(3)], [placed(3)], [zeros, image(3)]]
+    runs: list[Messages] = [
+        [(100, words) for words in before] + [(100, frozen)] * 12
+        for frozen in (image(7), placed(7))
+        for before in befores
+    ]
+    for ran in function_nodes(runs):
         assert [out["payload"] for outputs, _ in ran for out in outputs[:2] if out] == [False, False]
 
 
@@ -753,5 +766,6 @@ def test_every_reason_and_diagnosis_has_a_remedy() -> None:
     shown = reference.diagnoses()
     assert sorted(int(n) for n in re.findall(r"^\|[^|]*\| (\d+) \|", shown, re.MULTILINE)) == list(Diagnosis)
     assert EXPORTS.names() == tuple(SUMMARY)
+    formats = reference.formats()
     for name in SUMMARY:
-        assert f"| `{name}` |" in reference.formats()
+        assert f"| `{name}` |" in formats
