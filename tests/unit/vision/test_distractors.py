@@ -5,15 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.core.detection import Circle, Detection, Rejection, Tracking
-from gateway.vision.pixels import Image
+from gateway.core.detection import Circle, Rejection, Tracking
 from gateway.vision.track.distractors import HELD_NS, WEAKER, Distractors
-from gateway.vision.track.follower import Follower
-from gateway.vision.track.kalman_filter import Prediction
+from tests.unit.vision.followed_bay import FRAME_NS, HEIGHT, WIDTH, Bay
 
-PERIOD_NS = 33_000_000
-WIDTH, HEIGHT = 640, 480
-FRAME = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
 MARKER, LAMP = Circle(300.0, 240.0, 60.0), Circle(480.0, 300.0, 24.0)
 WEAKER_LAMP = (Rejection(LAMP, WEAKER),)
 BESIDE = Distractors(MARKER, 0).updated(MARKER, 0, WEAKER_LAMP)
@@ -83,77 +78,47 @@ def test_a_marker_that_is_still_seen_holds_nothing() -> None:
 # -- followed ----------------------------------------------------------------------------------------------------------
 
 
-class Bay:
-    """Frames with and without the marker, the lamp always there. A window that holds the marker hides the lamp."""
-
-    def __init__(self, coast_s: float = 0.3) -> None:
-        self.covered = False
-        self.n = -1
-        self.find = Follower(self._search, coast_s)
-
-    def _search(self, image: Image, t_ns: int, expected: Prediction | None, radii_px: object) -> Detection:
-        if self.covered:
-            return Detection(LAMP)
-        return Detection(MARKER, rejected=WEAKER_LAMP if expected is None else ())
-
-    def frames(self, count: int, *, covered: bool) -> list[Detection]:
-        self.covered = covered
-        found = []
-        for _ in range(count):
-            self.n += 1
-            found.append(self.find(FRAME, self.n * PERIOD_NS))
-        return found
-
-
 def test_a_lamp_is_not_measured_while_the_marker_is_covered() -> None:
-    bay = Bay()
-    assert all(one.circle == MARKER for one in bay.frames(20, covered=False))
-    hidden = bay.frames(200, covered=True)
+    bay = Bay(narrow=True)
+    assert all(one.circle == MARKER for one in bay.frames(20, MARKER, LAMP))
+    hidden = bay.frames(200, LAMP)
     assert {one.circle for one in hidden} == {None}
     assert [one.tracking for one in hidden] == [Tracking.COASTED] * 9 + [Tracking.LOST] * 191
     assert all(one.rejected == (Rejection(LAMP, "jump"),) for one in hidden)
-    back = [one.circle for one in bay.frames(3, covered=False)]
+    back = [one.circle for one in bay.frames(3, MARKER, LAMP)]
     assert back[-1] == MARKER
 
 
 def test_a_marker_that_reappears_while_it_is_coasted_is_measured_at_once() -> None:
-    bay = Bay()
-    bay.frames(20, covered=False)
-    bay.frames(7, covered=True)
-    assert bay.frames(1, covered=False)[0].circle == MARKER
+    bay = Bay(narrow=True)
+    bay.frames(20, MARKER, LAMP)
+    bay.frames(7, LAMP)
+    assert bay.frames(1, MARKER, LAMP)[0].circle == MARKER
 
 
 def test_a_disc_that_stays_alone_is_measured_in_the_end() -> None:
     """The marker may be gone for good, or it was the lamp that was followed first."""
-    bay = Bay()
-    bay.frames(20, covered=False)
-    labels = [one.tracking for one in bay.frames(HELD_NS // PERIOD_NS + 2, covered=True)]
-    assert Tracking.MEASURED not in labels[: HELD_NS // PERIOD_NS - 1]
+    bay = Bay(narrow=True)
+    bay.frames(20, MARKER, LAMP)
+    labels = [one.tracking for one in bay.frames(HELD_NS // FRAME_NS + 2, LAMP)]
+    assert Tracking.MEASURED not in labels[: HELD_NS // FRAME_NS - 1]
     assert labels[-1] is Tracking.MEASURED
 
 
 def test_after_an_empty_frame_the_lamp_is_still_not_measured() -> None:
-    bay = Bay()
-    bay.frames(20, covered=False)
-    bay.frames(30, covered=True)
-    bay.n += 1
-    bay.find = _blind_once(bay.find, bay.n * PERIOD_NS)
-    assert all(one.circle is None for one in bay.frames(10, covered=True))
-
-
-def _blind_once(find: Follower, t_ns: int) -> Follower:
-    search = find._search
-    find._search = lambda *_: Detection(None)
-    assert find(FRAME, t_ns).tracking is Tracking.LOST
-    find._search = search
-    return find
+    bay = Bay(narrow=True)
+    bay.frames(20, MARKER, LAMP)
+    bay.frames(30, LAMP)
+    assert [one.tracking for one in bay.frames(1)] == [Tracking.LOST]
+    assert all(one.circle is None for one in bay.frames(10, LAMP))
 
 
 def test_no_measured_circle_is_a_distractor_of_the_one_before() -> None:
     """Whatever is covered when: a lamp that was found beside it is never reported between two sights of the marker."""
     chance = np.random.default_rng(5)
-    bay = Bay()
-    bay.frames(5, covered=False)
+    bay = Bay(narrow=True)
+    bay.frames(5, MARKER, LAMP)
+    covered, uncovered = (LAMP,), (MARKER, LAMP)
     for _ in range(40):
-        for one in bay.frames(int(chance.integers(1, 40)), covered=bool(chance.integers(2))):
+        for one in bay.frames(int(chance.integers(1, 40)), *(covered if chance.integers(2) else uncovered)):
             assert one.circle in (None, MARKER)

@@ -284,8 +284,8 @@ def test_chunks_that_cant_be_red_are_left_out_at_every_place(kernel: Kernel) -> 
             image[1:6, max(0, x - 1) : x + 2] = (0, 0, 255)
             plain = pipeline.trace(image, PAPER).initial
             for x0 in (0, 3, 31):
-                told = kernel.mask(image, Box(x0, 0, width, 7))
-                assert np.array_equal(told, plain[:, x0:]), (width, x, x0)
+                mask = kernel.mask(image, Box(x0, 0, width, 7))
+                assert np.array_equal(mask, plain[:, x0:]), (width, x, x0)
             assert np.any(plain)
 
 
@@ -310,12 +310,12 @@ def test_no_library_a_stale_one_and_a_broken_one_are_not_used(
 def test_a_library_that_is_wrong_in_one_bit_is_not_used(
     library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    mask = Kernel.mask
+    unchanged = Kernel.mask
 
     def wrong(self: Kernel, image: Image, window: Box) -> stages.Mask:
-        told = mask(self, image, window)
-        told[20, 30] ^= 255
-        return told
+        mask = unchanged(self, image, window)
+        mask[20, 30] ^= 255
+        return mask
 
     monkeypatch.setattr(Kernel, "mask", wrong)
     assert load(PAPER, library) is None

@@ -24,15 +24,13 @@ from gateway.vision.detect.robust.roi_search import RoiSearch
 from gateway.vision.pixels import Image
 from gateway.vision.process import vision_process
 from gateway.vision.track.distractors import HELD_NS
-from gateway.vision.track.follower import Follower
-from gateway.vision.track.kalman_filter import Prediction
 from tests.discs import cover, disc, rounded, track_of
+from tests.unit.vision.followed_bay import FRAME_NS, Bay
 
 pytestmark = pytest.mark.one_interpreter
 
 MS = 1_000_000
 S = 1_000_000_000
-FRAME_NS = 33 * MS
 ROBUST = VisionConfig(method="robust", tracking=True)
 COVERED = range(12, 36)  # frames
 MARKER_PX = 96.4  # R at 28 cm: 300 x 90 / 280
@@ -211,36 +209,8 @@ def test_a_prediction_of_an_impossible_size_does_not_restrict_the_search(monkeyp
 
 # -- following: what was followed is rejected --------------------------------------------------------------------------
 
-FRAME = np.zeros((480, 640, 3), np.uint8)
 MARKER, OTHER = Circle(300.0, 240.0, 60.0), Circle(480.0, 300.0, 24.0)
 LARGE, SMALL = MarkerRadii(40.0, 90.0, 100 * S), MarkerRadii(15.0, 35.0, 100 * S)
-
-
-class Bay:
-    """A search that finds the first of what is in sight and possible, and refuses the rest."""
-
-    def __init__(self) -> None:
-        self.n = -1
-        self.sight: tuple[Circle, ...] = ()
-        self.find = Follower(self._search, 0.3)
-
-    def _search(
-        self, image: Image, t_ns: int, expected: Prediction | None, radii_px: tuple[float, float] | None
-    ) -> Detection:
-        low, high = radii_px or (0.0, math.inf)
-        fitting = [circle for circle in self.sight if low <= circle.radius_px <= high]
-        others = [Rejection(c, "weaker" if c in fitting else "size") for c in self.sight if c not in fitting[:1]]
-        wrong = next((other.circle for other in others if other.why == "size"), None)
-        return Detection(fitting[0] if fitting else None, rejected=tuple(others), wrong_size=None if fitting else wrong)
-
-    def frames(self, count: int, *sight: Circle, radii: MarkerRadii = WITHDRAWN) -> list[Detection]:
-        self.find.expect(radii)
-        self.sight = sight
-        found = []
-        for _ in range(count):
-            self.n += 1
-            found.append(self.find(FRAME, self.n * FRAME_NS))
-        return found
 
 
 def test_a_marker_that_fitted_is_not_given_up_for_what_fits_a_distance_that_jumps() -> None:
