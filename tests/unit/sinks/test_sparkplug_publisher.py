@@ -1,25 +1,32 @@
-"""What the Sparkplug publisher reports of its link, to pages and metrics."""
+"""The Sparkplug publisher: what it reports of its link, and its end."""
 
 import asyncio
+from typing import Any
 
 import pytest
 
 from gateway.config import MqttConfig, SparkplugConfig
 from gateway.errors import LinkError
 from gateway.hub import Hub
+from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
-from tests.unit.sinks.mqtt_stand_ins import Broker, in_virtual_time
+from tests import virtual_time
+from tests.unit.sinks.mqtt_stand_ins import Broker, Link, in_virtual_time
 from tests.virtual_time import LoopClock
+
+
+def connected_to(broker: Broker, **settings: Any) -> SparkplugPublisher:
+    broker.check = lambda topic, payload: {}
+    config = MqttConfig(url="mqtt://broker", sparkplug=SparkplugConfig(**settings))
+    return SparkplugPublisher(
+        config, "site", "gw", Hub(["bay1"]), LoopClock(), connect=broker.connect, bd_seq=lambda: 0
+    )
 
 
 @in_virtual_time
 async def test_connected_and_born_are_true_for_as_long_as_the_session_lasts() -> None:
     broker = Broker()
-    broker.check = lambda topic, payload: {}
-    config = MqttConfig(url="mqtt://broker", sparkplug=SparkplugConfig())
-    publisher = SparkplugPublisher(
-        config, "site", "gw", Hub(["bay1"]), LoopClock(), connect=broker.connect, bd_seq=lambda: 0
-    )
+    publisher = connected_to(broker)
     links = [publisher.link]
     async with asyncio.TaskGroup() as group:
         delivering = group.create_task(_until_lost(publisher))
@@ -38,3 +45,19 @@ async def test_connected_and_born_are_true_for_as_long_as_the_session_lasts() ->
 async def _until_lost(publisher: SparkplugPublisher) -> None:
     with pytest.raises(LinkError, match="connection lost"):
         await publisher.deliver()
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_after_closing_nothing_is_connected_and_no_message_is_answered(closed: bool) -> None:
+    """Not even by births: the primary host may come online while the session ends."""
+
+    async def scenario() -> None:
+        broker = Broker()
+        publisher = connected_to(broker, primary_host_id="scada")
+        if closed:
+            await publisher.close(1.0)
+            await publisher.deliver()
+        await publisher._received(Link(broker), Message("spBv1.0/STATE/scada", b'{"online": true, "timestamp": 1}'))
+        assert (broker.connections, len(broker.received)) == (0, 0 if closed else 1)
+
+    virtual_time.run(scenario())
