@@ -249,11 +249,11 @@ def _claim(path: Path, instance: str) -> int:
             raise ConfigError(f"{path}: is no file of ours; remove it")
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:  # a gateway that lives; or one that just sweeps, or a reader asking whether we live
+        except BlockingIOError:  # a live gateway; one that only sweeps; or a reader that checks whether a writer lives
             os.close(fd)
             _pause()
             continue
-        # Someone may have swept the file away between open and lock: a lock on a nameless file is worth nothing.
+        # The file may have been removed between open and lock: a lock on a file without a name protects nothing.
         if _is_at(fd, path):
             return fd
         os.close(fd)
@@ -261,9 +261,9 @@ def _claim(path: Path, instance: str) -> int:
 
 
 def _refuse_same_instance(instance: str) -> None:
-    """Another process with this instance but other bays would not be in the way of our files, but of our names."""
+    """Another process with this instance but other bays has other files, but publishes under the same names."""
     for path in folder().glob(f"loading-gateway.{instance}.*"):
-        if _held(path) and (pid := _pid_at(path)) not in (0, os.getpid()) and _held_for_long(path):
+        if (pid := _pid_at(path)) not in (0, os.getpid()) and _held_for_long(path):
             raise _already_running(instance, pid)
 
 

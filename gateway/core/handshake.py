@@ -5,8 +5,8 @@ takes effect. Its next owner begins with a block in which nothing is set.
 
 A triggered measurement is the state machine TRANSITIONS, in the manner of industrial vision sensors: a rising
 `trigger` takes the next acquisition id; the first frame and distance younger than it are the result, which is held with
-`results_valid` until `results_ack` rises; when that is back at 0 the next trigger is taken. Whatever the PLC writes, it
-can only ask: whether a reset or a release ends a stop is decided in interlock.py and visit.py.
+`results_valid` until `results_ack` rises; when that is back at 0 the next trigger is accepted. The PLC's bits are only
+requests: whether a reset or a release ends a stop is decided in interlock.py and visit.py.
 """
 
 from collections.abc import Callable, Collection, Iterator

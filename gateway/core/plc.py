@@ -46,7 +46,7 @@ class PlcLink(IntEnum):
 class TriggerPhase(IntEnum):
     """The phase of a triggered measurement."""
 
-    READY = 0  # a trigger would be taken
+    READY = 0  # a trigger would be accepted
     ACQUIRING = 1  # waiting for a frame and a distance of which nothing is older than the trigger
     VALID = 2  # the result of acquisition_id is held and may be read
     CLEARING = 3  # the result was acknowledged; waiting for results_ack to go back to 0
@@ -197,9 +197,9 @@ class Handshake:
     reset_verdict: ResetVerdict = ResetVerdict.NONE
     truck_left: bool = False  # truck_present changed from 1 to 0, and no new one arrived
     phase: TriggerPhase = TriggerPhase.READY
-    acquisition: int = 0  # id of the newest trigger taken; 0: none since the start
+    acquisition: int = 0  # id of the newest accepted trigger; 0: none since the start
     trigger_ns: int = 0
-    trigger_ack: bool = False  # the trigger was taken, and its bit is still 1
+    trigger_ack: bool = False  # the trigger was accepted, and its bit is still 1
     overrun: bool = False  # a trigger arrived during an acquisition; until the next one taken
     timed_out: bool = False  # the newest acquisition got no result in time; until the next one taken
     result: Acquired | None = None  # if and only if phase is VALID
@@ -211,7 +211,7 @@ class Handshake:
     conflicts: int = 0  # requests refused since the start, because the block belonged to another
 
     def withdrawn(self) -> "Handshake":
-        """For a gateway's final state: no result is held, and no trigger would be taken."""
+        """For a gateway's final state: no result is held, and no trigger would be accepted."""
         return replace(self, phase=TriggerPhase.CLEARING, result=None)
 
     def on(self, bit: Control) -> bool:

@@ -175,7 +175,7 @@ class PlcPayload(BaseModel):
     age_ms: float | None = Field(description="since its heartbeat last changed; null: never received")
     stop_latched: bool
     recipe: Count = Field(description="id of the recipe in force; 0: the configuration as it is")
-    acquisition_id: Count = Field(description="number of the newest trigger taken; 0: none")
+    acquisition_id: Count = Field(description="number of the newest accepted trigger; 0: none")
     results_valid: bool = Field(description="the result of acquisition_id is held for the PLC")
     writes: Count = Field(description="writes accepted since the start of the gateway")
     write_conflicts: Count = Field(description="writes refused since then because another PLC owns the block")
