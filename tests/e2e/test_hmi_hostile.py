@@ -45,7 +45,7 @@ def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on
                 try:
                     async with asyncio.timeout(60):
                         with pytest.raises(LinkError, match=why):
-                            await service.WebProcessService(made.feed, about, (door,)).run()
+                            await service.WebProcessService(made.handler, about, (door,)).run()
                 finally:
                     at_work.cancel()
                     with contextlib.suppress(asyncio.CancelledError):

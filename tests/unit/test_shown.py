@@ -88,7 +88,7 @@ class Outputs:
 
     def _web(self) -> tuple[Any, ...]:
         self._asked += 1
-        self._made.client._take(self._made.feed.answer(StateRequest(self._asked, ("bay1",), 0, False)))
+        self._made.client._take(self._made.handler.answer(StateRequest(self._asked, ("bay1",), 0, False)))
         view = views.bay_view(self._made.client, CONFIG.bays[0]).state
         assert view is not None
         return view.stop, view.may_move, view.in_place, view.moved, view.reason.name

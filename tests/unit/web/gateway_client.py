@@ -37,16 +37,16 @@ from tests.virtual_time import AtOnce, LoopClock
 
 
 @dataclass
-class Eyes:
-    """Stands where the vision service stands."""
+class StandInVision:
+    """In place of the vision service."""
 
     settings: VisionConfig = field(default_factory=VisionConfig)
     refuses: str = ""
 
-    def apply(self, vision: VisionConfig) -> None:
+    def apply(self, settings: VisionConfig) -> None:
         if self.refuses:
             raise ConfigError(self.refuses)
-        self.settings = vision
+        self.settings = settings
 
 
 PLAIN = FusionConfig(decision="plain", recovery_s=0)
@@ -57,15 +57,15 @@ class Plant:
     """Both ends. `answering` False: the main process hangs."""
 
     client: GatewayClient
-    feed: RequestHandler
+    handler: RequestHandler
     hub: Hub
     controls: dict[str, BayControl]
-    eyes: dict[str, Eyes]
+    vision: dict[str, StandInVision]
     rings: dict[str, Ring]
     monitor: AlarmMonitor
     links: SystemStatus = field(default_factory=SystemStatus)  # how everything but the alarms does
     conditions: GatewayConditions = field(default_factory=GatewayConditions)
-    asks: list[StateRequest] = field(default_factory=list)
+    requests: list[StateRequest] = field(default_factory=list)
     answering: bool = True
 
     def loading(self, bay: str = "bay1", **seen: Any) -> None:
@@ -86,11 +86,11 @@ async def plant(
     config = config or GatewayConfig(bays=named)
     names = [bay.name for bay in config.bays]
     hub = Hub(names)
-    chronicle = EventHistory(hub)
+    history = EventHistory(hub)
     controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
-    eyes = {name: Eyes() for name in names}
+    vision = {name: StandInVision() for name in names}
     parts = {
-        name: BayParts(controls[name], image_of(controls[name].state, "big", clock), eyes[name])  # type: ignore[arg-type]
+        name: BayParts(controls[name], image_of(controls[name].state, "big", clock), vision[name])  # type: ignore[arg-type]
         for name in names
     }
     monitor = AlarmMonitor(
@@ -100,8 +100,8 @@ async def plant(
         clock,
         lambda _: None,
     )
-    feed = RequestHandler(
-        chronicle,
+    handler = RequestHandler(
+        history,
         parts,
         clock,
         lambda: replace(made.links, alarms=monitor.summary(100), changes=monitor.changes()),
@@ -112,29 +112,35 @@ async def plant(
     about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
     client = GatewayClient(about, Channel[FromWeb, ToWeb](far, TO_WEB), clock, clock)
     made = Plant(
-        client, feed, hub, controls, eyes, {name: Ring(spec, writable=True) for name, spec in specs.items()}, monitor
+        client,
+        handler,
+        hub,
+        controls,
+        vision,
+        {name: Ring(spec, writable=True) for name, spec in specs.items()},
+        monitor,
     )
 
-    def tell() -> None:
+    def send_finished() -> None:
         for done in file.finished():
             assert near.offer(done)
 
-    file = ConfigFileRequests(Path(source) if source else None, clock, AtOnce(), tell)
+    file = ConfigFileRequests(Path(source) if source else None, clock, AtOnce(), send_finished)
 
-    def hear() -> None:
+    def receive() -> None:
         for message in near.received():
             match message:
                 case StateRequest():
-                    made.asks.append(message)
+                    made.requests.append(message)
                     if made.answering:
-                        assert near.offer(feed.answer(message))
+                        assert near.offer(handler.answer(message))
                 case Command():
-                    assert near.offer(feed.execute(message))
+                    assert near.offer(handler.execute(message))
                 case FileRequest() if (refused := file.submit(message)) is not None:
                     assert near.offer(refused)
 
     loop = asyncio.get_running_loop()
-    loop.add_reader(near.sock, hear)
+    loop.add_reader(near.sock, receive)
     try:
         async with asyncio.TaskGroup() as group:
             ticking = [group.create_task(control.run()) for control in controls.values()]

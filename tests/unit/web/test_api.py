@@ -52,13 +52,13 @@ def lost(made: Plant, bay: str = "bay1") -> None:
 @in_virtual_time
 async def test_state_of_all_bays_and_of_one() -> None:
     async with plant(bays=2) as made:
-        ask = api_client(made)
+        client = api_client(made)
         await asyncio.sleep(1.2)
         made.loading()
         await made.client.update_links()
-        both = fitting(await ask.get("/api/state"), "BayView")
+        both = fitting(await client.get("/api/state"), "BayView")
         assert [bay["bay"] for bay in both] == ["bay1", "bay2"]
-        one = fitting(await ask.get("/api/bays/bay1/state"), "BayView")
+        one = fitting(await client.get("/api/bays/bay1/state"), "BayView")
         assert (one["state"]["radius_px"], one["state"]["distance_mm"]) == (100.0, 900.0)
         assert one["state"]["may_move"] is True
         assert 0 <= one["age_ms"] < 1500
@@ -109,30 +109,30 @@ async def test_an_unknown_bay_is_404(path: str) -> None:
 @in_virtual_time
 async def test_a_silent_main_process_is_reported() -> None:
     async with plant(keep=False) as made:
-        ask = api_client(made)
-        assert fitting(await ask.get("/api/bays/bay1/state"), "BayView")["state"] is None
-        wrong(await ask.get("/api/bays/bay1/registers"), 503, "not_known")
-        wrong(await ask.get("/api/bays/bay1/snapshot.jpg"), 503, "no_frame")
-        assert (await ask.get("/healthz")).status == 503
+        client = api_client(made)
+        assert fitting(await client.get("/api/bays/bay1/state"), "BayView")["state"] is None
+        wrong(await client.get("/api/bays/bay1/registers"), 503, "not_known")
+        wrong(await client.get("/api/bays/bay1/snapshot.jpg"), 503, "no_frame")
+        assert (await client.get("/healthz")).status == 503
 
 
 @in_virtual_time
 async def test_events_are_listed_from_a_number_on() -> None:
     async with plant(bays=2) as made:
-        ask = api_client(made)
+        client = api_client(made)
         for _ in range(3):
             lost(made, "bay2")
             await asyncio.sleep(1)
             made.loading("bay2")
             await asyncio.sleep(1)
         await asyncio.sleep(3)
-        view = fitting(await ask.get("/api/events"), "EventsView")
+        view = fitting(await client.get("/api/events"), "EventsView")
         numbers = [row["number"] for row in view["events"]]
         assert numbers == list(range(1, view["newest"] + 1))
         assert view["events"][0]["event"]["kind"] == "start"
-        some = fitting(await ask.get("/api/events?after=3&limit=2"), "EventsView")
+        some = fitting(await client.get("/api/events?after=3&limit=2"), "EventsView")
         assert [row["number"] for row in some["events"]] == [4, 5]
-        one = fitting(await ask.get("/api/bays/bay1/events"), "EventsView")
+        one = fitting(await client.get("/api/bays/bay1/events"), "EventsView")
         assert {row["event"]["bay"] for row in one["events"]} == {"bay1"}
         assert one["newest"] == view["newest"]
         kinds = [row["event"]["kind"] for row in view["events"] if row["event"]["bay"] == "bay2"]
@@ -215,16 +215,16 @@ class TestAlarms:
     @in_virtual_time
     async def test_an_alarm_is_listed_and_acknowledged_by_name_and_changes_nothing_else(self) -> None:
         async with plant() as made:
-            ask = api_client(made)
+            client = api_client(made)
             made.loading()
             await asyncio.sleep(0.1)
             lost(made)
             await asyncio.sleep(5)
-            (alarm, *_) = fitting(await ask.get("/api/alarms"), "AlarmsView")["alarms"]
+            (alarm, *_) = fitting(await client.get("/api/alarms"), "AlarmsView")["alarms"]
             assert (alarm["id"], alarm["state"]) == ("bay1.camera_down", "unacknowledged")
             assert (alarm["priority"], alarm["detail"]) == ("high", "no such device")
             before = made.hub.state("bay1")
-            answer = await ask.post(
+            answer = await client.post(
                 "/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 1, "note": "gone to look"}
             )
             view = fitting(answer, "AlarmsView")
@@ -241,18 +241,18 @@ class TestAlarms:
     @in_virtual_time
     async def test_without_a_login_the_address_is_kept(self) -> None:
         async with plant() as made:
-            ask = api_client(made)
-            ask.caller = Caller("", Level.TECHNICIAN, "10.0.0.9", "token")
+            client = api_client(made)
+            client.caller = Caller("", Level.TECHNICIAN, "10.0.0.9", "token")
             lost(made)
             await asyncio.sleep(5)
-            view = fitting(await ask.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
+            view = fitting(await client.post("/api/alarms/bay1.camera_down/acknowledge"), "AlarmsView")
             alarm = next(one for one in view["alarms"] if one["id"] == "bay1.camera_down")
             assert alarm["who"] == "10.0.0.9 (without login, role technician)"
 
     @in_virtual_time
     async def test_every_action_does_what_it_is_called(self) -> None:
         async with plant() as made:
-            ask = api_client(made)
+            client = api_client(made)
             made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
             await asyncio.sleep(2)
 
@@ -264,18 +264,18 @@ class TestAlarms:
                 ("shelve", {"minutes": 5}), ("unshelve", None), ("remove", None), ("restore", None),
                 ("acknowledge", None),
             ):  # fmt: skip
-                fitting(await ask.post(f"/api/alarms/task_crashed/{action}", body), "AlarmsView")
+                fitting(await client.post(f"/api/alarms/task_crashed/{action}", body), "AlarmsView")
                 states.append(state())
             assert states == ["shelved", "unacknowledged", "out_of_service", "unacknowledged", "acknowledged"]
             await asyncio.sleep(70)
             assert state() == "latched_acknowledged"
-            fitting(await ask.post("/api/alarms/task_crashed/reset"), "AlarmsView")
+            fitting(await client.post("/api/alarms/task_crashed/reset"), "AlarmsView")
             assert state() == ""
 
     @in_virtual_time
     async def test_impossible_actions_are_refused_with_the_reason(self) -> None:
         async with plant() as made:
-            ask = api_client(made)
+            client = api_client(made)
             await asyncio.sleep(1.2)
             base = "/api/alarms/bay1.camera_down"
             for name in (
@@ -286,18 +286,18 @@ class TestAlarms:
                 "bay1.broker_lost",
                 "bay1.camera_down.x",
             ):
-                assert repr(name) in wrong(await ask.post(f"/api/alarms/{name}/acknowledge"), 404, "alarm")
-            assert "not possible" in wrong(await ask.post(f"{base}/acknowledge"), 409, "refused")
-            assert wrong(await ask.post(f"{base}/acknowledge", {"extra": 1}), 400, "body").startswith("extra: ")
-            assert wrong(await ask.post(f"{base}/acknowledge", {"note": "x" * 121}), 400, "body").startswith("note")
-            assert wrong(await ask.post(f"{base}/acknowledge", [1]), 400, "body").startswith("body")
-            assert wrong(await ask.post(f"{base}/shelve"), 400, "body").startswith("minutes")
-            assert wrong(await ask.post(f"{base}/shelve", {"minutes": 721}), 400, "body").startswith("minutes")
+                assert repr(name) in wrong(await client.post(f"/api/alarms/{name}/acknowledge"), 404, "alarm")
+            assert "not possible" in wrong(await client.post(f"{base}/acknowledge"), 409, "refused")
+            assert wrong(await client.post(f"{base}/acknowledge", {"extra": 1}), 400, "body").startswith("extra: ")
+            assert wrong(await client.post(f"{base}/acknowledge", {"note": "x" * 121}), 400, "body").startswith("note")
+            assert wrong(await client.post(f"{base}/acknowledge", [1]), 400, "body").startswith("body")
+            assert wrong(await client.post(f"{base}/shelve"), 400, "body").startswith("minutes")
+            assert wrong(await client.post(f"{base}/shelve", {"minutes": 721}), 400, "body").startswith("minutes")
             for body in (b"{", b"null", b'{"note": "\\ud800"}', b"note=x", b"[" * 100_000):
-                assert wrong(await ask.call("POST", f"{base}/acknowledge", body), 400, "body").startswith("body")
+                assert wrong(await client.call("POST", f"{base}/acknowledge", body), 400, "body").startswith("body")
             for content in ("text/plain", "application/x-www-form-urlencoded", "application/json"):  # all is JSON
                 headers = {"Content-Type": content}
-                answer = await ask.call("POST", f"{base}/acknowledge", b'{"note": "x"}', headers)
+                answer = await client.call("POST", f"{base}/acknowledge", b'{"note": "x"}', headers)
                 assert "not possible" in wrong(answer, 409, "refused")
             assert made.monitor.changes() == ()
 

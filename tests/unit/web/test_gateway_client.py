@@ -27,7 +27,7 @@ ANNA = Writer("127.0.0.1", "anna", "technician")
 async def test_without_viewers_the_main_process_is_polled_once_a_second() -> None:
     async with plant() as made:
         await asyncio.sleep(10.05)
-        assert len(made.asks) == 11
+        assert len(made.requests) == 11
         assert made.client.report("bay1") is not None
 
 
@@ -35,16 +35,16 @@ async def test_without_viewers_the_main_process_is_polled_once_a_second() -> Non
 async def test_a_viewer_is_served_at_once_and_ten_times_a_second_until_the_last_one_leaves() -> None:
     async with plant() as made:
         await asyncio.sleep(2.5)
-        before = len(made.asks)
+        before = len(made.requests)
         with made.client.watching("bay1"), made.client.watching("bay1"):
             report = await made.client.newer("bay1", made.client.answers, 0.05)
             assert report is not None
             await asyncio.sleep(2.0)
-        assert 20 <= len(made.asks) - before <= 22  # however many look
+        assert 20 <= len(made.requests) - before <= 22  # however many look
         await asyncio.sleep(0.2)
-        before = len(made.asks)
+        before = len(made.requests)
         await asyncio.sleep(5.0)
-        assert 5 <= len(made.asks) - before <= 6
+        assert 5 <= len(made.requests) - before <= 6
 
 
 @in_virtual_time
@@ -60,7 +60,7 @@ async def test_of_many_bays_those_with_a_viewer_are_always_fresh_and_none_is_for
                 ages_s[bay] = (now_ns - report.now_ns) / 1e9
             assert ages_s["bay40"] <= 0.11
             assert max(ages_s.values()) <= 1.4  # 64 bays, five with each answer, ten answers a second
-    assert all(len(ask.bays) <= MAX_STATES for ask in made.asks)
+    assert all(len(ask.bays) <= MAX_STATES for ask in made.requests)
 
 
 @in_virtual_time
@@ -99,7 +99,7 @@ async def test_more_events_than_are_kept_are_missed_and_counted() -> None:
         for _ in range(600):
             made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
             made.controls["bay1"].check_function(FunctionCheck.OFF)
-        first = made.feed.answer(StateRequest(1, ("bay1",), after=1))
+        first = made.handler.answer(StateRequest(1, ("bay1",), after=1))
         assert [row.number for row in first.events] == [202, 203, 204, 205]  # 1201 in all, the newest 1000 are kept
         assert first.newest_event == 1201
         assert len(first.events) == MAX_EVENTS
@@ -132,11 +132,11 @@ async def test_settings_go_live_only_while_a_function_check_is_on() -> None:
         wished = VisionConfig(method="paper", min_area_px2=250.0)
         with pytest.raises(RefusedError, match="function check first"):
             await made.client.command(ApplySettings("bay1", wished), ANNA)
-        assert made.eyes["bay1"].settings == VisionConfig()
+        assert made.vision["bay1"].settings == VisionConfig()
         await made.client.command(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT), ANNA)
         await made.client.command(ApplySettings("bay1", wished), ANNA)
-        assert made.eyes["bay1"].settings == wished
-        made.eyes["bay1"].refuses = "vision.workers can't change while the gateway runs"
+        assert made.vision["bay1"].settings == wished
+        made.vision["bay1"].refuses = "vision.workers can't change while the gateway runs"
         with pytest.raises(RefusedError, match="can't change"):
             await made.client.command(ApplySettings("bay1", VisionConfig()), ANNA)
         await asyncio.sleep(1.1)

@@ -126,7 +126,7 @@ async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -
             made.loading(name, stage_ns=stages, detail=words(500))
             state = made.hub.state(name)
             made.hub.publish(replace(state, memory=replace(state.memory, track=track), seq=state.seq + 1))
-        answer = made.feed.answer(StateRequest(1, made.client.bays))
+        answer = made.handler.answer(StateRequest(1, made.client.bays))
         assert len(answer.bays) == MAX_STATES
         for control in made.controls.values():
             control.on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))

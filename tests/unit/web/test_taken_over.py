@@ -27,7 +27,7 @@ ANNA = Writer("127.0.0.1", "anna", "technician")
 
 
 def event_details(made: Plant, kind: EventKind) -> list[str]:
-    return [row.event.detail for row in made.feed.answer(StateRequest(1, ())).events if row.event.kind is kind]
+    return [row.event.detail for row in made.handler.answer(StateRequest(1, ())).events if row.event.kind is kind]
 
 
 def test_every_message_of_an_honest_web_process_is_decoded() -> None:
@@ -45,13 +45,13 @@ def test_every_message_of_an_honest_web_process_is_decoded() -> None:
 @in_virtual_time
 async def test_settings_go_live_as_they_were_sent_and_forged_ones_are_no_message() -> None:
     async with plant() as made:
-        made.feed.execute(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
+        made.handler.execute(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
         forged = VisionConfig.model_construct(_fields_set={"deadline_s"}, deadline_s=1e9)
         with pytest.raises(ProtocolError, match="a VisionConfig out of its range"):
             FROM_WEB.unpacked(Codec.packed(Command(2, ANNA, ApplySettings("bay1", forged))))
         wished = VisionConfig(coast_s=0.5, red_low_1=(0, 50, 50))
-        assert made.feed.execute(Command(3, ANNA, ApplySettings("bay1", wished))).why == ""
-        assert made.eyes["bay1"].settings == wished
+        assert made.handler.execute(Command(3, ANNA, ApplySettings("bay1", wished))).why == ""
+        assert made.vision["bay1"].settings == wished
 
 
 @in_virtual_time
@@ -60,11 +60,11 @@ async def test_orders_that_come_faster_than_people_give_them_are_refused_and_cha
     async with plant() as made:
         modes = (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.OFF)
         whys = [
-            made.feed.execute(Command(n, ANNA, SetFunctionCheck("bay1", modes[n % 2]))).why for n in range(3 * BURST)
+            made.handler.execute(Command(n, ANNA, SetFunctionCheck("bay1", modes[n % 2]))).why for n in range(3 * BURST)
         ]
         assert whys[:BURST] == [""] * BURST
         assert all("too many" in why for why in whys[BURST:])
-        assert made.feed.answer(StateRequest(1, ())).newest_event <= BURST + 1  # and the start
+        assert made.handler.answer(StateRequest(1, ())).newest_event <= BURST + 1  # and the start
 
 
 @in_virtual_time
@@ -72,10 +72,10 @@ async def test_long_names_are_clipped_where_they_are_kept() -> None:
     async with plant() as made:
         long = "x" * 60_000
         who = Writer(long, long, long)
-        made.feed.execute(Command(1, who, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
-        made.feed.execute(Command(2, who, ApplySettings("bay1", VisionConfig(method="paper"))))
-        made.feed.execute(Command(3, who, OperatorAction("bay1.camera", AlarmEvent.SHELVE, long, "", 5)))
-        assert len(made.feed.execute(Command(4, who, SetFunctionCheck(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
+        made.handler.execute(Command(1, who, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
+        made.handler.execute(Command(2, who, ApplySettings("bay1", VisionConfig(method="paper"))))
+        made.handler.execute(Command(3, who, OperatorAction("bay1.camera", AlarmEvent.SHELVE, long, "", 5)))
+        assert len(made.handler.execute(Command(4, who, SetFunctionCheck(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
         details = event_details(made, EventKind.FUNCTION_CHECK_BEGUN) + event_details(made, EventKind.SETTINGS_CHANGED)
         assert len(details) == 2
         assert max(map(len, details)) < 4 * MAX_NAME + MAX_REPORTED
@@ -90,7 +90,7 @@ async def test_what_only_people_can_mend_in_the_pages_does_not_end_the_gateway()
         named = HmiConfig(host="localhost").model_copy(update={"host": host})
         about = WebSetup(GatewayConfig(hmi=named), SystemClock(), {})
         with pytest.raises(LinkError, match=r"hmi\.host"):
-            await WebProcessService(made.feed, about, ()).run()
+            await WebProcessService(made.handler, about, ()).run()
 
 
 @in_virtual_time
@@ -105,6 +105,6 @@ async def test_a_connection_that_cannot_be_served_is_closed(tmp_path: Path) -> N
         ):
             door.setblocking(False)
             with pytest.raises(LinkError, match=r"hmi\.tls_cert: cannot read .*gone\.pem"):
-                await WebProcessService(made.feed, about, (door,)).run()
+                await WebProcessService(made.handler, about, (door,)).run()
             caller.settimeout(5)
             assert caller.recv(1) == b""

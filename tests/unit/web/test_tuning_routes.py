@@ -186,14 +186,14 @@ async def test_settings_go_live_in_a_function_check_and_back_again() -> None:
         assert page.made.controls["bay1"].state().function_check is FunctionCheck.MAY_MOVE_KEPT
         live = (await page.post("profile/apply", vision={"method": "paper", "coast_s": 0.5})).json
         assert (live["vision"]["method"], live["vision"]["coast_s"], live["undo_steps"]) == ("paper", 0.5, 1)
-        assert page.made.eyes["bay1"].settings == VisionConfig(method="paper", coast_s=0.5)
-        assert page.made.eyes["bay2"].settings == VisionConfig()
+        assert page.made.vision["bay1"].settings == VisionConfig(method="paper", coast_s=0.5)
+        assert page.made.vision["bay2"].settings == VisionConfig()
         same = (await page.post("profile/apply", vision={})).json
         assert same["undo_steps"] == 1
 
         back = (await page.post("profile/undo")).json
         assert (back["vision"]["method"], back["undo_steps"]) == ("robust", 0)
-        assert page.made.eyes["bay1"].settings == VisionConfig()
+        assert page.made.vision["bay1"].settings == VisionConfig()
         assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
 
 
@@ -207,12 +207,12 @@ async def test_undos_that_overlap_each_go_one_step_back() -> None:
         async with TaskGroup() as group:
             both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
         assert [answer.result().status for answer in both] == [200, 200]
-        assert page.made.eyes["bay1"].settings.coast_s == 0.5
+        assert page.made.vision["bay1"].settings.coast_s == 0.5
         assert (await page.get("profile")).json["undo_steps"] == 1
         async with TaskGroup() as group:
             both = [group.create_task(page.post("profile/undo")) for _ in range(2)]
         assert sorted(answer.result().status for answer in both) == [200, 409]  # there was one step left
-        assert page.made.eyes["bay1"].settings.coast_s == 0.3
+        assert page.made.vision["bay1"].settings.coast_s == 0.3
 
 
 @in_virtual_time
@@ -222,7 +222,7 @@ async def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
         async with TaskGroup() as group:
             for coast_s in (0.5, 0.75):
                 group.create_task(page.post("profile/apply", vision={"coast_s": coast_s}))
-        assert page.made.eyes["bay1"].settings.coast_s == 0.75
+        assert page.made.vision["bay1"].settings.coast_s == 0.75
         steps = [(await page.post("profile/undo")).json["vision"]["coast_s"] for _ in range(2)]
         assert steps == [0.5, 0.3]
 
@@ -237,13 +237,13 @@ async def test_of_two_technicians_the_second_does_not_overwrite_what_the_first_a
         second = await page.post("profile/apply", vision={**both_saw, "min_fill": 0.5}, over=both_saw)
         assert (second.status, second.json["error"]) == (409, "refused")
         assert "coast_s: 0.3 -> 0.5" in second.json["detail"]
-        assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5)
+        assert page.made.vision["bay1"].settings == VisionConfig(coast_s=0.5)
         page.film()
         tried = (await page.post("trial", live=True, vision={})).json
         assert tried["settings_in_force"] == first.json["vision"]
         anew = await page.post("profile/apply", vision={"min_fill": 0.5}, over=first.json["vision"])
         assert (anew.status, anew.json["undo_steps"]) == (200, 2)
-        assert page.made.eyes["bay1"].settings == VisionConfig(coast_s=0.5, min_fill=0.5)
+        assert page.made.vision["bay1"].settings == VisionConfig(coast_s=0.5, min_fill=0.5)
 
 
 @pytest.mark.parametrize(
@@ -272,7 +272,7 @@ async def test_bad_settings_are_refused_by_every_address_as_in_the_file(vision: 
             reply = await page.post(path, vision=vision, **more)
             assert (reply.status, reply.json["error"]) == (422, "settings")
             assert re.search(expected, reply.json["detail"]), reply.json
-        assert page.made.eyes["bay1"].settings == VisionConfig()
+        assert page.made.vision["bay1"].settings == VisionConfig()
 
 
 @pytest.mark.parametrize(
@@ -358,7 +358,7 @@ async def test_a_profile_is_exported_and_imported_without_being_applied() -> Non
         reply = (await page.post("profile/import", text=out.body.decode(), name="x.toml")).json
         assert reply["changes"] == ["method", "min_fill"]
         assert reply["vision"]["min_fill"] == 0.75
-        assert page.made.eyes["bay1"].settings == VisionConfig()
+        assert page.made.vision["bay1"].settings == VisionConfig()
         in_force = await page.get("profile/export")
         assert 'method = "robust"' in in_force.body.decode()
         bad = await page.post("profile/import", text="[vision]\nmin_fill = 7\n", name="x.toml")
