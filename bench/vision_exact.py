@@ -28,7 +28,7 @@ SEQUENCE = 50  # frames
 
 
 def compare_frames(seed: int, count: int) -> Counter[str]:
-    """Frames looked at by their kind; ends the program at a difference."""
+    """Frames compared, by their kind; ends the program at a difference."""
     loaded: dict[str, Kernel | None] = {}
     seen: Counter[str] = Counter()
     quiet = not sys.stderr.isatty()
@@ -47,14 +47,14 @@ def compare_frames(seed: int, count: int) -> Counter[str]:
 
 
 def follow_sequences(seed: int, count: int) -> tuple[int, int]:
-    """Frames in which a larger thing elsewhere was not known yet, and frames searched whole. AssertionError: worse."""
+    """Frames with a larger thing elsewhere, not known yet, and frames searched in full. AssertionError: worse."""
     compiled = kernel.load(PAPER)
-    errors = whole = 0
+    errors = full = 0
     for n in track(range(count), "sequences", disable=not sys.stderr.isatty()):
         tracker = ExactTracker(PAPER, kernel=compiled if n % 2 else None)
         more = check_promise(tracker, Things(np.random.default_rng([seed, 99, n])), SEQUENCE)
-        errors, whole = errors + more[0], whole + more[1]
-    return errors, whole
+        errors, full = errors + more[0], full + more[1]
+    return errors, full
 
 
 def main() -> None:
@@ -68,10 +68,10 @@ def main() -> None:
         print("the kernel is not built (./dev kernel): only the OpenCV route is compared", file=sys.stderr)
     seen = compare_frames(args.seed, args.frames)
     print(f"{args.frames} frames, 0 differences: {dict(seen)}")
-    errors, whole = follow_sequences(args.seed, args.sequences)
+    errors, full = follow_sequences(args.seed, args.sequences)
     total = args.sequences * SEQUENCE
-    print(f"{args.sequences} sequences, {total} frames, tracked: {whole} searched whole; promise kept in all of them;")
-    print(f"{errors} frames told of a marker while a larger thing elsewhere was not known yet")
+    print(f"{args.sequences} sequences, {total} frames, tracked: {full} searched in full; promise kept in all of them;")
+    print(f"{errors} frames reported a marker while a larger thing elsewhere was not known yet")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A marker that is covered for a while, as a PLC sees it: coasted, lost, measured again; no permit by guess."""
+"""A covered marker as a PLC sees it: coasted, lost, measured again; a prediction never gives may_move."""
 
 from pathlib import Path
 
