@@ -85,7 +85,7 @@ class Bench:
         self._board.boot(self.now_ns, POWER_ON)
         self._frame = round(-LEAD_S * scenario.camera.fps)
         self._pictures: list[tuple[int, VisionReading]] = []  # (when it is handed over, what)
-        self._unseen = self._lit = 0
+        self._sight = MarkerSight(scenario, self._chance)
         self.power_on()
 
     @property
@@ -190,22 +190,35 @@ class Bench:
         t_s = self._t_s(t_ns)
         active = self.scenario.active
         if self.vision_fault is not None:
-            self._unseen = COAST_FRAMES
+            self._sight.unseen = COAST_FRAMES
             return VisionReading(t_ns, self.vision_fault)
         if active(FaultKind.CAMERA_FREEZE, t_s):
             return None
         if active(FaultKind.CAMERA_LOST, t_s):
             return VisionReading(t_ns, Quality.LINK_DOWN)
-        truth = self.world.truth(t_s, image_speed=False)
-        black = active(FaultKind.CAMERA_BLACK, t_s)
+        quality, circle = self._sight.frame(self.world.truth(t_s, image_speed=False))
+        return VisionReading(t_ns, quality, circle, frame_id=self._frame if circle else 0)
+
+
+class MarkerSight:
+    """What the robust method finds in one frame after another, from the truth instead of pictures."""
+
+    def __init__(self, scenario: Scenario, chance: random.Random) -> None:
+        self.scenario = scenario
+        self.unseen = 0  # frames without the marker, in a row
+        self._lit = 0
+        self._chance = chance
+
+    def frame(self, truth: Truth) -> tuple[Quality, Circle | None]:
+        """GOOD with the circle, COASTED or NO_TARGET."""
+        black = self.scenario.active(FaultKind.CAMERA_BLACK, truth.t_s)
         circle = None if black or not self._can_see(truth) else Circle(truth.u_px, truth.v_px, truth.radius_px)
-        self._unseen = 0 if circle else self._unseen + 1
+        self.unseen = 0 if circle else self.unseen + 1
         self._lit = self._lit + 1 if truth.lamp and not black else 0
-        if circle is None and self._unseen > COAST_FRAMES and self._lit >= LAMP_FRAMES:
+        if circle is None and self.unseen > COAST_FRAMES and self._lit >= LAMP_FRAMES:
             circle = self._lamp()
         if circle is None:
-            coasted = self._unseen <= COAST_FRAMES and not black
-            return VisionReading(t_ns, Quality.COASTED if coasted else Quality.NO_TARGET)
+            return Quality.COASTED if self.unseen <= COAST_FRAMES and not black else Quality.NO_TARGET, None
         noise = self._chance.gauss
         shaken = replace(
             circle,
@@ -213,7 +226,7 @@ class Bench:
             v_px=circle.v_px + noise(0, 0.1),
             radius_px=circle.radius_px + noise(0, 0.15),
         )
-        return VisionReading(t_ns, Quality.GOOD, shaken, frame_id=self._frame)
+        return Quality.GOOD, shaken
 
     def _can_see(self, truth: Truth) -> bool:
         camera, radius = self.scenario.camera, truth.radius_px

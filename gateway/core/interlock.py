@@ -110,7 +110,11 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         plc = handshake.select(plc, asked, state, rules.recipes)
     recipe = rules.recipes[plc.recipe]
     until_ns = now_ns + rules.valid_for_ns if isinstance(observation, Tick) else state.valid_until_ns
-    fused = fusion.step(state, observation, now_ns, recipe.fusion, valid_until_ns=until_ns)
+    decided_on = state
+    if state.visit.released and not state.visit.off_mark and not state.stop:
+        # The release has ended the stop, not the sensors: when it ends, D must have been 0 for clear_hold_s.
+        decided_on = replace(state, stop=True, reason=Reason.TARGET_REACHED)
+    fused = fusion.step(decided_on, observation, now_ns, recipe.fusion, valid_until_ns=until_ns)
     if rules.handshake is not None:
         plc = handshake.step(plc, write, fused, rules.handshake)
 

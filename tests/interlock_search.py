@@ -1,0 +1,482 @@
+"""Every state that the real `interlock.step` can reach in a bounded space, judged by tests/stated_conditions.py.
+
+The space is one configuration and a list of moves. A move is one observation (a reading with one of a few values, a
+write, a function check, a restart) or a tick that lets `step_ms` pass; any move may follow any other, in any order, at
+any time. The search is breadth first, so that the first history that ends in a fault is a shortest one.
+
+Two states are taken for one when all that the future depends on is equal: every field of the state vector but those
+in OUTPUTS_ONLY, with each time as an age, ages beyond the longest time constant of the configuration as one. `unlike`
+tests that: it lets pairs of states that were taken for one take every move, and compares what follows.
+"""
+
+import dataclasses
+import random
+from collections import deque
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from operator import attrgetter
+from typing import Any, NamedTuple, get_type_hints
+
+from gateway.config import GatewayConfig, parse
+from gateway.core import interlock
+from gateway.core.detection import Circle
+from gateway.core.fusion import Observation
+from gateway.core.interlock import RetainedState, Rules
+from gateway.core.plc import Control, PlcConnection, PlcWrite, Writer
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.shown import shown
+from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
+from gateway.modbus.registers.register_map import encode
+from tests.stated_conditions import Known, StatedConditions
+
+MS = 1_000_000
+T0 = 1_000_000_000_000
+PLC, OTHER = Writer("10.0.0.9"), Writer("10.0.0.8")
+STOP, MAY_MOVE, IN_PLACE = 4, 5, 36  # addresses, as docs/registers.md has them
+TRACK_NS = 1_000_000_000  # older distances say nothing about the speed
+
+# What the next state does not depend on. A field that is not here counts, also one that is added later.
+OUTPUTS_ONLY = frozenset(
+    {
+        # counters, texts and what is only published
+        "bay", "seq", "heartbeat", "reason", "z_vision_mm", "t_ns",
+        "vision.frame_id", "vision.x_n", "vision.y_n", "vision.detail", "vision.stats", "vision.stage_ns",
+        "vision.ellipse", "vision.confidence", "vision.visible", "vision.tracking", "vision.predicted",
+        "vision.picture", "range.seq", "range.detail", "range.stats",
+        "memory.target_seen", "memory.restarts", "memory.restarted_ns",
+        "plc.writes", "plc.conflicts", "plc.recipe_asked", "plc.recipe_verdict", "plc.reset_verdict",
+        "visit.phase", "visit.ended", "visit.in_place_since_ns",
+        "guidance.code", "guidance.amount_mm", "guidance.offset_u_px", "guidance.offset_v_px", "guidance.offset_mm",
+        "guidance.to_go_mm",
+        # every tick sets it anew; `shown` is judged at each state
+        "valid_until_ns",
+        # the writes of the moves have a changed heartbeat or the same one, whatever its number
+        "plc.heartbeat",
+        # no move is a trigger: the age of the oldest echo and of the trigger have no reader
+        "range.oldest_ns", "plc.trigger_ns", "plc.acquisition",
+        # listed by `_learned_key` without their dates
+        "memory.scale_samples", "memory.scale",
+        # listed by `_track_key`
+        "memory.track",
+    }
+)  # fmt: skip
+
+
+class Move(NamedTuple):
+    """One thing that can happen. `seen` makes the observation at a time, of a gateway in that state."""
+
+    name: str
+    seen: Callable[[int, StateVector], Observation | None]  # None: the gateway restarts
+    ms: int = 0  # that pass before it
+
+
+@dataclass(frozen=True)
+class Space:
+    """A bounded space: configuration and moves. `learns`: what R x Z was learned counts for the future."""
+
+    name: str
+    why: str
+    config: GatewayConfig
+    moves: tuple[Move, ...]
+    step_ms: int
+    learns: bool = False
+
+    @cached_property
+    def rules(self) -> Rules:
+        return Rules.of(self.config.bays[0], self.config)
+
+    @cached_property
+    def conditions(self) -> StatedConditions:
+        return StatedConditions(self.config)
+
+    @cached_property
+    def clamp_ns(self) -> int:
+        """Longer than the longest time constant: no comparison distinguishes two ages beyond it."""
+        bay, plc = self.config.bays[0], self.config.modbus.handshake
+        fusion, visit = bay.fusion, bay.visit
+        check_s = fusion.cross_check.lasting_s if fusion.cross_check else 0.0
+        longest_s = max(
+            fusion.vision_deadline_s, fusion.range_deadline_s, fusion.start_grace_s, fusion.clear_hold_s, check_s,
+            fusion.recovery_s, fusion.scale_lasting_s, fusion.raise_debounce_s, fusion.clear_debounce_s,
+            visit.settle_s, visit.hold_limit_s, visit.hold_grace_s, visit.leave_s, plc.heartbeat_deadline_s,
+            fusion.latch_leave_s if fusion.latch_stop else 0.0,
+        )  # fmt: skip
+        return round(longest_s * 1000) * MS + self.step_ms * MS
+
+    def named(self, name: str) -> int:
+        return next(n for n, move in enumerate(self.moves) if move.name == name)
+
+
+class Node(NamedTuple):
+    """One reachable state, and what the judge knows there."""
+
+    state: StateVector
+    known: Known
+    now_ns: int
+
+
+@dataclass
+class Found:
+    """What a search has found so far."""
+
+    states: int = 0
+    transitions: int = 0
+    depth: int = 0  # moves from a root; every state up to `depth` - 1 has been expanded, unless `left` is 0
+    left: int = 0  # states that were not expanded; 0: the space is searched completely
+    reached: dict[str, int] = field(default_factory=dict)  # situation -> states in it
+    faults: list[tuple[str, list[str]]] = field(default_factory=list)  # complaint, history as names of moves
+    unlike: list[str] = field(default_factory=list)
+    compared: int = 0
+
+
+def root(space: Space) -> Node:
+    return Node(interlock.initial("bay1", T0, space.rules), space.conditions.start(T0), T0)
+
+
+def taken(space: Space, node: Node, move: Move) -> Node:
+    """The node after `move`. Raises whatever the step raises."""
+    state, known, now_ns = node
+    now_ns += move.ms * MS
+    seen = move.seen(now_ns, state)
+    if seen is None:
+        kept = RetainedState(state.function_check, state.memory.scale_samples)
+        state = interlock.initial("bay1", now_ns, space.rules, kept)
+        return Node(state, space.conditions.start(now_ns, known.check), now_ns)
+    state = interlock.step(state, seen, now_ns, space.rules)
+    return Node(state, space.conditions.after(known, seen, state, now_ns), now_ns)
+
+
+def complaints(space: Space, node: Node) -> Iterator[str]:
+    """What must not be at this node: by the stated conditions, in the registers, and once the ticks have ended."""
+    state, known, now_ns = node
+    yield from space.conditions.complaints(known, state, now_ns)
+    image = encode(shown(state, now_ns), 0, "big")
+    if (image[STOP], image[MAY_MOVE], image[IN_PLACE]) != (state.stop, state.may_move, state.in_place):
+        yield "the registers differ from the state"
+    late_ns = state.valid_until_ns + 1
+    late = encode(shown(state, late_ns), 0, "big")
+    if (late[STOP], late[MAY_MOVE], late[IN_PLACE]) != (1, 0, 0):
+        yield "without ticks, the registers do not show stop alone"
+    if late_ns - now_ns > 2 * max(space.rules.valid_for_ns, space.step_ms * MS):
+        yield "a state is valid for too long"
+
+
+# -- which states are one -------------------------------------------------------------------------------------------
+
+
+def _paths(kind: type, prefix: str = "") -> Iterator[tuple[str, bool]]:
+    """Every field that counts, with those of the records that are always there; and whether it is a time."""
+    hints = get_type_hints(kind)
+    for each in dataclasses.fields(kind):
+        path = prefix + each.name
+        if path in OUTPUTS_ONLY:
+            continue
+        inner = hints[each.name]
+        if dataclasses.is_dataclass(inner) and isinstance(inner, type):
+            # Of a reading the time counts, of the state as a whole it is 0.
+            yield from _paths(inner, path + ".")
+        else:
+            yield path, each.name.endswith("_ns")
+
+
+_PATHS = tuple(_paths(StateVector))
+VALUES = tuple(path for path, is_time in _PATHS if not is_time)
+TIMES = tuple(path for path, is_time in _PATHS if is_time)
+_values, _times = attrgetter(*VALUES), attrgetter(*TIMES)
+_KNOWN_TIMES = tuple(f.name for f in dataclasses.fields(Known) if f.name.endswith("_ns"))
+_KNOWN_VALUES = tuple(f.name for f in dataclasses.fields(Known) if f.name not in {*_KNOWN_TIMES, "vision", "range"})
+_KNOWN_VALUES = tuple(name for name in _KNOWN_VALUES if name != "beat")
+_known_values, _known_times = attrgetter(*_KNOWN_VALUES), attrgetter(*_KNOWN_TIMES)
+_sensor_values = attrgetter("quality", "mm", "circle", "was_dead")
+
+
+def key(space: Space, node: Node) -> Hashable:
+    """Equal for two nodes that have the same future."""
+    state, known, now_ns = node
+    oldest_ns = now_ns - space.clamp_ns
+
+    def ages(times: Sequence[int | None]) -> tuple[int | None, ...]:
+        return tuple([t if t is None else now_ns - (t if t > oldest_ns else oldest_ns) for t in times])
+
+    track = tuple([(now_ns - t, mm) for t, mm in state.memory.track if now_ns - t <= TRACK_NS])
+    learned = _learned_key(state) if space.learns else None
+    vision, rng = known.vision, known.range
+    return (
+        _values(state),
+        ages(_times(state)),
+        track,
+        learned,
+        _known_values(known),
+        known.beat is None,
+        ages(_known_times(known)),
+        _sensor_values(vision),
+        _sensor_values(rng),
+        ages((vision.t_ns, vision.alive_ns, rng.t_ns, rng.alive_ns)),
+    )
+
+
+def _learned_key(state: StateVector) -> Hashable:
+    return tuple((sample.recipe, sample.radius_px, sample.distance_mm) for sample in state.memory.scale_samples)
+
+
+# -- the search -----------------------------------------------------------------------------------------------------
+
+
+def search(
+    space: Space,
+    roots: Sequence[Sequence[str]] = ((),),
+    *,
+    transitions: int,
+    compare: float = 0.0,
+    seed: int = 0,
+    most_faults: int = 5,
+    progress: Callable[[Found], None] = lambda _: None,
+) -> Found:
+    """Breadth first from the roots, which are histories from the start, up to so many transitions.
+
+    `compare`: share of the states taken for one whose futures are compared. `progress` is called every 4096
+    transitions; it may raise StopIteration to end the search.
+    """
+    found, chance = Found(), random.Random(seed)
+    visited: dict[int, int] = {}  # hash of the key -> number of the node
+    came: list[tuple[int, int]] = []  # by number: the node before, the move
+    samples: dict[int, Node] = {}  # number -> node, for the comparison
+    queue: deque[tuple[int, int, Node]] = deque()  # number, depth, node
+
+    def add(node: Node, before: int, move: int, depth: int) -> int:
+        digest = hash(key(space, node))
+        number = visited.get(digest)
+        if number is not None:
+            if (sample := samples.pop(number, None)) is not None:
+                found.compared += 1
+                found.unlike += unlike(space, sample, node)
+            return number
+        number = visited[digest] = len(came)
+        came.append((before, move))
+        found.states += 1
+        if compare and chance.random() < compare:
+            samples[number] = node
+        for situation in situations(node.state):
+            found.reached[situation] = found.reached.get(situation, 0) + 1
+        for complaint in complaints(space, node):
+            found.faults.append((complaint, history(number)))
+        queue.append((number, depth, node))
+        return number
+
+    def history(number: int) -> list[str]:
+        names: list[str] = []
+        while number > 0:
+            number, move = came[number]
+            names.append(space.moves[move].name)
+        return names[::-1]
+
+    for names in roots:
+        node, number = root(space), add(root(space), 0, 0, 0)
+        for name in names:
+            named = space.named(name)
+            node = taken(space, node, space.moves[named])
+            number = add(node, number, named, 0)
+    try:
+        while queue and found.transitions < transitions and len(found.faults) < most_faults:
+            number, depth, node = queue.popleft()
+            found.depth = depth
+            for n, move in enumerate(space.moves):
+                found.transitions += 1
+                add(taken(space, node, move), number, n, depth + 1)
+                if found.transitions % 4096 == 0:
+                    found.left = len(queue)
+                    progress(found)
+    except StopIteration:
+        pass
+    found.left = len(queue)
+    return found
+
+
+def unlike(space: Space, one: Node, other: Node) -> list[str]:
+    """Moves after which two nodes differ that were taken for one."""
+    differ = []
+    for move in space.moves:
+        a, b = taken(space, one, move), taken(space, other, move)
+        said = [(n.state.stop, n.state.may_move, n.state.in_place, n.state.guidance.code) for n in (a, b)]
+        if key(space, a) != key(space, b) or said[0] != said[1]:
+            differ.append(f"{move.name}: {_difference(space, a, b)}")
+    return differ
+
+
+def _difference(space: Space, a: Node, b: Node) -> str:
+    flat = [
+        [*zip(VALUES, _values(n.state), strict=True), *zip(_KNOWN_VALUES, _known_values(n.known), strict=True)]
+        for n in (a, b)
+    ]
+    return "; ".join(f"{x[0]} {x[1]} / {y[1]}" for x, y in zip(*flat, strict=True) if x != y) or "times"
+
+
+def situations(state: StateVector) -> Iterator[str]:
+    """What of docs/visit.md this state is an instance of: a search that reaches none of them shows nothing."""
+    yield state.visit.phase.name.lower()
+    if state.may_move:
+        yield "may_move"
+    if state.visit.moved:
+        yield "moved"
+    if state.visit.released and state.may_move and state.d is not False:
+        yield "leaves though D is not 0"
+    if state.memory.disagree:
+        yield "contradiction"
+    if state.reason is Reason.PLC_LOST:
+        yield "PLC lost"
+    if state.function_check is not FunctionCheck.OFF:
+        yield "function check"
+
+
+# -- spaces ---------------------------------------------------------------------------------------------------------
+
+PX_MM = 54_000.0  # R Z of the simulated marker: 180 px at 300 mm
+MARK_MM, ROLLED_MM, AWAY_MM = 280.0, 340.0, 1100.0
+_CIRCLES: Mapping[str, Circle] = {
+    "mark": Circle(320.0, 240.0, 193.0),
+    "rolled": Circle(320.0, 240.0, 159.0),
+    "away": Circle(320.0, 240.0, 49.0),
+    "aside": Circle(430.0, 240.0, 193.0),
+    "lamp": Circle(410.0, 180.0, 20.0),
+}
+_DISTANCES = {"mark": MARK_MM, "rolled": ROLLED_MM, "away": AWAY_MM}
+
+
+def _camera(name: str) -> Move:
+    circle = _CIRCLES.get(name)
+    quality = Quality.GOOD if circle else Quality[name]
+    return Move(f"camera:{name.lower()}", lambda now_ns, _: VisionReading(now_ns, quality, circle))
+
+
+def _ranger(name: str) -> Move:
+    mm = _DISTANCES.get(name)
+    quality = Quality.GOOD if mm else Quality[name]
+    return Move(f"ranger:{name.lower()}", lambda now_ns, _: RangeReading(now_ns, quality, mm))
+
+
+def _plc(name: str, *bits: Control, who: Writer = PLC, alive: bool = True) -> Move:
+    word = sum(1 << bit for bit in bits)
+
+    def seen(_: int, state: StateVector) -> Observation:
+        return PlcWrite(who, heartbeat=(state.plc.heartbeat + alive) & 0xFFFF, control=word)
+
+    return Move(f"plc:{name}", seen)
+
+
+def _moves(step_ms: int, camera: str, ranger: str, plc: Sequence[Move], checks: str) -> tuple[Move, ...]:
+    return (
+        Move("tick", lambda *_: Tick(), step_ms),
+        *map(_camera, camera.split()),
+        *map(_ranger, ranger.split()),
+        *plc,
+        *(Move(f"check:{name.lower()}", lambda *_, mode=FunctionCheck[name]: mode) for name in checks.split()),
+        Move("restart", lambda *_: None),
+    )
+
+
+def _config(heartbeat: bool = True, **sections: Any) -> GatewayConfig:
+    """Time constants of a few steps, so that a search can come to an end."""
+    plc = {"heartbeat_deadline_s": 0.3, "heartbeat_required": heartbeat, "enable_required": False}
+    data: dict[str, Any] = {
+        "modbus": {"writes": True, "plc_addresses": [PLC.address, OTHER.address], "handshake": plc},
+        "fusion": {
+            "vision_deadline_s": 0.3, "range_deadline_s": 0.3, "start_grace_s": 0.3, "clear_hold_s": 0.3,
+            "recovery_s": 0.3, "scale_lasting_s": 0.3, "latch_leave_s": 0.3,
+        },
+        "visit": {"settle_s": 0.3, "hold_limit_s": 0.6, "hold_grace_s": 0.3, "leave_s": 0.3},
+    }  # fmt: skip
+    for name, keys in sections.items():
+        data[name] = data.get(name, {}) | keys
+    return parse(data)
+
+
+CHECKED = {"cross_check": {"focal_px": 600.0, "marker_radius_mm": 90.0, "lasting_s": 0.3}}
+_IDLE, _RELEASE, _RESET = _plc("idle"), _plc("release", Control.RELEASE), _plc("reset", Control.RESET)
+_STUCK = _plc("stuck-release", Control.RELEASE, alive=False)
+_OTHER = _plc("other-release", Control.RELEASE, who=OTHER)
+_GONE = Move("plc:disconnected", lambda *_: PlcConnection(PLC, open=False))
+
+
+def spaces() -> dict[str, Space]:
+    """By name."""
+    every = "mark rolled away aside lamp NO_TARGET COASTED LINK_DOWN"
+    made = (
+        Space(
+            "core",
+            "the least that has every phase of a visit; searched to its end",
+            _config(fusion=CHECKED),
+            _moves(300, "mark rolled NO_TARGET LINK_DOWN", "mark rolled STUCK", (_IDLE, _RELEASE), ""),
+            300,
+        ),
+        Space(
+            "visit",
+            "each kind of reading, release, reset, function check, restart; R x Z by a cross-check",
+            _config(fusion=CHECKED),
+            _moves(300, every, "mark rolled away NO_ECHO UNSTABLE STUCK", (_IDLE, _RELEASE, _RESET, _STUCK),
+                   "OFF MAY_MOVE_OFF MAY_MOVE_KEPT"),
+            300,
+        ),
+        Space(
+            "learned",
+            "as visit, with R x Z compared with itself, as shipped",
+            _config(),
+            _moves(300, every, "mark rolled away NO_ECHO STUCK", (_IDLE, _RELEASE, _RESET), "OFF MAY_MOVE_OFF"),
+            300,
+            learns=True,
+        ),
+        Space(
+            "latch",
+            "as visit, with a latched stop",
+            _config(fusion=CHECKED | {"latch_stop": True}),
+            _moves(300, "mark rolled away NO_TARGET LINK_DOWN", "mark rolled away NO_ECHO STUCK",
+                   (_IDLE, _RELEASE, _RESET), "OFF MAY_MOVE_OFF"),
+            300,
+        ),
+        Space(
+            "owners",
+            "two PLCs, one with a heartbeat that stands still, one that connects and leaves",
+            _config(fusion=CHECKED),
+            _moves(300, "mark rolled NO_TARGET", "mark rolled NO_ECHO", (_IDLE, _RELEASE, _STUCK, _OTHER, _GONE), ""),
+            300,
+        ),
+        Space(
+            "plain",
+            'decision = "plain": equation 14 at every step',
+            _config(fusion=CHECKED | {"decision": "plain"}),
+            _moves(300, "mark rolled away NO_TARGET LINK_DOWN", "mark rolled away NO_ECHO STUCK",
+                   (_IDLE, _RELEASE, _RESET), "OFF MAY_MOVE_OFF"),
+            300,
+        ),
+        Space(
+            "shipped",
+            "as visit, with the time constants as shipped and steps of 100 ms",
+            parse({"modbus": {"writes": True, "plc_addresses": [PLC.address, OTHER.address]}, "fusion": CHECKED}),
+            _moves(100, every, "mark rolled away NO_ECHO UNSTABLE STUCK", (_IDLE, _RELEASE, _RESET, _STUCK),
+                   "OFF MAY_MOVE_OFF MAY_MOVE_KEPT"),
+            100,
+        ),
+    )  # fmt: skip
+    return {space.name: space for space in made}
+
+
+def visits(space: Space) -> list[list[str]]:
+    """Histories that lead to each phase of a visit, so that a short search begins in all of them."""
+    names = {move.name for move in space.moves}
+    steps = 300 // space.step_ms
+
+    def lasting(camera: str, ranger: str, plc: str, for_s: float) -> list[str]:
+        beat = [f"camera:{camera}", f"ranger:{ranger}", f"plc:{plc}", "tick"]
+        return beat * round(for_s / 0.3 * steps)
+
+    scale = 1 if space.step_ms == 300 else 3
+    rolled = lasting("rolled", "rolled", "idle", 0.9 * scale)
+    placed = rolled + lasting("mark", "mark", "idle", 2.4 * scale)
+    covered = placed + lasting("no_target", "mark", "idle", 0.3)
+    histories = [rolled, placed, covered]
+    if "plc:release" in names:
+        released = placed + lasting("mark", "mark", "release", 0.6 * scale)
+        left = released + lasting("rolled", "rolled", "release", 0.9 * scale)
+        histories += [released, left]
+    histories.append(placed + lasting("rolled", "rolled", "idle", 0.6))
+    return histories
