@@ -768,6 +768,19 @@ def test_a_release_that_is_taken_back_brings_the_stop_back(end: str) -> None:
     assert not bench.state.stop
 
 
+@pytest.mark.parametrize("end", ["bit back to 0", "nearer again"])
+def test_a_release_that_ends_before_d_was_0_for_long_brings_the_stop_back(end: str) -> None:
+    """D is 0 by now, but not for clear_hold_s, and the truck is not off the mark: found by bench/exhaustive.py."""
+    bench = released()
+    now_ns = bench.now_ns
+    bench.step(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 159)))
+    left = bench.step(RangeReading(now_ns, Quality.GOOD, 340.0))
+    assert (left.d, left.stop, left.may_move, left.visit.released) == (False, False, True, True)
+    ended = bench.write() if end == "bit back to 0" else bench.step(RangeReading(now_ns, Quality.GOOD, 282.0))
+    assert (ended.d, ended.visit.released) == (False, False)
+    assert (ended.stop, ended.may_move, ended.reason) == (True, False, Reason.TARGET_REACHED)
+
+
 def test_a_release_needs_a_plc_that_is_known_to_live() -> None:
     """The bit may be set by a master without a heartbeat: whether it lives then, nobody can know."""
     bench = in_place()

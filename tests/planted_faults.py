@@ -1,0 +1,87 @@
+"""Faults planted in the code under test, one at a time, to see that a search or a campaign reports each of them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gateway.core import agreement, fusion, handshake, interlock, shown, visit
+from gateway.core.plc import PlcLink
+from gateway.core.state import FunctionCheck, Moved
+
+Patch = Callable[[object, str, Any], None]
+"""As pytest's monkeypatch.setattr."""
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One fault: what is broken, and where."""
+
+    what: str
+    module: Any
+    name: str
+    broken: Callable[[Callable[..., Any]], Callable[..., Any]]  # the real function -> the broken one
+
+    def plant(self, patch: Patch) -> None:
+        patch(self.module, self.name, self.broken(getattr(self.module, self.name)))
+
+
+def _constant(value: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    return lambda _: lambda *args, **keys: value
+
+
+def _first(_: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda first, *args, **keys: first
+
+
+def _dead_camera_ends_nothing(real: Callable[..., str]) -> Callable[..., str]:
+    return lambda *args: "" if (why := real(*args)) == "camera dead" else why
+
+
+def _without_edge(real: Callable[..., Any]) -> Callable[..., Any]:
+    """A release bit that is on is taken for one that rises."""
+    return lambda *args, released, release: real(*args, released=released, release=released)
+
+
+def _check_forgotten(real: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda state, *args, **keys: replace(real(state, *args, **keys), function_check=FunctionCheck.OFF)
+
+
+def _always_alive(real: Callable[..., Any]) -> Callable[..., Any]:
+    def aged(plc: Any, *args: Any) -> Any:
+        found = real(plc, *args)
+        return replace(found, missed=False, link=plc.link if found.link is PlcLink.LOST else found.link)
+
+    return aged
+
+
+def _never_moved(real: Callable[..., Any]) -> Callable[..., Any]:
+    def compared(*args: Any) -> tuple[Moved, bool]:
+        return Moved.NO, real(*args)[1]
+
+    return compared
+
+
+def _without_latch(real: Callable[..., Any]) -> Callable[..., Any]:
+    def latch(*args: Any) -> Any:
+        memory, plc = real(*args)
+        return replace(memory, latched=False), plc
+
+    return latch
+
+
+PLANTED: Mapping[str, Planted] = {
+    each.what: each
+    for each in (
+        Planted("an old distance counts", fusion, "_aged_range", _first),
+        Planted("an old picture counts", fusion, "_aged_vision", _first),
+        Planted("stop ends without clear_hold_s", fusion, "_no_cause_for_long", _constant(True)),
+        Planted("a contradiction is no cause", agreement, "_contradicted", _first),
+        Planted("a dead camera does not end in_place", visit, "_ended", _dead_camera_ends_nothing),
+        Planted("a truck that leaves its place has not moved", visit, "_compared", _never_moved),
+        Planted("a release needs no edge", visit, "step", _without_edge),
+        Planted("a function check is forgotten", fusion, "step", _check_forgotten),
+        Planted("a PLC is never lost", handshake, "_aged", _always_alive),
+        Planted("a state is valid for ever", shown, "valid", _constant(True)),
+        Planted("the latch does not hold", interlock, "_latch", _without_latch),
+    )
+}

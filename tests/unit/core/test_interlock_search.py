@@ -1,0 +1,78 @@
+"""A short share of bench/exhaustive.py: states next to every phase of a visit, judged by the stated conditions."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+
+from gateway.core.state import VisitPhase
+from tests.interlock_search import OUTPUTS_ONLY, TIMES, VALUES, complaints, key, root, search, spaces, taken, visits
+from tests.planted_faults import PLANTED
+
+pytestmark = pytest.mark.one_interpreter
+
+SPACES = spaces()
+TRANSITIONS: Mapping[str, int] = {
+    "core": 2_000,
+    "visit": 8_000,
+    "learned": 4_000,
+    "latch": 3_000,
+    "owners": 2_000,
+    "plain": 2_000,
+    "shipped": 4_000,
+}
+AT_LEAST = {phase.name.lower() for phase in VisitPhase} - {"empty", "arriving"}
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_no_state_next_to_a_visit_permits_what_a_stated_condition_forbids(name: str) -> None:
+    space = SPACES[name]
+    found = search(space, visits(space), transitions=TRANSITIONS[name], compare=0.003)
+    assert found.faults == []
+    assert found.unlike == []
+    assert found.states > TRANSITIONS[name] / 5
+    assert found.reached.keys() >= AT_LEAST | {"may_move", "moved", "leaves though D is not 0"}, "a search of nothing"
+
+
+@pytest.mark.parametrize(
+    ("what", "space", "transitions"),
+    [
+        ("an old distance counts", "visit", 1500),
+        ("stop ends without clear_hold_s", "visit", 500),
+        ("a dead camera does not end in_place", "visit", 1500),
+        ("a truck that leaves its place has not moved", "visit", 500),
+        ("a function check is forgotten", "visit", 500),
+        ("a PLC is never lost", "visit", 500),
+        ("a state is valid for ever", "visit", 10),
+        ("the latch does not hold", "latch", 1500),
+    ],
+)
+def test_the_search_reports_a_planted_fault(
+    what: str, space: str, transitions: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = SPACES[space]
+    PLANTED[what].plant(monkeypatch.setattr)
+    found = search(chosen, visits(chosen), transitions=transitions, most_faults=1)
+    assert found.faults, f"{what}: not reported"
+    complaint, history = found.faults[0]
+    node = root(chosen)
+    for move in history:
+        node = taken(chosen, node, chosen.moves[chosen.named(move)])
+    assert complaint in list(complaints(chosen, node)), "the history replays it"
+
+
+def test_a_small_space_is_searched_to_its_end() -> None:
+    """Without a camera nothing is ever permitted, and there are few states: every history of any length is covered."""
+    space = SPACES["core"]
+    moves = tuple(move for move in space.moves if move.name in ("tick", "ranger:mark", "ranger:rolled", "plc:idle"))
+    blind = replace(space, name="blind", moves=moves)
+    found = search(blind, transitions=200_000)
+    assert found.left == 0
+    assert found.faults == []
+    assert not found.reached.keys() & {"may_move", "in_place", "held", "released", "moved"}
+
+
+def test_each_field_of_the_state_counts_or_is_listed_as_one_that_does_not() -> None:
+    assert not OUTPUTS_ONLY & {*VALUES, *TIMES}
+    node = root(SPACES["visit"])
+    assert key(SPACES["visit"], node) == key(SPACES["visit"], root(SPACES["visit"]))

@@ -1,0 +1,56 @@
+"""A short share of bench/fault_campaign.py: a thousand schedules, judged by the simulator's truth."""
+
+import pytest
+
+from tests import fault_bay
+from tests.fault_judge import play, shrunk
+from tests.fault_schedules import Fault, schedule
+from tests.planted_faults import PLANTED
+
+pytestmark = pytest.mark.one_interpreter
+
+SCHEDULES, BLOCK = 1000, 50
+
+
+@pytest.mark.parametrize("first", range(0, SCHEDULES, BLOCK))
+def test_no_schedule_of_faults_brings_an_unsafe_permit_and_each_recovers(first: int) -> None:
+    """Replay one: python -m bench.fault_campaign --seed N."""
+    outcomes = [play(schedule(seed)) for seed in range(first, first + BLOCK)]
+    assert [(o.schedule.seed, o.unsafe, o.stuck) for o in outcomes if o.failed] == []
+
+
+def test_a_seed_gives_the_same_schedule_and_the_same_run() -> None:
+    told: list[list[str]] = [[], []]
+    for lines in told:
+        outcome = play(schedule(7), lines.append)
+        assert not outcome.failed
+    assert told[0] == told[1]
+    assert len(told[0]) > 5
+
+
+def test_every_fault_occurs() -> None:
+    assert {failure.fault for seed in range(SCHEDULES) for failure in schedule(seed).failures} == set(Fault)
+
+
+@pytest.mark.parametrize(
+    ("what", "seed", "fault"),
+    [
+        ("an old distance counts", 7, Fault.RANGER_BACKLOG),
+        ("an old picture counts", 5, Fault.CAMERA_STUCK),
+        ("a dead camera does not end in_place", 5, Fault.CAMERA_STUCK),
+        ("a state is valid for ever", 56, Fault.CONTROL_DEAD),
+        ("a truck that leaves its place has not moved", 25, None),
+    ],
+)
+def test_the_campaign_reports_a_planted_fault_and_what_of_the_schedule_it_needs(
+    what: str, seed: int, fault: Fault | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = schedule(seed)
+    assert not play(made).failed
+    PLANTED[what].plant(monkeypatch.setattr)
+    fault_bay.warm.cache_clear()
+    try:
+        assert play(made).unsafe
+        assert [failure.fault for failure in shrunk(made).failures] == ([fault] if fault else [])
+    finally:
+        fault_bay.warm.cache_clear()
