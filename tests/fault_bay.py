@@ -28,7 +28,7 @@ from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Peer
 from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.registers.bay_unit import unit_of
-from gateway.ranger.hcsr04.session import Session
+from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of
 from gateway.sim.ranger_board import POWER_ON, Board, RangerFault
@@ -36,7 +36,7 @@ from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sim.world import Truth, World
 from gateway.vision.process import monitor
 from gateway.vision.process.monitor import ProcessMonitor
-from gateway.vision.transport.messages import Result
+from gateway.vision.transport.messages import FrameResult
 from gateway.vision.transport.progress import Progress
 from tests.fault_schedules import (
     OTHER_PLC,
@@ -55,7 +55,7 @@ STEP_MS = 20
 MS = 1_000_000
 ORIGIN_NS = 1000 * NS_PER_S
 WALL_NS = 1_700_000_000 * NS_PER_S
-FPS = 15
+FPS = 12
 BUILD_MS = 60  # a vision process needs so long until its first frame
 REAP_MS = 20
 ENABLE, RESET, RELEASE = 1 << 0, 1 << 2, 1 << 5  # of plc_control: docs/handshake.md
@@ -136,7 +136,7 @@ class VisionProcess:
         self.seq = 0
         self.progress = Progress()
         self.gone: list[tuple[int, int, bool]] = []  # due, token, crashed
-        self.results: deque[tuple[int, int, Result]] = deque()  # due, token, message
+        self.results: deque[tuple[int, int, FrameResult]] = deque()  # due, token, message
         self.opened: list[int] = []  # tokens whose source has given a frame
         self.lost: list[int] = []  # tokens whose source is lost
 
@@ -219,7 +219,7 @@ class Bay:
         bay = self.config.bays[0]
         self.hub = Hub([bay.name])
         self.control = BayControl(bay, self.hub, self.clock, (), self.config, retained)
-        self.session = Session(bay.ranger)
+        self.session = Hcsr04Session(bay.ranger)
         self.unplugged = False
         self.monitor = ProcessMonitor("simulated camera", bay.camera, bay.vision, self.chance)
         self.process = VisionProcess()
@@ -409,7 +409,7 @@ class Bay:
             taken_ns += round(ahead.amount * NS_PER_S)
         if process.results:
             due_ns = max(due_ns, process.results[-1][0])
-        result = Result(process.seq, taken_ns, Detection(circle, predicted=predicted), since_ns)
+        result = FrameResult(process.seq, taken_ns, Detection(circle, predicted=predicted), since_ns)
         process.results.append((due_ns, process.token, result))
         process.progress = Progress(process.token, process.seq, min(taken_ns, self.clock.now), 0, 0, 0, self.clock.now)
 

@@ -34,7 +34,7 @@ SENSOR_S = 0.24  # two ranger cycles, the line on the wire, the service's step; 
 SCAN_S = STEP_MS / 1000
 RECOVERY_S = 5.0
 NEARER = (1, 3, 4, 5, 11)  # of register 62, guidance: forward, left, right, slow, drive up
-WAITS_CM, MARK_CM = 60.0, 28.0
+WAITS_CM, MARK_CM = 40.0, 28.0
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Outcome:
     recovered: bool = False
     stuck: str = ""  # why it did not recover, as the gateway reports it
     moved_s: float = 0.0  # from the end of the faults until a truck may move
-    placed_s: float = 0.0  # from its start at 60 cm until it is in place
+    placed_s: float = 0.0  # from there until it is in place, its way to the mark included
     simulated_s: float = 0.0
 
     @property

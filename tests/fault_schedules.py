@@ -127,7 +127,7 @@ class Schedule:
 # -- configurations -------------------------------------------------------------------------------------------------
 
 _QUICK: dict[str, Any] = {
-    "fusion": {"recovery_s": 0.4, "period_s": 0.04},
+    "fusion": {"recovery_s": 0.4, "period_s": 0.05},
     "visit": {"settle_s": 0.4, "hold_grace_s": 0.3, "leave_s": 0.8},
     "camera": {"reconnect": {"min_s": 0.05, "max_s": 0.2}},
 }
@@ -171,7 +171,7 @@ def schedule(seed: int) -> Schedule:
     count = chance.choices((0, 1, 2, 3, 4, MOST_FAULTS), (1, 5, 6, 4, 2, 1))[0]
     kinds = [fault for fault in Fault if settings != "reads only" or not fault.name.startswith(("PLC_RE", "OTHER"))]
     failures = tuple(sorted((_failure(chance, chance.choice(kinds)) for _ in range(count)), key=lambda f: f.at_s))
-    return Schedule(seed, settings, phase, truck, legs, failures, chance.choice((60, 100, 100, 200)))
+    return Schedule(seed, settings, phase, truck, legs, failures, chance.choice((100, 100, 100, 200)))
 
 
 def _failure(chance: random.Random, fault: Fault) -> Failure:

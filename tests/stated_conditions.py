@@ -213,6 +213,8 @@ class StatedConditions:
             known = replace(known, place=None, left=False, released=False)
         known = self._released(known, mm, now_ns, alive=alive, edge=release)
         d0 = self._pair(known, now_ns) is not None and known.d1 is None
+        if known.released and d0 and now_ns - known.cause_ns >= self.hold_ns and self._off_mark(mm):
+            known = replace(known, released=False, place=None)  # from here on equation 14 alone decides
         if known.place is not None and not known.released and mm is not None and alive:
             away = abs(mm - known.place[0]) > self.visit.band_mm
             fits = circle is None or 0.9 < circle.radius_px * mm / (known.place[1].radius_px * known.place[0]) < 1.1
@@ -243,6 +245,10 @@ class StatedConditions:
         if known.vision.quality == "NO_TARGET":
             return far or known.range.quality in ("NO_ECHO", "TOO_FAR")
         return far and circle is not None and circle.radius_px < self.fusion.radius_threshold_px / 2
+
+    def _off_mark(self, mm: float | None) -> bool:
+        off_mm = self.fusion.distance_threshold_mm + self.fusion.distance_hysteresis_mm + self.visit.band_mm
+        return mm is not None and mm > off_mm
 
     def _plc_alive(self, known: Known, now_ns: int) -> bool:
         return known.beat is not None and now_ns - known.beat_ns <= self.beat_ns

@@ -39,11 +39,11 @@ def test_every_fault_occurs() -> None:
         ("an old picture counts", 5, Fault.CAMERA_STUCK),
         ("a dead camera does not end in_place", 5, Fault.CAMERA_STUCK),
         ("a state is valid for ever", 56, Fault.CONTROL_DEAD),
-        ("a truck that leaves its place has not moved", 25, None),
+        ("a function check is forgotten", 10, Fault.FUNCTION_CHECK),
     ],
 )
 def test_the_campaign_reports_a_planted_fault_and_what_of_the_schedule_it_needs(
-    what: str, seed: int, fault: Fault | None, monkeypatch: pytest.MonkeyPatch
+    what: str, seed: int, fault: Fault, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = schedule(seed)
     assert not play(made).failed
@@ -51,6 +51,6 @@ def test_the_campaign_reports_a_planted_fault_and_what_of_the_schedule_it_needs(
     fault_bay.warm.cache_clear()
     try:
         assert play(made).unsafe
-        assert [failure.fault for failure in shrunk(made).failures] == ([fault] if fault else [])
+        assert [failure.fault for failure in shrunk(made).failures] == [fault]
     finally:
         fault_bay.warm.cache_clear()
