@@ -1,4 +1,4 @@
-"""Fixtures that several of these modules use."""
+"""The order of these modules, and what several of them use."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,6 +7,16 @@ import pytest
 
 from gateway.cli.main import main
 from tests.e2e.processes import Done
+
+LONG = {
+    f"test_{name}" for name in ("visit", "simulate", "firmware_in_the_loop", "tracking", "hmi_process", "bench_wire")
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Where several processes share these tests, those that take long begin first: the end waits for none of them."""
+    items.sort(key=lambda item: item.path.stem not in LONG)
+
 
 Cli = Callable[..., Done]
 

@@ -26,21 +26,27 @@ class Poll:
     image: Image
 
 
-class Plc:
-    """Polls one unit's whole block from a thread, as a PLC does; a context manager. A failed poll is kept as a time."""
+class CyclicProgram:
+    """`cycle`, called every `period_s` from a thread; a context manager. What it raises ends it: see `failed`."""
 
-    def __init__(self, port: int, unit: int = 1, period_s: float = 0.02) -> None:
-        self._client = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
-        self._unit = unit
+    def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._end = threading.Event()
-        self._changed = threading.Condition()
-        self.polls: list[Poll] = []
-        self.failures: list[float] = []
+        self._failure: BaseException | None = None
+
+    def cycle(self) -> object:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """After the last cycle."""
+
+    def failed(self) -> None:
+        """Raises what a cycle has raised."""
+        if self._failure is not None:
+            raise self._failure
 
     def __enter__(self) -> Self:
-        assert self._client.connect()  # type: ignore[no-untyped-call]  # pymodbus's own
-        self._thread = threading.Thread(target=self._poll, daemon=True)
+        self._thread = threading.Thread(target=self._cycles, daemon=True)
         self._thread.start()
         return self
 
@@ -49,7 +55,33 @@ class Plc:
     ) -> None:
         self._end.set()
         self._thread.join(10)
-        self._client.close()  # type: ignore[no-untyped-call]  # pymodbus's own
+        self.close()
+        if kind is None:
+            self.failed()
+
+    def _cycles(self) -> None:
+        try:
+            while not self._end.is_set():
+                self.cycle()
+                self._end.wait(self._period_s)
+        except BaseException as error:  # noqa: BLE001 - raised again where the test waits
+            self._failure = error
+
+
+class Plc(CyclicProgram):
+    """Polls one unit's complete block. A failed poll is kept as a time."""
+
+    def __init__(self, port: int, unit: int = 1, period_s: float = 0.02) -> None:
+        super().__init__(period_s)
+        self.client = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
+        assert self.client.connect()  # type: ignore[no-untyped-call]  # pymodbus's own
+        self._unit = unit
+        self._changed = threading.Condition()
+        self.polls: list[Poll] = []
+        self.failures: list[float] = []
+
+    def close(self) -> None:
+        self.client.close()  # type: ignore[no-untyped-call]  # pymodbus's own
 
     def wait_for(self, wanted: Callable[[Image], bool], timeout_s: float = 30.0) -> Poll:
         """The first image from now on that `wanted` accepts."""
@@ -61,6 +93,7 @@ class Plc:
                     if wanted(poll.image):
                         return poll
                 seen = len(self.polls)
+                self.failed()
                 left = begun + timeout_s - time.monotonic()
                 if left <= 0 or not self._changed.wait(left):
                     last = self.polls[-1].image if self.polls else None
@@ -77,23 +110,21 @@ class Plc:
     def last(self) -> Image:
         return self.polls[-1].image
 
-    def _poll(self) -> None:
-        while not self._end.is_set():
-            asked_s = time.monotonic()
-            try:
-                answer = self._client.read_holding_registers(0, count=BLOCK_WORDS, device_id=self._unit)
-            except (ModbusException, OSError):
-                with self._changed:
-                    self.failures.append(asked_s)
-                    self._changed.notify_all()
-                self._end.wait(0.05)
-                continue
-            assert not answer.isError(), answer
-            poll = Poll(asked_s, time.monotonic(), decode(answer.registers))
+    def cycle(self) -> None:
+        asked_s = time.monotonic()
+        try:
+            answer = self.client.read_holding_registers(0, count=BLOCK_WORDS, device_id=self._unit)
+        except (ModbusException, OSError):
             with self._changed:
-                self.polls.append(poll)
+                self.failures.append(asked_s)
                 self._changed.notify_all()
-            self._end.wait(self._period_s)
+            self._end.wait(0.05)
+            return
+        assert not answer.isError(), answer
+        poll = Poll(asked_s, time.monotonic(), decode(answer.registers))
+        with self._changed:
+            self.polls.append(poll)
+            self._changed.notify_all()
 
 
 def mbpoll(port: int, address: int, count: int, *, unit: int = 1, function: str = "4") -> list[int]:

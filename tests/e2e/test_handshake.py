@@ -14,11 +14,11 @@ from gateway.core.plc import Control, Outcome, RecipeVerdict, ResetVerdict
 from gateway.core.state import GuidanceCode, Reason
 from gateway.modbus.registers.handshake import HANDSHAKE_STATUS
 from tests.e2e.brokers import Mosquitto, Subscriber
-from tests.e2e.plc import Plc
+from tests.e2e.plc import Image, Plc
 from tests.e2e.processes import Gateway
 from tests.e2e.served_bay import ServedBay
 from tests.e2e.test_modbus_tls import context_of
-from tests.e2e.tls_plc import Image, RefusedError, TlsPlc
+from tests.e2e.tls_plc import RefusedError, TlsPlc
 from tests.plant_certs import Plant
 
 STANDING = "seed = 7\nduration_s = 600\nstart = { distance_cm = 60 }\n"

@@ -224,9 +224,7 @@ def untouched(polls: list[Poll]) -> bool:
 
 @pytest.mark.failure_mode("G7")
 def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
-    text = (
-        STANDING + 'bay = "bay2"\nfaults = [{ kind = "camera_lost", at_s = 12, for_s = 600 }]\n[camera]\nfps = 15.0\n'
-    )
+    text = STANDING + 'bay = "bay2"\nfaults = [{ kind = "camera_lost", at_s = 6, for_s = 600 }]\n[camera]\nfps = 15.0\n'
     bays = ("--bays", "4", "--scenario", scenario(tmp_path, text), *LIGHT)
     args = ("simulate", *bays, "--modbus-port", "0", "--json")
     with Gateway(*args) as gateway:

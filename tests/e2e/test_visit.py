@@ -1,14 +1,9 @@
 """A truck's visit as a plant sees it: rendered frames, a real ranger's bytes, a Modbus client that we did not write."""
 
 import os
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Self
-
-from pymodbus.client import ModbusTcpClient
 
 from gateway.config import GatewayConfig, load
 from gateway.core.plc import Control
@@ -55,33 +50,16 @@ LATE_S = 2.0
 ADDRESS = {register.name: register.address for register in REGISTERS}
 
 
-class Master:
-    """A PLC's program: its heartbeat counts, its control word is as it is set."""
+class WritingPlc(Plc):
+    """Its heartbeat counts, its control word is as it is set."""
 
-    def __init__(self, port: int) -> None:
-        self.control = 0
-        self._client = ModbusTcpClient("127.0.0.1", port=port, timeout=5, retries=0)
-        self._end = threading.Event()
+    control = 0
+    beat = 0
 
-    def __enter__(self) -> Self:
-        assert self._client.connect()  # type: ignore[no-untyped-call]  # pymodbus's own
-        self._thread = threading.Thread(target=self._write, daemon=True)
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._end.set()
-        self._thread.join(10)
-        self._client.close()  # type: ignore[no-untyped-call]  # pymodbus's own
-
-    def _write(self) -> None:
-        beat = 0
-        while not self._end.wait(0.1):
-            beat = (beat + 1) & 0xFFFF
-            answer = self._client.write_registers(ADDRESS["plc_heartbeat"], [beat, self.control], device_id=1)
-            assert not answer.isError(), answer
+    def cycle(self) -> None:
+        self.beat = (self.beat + 1) & 0xFFFF
+        answer = self.client.write_registers(ADDRESS["plc_heartbeat"], [self.beat, self.control], device_id=1)
+        assert not answer.isError(), answer
 
 
 @contextmanager
@@ -125,7 +103,7 @@ def ended(gateway: Gateway, folder: Path) -> list[str]:
 def test_a_truck_is_loaded_with_its_marker_covered_and_leaves_when_the_plc_lets_it(tmp_path: Path) -> None:
     dust = '{ kind = "dust_cloud", at_s = 16, for_s = 24 },'
     with bay(tmp_path, stands_s=40, covered_s=24, fault=dust) as (gateway, port):
-        with Plc(port) as plc, Master(port) as master:
+        with Plc(port) as plc, WritingPlc(port, period_s=0.1) as master:
             plc.wait_for(lambda image: image["may_move"] == 1, 60)
             plc.wait_for(lambda image: image["visit_phase"] == VisitPhase.IN_PLACE, 60)
             held = plc.wait_for(lambda image: image["visit_phase"] == VisitPhase.HELD, 60)
@@ -150,7 +128,7 @@ def test_a_truck_is_loaded_with_its_marker_covered_and_leaves_when_the_plc_lets_
 
 def test_a_red_lamp_before_the_covered_marker_is_polled_as_a_stop_every_time(tmp_path: Path) -> None:
     """Z says 28 cm all along. By equation 14 alone, 175 of 281 polls said that the truck may move."""
-    lamp = '{ kind = "red_lamp", at_s = 20, for_s = 500 },'
+    lamp = '{ kind = "red_lamp", at_s = 17, for_s = 500 },'
     with bay(tmp_path, stands_s=500, covered_s=500, fault=lamp) as (gateway, port):
         with Plc(port) as plc:
             plc.wait_for(lambda image: image["in_place"] == 1, 60)
