@@ -44,6 +44,18 @@ async def run_for(sup: Supervisor, seconds: float) -> None:
     assert task.cancelled()
 
 
+class Ending:
+    """A factory that runs for ever; remembers that it was ended."""
+
+    ended = False
+
+    async def __call__(self) -> None:
+        try:
+            await for_ever()
+        finally:
+            self.ended = True
+
+
 class Failing:
     """A factory that lives for `lives` seconds and then fails; remembers its start times."""
 
@@ -171,14 +183,7 @@ def test_a_crash_is_logged_with_its_traceback_and_the_task_restarted(caplog: pyt
 @pytest.mark.failure_mode("G8")
 def test_a_crash_loop_ends_everything() -> None:
     failing = Failing(lambda: ZeroDivisionError("oops"))
-    ended: list[str] = []
-
-    async def other() -> None:
-        try:
-            await for_ever()
-        finally:
-            ended.append("other")
-
+    other = Ending()
     sup = supervisor(Task("vision", failing, BACKOFF, vital=True), Task("other", other))
     with pytest.raises(ExceptionGroup) as caught:
         virtual_time.run(run_for(sup, 1000.0))
@@ -189,7 +194,7 @@ def test_a_crash_loop_ends_everything() -> None:
     assert str(error) == "vision crashed 6 times in 60 s"
     assert isinstance(error.__cause__, ZeroDivisionError)
     assert len(failing.starts_s) == 6
-    assert ended == ["other"]
+    assert other.ended
     assert not sup.records["other"].running
 
 
@@ -264,14 +269,7 @@ def test_a_cancellation_nobody_asked_for_is_a_crash_not_a_silent_end() -> None:
 
 def test_a_config_error_ends_everything_at_once() -> None:
     failing = Failing(lambda: ConfigError("edit line 3"))
-    ended: list[str] = []
-
-    async def other() -> None:
-        try:
-            await for_ever()
-        finally:
-            ended.append("other")
-
+    other = Ending()
     sup = supervisor(Task("mqtt", failing), Task("other", other))
     with pytest.raises(ExceptionGroup) as caught:
         virtual_time.run(run_for(sup, 1000.0))
@@ -279,7 +277,7 @@ def test_a_config_error_ends_everything_at_once() -> None:
     assert [str(e) for e in caught.value.exceptions] == ["edit line 3"]
     assert isinstance(caught.value.exceptions[0], ConfigError)
     assert failing.starts_s == [0.0]
-    assert ended == ["other"]
+    assert other.ended
     assert not sup.records["mqtt"].running
 
 

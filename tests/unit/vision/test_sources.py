@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -514,27 +515,34 @@ def test_what_a_network_held_back_is_as_old_as_the_stream_says(transport_stream:
     assert ages_s[oldest + 10] < ages_s[oldest] - 0.2  # the burst works itself off
 
 
+@dataclass
+class Requests:
+    """Every request to cv2.VideoCapture, in whose place it stands."""
+
+    opens: bool
+    made: list[Any] = field(default_factory=list)
+
+    def __call__(self, *args: Any) -> "Requests":
+        self.made.append(args)
+        return self
+
+    def isOpened(self) -> bool:
+        return self.opens
+
+    def set(self, key: int, value: float) -> bool:
+        self.made.append((key, value))
+        return False
+
+
 def test_a_camera_is_asked_for_what_is_configured_and_for_nothing_else(
     clock: StepClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[Any] = []
-
-    class Obliging:
-        def __init__(self, *args: Any) -> None:
-            asked.append(args)
-
-        def isOpened(self) -> bool:
-            return True
-
-        def set(self, key: int, value: float) -> bool:
-            asked.append((key, value))
-            return False
-
-    monkeypatch.setattr(cv2, "VideoCapture", Obliging)
+    requests = Requests(opens=True)
+    monkeypatch.setattr(cv2, "VideoCapture", requests)
     CameraSpec("/dev/video2").open(clock)
     CameraSpec(3, 640, 480, 30.0).open(clock)
 
-    assert asked == [
+    assert requests.made == [
         ("/dev/video2", cv2.CAP_V4L2),
         (3, cv2.CAP_V4L2),
         (cv2.CAP_PROP_FRAME_WIDTH, 640),
@@ -544,16 +552,8 @@ def test_a_camera_is_asked_for_what_is_configured_and_for_nothing_else(
 
 
 def test_streams_are_opened_for_low_delay_with_time_limits(clock: StepClock, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-
-    class Refusing:
-        def __init__(self, *args: Any) -> None:
-            asked.extend(args)
-
-        def isOpened(self) -> bool:
-            return False
-
-    monkeypatch.setattr(cv2, "VideoCapture", Refusing)
+    requests = Requests(opens=False)
+    monkeypatch.setattr(cv2, "VideoCapture", requests)
     monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "")  # so that it is put back afterwards
     monkeypatch.delenv("OPENCV_FFMPEG_CAPTURE_OPTIONS")
 
@@ -562,7 +562,7 @@ def test_streams_are_opened_for_low_delay_with_time_limits(clock: StepClock, mon
 
     assert os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] == FFMPEG_OPTIONS
     assert FFMPEG_OPTIONS == "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
-    url, backend, parameters = asked
+    ((url, backend, parameters),) = requests.made
     assert (url, backend) == ("rtsp://a:b@cam/1", cv2.CAP_FFMPEG)
     pairs = dict(zip(parameters[::2], parameters[1::2], strict=True))
     assert pairs == {
