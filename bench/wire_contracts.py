@@ -26,7 +26,7 @@ TABLES = {  # page: columns that are words
     "mqtt.md": {"meaning"},
     "ranger.md": {"meaning"},
     "registers.md": {"meaning"},
-    "simulator.md": {"meaning", "does"},
+    "simulator.md": {"meaning", "does", "what happens"},
     "sparkplug.md": {"meaning", "test, or why not"},
     "alarms.md": {"meaning", "when", "", "cause", "consequence", "response", "what it means", "what to do"},
 }
