@@ -38,7 +38,7 @@ def overrides(args: argparse.Namespace) -> dict[str, Any]:
 
 def main(args: argparse.Namespace) -> int:
     from gateway import app, config, event_loop
-    from gateway.cli import run_loop, view
+    from gateway.cli import run_loop
     from gateway.cli.output import LossyOutput
     from gateway.clock import SystemClock
     from gateway.config.strict.toml_file import read_toml
@@ -69,6 +69,8 @@ def main(args: argparse.Namespace) -> int:
     def extra_tasks(hub: Hub) -> list[Task]:
         if not args.view:
             return []
+        from gateway.cli import view  # and with it rich: seldom shown, and not loaded otherwise
+
         return [Task("view", view.TerminalView(settings, hub, clock, view.console(out, live=True), lambda: where).run)]
 
     event_loop.run(
