@@ -6,7 +6,6 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,10 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.cli.main import main
 from gateway.vision.pixels import Image
 from tests import discs
+from tests.e2e.conftest import Cli
+from tests.e2e.processes import Done, command
 
 KEYS = [
     *("file", "found", "u", "v", "r", "area", "circularity", "fill", "ellipse", "confidence", "visible"),
@@ -29,33 +29,8 @@ PANELS = {
 }
 
 
-Detect = Callable[..., subprocess.CompletedProcess[bytes]]
-
-
-def detect(*arguments: str, cwd: Path, stdin: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "gateway", "detect", *arguments]
-    return subprocess.run(command, cwd=cwd, input=stdin, capture_output=True, timeout=100, check=False)
-
-
-@pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Detect:
-    """The same in this process, where only what is found matters."""
-
-    def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[bytes]:
-        monkeypatch.chdir(cwd)
-        try:
-            code = main(["detect", *arguments])
-        except SystemExit as end:  # argparse
-            code = int(end.code or 0)
-        output = capsys.readouterr()
-        return subprocess.CompletedProcess(arguments, code, output.out.encode(), output.err.encode())
-
-    return run
-
-
-def rows(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, Any]]:
-    assert b"Traceback" not in done.stderr, done.stderr.decode()
-    return [json.loads(line) for line in done.stdout.splitlines()]
+def rows(done: Done) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in done.out.splitlines()]
 
 
 def disc(u: float = 150.25) -> Image:
@@ -82,11 +57,11 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_one_json_object_a_line_and_the_batch_goes_on(folder: Path) -> None:
-    done = detect("--json", "--method", "paper", ".", "gone.png", cwd=folder)
+    done = command("detect", "--json", "--method", "paper", ".", "gone.png", cwd=folder)
     found = rows(done)
 
-    assert done.returncode == 1
-    assert done.stderr.decode().strip() == "pictures: 5, marker found: 4, inputs failed: 3"
+    assert done.code == 1
+    assert done.err.strip() == "pictures: 5, marker found: 4, inputs failed: 3"
     files = ["a1.png", "a2.png", "a3.png", "a4.jpg", "a10.png", "a11.avi", "a11.avi", "gone.png"]
     assert [row["file"] for row in found] == files
     assert [row["found"] for row in found] == [True, False, False, False, True, True, True, False]
@@ -116,10 +91,10 @@ def test_one_json_object_a_line_and_the_batch_goes_on(folder: Path) -> None:
 def test_the_table_for_people(folder: Path) -> None:
     with open(os.fsencode(folder) + b"/b\xff\n\x1b[2J.png", "wb") as file:
         file.write((folder / "a1.png").read_bytes())
-    done = detect("--method", "paper", ".", cwd=folder)
-    lines = done.stdout.decode().splitlines()
+    done = command("detect", "--method", "paper", ".", cwd=folder)
+    lines = done.out.splitlines()
 
-    assert done.returncode == 1
+    assert done.code == 1
     assert " ".join(lines[0].split()) == "file u px v px r px area px2 circ. fill conf. seen ms"
     assert lines[1].split()[0] == "a1.png"
     assert [float(value) for value in lines[1].split()[1:4]] == pytest.approx([150.25, 100.5, 61.27], abs=0.15)
@@ -128,7 +103,7 @@ def test_the_table_for_people(folder: Path) -> None:
     assert lines[6].startswith("a11.avi #0 ")
     assert lines[8].startswith("b\\udcff\\n\\x1b[2J.png ")
     assert len(lines) == 9
-    assert b"\x1b" not in done.stdout + done.stderr
+    assert "\x1b" not in done.out + done.err
 
 
 @pytest.mark.parametrize(
@@ -146,16 +121,16 @@ def test_the_table_for_people(folder: Path) -> None:
         (["a1.png", "--draw", "a1.png"], "a1.png: cannot be made: File exists"),
     ],
 )
-def test_arguments_that_must_be_edited(folder: Path, arguments: list[str], says: str, here: Detect) -> None:
+def test_arguments_that_must_be_edited(folder: Path, arguments: list[str], says: str, cli: Cli) -> None:
     (folder / "empty").mkdir()
     (folder / "bays.toml").write_text('[[bays]]\nname = "east"\n[[bays]]\nname = "north"\nunit_id = 2\n')
-    done = here(*arguments, cwd=folder)
-    assert done.returncode == 2
-    assert done.stderr.decode().startswith(says)
-    assert done.stdout == b""
+    done = cli("detect", *arguments, cwd=folder)
+    assert done.code == 2
+    assert done.err.startswith(says)
+    assert done.out == ""
 
 
-def test_the_settings_of_a_bay_and_of_the_command_line(tmp_path: Path, here: Detect) -> None:
+def test_the_settings_of_a_bay_and_of_the_command_line(tmp_path: Path, cli: Cli) -> None:
     image = disc()
     image[180:230, 10:300] = (30, 30, 200)  # larger than the disc, less round
     cv2.imwrite(str(tmp_path / "a.png"), image)
@@ -165,7 +140,7 @@ def test_the_settings_of_a_bay_and_of_the_command_line(tmp_path: Path, here: Det
     )
 
     def one(*arguments: str) -> dict[str, Any]:
-        (row,) = rows(here("--json", "--method", "paper", "a.png", *arguments, cwd=tmp_path))
+        (row,) = rows(cli("detect", "--json", "--method", "paper", "a.png", *arguments, cwd=tmp_path))
         return row
 
     assert one()["v"] > 180
@@ -181,7 +156,7 @@ def test_the_settings_of_a_bay_and_of_the_command_line(tmp_path: Path, here: Det
     assert one("--config", "plant.toml", "--min-circularity", "0")["v"] > 180
 
 
-def test_intrinsics_of_another_picture_size_are_refused(tmp_path: Path, here: Detect) -> None:
+def test_intrinsics_of_another_picture_size_are_refused(tmp_path: Path, cli: Cli) -> None:
     image = disc()
     height, width = image.shape[:2]
     cv2.imwrite(str(tmp_path / "a.png"), image)
@@ -189,19 +164,19 @@ def test_intrinsics_of_another_picture_size_are_refused(tmp_path: Path, here: De
     (tmp_path / "right.toml").write_text(f"{lens}width_px = {width}\nheight_px = {height}\n")
     (tmp_path / "wrong.toml").write_text(f"{lens}width_px = {2 * width}\nheight_px = {height}\n")
 
-    (right,) = rows(here("--json", "--config", "right.toml", "a.png", cwd=tmp_path))
+    (right,) = rows(cli("detect", "--json", "--config", "right.toml", "a.png", cwd=tmp_path))
     assert right["x_n"] is not None
-    refused = here("--json", "--config", "wrong.toml", "a.png", cwd=tmp_path)
-    assert refused.returncode == 1
+    refused = cli("detect", "--json", "--config", "wrong.toml", "a.png", cwd=tmp_path)
+    assert refused.code == 1
     assert rows(refused)[0]["error"] == (f"{width} x {height} px; vision.intrinsics hold for {2 * width} x {height} px")
 
 
 @pytest.mark.parametrize("method", PANELS)
-def test_stages_writes_those_of_the_method_under_names_of_their_own(folder: Path, method: str, here: Detect) -> None:
+def test_stages_writes_those_of_the_method_under_names_of_their_own(folder: Path, method: str, cli: Cli) -> None:
     (folder / "other").mkdir()
     cv2.imwrite(str(folder / "other" / "A1.bmp"), disc(u=200))
     inputs = ("other", "a1.png", "a2.png", "a3.png", "a11.avi")
-    done = here("--json", *inputs, "--method", method, "--stages", "out/deep", cwd=folder)
+    done = cli("detect", "--json", *inputs, "--method", method, "--stages", "out/deep", cwd=folder)
     stems = ["A1", "a1-2", "a2", "a11-frame000000", "a11-frame000001"]
 
     assert [row.get("stages") for row in rows(done)] == [f"out/deep/{stem}" for stem in stems[:3]] + [None] + [
@@ -217,8 +192,8 @@ def test_stages_writes_those_of_the_method_under_names_of_their_own(folder: Path
     assert (mask[100, 200], mask[100, 100]) == (255, 0)
 
 
-def test_the_robust_method_reports_ellipse_confidence_and_rejections(folder: Path, here: Detect) -> None:
-    (row,) = rows(here("--json", "--method", "robust", "a1.png", cwd=folder))
+def test_the_robust_method_reports_ellipse_confidence_and_rejections(folder: Path, cli: Cli) -> None:
+    (row,) = rows(cli("detect", "--json", "--method", "robust", "a1.png", cwd=folder))
     assert list(row) == KEYS
     assert (row["u"], row["v"], row["r"]) == pytest.approx((150.25, 100.5, 60), abs=0.1)
     ellipse = row["ellipse"]
@@ -232,11 +207,11 @@ def test_the_robust_method_reports_ellipse_confidence_and_rejections(folder: Pat
 
 
 @pytest.mark.parametrize("method", ["paper", "robust"])
-def test_in_a_sequence_a_hidden_marker_is_no_measurement(tmp_path: Path, method: str, here: Detect) -> None:
+def test_in_a_sequence_a_hidden_marker_is_no_measurement(tmp_path: Path, method: str, cli: Cli) -> None:
     for n in range(12):
         image = np.full((240, 320, 3), 95, np.uint8) if n in (6, 7) else disc(u=100 + 4 * n)
         cv2.imwrite(str(tmp_path / f"{n}.png"), image)
-    found = rows(here("--json", "--method", method, "--track", "30", ".", cwd=tmp_path))
+    found = rows(cli("detect", "--json", "--method", method, "--track", "30", ".", cwd=tmp_path))
     assert [row["tracking"] for row in found] == ["measured"] * 6 + ["coasted"] * 2 + ["measured"] * 4
     for n, row in enumerate(found):
         if n in (6, 7):
@@ -245,7 +220,7 @@ def test_in_a_sequence_a_hidden_marker_is_no_measurement(tmp_path: Path, method:
         else:
             assert row["predicted"] is None
             assert row["u"] == pytest.approx(100 + 4 * n, abs=0.1)
-    alone = rows(here("--json", "--method", method, ".", cwd=tmp_path))
+    alone = rows(cli("detect", "--json", "--method", method, ".", cwd=tmp_path))
     for one, other in zip(found, alone, strict=True):
         assert "tracking" not in other
         assert one["found"] == other["found"]
@@ -253,15 +228,17 @@ def test_in_a_sequence_a_hidden_marker_is_no_measurement(tmp_path: Path, method:
             assert [one[key] for key in "uvr"] == pytest.approx([other[key] for key in "uvr"], abs=0.01)
 
 
-def test_a_frame_rate_that_is_none(folder: Path, here: Detect) -> None:
+def test_a_frame_rate_that_is_none(folder: Path, cli: Cli) -> None:
     for pace in ("0", "-3", "fast", "nan"):
-        done = here("--track", pace, "a1.png", cwd=folder)
-        assert done.returncode == 2
-        assert b"must be a number of frames a second" in done.stderr
+        done = cli("detect", "--track", pace, "a1.png", cwd=folder)
+        assert done.code == 2
+        assert "must be a number of frames a second" in done.err
 
 
-def test_draw_writes_every_picture_with_what_was_found(folder: Path, here: Detect) -> None:
-    done = here("--json", "a1.png", "a2.png", "a3.png", "a11.avi", "--draw", "out", "--method", "robust", cwd=folder)
+def test_draw_writes_every_picture_with_what_was_found(folder: Path, cli: Cli) -> None:
+    done = cli(
+        "detect", "--json", "a1.png", "a2.png", "a3.png", "a11.avi", "--draw", "out", "--method", "robust", cwd=folder
+    )
     stems = ["a1", "a2", None, "a11-frame000000", "a11-frame000001"]
     assert [row.get("drawn") for row in rows(done)] == [stem and f"out/{stem}-found.png" for stem in stems]
     drawn = cv2.imread(str(folder / "out" / "a1-found.png"))
@@ -272,9 +249,9 @@ def test_draw_writes_every_picture_with_what_was_found(folder: Path, here: Detec
 
 
 def test_names_from_standard_input(folder: Path) -> None:
-    done = detect("--json", "a10.png", "-", cwd=folder, stdin=b"a1.png\n\n./a2.png\nno\xff.png")
+    done = command("detect", "--json", "a10.png", "-", cwd=folder, stdin=b"a1.png\n\n./a2.png\nno\xff.png")
     assert [row["file"] for row in rows(done)] == ["a10.png", "a1.png", "a2.png", "no\udcff.png"]
-    assert done.returncode == 1
+    assert done.code == 1
 
 
 def test_a_reader_that_leaves_early(folder: Path) -> None:
@@ -307,7 +284,7 @@ def test_a_hundred_megapixels(tmp_path: Path, method: str, r: float) -> None:
     image = np.full((8000, 12500, 3), (95, 95, 92), np.uint8)
     cv2.circle(image, (9000, 3000), 2000, (30, 30, 200), -1)
     cv2.imwrite(str(tmp_path / "large.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
-    (row,) = rows(detect("--json", "--method", method, "large.jpg", cwd=tmp_path))
+    (row,) = rows(command("detect", "--json", "--method", method, "large.jpg", cwd=tmp_path))
     assert (row["width"], row["height"]) == (12500, 8000)
     assert (row["u"], row["v"]) == pytest.approx((9000, 3000), abs=0.5)
     assert row["r"] == pytest.approx(r, abs=1)
@@ -329,7 +306,8 @@ def test_a_small_file_that_claims_a_gigapixel_takes_no_memory(tmp_path: Path) ->
     )
     command = [sys.executable, "-c", measured, "detect", "--json", "."]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=100, check=False)
-    assert [row["error"][:42] for row in rows(done)] == ["too large: more than 268435456 pixels, or "] * 2
+    errors = [json.loads(row)["error"][:42] for row in done.stdout.splitlines()]
+    assert errors == ["too large: more than 268435456 pixels, or "] * 2
     assert int(done.stderr.split()[-1]) < 400_000  # kB
 
 
@@ -337,7 +315,7 @@ def test_the_decoders_say_nothing_of_their_own(folder: Path) -> None:
     cv2.imwrite(str(folder / "b.tif"), disc().astype(np.float32))
     (folder / "c.mp4").write_bytes(b"nonsense" * 100)
     (folder / "d.webp").write_bytes((folder / "a1.png").read_bytes()[:300])
-    done = detect(".", cwd=folder)
-    assert done.returncode == 1
-    said = [line for line in done.stderr.decode().splitlines() if not line.startswith("libpng")]
+    done = command("detect", ".", cwd=folder)
+    assert done.code == 1
+    said = [line for line in done.err.splitlines() if not line.startswith("libpng")]
     assert said == ["pictures: 5, marker found: 4, inputs failed: 5"]

@@ -1,8 +1,6 @@
 """`gateway evaluate` as a process of its own, on a small set drawn here."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,16 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.cli.main import main
 from tests.discs import disc
+from tests.e2e.conftest import Cli
+from tests.e2e.processes import command
 from tests.self_contained import fetches_nothing
-
-
-def evaluate(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "gateway", "evaluate", *arguments]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, timeout=100, check=False, encoding="utf-8")
-    assert "Traceback" not in done.stderr, done.stderr
-    return done
 
 
 def label(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -47,18 +39,19 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_json_report_split_and_gate(folder: Path) -> None:
-    done = evaluate(
-        *(".", "--method", "paper", "--json", "--split", "--tracking", "--report", "out/report.html", "--worst", "3"),
+    done = command(
+        *("evaluate", ".", "--method", "paper", "--json", "--split", "--tracking"),
+        *("--report", "out/report.html", "--worst", "3"),
         *("--require", "detected=0.77,false=1", "--require", "wrong=1"),
         cwd=folder,
     )
-    assert done.returncode == 1
-    assert done.stderr.splitlines() == [
+    assert done.code == 1
+    assert done.err.splitlines() == [
         "labels.jsonl: keys not used here: source",
         "report: out/report.html",
         "not met: paper: wrong <= 1 count required, measured 2",
     ]
-    found = json.loads(done.stdout)
+    found = json.loads(done.out)
     assert found["unmet"] == ["paper: wrong <= 1 count required, measured 2"]
     (method,) = found["methods"]
     whole = method["whole"]
@@ -86,22 +79,22 @@ def test_json_report_split_and_gate(folder: Path) -> None:
 
 
 def test_the_table_for_people_and_every_method(folder: Path) -> None:
-    done = evaluate(".", "--method", "all", "--series", "^[a-z]", cwd=folder)
-    assert done.returncode == 0
-    assert "Method paper" in done.stdout
-    assert "Method robust" in done.stdout
-    paper = done.stdout[done.stdout.index("Method paper") :]
+    done = command("evaluate", ".", "--method", "all", "--series", "^[a-z]", cwd=folder)
+    assert done.code == 0
+    assert "Method paper" in done.out
+    assert "Method robust" in done.out
+    paper = done.out[done.out.index("Method paper") :]
     (whole,) = [line for line in paper.split("Method robust")[0].splitlines() if "whole set" in line]
     assert whole.split()[:8] == ["whole", "set", "11", "77.8", "77.8", "2", "0", "1"]
-    assert "\x1b" not in done.stdout
+    assert "\x1b" not in done.out
 
 
-def test_one_half_alone(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.chdir(folder)
+def test_one_half_alone(folder: Path, cli: Cli) -> None:
     halves = []
     for half in ("tuning", "reporting"):
-        assert main(["evaluate", ".", "--json", "--method", "paper", "--split", half]) == 0
-        halves.append(json.loads(capsys.readouterr().out)["methods"][0])
+        done = cli("evaluate", ".", "--json", "--method", "paper", "--split", half, cwd=folder)
+        assert done.code == 0
+        halves.append(json.loads(done.out)["methods"][0])
     names = [{row["file"] for row in half["pictures"]} for half in halves]
     assert names[0] | names[1] == {*(f"d{n}.png" for n in range(9)), "grey.png", "bar.png"}
     assert names[0] & names[1] == set()
@@ -127,9 +120,7 @@ def test_one_half_alone(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
         (["single", "--tracking"], "single/labels.jsonl: --tracking needs labels with a frame number"),
     ],
 )
-def test_what_must_be_edited(
-    folder: Path, arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_must_be_edited(folder: Path, arguments: list[str], says: str, cli: Cli) -> None:
     place = {"found": True, "u": 5, "v": 5, "r": 3}
     for name, rows in {
         "bad": [{"file": "d.png", **place}, {"file": "e.png", **place, "r": -1}],
@@ -143,9 +134,7 @@ def test_what_must_be_edited(
         (folder / name / "d.png").write_bytes((folder / "d0.png").read_bytes())
         (folder / name / "e.png").write_bytes((folder / "d0.png").read_bytes())
         (folder / name / "b.png").write_bytes(b"")
-    monkeypatch.chdir(folder)
     method = [] if "--method" in arguments else ["--method", "paper"]
-    assert main(["evaluate", *arguments, *method]) == 2
-    said = capsys.readouterr()
-    assert said.err.splitlines()[-1].startswith(says)
-    assert said.out == ""
+    done = cli("evaluate", *arguments, *method, cwd=folder)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.splitlines()[-1].startswith(says)

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -11,8 +9,9 @@ import numpy as np
 import pytest
 
 from gateway import config
-from gateway.cli.main import main
 from tests.discs import painted, rounded
+from tests.e2e.conftest import Cli
+from tests.e2e.processes import command
 
 WOOD = (90, 105, 140)
 
@@ -34,15 +33,13 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_from_labels_to_the_configuration(folder: Path) -> None:
-    command = [sys.executable, "-m", "gateway", "tune", "--labels", "labels.jsonl", "--out", "red.toml"]
-    done = subprocess.run(
-        [*command, "--report", "tune.html"], cwd=folder, capture_output=True, timeout=100, check=False, encoding="utf-8"
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.splitlines() == ["written: red.toml", "written: tune.html"]
-    assert "too broad: 100 % of the surroundings" in done.stdout
-    assert "S >= 43 admits wood, rust and warm light" in done.stdout
-    cells = [re.split(r"  +", line.strip()) for line in done.stdout.splitlines()]
+    words = ["tune", "--labels", "labels.jsonl", "--out", "red.toml", "--report", "tune.html"]
+    done = command(*words, cwd=folder)
+    assert done.code == 0, done.err
+    assert done.err.splitlines() == ["written: red.toml", "written: tune.html"]
+    assert "too broad: 100 % of the surroundings" in done.out
+    assert "S >= 43 admits wood, rust and warm light" in done.out
+    cells = [re.split(r"  +", line.strip()) for line in done.out.splitlines()]
     rows = {row[0]: row[1:5] for row in cells if len(row) > 5}
     wood = [float(cell) for cell in rows["orange, brown (4 to 10)"]]
     assert wood[2] > 90, "H 9, S 91"
@@ -51,26 +48,21 @@ def test_from_labels_to_the_configuration(folder: Path) -> None:
     vision = config.load(folder / "red.toml").bays[0].vision
     assert vision.red_low_1[1] > 43 or vision.red_high_1[0] < 9
     assert vision.red_low_1[1:] == vision.red_low_2[1:]
-    assert (folder / "red.toml").read_text() in done.stdout
+    assert (folder / "red.toml").read_text() in done.out
     assert (folder / "tune.html").read_text("utf-8").startswith("<!DOCTYPE html>")
 
 
-def test_one_click_is_enough(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.chdir(folder)
-    assert main(["tune", "d1.png", "--at", "140,110,43"]) == 0
-    one = capsys.readouterr().out
-    assert "# Proposed from 1 marker;" in one
-    assert main(["tune", "--at", "d1.png:140,110,43"]) == 0
-    assert capsys.readouterr().out == one
+def test_one_click_is_enough(folder: Path, cli: Cli) -> None:
+    one = cli("tune", "d1.png", "--at", "140,110,43", cwd=folder)
+    assert one.code == 0
+    assert "# Proposed from 1 marker;" in one.out
+    assert cli("tune", "--at", "d1.png:140,110,43", cwd=folder) == one
 
 
-def test_a_place_without_a_marker_gives_no_proposal(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(folder)
+def test_a_place_without_a_marker_gives_no_proposal(folder: Path, cli: Cli) -> None:
     for picture, place in (("grey.png", "160,120,40"), ("d1.png", "260,200,30")):
-        assert main(["tune", picture, "--at", place, "--out", "none.toml", "--report", "none.html"]) == 1
-        output = capsys.readouterr()
+        output = cli("tune", picture, "--at", place, "--out", "none.toml", "--report", "none.html", cwd=folder)
+        assert output.code == 1
         assert "[vision]" not in output.out
         assert output.err.splitlines() == [
             "written: none.html",
@@ -78,18 +70,16 @@ def test_a_place_without_a_marker_gives_no_proposal(
         ]
         assert not (folder / "none.toml").exists()
         assert "Nothing is proposed" in (folder / "none.html").read_text("utf-8")
-    assert main(["tune", "--at", "d1.png:140,110,43", "--at", "grey.png:160,120,40"]) == 0
-    output = capsys.readouterr()
+    output = cli("tune", "--at", "d1.png:140,110,43", "--at", "grey.png:160,120,40", cwd=folder)
+    assert output.code == 0
     assert "# Proposed from 2 markers" in output.out
     assert output.err == "warning: not found with the proposal: grey.png; is the marker where you marked it?\n"
 
 
-def test_without_labels_the_origin_of_the_answers_is_reported(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(folder)
-    assert main(["tune", "d0.png", "d1.png", "grey.png"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+def test_without_labels_the_origin_of_the_answers_is_reported(folder: Path, cli: Cli) -> None:
+    done = cli("tune", "d0.png", "d1.png", "grey.png", cwd=folder)
+    assert done.code == 0
+    said = " ".join(done.out.split())
     assert "the robust method's own confident answers in 2 of 3 pictures were taken for the truth" in said
     assert "# Proposed from 2 markers" in said
 
@@ -112,9 +102,7 @@ def test_without_labels_the_origin_of_the_answers_is_reported(
         (["d0.png", "--bay", "north"], "--bay needs --config"),
     ],
 )
-def test_what_must_be_changed(
-    folder: Path, arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(folder)
-    assert main(["tune", *arguments]) == 2
-    assert capsys.readouterr().err.startswith(says)
+def test_what_must_be_changed(folder: Path, arguments: list[str], says: str, cli: Cli) -> None:
+    done = cli("tune", *arguments, cwd=folder)
+    assert done.code == 2
+    assert done.err.startswith(says)
