@@ -18,7 +18,7 @@ import logging
 import math
 import socket
 import ssl
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from typing import Any, Literal
 
@@ -35,6 +35,7 @@ from gateway.sinks.mqtt.topics import Message
 
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
 MAX_INCOMING = 100  # messages received and not fetched yet
+MAX_PACKET_BYTES = 65_536  # one of more ends the connection: MQTT allows 256 MB, which would be memory
 MAX_IN_FLIGHT = 8  # messages without acknowledgement at once; more wait their turn
 
 REFUSED_SUBSCRIPTION = 128  # SUBACK codes from here on are failures
@@ -122,6 +123,20 @@ def _properties(message: Message) -> Properties:
     return properties
 
 
+def _packet_limit() -> Properties:
+    """An MQTT 5 broker drops what is larger, and keeps the connection."""
+    properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+    properties.MaximumPacketSize = MAX_PACKET_BYTES
+    return properties
+
+
+def _received(read: Callable[[int], bytes], size: int) -> bytes:
+    """paho reads the rest of a packet at once, and keeps room for all of it. An OSError ends the connection."""
+    if size > MAX_PACKET_BYTES:
+        raise OSError(f"a packet of more than {size} bytes; {MAX_PACKET_BYTES} are accepted")
+    return read(size)
+
+
 @contextlib.asynccontextmanager
 async def connect(
     broker: Broker,
@@ -188,11 +203,13 @@ class _Client(aiomqtt.Client):
             timeout=math.inf,
             keepalive=keepalive_s,
             max_queued_incoming_messages=MAX_INCOMING,
+            properties=_packet_limit() if version == "5" else None,
             logger=_log,
         )
         for future in (self._connected, self._disconnected):  # its result may not be needed any more
             future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         self._client._create_socket_connection = lambda: sock  # type: ignore[method-assign]  # it would open its own
+        self._client._sock_recv = partial(_received, self._client._sock_recv)  # type: ignore[method-assign]
         # Nothing in it blocks on an open socket, so it needs no thread; it only queues the CONNECT.
         super()._client_connect()
 

@@ -12,6 +12,7 @@ import aiomqtt
 import paho.mqtt.client as paho
 import pytest
 
+from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import parse
 from gateway.sinks.mqtt.topics import Message
@@ -25,7 +26,7 @@ OVERRIDDEN = {  # of aiomqtt.Client, with their parameters
     "_on_publish": ["self", "client", "userdata", "mid", "reason_code", "properties"],
     "_on_socket_register_write": ["self", "client", "userdata", "sock"],
 }
-USED_OF_PAHO = ["_create_socket_connection", "_max_inflight_messages", "_sock_close"]
+USED_OF_PAHO = ["_create_socket_connection", "_max_inflight_messages", "_sock_close", "_sock_recv"]
 
 
 @pytest.mark.parametrize("package", ["aiomqtt", "paho-mqtt"])
@@ -45,6 +46,7 @@ def test_what_is_used_of_paho_is_there() -> None:
     assert sorted(set(re.findall(r"self\._client\.(_\w+)", SOURCE))) == USED_OF_PAHO
     assert list(inspect.signature(paho.Client._create_socket_connection).parameters) == ["self"]
     assert list(inspect.signature(paho.Client._sock_close).parameters) == ["self"]
+    assert list(inspect.signature(paho.Client._sock_recv).parameters) == ["self", "bufsize"]
 
 
 def test_the_client_uses_the_socket_it_is_given() -> None:
@@ -68,5 +70,44 @@ def test_the_client_uses_the_socket_it_is_given() -> None:
             assert not client._disconnected.done()
             assert await asyncio.to_thread(peer.recv, 1) == b"\x10"  # CONNECT
             await client.close()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+def test_a_packet_that_a_broker_announces_as_huge_ends_the_connection_and_takes_no_memory(
+    version: broker_link.Version,
+) -> None:
+    """A hostile broker raised the process's memory by 90 MiB with each: it was kept until it was complete."""
+
+    async def scenario() -> None:
+        sent = 0
+
+        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            nonlocal sent
+            connect = await reader.read(1000)
+            assert (b"\x27\x00\x01\x00\x00" in connect) == (version == "5")  # Maximum Packet Size
+            writer.write(b"\x20\x02\x00\x00" if version == "3.1.1" else b"\x20\x03\x00\x00\x00")
+            writer.write(b"\x30\xff\xff\xff\x7f\x00\x01x")  # PUBLISH of 268,435,455 bytes
+            try:
+                while sent < 50_000_000:
+                    writer.write(bytes(60_000))
+                    sent += 60_000
+                    await writer.drain()
+            except OSError:
+                pass
+            writer.transport.abort()
+
+        async def listen(port: int) -> None:
+            url = parse(f"mqtt://127.0.0.1:{port}")
+            about = {"client_id": "c", "will": Message("w", b""), "keepalive_s": 5, "acknowledge_s": 5, "tls": None}
+            async with broker_link.connect(url, version=version, **about) as link:  # type: ignore[arg-type]
+                async for _ in link.incoming():
+                    pass
+
+        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server, asyncio.timeout(30):
+            with pytest.raises(LinkError, match="connection lost"):
+                await listen(server.sockets[0].getsockname()[1])
+        assert sent < 50_000_000
 
     asyncio.run(scenario())
