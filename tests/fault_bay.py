@@ -8,7 +8,6 @@ clocks, and a PLC that follows docs/registers.md, "Use it only while it is alive
 Time advances in steps of STEP_MS; within a step, the parts run in an order drawn by chance.
 """
 
-import logging
 import math
 import pickle
 import random
@@ -475,7 +474,6 @@ class Bay:
 @cache
 def warm(settings: str, phase: str) -> bytes:
     """A bay in that phase, as it was WARM_S after power on. Made once a process."""
-    logging.getLogger("gateway").setLevel(logging.ERROR)
     bay = Bay(settings, warm_scenario(phase))
     while bay.t_s < 0:
         if phase == "released" and bay.t_s > -0.4:
