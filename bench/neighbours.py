@@ -359,10 +359,10 @@ def _storm(
         if now_s > minute_s or end_s - now_s < 1:
             watch.next_minute()
             minute_s = now_s + 60
-            main = most["main"]
+            memory = ", ".join(f"{role} {one.memory_kib // 1024} MiB" for role, one in sorted(most.items()))
             progress(
-                f"{seconds - (end_s - now_s):5.0f} s: main process {main.memory_kib // 1024} MiB, "
-                f"{main.descriptors} descriptors; p99 later than libmodbus's by {watch.worst_minute_ms[-1]:.2f} ms"
+                f"{seconds - (end_s - now_s):5.0f} s: {memory}; p99 later than libmodbus's by "
+                f"{watch.worst_minute_ms[-1]:.2f} ms"
             )
         time.sleep(max(0.0, min(1.0, end_s - time.monotonic())))
     return most, served
