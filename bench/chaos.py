@@ -5,11 +5,11 @@
     python -m bench.chaos --list                              what is done to it
 
 `gateway simulate` runs at real speed with a truck every 15 s, which heeds nobody; with a broker, the pages and a PLC
-that writes its heartbeat and releases most trucks. Every few seconds a fault is drawn by the seed (SIGKILL and
-SIGSTOP of each process, a full disk, no descriptors, memory limits, no processor time, storms of brokers and PLCs;
-one in five times two at once) and taken back after a time drawn likewise. Judges: an independent Modbus poller
-(bench/modbus/plc.c) whose outputs follow docs/registers.md, and the simulator's truth, computed in this process from
-the scenario alone (bench/plant/judge.py).
+that writes its heartbeat and releases most trucks. Every some seconds, most often just before a truck reaches its
+mark or leaves it, a fault is drawn by the seed (SIGKILL and SIGSTOP of each process, a full disk, no descriptors,
+memory limits, no processor time, storms of brokers and PLCs; one in five times two at once) and taken back after a
+time drawn likewise. Judges: an independent Modbus poller (bench/modbus/plc.c) whose outputs follow docs/registers.md,
+and the simulator's truth, computed in this process from the scenario alone (bench/plant/judge.py).
 
 Fails, exit code 1, if an output was on that the truth forbids, if the gateway did not recover within 20 s of a
 fault's end, if it ended by itself (a memory limit excepted), or if it leaves a process, shared memory, descriptors or
@@ -45,6 +45,8 @@ from tests.e2e.brokers import Mosquitto
 
 RECOVERY_S = 20.0
 PAGES_S = 40.0
+MOMENTS = ("any", "at the mark", "at the mark", "leaves")
+MOMENT_S = 25.0  # a truck reaches each within 15 s
 SECOND_FAULT_SHARE = 0.2
 MEMORY_MIB = 96  # the main process may grow by so much in one life
 DESCRIPTORS = 24
@@ -67,6 +69,8 @@ class Planned:
     faults: tuple[Fault, ...]
     wait_s: float
     lasts_s: float
+    moment: str  # "any", or so soon before a moment of the truck that most depends on what is shown
+    ahead_s: float
 
     @property
     def name(self) -> str:
@@ -83,7 +87,8 @@ def planned(seed: int, number: int, names: str = "") -> Planned:
         second = chance.choice(there)
         if second is not first and not (first.restart or second.restart):
             faults.append(second)
-    return Planned(number, tuple(faults), chance.uniform(0.5, 6.0), chance.uniform(first.least_s, first.most_s))
+    wait_s, lasts_s = chance.uniform(0.5, 6.0), chance.uniform(first.least_s, first.most_s)
+    return Planned(number, tuple(faults), wait_s, lasts_s, chance.choice(MOMENTS), chance.uniform(0.0, 0.8))
 
 
 @dataclass
@@ -115,8 +120,24 @@ class Chaos:
         """Seconds until the PLC sees it alive with both sensors good."""
         return wait_until(self.judge.healthy, self.recovery_s)
 
-    def play(self, plan: Planned) -> None:
+    def wait_for(self, plan: Planned) -> None:
+        """Until the fault begins: any time, or shortly before a truck that may move reaches its mark, or leaves it."""
         time.sleep(plan.wait_s)
+        judge, world = self.judge, self.judge.world
+
+        def soon() -> bool:
+            t_s = judge.world_s
+            if t_s is None or plan.moment == "any":
+                return True
+            now, then = world.truth(t_s, image_speed=False), world.truth(t_s + plan.ahead_s, image_speed=False)
+            if plan.moment == "leaves":
+                return (now.leg_name, then.leg_name) == ("drive in", "leave")
+            return then.stop and not now.stop and now.leg_name == "drive in"
+
+        wait_until(soon, MOMENT_S, 0.01)
+
+    def play(self, plan: Planned) -> None:
+        self.wait_for(plan)
         judge, gateway, seen = self.judge, self.plant.gateway, self.seen
         self._measure()
         seen.played[plan.name] += 1

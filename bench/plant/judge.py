@@ -13,7 +13,7 @@ import threading
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from bench.plant.poller import ANSWERED, Poll
+from bench.plant.poller import ANSWERED, LOST, Poll
 from gateway.config import GatewayConfig
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import Truth, World
@@ -36,11 +36,15 @@ GRID_S = 0.02
 LATE_S = 0.40 + 0.15 + 0.02 + 0.05 + 0.03
 # A gateway without processor time: what it last decided is vouched for 0.25 s longer, then nothing is.
 STARVED_LATE_S = LATE_S + 0.25
-SETTLE_S = 1.0  # visit.settle_s: in_place after a start at the earliest
+SETTLE_S = 1.0  # visit.settle_s: in_place needs both sensors for so long
+EARLY_S = (
+    0.15  # the last image without them was read so much later than it was made, at most: a poll, and a late answer
+)
 PIECE_S = 5.0  # the rules that look back are applied to so much at least, cut where no truck is near its mark
 FAR_MM = 600.0
 RECENT = 400
 JUST_NOW_S = 1.0
+ONCE_S = 2.0  # what goes on is one finding
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +92,7 @@ class Judge:
         self.findings: list[Finding] = []
         self.last: Poll | None = None
         self.playing = "none"  # what is being done to the gateway, for the figures
+        self._played: list[tuple[float, str]] = []  # from which world time on
         self.starved = False  # it has no processor time just now: STARVED_LATE_S applies until it has recovered
         self.recent: deque[Row] = deque(maxlen=RECENT)
         self._lock = threading.RLock()
@@ -96,22 +101,23 @@ class Judge:
         self._beat: tuple[int, int] | None = None  # value, ns of its newest change as the PLC saw it
         self._shown_ns = 0
         self._image: tuple[int, ...] = ()
-        self._first_image_ns: int | None = None
+        self._not_good_ns: int | None = None  # newest image, or none at all, without both sensors good
+        self._was_in_place = False
         self._rows: list[Row] = []
         self._piece_starved = False
         self._crossing = _Latency()
         self._moved_s = float("-inf")  # when MayMove was last on
-        self._seen: set[str] = set()
+        self._told_s: dict[str, float] = {}
 
     # -- what happens ----------------------------------------------------------------------------------------------
 
     def gateway_started(self, world_start_ns: int) -> None:
-        """Another gateway answers from here on; its simulated world begins anew. Until then the old one's goes on."""
+        """Another gateway answers from here on. Its world is the one before, if that began at the same moment."""
         with self._lock:
-            self.finish()
+            if self._start_ns != world_start_ns:
+                self.finish()
+                self._crossing, self._moved_s = _Latency(), float("-inf")
             self._start_ns = world_start_ns
-            self._first_image_ns = None
-            self._crossing, self._moved_s = _Latency(), float("-inf")
 
     def poll(self, poll: Poll) -> None:
         """The PLC's newest poll."""
@@ -125,14 +131,14 @@ class Judge:
         self._hold(poll.ended_ns)
         self.last = poll
         if poll.outcome != ANSWERED:
+            # Nobody knows what was shown; a gateway that was started again must begin anew.
+            self._was_in_place = self._was_in_place and poll.outcome != LOST
             return
         self._image_rules(poll)
         beat = poll.words[HEARTBEAT]
         if self._beat is None or beat != self._beat[0]:
             self._beat = (beat, poll.ended_ns)
         self._image = poll.words
-        if self._first_image_ns is None:
-            self._first_image_ns = poll.ended_ns
         self._row(poll.ended_ns)
 
     def finish(self) -> None:
@@ -174,6 +180,8 @@ class Judge:
         self.figures.judged += 1
         self._lateness(row, passed_s)
         self._rows.append(row)
+        if not self._played or self._played[-1][1] != self.playing:
+            self._played.append((row.t_s, self.playing))
         self._piece_starved |= self.starved
         settled = not (row.in_place or row.released) and row.moved == "no" and row.z_mm > FAR_MM
         if settled and row.t_s - self._rows[0].t_s > PIECE_S:
@@ -230,10 +238,12 @@ class Judge:
         good = words[VISION_QUALITY] == 0 and words[RANGE_QUALITY] == 0
         if words[MAY_MOVE] and not good and not released:
             self._found(poll.ended_ns, "may_move by one sensor", f"qualities {words[VISION_QUALITY:D]}")
-        if words[IN_PLACE] and self._first_image_ns is not None:
-            since_s = (poll.ended_ns - self._first_image_ns) / 1e9
-            if since_s < SETTLE_S:
-                self._found(poll.ended_ns, "in_place after a start", f"{since_s:.2f} s after the first image")
+        if not good or self._not_good_ns is None:
+            self._not_good_ns = poll.ended_ns
+        since_s = (poll.ended_ns - self._not_good_ns) / 1e9
+        if words[IN_PLACE] and not self._was_in_place and since_s < SETTLE_S - EARLY_S:
+            self._found(poll.ended_ns, "in_place not settled", f"both sensors good for {since_s:.2f} s only")
+        self._was_in_place = words[IN_PLACE] == 1
 
     def _lateness(self, row: Row, passed_s: float) -> None:
         """How long MayMove stays on after the truth has surely gone to D = 1 (without a release)."""
@@ -266,10 +276,16 @@ class Judge:
         late_s = STARVED_LATE_S if self._piece_starved else LATE_S
         self._piece_starved = self.starved
         for text in complaints(self._rows, self._config, late_s=late_s):
-            if text not in self._seen:
-                self._seen.add(text)
-                moment, _, what = text.partition(": ")
-                self.findings.append(Finding(float(moment), "visit", f"{what} (while: {self.playing})"))
+            moment, _, what = text.partition(": ")
+            t_s = float(moment)
+            if t_s > self._told_s.get(what, float("-inf")) + ONCE_S:
+                self.findings.append(Finding(t_s, "visit", f"{what} (while: {self._playing_at(t_s)})"))
+            self._told_s[what] = t_s
+
+    def _playing_at(self, t_s: float) -> str:
+        """What was done to the gateway then, and what before it."""
+        names = [name for since_s, name in self._played if since_s <= t_s + 0.005]
+        return names[-1] if names[-1:] != ["none"] or len(names) < 2 else f"after {names[-2]}"
 
     def _found(self, at_ns: int, rule: str, text: str) -> None:
         t_s = (at_ns - (self._start_ns or at_ns)) / 1e9

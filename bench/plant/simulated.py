@@ -134,6 +134,8 @@ class Simulated:
         """Start it, wait until a PLC could poll; its `started` row."""
         command = [sys.executable, "-m", "gateway", "simulate", "--json", "--config", str(self.config_file)]
         command += ["--scenario", str(self._scenario_file), "--state-dir", str(self.state)]
+        if self.started:  # the truck goes on meanwhile
+            command += ["--world-start-ns", str(self.started["world_start_ns"])]
         if self.own_disk:  # in a mount namespace of its own, which ends with it; the state survives in `kept`
             mount = f'mount -t tmpfs -o size={STATE_MB}m none "$1" && cp -a "$2/." "$1" && shift 2 && exec "$@"'
             kept = self.folder / "kept"

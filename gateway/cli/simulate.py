@@ -51,6 +51,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="keep the bay files and the outbox there, as `gateway run` does (default: nothing outlives the run)",
     )
+    parser.add_argument(
+        "--world-start-ns",
+        type=int,
+        metavar="NS",
+        help="world time 0 is at this time of CLOCK_MONOTONIC, also a past one: a simulation that is started again "
+        "finds its truck where it is by then (default: 2 s after the start)",
+    )
     parser.add_argument("--method", metavar="NAME", help="robust or paper (default: as in the settings, robust)")
     parser.add_argument("--trials", type=int, metavar="N", help="run N alignment trials and print Table II (paper: 10)")
     parser.add_argument(

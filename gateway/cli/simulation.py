@@ -68,6 +68,8 @@ def _simulate(args: argparse.Namespace, *, first: bool) -> int:
     settings = _at_speed(_settings(args, first=first), args.speed)
     clock = SystemClock(speed=args.speed)
     origin_ns = clock.now_ns() + int(LEAD_S * args.speed * NS_PER_S)
+    if args.world_start_ns is not None:
+        origin_ns = args.world_start_ns
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trials-"))) if args.trials else None
         bays = []
@@ -90,6 +92,8 @@ def _check(args: argparse.Namespace) -> None:
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise ConfigError(f"--{name} {value:g}: must lie in {low} to {high}")
+    if args.world_start_ns is not None and (args.speed != 1.0 or args.trials):
+        raise ConfigError("--world-start-ns: only at --speed 1, and without --trials")
     if args.seed is not None and not 0 <= args.seed <= 2**31:
         raise ConfigError(f"--seed {args.seed}: must lie in 0 to {2**31}")
     if args.trials and args.scenario:
@@ -217,7 +221,7 @@ class _Simulation:
         self._live = live
         self._header = "starting"
         self._trials = [sim_trials.Recorder(bay) for bay in bays] if args.trials else []
-        self._lead_s = (bays[0].origin_ns - clock.now_ns()) / NS_PER_S  # the show is what `--duration` counts
+        self._lead_s = max(0.0, (bays[0].origin_ns - clock.now_ns()) / NS_PER_S)  # the show is what `--duration` counts
         self._stop = asyncio.Event()
         self._out = LossyOutput(sys.stdout, on_lost=self._reader_lost)
         self._json = sim_json.JsonLines(bays, clock, self._out) if args.json else None
