@@ -13,7 +13,8 @@ import cv2
 import uvicorn
 
 from gateway import event_loop
-from gateway.clock import SystemClock
+from gateway.clock import NS_PER_S, Clock, SystemClock
+from gateway.net.rate_limit import LogThrottle
 from gateway.net.tls import ReloadingContext, TlsFiles
 from gateway.processes import sandbox
 from gateway.processes.channel import Channel
@@ -31,15 +32,38 @@ CODEC = TO_WEB
 
 NICE = 10  # pages must not take the processor from the camera and the PLC
 GRACE_S = 1  # of open connections at the end
+LIBRARIES = ("uvicorn.error", "asyncio")  # they log an error, some with a traceback, for many a bad request
 MAX_TEXT = 4096  # of one WebSocket message from a page
+
+
+class ErrorThrottle(logging.Filter):
+    """Of the libraries' errors, one of a kind in 10 s: a peer must not be able to fill the log."""
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__()
+        self._clock = clock
+        self._throttle = LogThrottle()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        kind = record.name, text.partition("\n")[0][:80]
+        line = self._throttle.line(kind, text.rstrip("\n"), self._clock.now_ns() / NS_PER_S)
+        if line is not None:
+            record.msg, record.args = line, ()
+        return line is not None
 
 
 def run(channel: Channel[FromWeb, ToWeb], about: WebSetup) -> None:
     """Until the main process has ended. Raises LinkError when it does not answer any more."""
+    # A plant may give the gateway a real-time policy, which the children inherit and which ignores `nice`.
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICE)
     cv2.setNumThreads(1)
     logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
     log.setLevel(logging.INFO)  # who logged in and who changed something is always logged
+    limit = ErrorThrottle(SystemClock())
+    for name in LIBRARIES:
+        logging.getLogger(name).addFilter(limit)
     for line in sandbox.enter(about.config.hmi.run_as):
         log.warning("hmi: the web process keeps a right that it does not need: %s", line)
     event_loop.run(_serve(about, channel))

@@ -3,6 +3,7 @@
 import asyncio
 import hashlib
 import inspect
+import logging
 import os
 import socket
 import ssl
@@ -32,9 +33,10 @@ from gateway.net import tls
 from gateway.net.tls import TlsFiles
 from gateway.web.auth import slow_clients
 from gateway.web.auth.security import ENDED
+from gateway.web.server.process import ErrorThrottle
 from tests.plant_certs import NOW, Plant
 from tests.unit.web.auth import HASH, PASSWORD, USERS, SecuredApp
-from tests.virtual_time import in_real_time
+from tests.virtual_time import HandClock, in_real_time
 
 HURRY_S = 30.0  # nothing here takes so long, on any machine
 
@@ -358,3 +360,19 @@ def test_check_prints_users_and_roles(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "warning: hmi.tls_cert: is missing, and host = 10.0.0.5 is no loopback address" in out
     assert main(["check", str(path), "--full"]) == 0
     assert 'hmi.users[0].password_hash = "***"' in capsys.readouterr().out
+
+
+def test_errors_that_a_peer_causes_can_not_fill_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    clock = HandClock()
+    library = logging.getLogger("library-of-the-pages")
+    library.addFilter(ErrorThrottle(clock))
+    for n in range(1000):
+        library.error("Fatal error on transport %s\n<object at 0x%x>", "TCP", n)
+        library.error("another kind")
+    clock.t_ns += 11 * 1_000_000_000
+    library.error("another kind")
+    assert [record.getMessage().partition("\n")[0] for record in caplog.records] == [
+        "Fatal error on transport TCP",
+        "another kind",
+        "another kind (999 more of these since the last such line)",
+    ]
