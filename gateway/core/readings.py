@@ -1,7 +1,7 @@
 """What the two sensors report: quality, value and counters; of the camera also the picture's own health."""
 
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 
 from gateway.core.detection import Circle, Ellipse, Tracking
 
@@ -90,6 +90,36 @@ class PictureHealth:
         return tuple(fault for fault in PictureFault if self.status >> fault & 1)
 
 
+class ExposureState(StrEnum):
+    """Of a camera whose exposure the gateway controls (`camera.exposure = "marker"`)."""
+
+    CONTROLLED = "controlled"
+    TOO_BRIGHT = "too_bright"
+    TOO_DARK = "too_dark"
+    IGNORED = "ignored"
+    REFUSED = "refused"
+    NO_CONTROLS = "no_controls"
+
+
+EXPOSURE_MEANING: dict[ExposureState, str] = {
+    ExposureState.CONTROLLED: "exposure time and gain follow the light",
+    ExposureState.TOO_BRIGHT: "at its shortest time and lowest gain, and still too bright",
+    ExposureState.TOO_DARK: "at its longest time and highest gain, and still too dark",
+    ExposureState.IGNORED: "the camera accepts other settings, but its pictures do not follow them",
+    ExposureState.REFUSED: "the camera refuses to be set",
+    ExposureState.NO_CONTROLS: "the camera has no exposure time that can be set",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class CameraExposure:
+    """What a camera is set to, as far as it says so."""
+
+    state: ExposureState
+    time_ms: float | None = None
+    gain_db: float | None = None  # None: not controlled
+
+
 @dataclass(frozen=True, slots=True)
 class VisionStats:
     """Counters since the start of the gateway, one set per bay."""
@@ -135,6 +165,7 @@ class VisionReading:
     predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
     wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
     picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` only
+    exposure: CameraExposure | None = None  # when this frame's result was sent; None: the gateway does not control it
 
 
 @dataclass(frozen=True, slots=True)
