@@ -57,6 +57,8 @@ class Known:
     d1: tuple[float, float] | None = None  # (R, Z) where equation 14 last held; None: D has ended, or was never 1
     cause_ns: int = 0  # the newest time at which D was not known to be 0, or the sensors contradicted each other
     apart_ns: int | None = None  # with a cross-check: both good and not fitting each other since
+    contradiction_ns: int | None = None  # that had lasted for lasting_s, then; kept until both fit
+    doubt_ns: int = 0  # as cause_ns; unless plain, also the sensors did not fit each other, however short
     stood_ns: int | None = None  # both sensors have had the truck at the mark, at one place, since
     stood_at: tuple[float, Circle] | None = None
     place: tuple[float, Circle] | None = None  # where in_place was set last
@@ -80,12 +82,15 @@ class StatedConditions:
         self.range_ns = round(self.fusion.range_deadline_s * S)
         self.start_ns = round(self.fusion.start_grace_s * S)
         self.beat_ns = round(self.handshake.heartbeat_deadline_s * S)
-        self.hold_ns = round(self.fusion.clear_hold_s * S) if self.fusion.decision == "held" else 0
+        self.plain = self.fusion.decision == "plain"
+        self.hold_ns = 0 if self.plain else round(self.fusion.clear_hold_s * S)
 
     def start(self, now_ns: int, check: str = "OFF") -> Known:
         """Nothing is known. Of an earlier run only a function check outlasts a restart, and a latch is assumed."""
         silent = Sensor(t_ns=now_ns)
-        return Known(silent, silent, check, beat_ns=now_ns, cause_ns=now_ns, latched=self.fusion.latch_stop)
+        return Known(
+            silent, silent, check, beat_ns=now_ns, cause_ns=now_ns, doubt_ns=now_ns, latched=self.fusion.latch_stop
+        )
 
     # -- what happened -------------------------------------------------------------------------------------------
 
@@ -147,7 +152,7 @@ class StatedConditions:
         """Equation 14, how D = 1 ends, and the cross-check."""
         pair = self._pair(known, now_ns)
         if pair is None:
-            return replace(known, cause_ns=now_ns)
+            return replace(known, cause_ns=now_ns, doubt_ns=now_ns)
         circle, mm = pair
         apart = False
         check = self.fusion.cross_check
@@ -158,17 +163,22 @@ class StatedConditions:
         d1 = known.d1
         if circle.radius_px >= self.fusion.radius_threshold_px and mm <= self.fusion.distance_threshold_mm:
             d1 = (circle.radius_px, mm)
-        elif d1 is not None and self.fusion.decision == "plain":
+        elif d1 is not None and self.plain:
             d1 = None
         elif d1 is not None:
             away = mm >= d1[1] + self.fusion.away_mm and circle.radius_px <= d1[0] - self.fusion.away_px
             d1 = None if away and not apart else d1
-        cause_ns = now_ns if d1 is not None or self._contradicted(apart_ns, now_ns) else known.cause_ns
-        return replace(known, d1=d1, apart_ns=apart_ns, cause_ns=cause_ns)
-
-    def _contradicted(self, apart_ns: int | None, now_ns: int) -> bool:
-        check = self.fusion.cross_check
-        return check is not None and apart_ns is not None and now_ns - apart_ns >= check.lasting_s * S
+        lasting = check is not None and apart_ns is not None and now_ns - apart_ns >= check.lasting_s * S
+        contradiction_ns = _since(known.contradiction_ns, now_ns, on=lasting)
+        cause = d1 is not None or lasting
+        return replace(
+            known,
+            d1=d1,
+            apart_ns=apart_ns,
+            contradiction_ns=contradiction_ns,
+            cause_ns=now_ns if cause else known.cause_ns,
+            doubt_ns=now_ns if cause or (apart and not self.plain) else known.doubt_ns,
+        )
 
     def _stood(self, known: Known, now_ns: int) -> Known:
         """Both sensors have the truck at the mark, and it does not move: what in_place needs for settle_s."""
@@ -213,16 +223,19 @@ class StatedConditions:
             known = replace(known, place=None, left=False, released=False)
         known = self._released(known, mm, now_ns, alive=alive, edge=release)
         d0 = self._pair(known, now_ns) is not None and known.d1 is None
-        if known.released and d0 and now_ns - known.cause_ns >= self.hold_ns and self._off_mark(mm):
+        released = known.released
+        fitting = known.apart_ns is None
+        sure = d0 and known.contradiction_ns is None and (fitting or self.plain)
+        if released and sure and now_ns - known.doubt_ns >= self.hold_ns and self._off_mark(mm):
             known = replace(known, released=False, place=None)  # from here on equation 14 alone decides
         if known.place is not None and not known.released and mm is not None and alive:
             away = abs(mm - known.place[0]) > self.visit.band_mm
             fits = circle is None or 0.9 < circle.radius_px * mm / (known.place[1].radius_px * known.place[0]) < 1.1
             known = replace(known, left=True) if away and fits else known
-        if reset and d0:
+        if reset and d0 and fitting:
             known = replace(known, left=False, place=None if known.left else known.place, latched=False)
         long_absent = known.clear_ns is not None and now_ns - known.clear_ns >= self.fusion.latch_leave_s * S
-        if known.released or long_absent:
+        if released or long_absent:
             known = replace(known, latched=False)
         elif known.d1 is not None and self._pair(known, now_ns) is not None and self.fusion.latch_stop:
             known = replace(known, latched=True)
@@ -301,7 +314,7 @@ class StatedConditions:
             yield f"{what}, and a sensor is not good: {known.vision.quality} {known.range.quality}"
         elif known.d1 is not None:
             yield f"{what}, though D is 1"
-        elif self._contradicted(known.apart_ns, now_ns):
+        elif known.contradiction_ns is not None:
             yield f"{what}, though the sensors contradict each other"
         if now_ns - known.cause_ns < self.hold_ns:
             yield f"{what} {(now_ns - known.cause_ns) / S:g} s after a cause of a stop"
@@ -331,11 +344,8 @@ class StatedConditions:
             yield "in_place for longer than the grace without a distance"
         if known.unseen_ns is not None and now_ns - known.unseen_ns >= self.visit.hold_limit_s * S:
             yield "in_place held for longer than its limit"
-        check = self.fusion.cross_check
-        if check is not None and known.apart_ns is not None:
-            apart_s = (now_ns - known.apart_ns) / S
-            if apart_s >= check.lasting_s + self.visit.hold_grace_s:
-                yield "in_place for longer than the grace, and the sensors contradict each other"
+        if known.contradiction_ns is not None and now_ns - known.contradiction_ns >= grace_ns:
+            yield "in_place for longer than the grace, and the sensors contradict each other"
 
 
 def _newest(held: Sensor, quality: str, t_ns: int, mm: float | None, circle: Circle | None) -> Sensor:

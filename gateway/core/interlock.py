@@ -198,7 +198,7 @@ def _latch(
         if reset:
             plc = replace(plc, reset_verdict=ResetVerdict.NOTHING_LATCHED)
         return memory, plc
-    cause_gone = fused.d is False and not memory.disagree
+    cause_gone = _cause_gone(fused)
     absent_ns = None if memory.absent_since_ns is None else fused.t_ns - memory.absent_since_ns
     left = (plc.truck_left and (cause_gone or fused.vision.quality is Quality.NO_TARGET)) or (
         absent_ns is not None and config.latch_leave_s > 0 and absent_ns >= config.latch_leave_s * NS_PER_S
@@ -214,11 +214,16 @@ def _reset_after_move(current: Visit, before: Handshake, plc: Handshake, fused: 
     """A reset ends the stop after a move, too, once D is 0 by both sensors: the truck may be brought back."""
     if current.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
         return current, plc
-    if fused.d is not False or fused.memory.disagree:
+    if not _cause_gone(fused):
         return current, replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
     return replace(current, moved=Moved.NO, moved_covered=False, place=None), replace(
         plc, reset_verdict=ResetVerdict.DONE
     )
+
+
+def _cause_gone(fused: StateVector) -> bool:
+    """Do both sensors show that D is 0? Two that do not fit each other end no stop, not even before that is a fault."""
+    return fused.d is False and fused.memory.disagree_since_ns is None
 
 
 def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -> int | None:

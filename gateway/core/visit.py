@@ -67,6 +67,8 @@ def step(
         visit = _leaving(visit, state, limits, released=released)
     elif released and release and visit.place is not None and not visit.off_mark and usable(state):
         visit = replace(_out_of_place(visit, "released"), moved=Moved.NO, moved_covered=False)
+        # When the release ends, neither counts on: the truck may have been elsewhere, and its marker seen, meanwhile.
+        visit = replace(visit, still_since_ns=None, candidate=None, covered_since_ns=None)
         visit = replace(visit, released=True, farthest_mm=state.range.distance_mm)
     if not visit.released:
         if visit.place is not None:

@@ -156,6 +156,16 @@ def test_a_reset_never_ends_a_stop_whose_cause_is_present() -> None:
     assert bay.state.memory.latched
 
 
+def test_a_reset_is_refused_while_the_sensors_do_not_fit_each_other_not_even_before_that_is_a_fault() -> None:
+    bay = Bay(rules(latch_stop=True, cross_check={"focal_px": 600.0, "marker_radius_mm": 90.0}))
+    bay.step(VisionReading(bay.now_ns, Quality.GOOD, Circle(320, 240, 60.0)))
+    for mm, verdict in ((500.0, ResetVerdict.CAUSE_STANDS), (900.0, ResetVerdict.DONE)):
+        state = bay.step(RangeReading(bay.now_ns + MS, Quality.GOOD, mm))
+        assert (state.d, state.memory.disagree, state.memory.latched) == (False, False, True)
+        bay.set()
+        assert bay.set(Control.RESET).plc.reset_verdict is verdict
+
+
 def test_reset_without_a_latch() -> None:
     for latch in (False, True):
         bay = Bay(rules(latch_stop=latch))

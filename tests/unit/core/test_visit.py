@@ -503,6 +503,24 @@ def test_a_truck_that_moved_without_release_is_stopped_until_it_has_left_or_a_re
     assert state.plc.reset_verdict is ResetVerdict.DONE
 
 
+@pytest.mark.parametrize("decision", ["held", "plain"])
+def test_a_reset_while_the_sensors_do_not_fit_each_other_ends_no_watch_of_the_place(decision: str) -> None:
+    """Not even before that is a fault: found by random walks of bench/exhaustive.py."""
+    bench = in_place(config=gateway(fusion={"cross_check": CROSS_CHECK, "decision": decision}))
+    bench.write()
+    bench.step(RangeReading(bench.now_ns, Quality.GOOD, 340.0))
+    bench.step(VisionReading(bench.now_ns, Quality.GOOD, Circle(320, 240, 159.0)))
+    verdicts = []
+    for radius_px in (49.0, 159.0):  # 159 px fit 340 mm
+        state = bench.step(VisionReading(bench.now_ns, Quality.GOOD, Circle(320, 240, radius_px)))
+        assert (state.d, state.visit.moved, state.memory.disagree) == (False, Moved.DISTANCE, False)
+        state = bench.write(Control.RESET)
+        verdicts.append((state.plc.reset_verdict, state.visit.moved, state.visit.place is not None))
+        bench.write()
+    refused = (ResetVerdict.CAUSE_STANDS, Moved.DISTANCE, True)
+    assert verdicts == [refused, (ResetVerdict.DONE, Moved.NO, False)]
+
+
 def test_where_nobody_can_release_a_departure_is_a_move_that_stops_nobody() -> None:
     bench = rolled_out(writes=False)
     bench.run(bench.t_s + 1)
@@ -779,6 +797,42 @@ def test_a_release_that_ends_before_d_was_0_for_long_brings_the_stop_back(end: s
     ended = bench.write() if end == "bit back to 0" else bench.step(RangeReading(now_ns, Quality.GOOD, 282.0))
     assert (ended.d, ended.visit.released) == (False, False)
     assert (ended.stop, ended.may_move, ended.reason) == (True, False, Reason.TARGET_REACHED)
+
+
+def lost_and_seen_again() -> Bench:
+    """Was in place until a function check began; has stood before both sensors for 0.5 s of settle_s since its end."""
+    bench = in_place()
+    bench.check_function(FunctionCheck.MAY_MOVE_KEPT)
+    bench.check_function(FunctionCheck.OFF)
+    Levels(bench)
+    bench.run(bench.t_s + 0.5)
+    assert bench.state.visit.still_since_ns is not None
+    assert not bench.state.in_place
+    return bench
+
+
+def test_a_truck_whose_release_ends_is_in_place_only_when_it_has_stood_for_settle_s_after_it() -> None:
+    """What it stood before the release does not count: found by random walks of bench/exhaustive.py."""
+    bench = lost_and_seen_again()
+    levels(bench).release()
+    bench.run(bench.t_s + 5)
+    assert bench.state.visit.released
+    levels(bench).release(False)
+    ended_ns = bench.run_until(lambda state: not state.visit.released, 1).t_ns
+    again = bench.run_until(lambda state: state.in_place, 3)
+    assert again.t_ns - ended_ns >= 1e9, "settle_s"
+
+
+def test_a_release_that_an_echo_ends_leaves_nothing_of_how_long_the_truck_had_stood() -> None:
+    bench = lost_and_seen_again()
+    levels(bench).release()
+    bench.run(bench.t_s + 0.6)
+    assert bench.state.visit.released
+    for mm in (340.0, 280.0):
+        state = bench.step(RangeReading(bench.now_ns, Quality.GOOD, mm))
+    assert (state.visit.released, state.in_place) == (False, False)
+    ended_ns = state.t_ns
+    assert bench.run_until(lambda state: state.in_place, 3).t_ns - ended_ns >= 1e9, "settle_s"
 
 
 def test_a_release_needs_a_plc_that_is_known_to_live() -> None:
