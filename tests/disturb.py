@@ -20,6 +20,31 @@ READ_NOISE = 2.0  # grey levels a camera adds when it has less light
 Strength = float
 
 
+def dust(image: Image, share: float, *, at: tuple[float, float], uneven: bool, seed: int = 0) -> Image:
+    """Thick dust: exactly `share` airlight at the pixel `at` (u, v), then the sensor's noise, then rounding to 8 bits.
+
+    `share` is below 1. Even: the same everywhere. Uneven: the extinction differs by up to 30 % between clouds a quarter
+    of the frame wide, the airlight by 15 % from one side of the frame to the other. The airlight's level and tint are
+    drawn.
+    """
+    height, width = image.shape[:2]
+    chance = np.random.default_rng([seed, 4])
+    depth = np.full((height, width), -math.log(1 - share), np.float32)
+    light = np.ones((height, width), np.float32)
+    if uneven:
+        cells = chance.uniform(0.7, 1.3, (4, 5)).astype(np.float32)
+        clouds = np.asarray(cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC))
+        depth *= clouds / clouds[round(at[1]), round(at[0])]
+        turn = float(chance.uniform(0, 2 * math.pi))
+        x, y = np.linspace(-0.15, 0.15, width), np.linspace(-0.15, 0.15, height)
+        light += (math.cos(turn) * x + math.sin(turn) * y[:, None]).astype(np.float32)
+    tint = 1 + float(chance.uniform(-0.02, 0.04)) * np.array((-1, 0, 1), np.float32)
+    airlight = float(chance.uniform(0.8, 1.08)) * np.array(AIRLIGHT, np.float32) * tint
+    left = np.exp(-depth)[..., None]
+    seen = image * left + airlight * light[..., None] * (1 - left)
+    return _u8(seen + np.float32(READ_NOISE) * _normal(image.shape, seed))
+
+
 def veil(image: Image, share: Strength, seed: int = 0) -> Image:
     """Dust: each pixel is `share` airlight, in clouds of half as much to half as much again."""
     height, width = image.shape[:2]
@@ -85,9 +110,9 @@ class Disturbance:
 
 
 DISTURBANCES = (
-    Disturbance("dust veil", veil, (0.25, 0.4, 0.5), "mean share of airlight"),
+    Disturbance("dust veil", veil, (0.25, 0.4, 0.5, 0.6), "mean share of airlight"),
     Disturbance("low light", gain, (0.6, 0.4, 0.25), "times the light"),
-    Disturbance("over-exposure", gain, (1.3, 1.6, 2.0), "times the light"),
+    Disturbance("over-exposure", gain, (1.3, 1.6, 2.0, 2.5), "times the light"),
     Disturbance("motion blur", motion, (0.004, 0.008, 0.012), "share of the diagonal"),
     Disturbance("warm cast", warm, (0.4, 0.7, 1.0), "1: half the blue gone"),
     Disturbance("cold cast", cold, (0.4, 0.7, 1.0), "1: a third of the red gone"),
