@@ -5,8 +5,9 @@ write, a function check, a restart) or a tick that lets `step_ms` pass; any move
 any time. The search is breadth first, so that the first history that ends in a fault is a shortest one.
 
 Two states are taken for one when all that the future depends on is equal: every field of the state vector but those
-in OUTPUTS_ONLY, with each time as an age, ages beyond the longest time constant of the configuration as one. `unlike`
-tests that: it lets pairs of states that were taken for one take every move, and compares what follows.
+in OUTPUTS_ONLY, with each time as an age. An age beyond the longest time constant that it is compared with is as any
+older one, and one that nothing compares is left out. `unlike` tests that: it lets pairs of states that were taken for
+one take every move, and compares what follows.
 """
 
 import dataclasses
@@ -24,7 +25,7 @@ from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
 from gateway.core.interlock import RetainedState, Rules
 from gateway.core.plc import Control, PlcConnection, PlcWrite, Writer
-from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.readings import DEAD, VISION_FINE, Quality, RangeReading, VisionReading
 from gateway.core.shown import shown
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.modbus.registers.register_map import encode
@@ -91,18 +92,57 @@ class Space:
         return StatedConditions(self.config)
 
     @cached_property
-    def clamp_ns(self) -> int:
-        """Longer than the longest time constant: no comparison distinguishes two ages beyond it."""
+    def limits_ns(self) -> Mapping[str, int]:
+        """Time of the state vector -> the age from which on nothing distinguishes it from an older one.
+
+        Compared by >=, that is the longest time constant that the age is compared with; by >, 1 ns more.
+        """
         bay, plc = self.config.bays[0], self.config.modbus.handshake
         fusion, visit = bay.fusion, bay.visit
-        check_s = fusion.cross_check.lasting_s if fusion.cross_check else 0.0
-        longest_s = max(
-            fusion.vision_deadline_s, fusion.range_deadline_s, fusion.start_grace_s, fusion.clear_hold_s, check_s,
-            fusion.recovery_s, fusion.scale_lasting_s, fusion.raise_debounce_s, fusion.clear_debounce_s,
-            visit.settle_s, visit.hold_limit_s, visit.hold_grace_s, visit.leave_s, plc.heartbeat_deadline_s,
-            fusion.latch_leave_s if fusion.latch_stop else 0.0,
-        )  # fmt: skip
-        return round(longest_s * 1000) * MS + self.step_ms * MS
+        lasting_s = fusion.cross_check.lasting_s if fusion.cross_check else fusion.scale_lasting_s
+        hold_s = fusion.clear_hold_s if fusion.decision == "held" else 0.0
+        latch_s = fusion.latch_leave_s if fusion.latch_stop else 0.0
+        reached = {
+            "memory.pending_since_ns": max(fusion.raise_debounce_s, fusion.clear_debounce_s),
+            "memory.disagree_since_ns": lasting_s,
+            "memory.no_cause_since_ns": hold_s,
+            "memory.vision_failure.alive_since_ns": fusion.recovery_s,
+            "memory.range_failure.alive_since_ns": fusion.recovery_s,
+            "memory.absent_since_ns": latch_s,
+            "visit.still_since_ns": visit.settle_s,
+            "visit.covered_since_ns": max(visit.hold_limit_s, visit.hold_grace_s),
+            "visit.unconfirmed_since_ns": visit.hold_grace_s,
+            "visit.clear_since_ns": visit.leave_s,
+            "visit.usable_since_ns": hold_s,
+            "cause_ns": hold_s,
+            "doubt_ns": hold_s,
+            "apart_ns": lasting_s,
+            "contradiction_ns": visit.hold_grace_s,
+            "stood_ns": visit.settle_s,
+            "blind_ns": visit.hold_grace_s,
+            "unseen_ns": visit.hold_limit_s,
+            "clear_ns": max(visit.leave_s, latch_s),
+            "alive_ns": fusion.recovery_s,
+        }
+        exceeded = {
+            "vision.t_ns": max(fusion.vision_deadline_s, fusion.start_grace_s),
+            "range.t_ns": max(fusion.range_deadline_s, fusion.start_grace_s),
+            "plc.beat_ns": plc.heartbeat_deadline_s,
+            "plc.owner_ns": plc.heartbeat_deadline_s,
+            "beat_ns": plc.heartbeat_deadline_s,
+        }
+        limits = {name: round(s * 1000) * MS for name, s in reached.items()}
+        return limits | {name: round(s * 1000) * MS + 1 for name, s in exceeded.items()}
+
+    @cached_property
+    def time_limits_ns(self) -> tuple[int, ...]:
+        """In the order of TIMES."""
+        return tuple(self.limits_ns[path] for path in TIMES)
+
+    @cached_property
+    def known_limits_ns(self) -> tuple[int, ...]:
+        """In the order of the judge's times."""
+        return tuple(self.limits_ns[name] for name in _KNOWN_TIMES)
 
     def named(self, name: str) -> int:
         return next(n for n, move in enumerate(self.moves) if move.name == name)
@@ -189,31 +229,55 @@ _KNOWN_VALUES = tuple(f.name for f in dataclasses.fields(Known) if f.name not in
 _KNOWN_VALUES = tuple(name for name in _KNOWN_VALUES if name != "beat")
 _known_values, _known_times = attrgetter(*_KNOWN_VALUES), attrgetter(*_KNOWN_TIMES)
 _sensor_values = attrgetter("quality", "mm", "circle", "was_dead")
+_SENSOR_TIMES = ("vision.t_ns", "alive_ns", "range.t_ns", "alive_ns")
+IN_PLACE_ONLY = frozenset({"blind_ns", "unseen_ns"})  # set anew when in_place begins
 
 
 def key(space: Space, node: Node) -> Hashable:
     """Equal for two nodes that have the same future."""
     state, known, now_ns = node
-    oldest_ns = now_ns - space.clamp_ns
-
-    def ages(times: Sequence[int | None]) -> tuple[int | None, ...]:
-        return tuple([t if t is None else now_ns - (t if t > oldest_ns else oldest_ns) for t in times])
-
     track = tuple([(now_ns - t, mm) for t, mm in state.memory.track if now_ns - t <= TRACK_NS])
     learned = _learned_key(state) if space.learns else None
-    vision, rng = known.vision, known.range
+    vision, rng, limits = known.vision, known.range, space.limits_ns
+    sensors = (vision.t_ns, vision.alive_ns, rng.t_ns, rng.alive_ns)
+    uncompared = _uncompared(state)
     return (
         _values(state),
-        ages(_times(state)),
+        tuple([
+            None if path in uncompared else age
+            for path, age in zip(TIMES, _ages(_times(state), space.time_limits_ns, now_ns), strict=True)
+        ]),
         track,
         learned,
         _known_values(known),
         known.beat is None,
-        ages(_known_times(known)),
+        known.stood_at is not None and known.stood_at is known.place,
+        tuple([
+            None if name in IN_PLACE_ONLY and not known.in_place else age
+            for name, age in zip(_KNOWN_TIMES, _ages(_known_times(known), space.known_limits_ns, now_ns), strict=True)
+        ]),
         _sensor_values(vision),
         _sensor_values(rng),
-        ages((vision.t_ns, vision.alive_ns, rng.t_ns, rng.alive_ns)),
-    )
+        tuple(_ages(sensors, [limits[name] for name in _SENSOR_TIMES], now_ns)),
+    )  # fmt: skip
+
+
+def _ages(times: Sequence[int | None], limits_ns: Sequence[int], now_ns: int) -> list[int | None]:
+    return [None if t is None else min(now_ns - t, limit) for t, limit in zip(times, limits_ns, strict=True)]
+
+
+def _uncompared(state: StateVector) -> set[str]:
+    """Times that nothing compares in this state, nor in a later one before they are set anew."""
+    memory, found = state.memory, set()
+    if state.vision.quality not in VISION_FINE and memory.vision_failure.alive_since_ns is None:
+        found.add("vision.t_ns")
+    if state.range.quality in DEAD - {Quality.STUCK} and memory.range_failure.alive_since_ns is None:
+        found.add("range.t_ns")
+    if state.plc.owner is None or state.plc.owner_beats:
+        found.add("plc.owner_ns")
+    if state.visit.place is None:
+        found.add("visit.covered_since_ns")
+    return found
 
 
 def _learned_key(state: StateVector) -> Hashable:

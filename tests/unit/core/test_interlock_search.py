@@ -76,3 +76,12 @@ def test_each_field_of_the_state_counts_or_is_listed_as_one_that_does_not() -> N
     assert not OUTPUTS_ONLY & {*VALUES, *TIMES}
     node = root(SPACES["visit"])
     assert key(SPACES["visit"], node) == key(SPACES["visit"], root(SPACES["visit"]))
+
+
+def test_each_time_of_the_state_has_the_age_beyond_which_nothing_distinguishes_it() -> None:
+    space = SPACES["visit"]
+    assert len(space.time_limits_ns) == len(TIMES)
+    limits_ns = dict(zip(TIMES, space.time_limits_ns, strict=True))
+    assert limits_ns["visit.covered_since_ns"] == 600_000_000, "hold_limit_s, not an age of it more"
+    assert limits_ns["vision.t_ns"] == 300_000_001, "a reading is stale when it is older than that"
+    assert max(limits_ns.values()) == 600_000_000
