@@ -3,6 +3,7 @@
     python -m bench.exhaustive                          one minute of each space
     python -m bench.exhaustive --seconds 3600 --jobs 2  an hour of each space, two at a time
     python -m bench.exhaustive --space core --seconds 3600
+    python -m bench.exhaustive --walks 10000            and 10,000 random histories of 200 moves in each space
     python -m bench.exhaustive --space core --replay "camera:mark ranger:mark tick"
 
 A space is one configuration and a list of moves: readings of camera and ranger with one of a few values, writes of a
@@ -14,9 +15,12 @@ with the decision, and once more after the ticks have ended.
 States that have the same future are searched once (tests/interlock_search.py). Of some of them that is tested: with
 --compare 0.01 one in a hundred is compared with the next that was taken for it, move by move.
 
+Histories deeper than a search in breadth comes are drawn by chance (tests/interlock_walks.py): --walks.
+
 Printed for each space: states, transitions, the depth in moves up to which the search is complete from its roots (the
 phases of a visit), and what is left; with 0 left the space is searched completely, histories of any length included.
-The exit status is 1 if a condition failed; then the shortest history is printed, and the command that replays it.
+The exit status is 1 if a condition failed; then the shortest history is printed, of a walk one without a move too many,
+and the command that replays it.
 """
 
 import argparse
@@ -27,12 +31,15 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 
 from tests.interlock_search import Found, Space, complaints, root, search, spaces, taken, visits
+from tests.interlock_walks import walk
 
 EVERY_S = 10.0  # between two lines of progress
 
 
-def run(name: str, seconds: float, transitions: int, compare: float, seed: int) -> tuple[str, float, Found]:
-    """Search one space for so long."""
+def run(
+    name: str, seconds: float, transitions: int, compare: float, seed: int, walks: int, moves: int
+) -> tuple[str, float, Found, Found]:
+    """Search one space for so long, then walk in it."""
     space, begun = spaces()[name], time.monotonic()
     due = begun + EVERY_S
 
@@ -51,10 +58,11 @@ def run(name: str, seconds: float, transitions: int, compare: float, seed: int) 
             raise StopIteration
 
     found = search(space, visits(space), transitions=transitions, compare=compare, seed=seed, progress=progress)
-    return name, time.monotonic() - begun, found
+    taken_s = time.monotonic() - begun
+    return name, taken_s, found, walk(space, visits(space), walks=walks, moves=moves, seed=seed)
 
 
-def report(space: Space, seconds: float, found: Found) -> None:
+def report(space: Space, seconds: float, found: Found, walked: Found) -> None:
     """As text, for people."""
     complete = "searched completely" if not found.left else f"complete to depth {found.depth - 1}, {found.left:,} left"
     print(f"\n{space.name}: {space.why}")
@@ -67,10 +75,12 @@ def report(space: Space, seconds: float, found: Found) -> None:
         print(f"  {found.compared:,} pairs of states that were taken for one compared: {len(found.unlike)} differ")
     for line in found.unlike[:5]:
         print(f"  differ: {line}")
-    for complaint, history in found.faults:
+    if walked.transitions:
+        print(f"  walks: {walked.transitions:,} transitions, {len(walked.faults)} kinds of failed conditions")
+    for complaint, history in found.faults + walked.faults:
         print(f"  FAILED: {complaint}")
         print(f'    python -m bench.exhaustive --space {space.name} --replay "{" ".join(history)}"')
-    if not found.faults:
+    if not found.faults + walked.faults:
         print("  no state with may_move or in_place on while one of its stated conditions fails")
 
 
@@ -98,7 +108,9 @@ def main() -> int:
     parser.add_argument("--transitions", type=int, default=10**12, help="for each space at most")
     parser.add_argument("--jobs", type=int, default=1, help="spaces at a time, each in a process; default 1")
     parser.add_argument("--compare", type=float, default=0.001, help="share of states to compare; default 0.001")
-    parser.add_argument("--seed", type=int, default=0, help="of which states are compared")
+    parser.add_argument("--walks", type=int, default=0, help="random histories in each space; default 0")
+    parser.add_argument("--moves", type=int, default=200, help="of each walk; default 200")
+    parser.add_argument("--seed", type=int, default=0, help="of the walks, and of which states are compared")
     parser.add_argument("--json", action="store_true", help="the figures as JSON, a line for each space")
     parser.add_argument("--replay", metavar="MOVES", help="play this history, print each state")
     args = parser.parse_args()
@@ -107,14 +119,15 @@ def main() -> int:
         return int(replay(spaces()[chosen[0]], args.replay) > 0)
     faults = 0
     with ProcessPoolExecutor(args.jobs) as pool:
-        jobs = [pool.submit(run, name, args.seconds, args.transitions, args.compare, args.seed) for name in chosen]
-        for job in jobs:
-            name, seconds, found = job.result()
-            faults += len(found.faults) + len(found.unlike)
+        how = (args.seconds, args.transitions, args.compare, args.seed, args.walks, args.moves)
+        for job in [pool.submit(run, name, *how) for name in chosen]:
+            name, seconds, found, walked = job.result()
+            faults += len(found.faults) + len(found.unlike) + len(walked.faults)
             if args.json:
-                print(json.dumps({"space": name, "seconds": round(seconds, 1)} | asdict(found)), flush=True)
+                figures = {"space": name, "seconds": round(seconds, 1)} | asdict(found) | {"walked": asdict(walked)}
+                print(json.dumps(figures), flush=True)
             else:
-                report(spaces()[name], seconds, found)
+                report(spaces()[name], seconds, found, walked)
     return int(faults > 0)
 
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from gateway.core.state import VisitPhase
-from tests.interlock_search import OUTPUTS_ONLY, TIMES, VALUES, complaints, key, root, search, spaces, taken, visits
+from tests.interlock_search import OUTPUTS_ONLY, TIMES, VALUES, complaints, key, root, search, spaces, visits
+from tests.interlock_walks import ROUND, played, walk
 from tests.planted_faults import PLANTED
 
 pytestmark = pytest.mark.one_interpreter
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.one_interpreter
 SPACES = spaces()
 TRANSITIONS: Mapping[str, int] = {
     "core": 2_000,
-    "visit": 8_000,
+    "visit": 6_000,
     "learned": 4_000,
     "latch": 3_000,
     "owners": 2_000,
@@ -55,10 +56,35 @@ def test_the_search_reports_a_planted_fault(
     found = search(chosen, visits(chosen), transitions=transitions, most_faults=1)
     assert found.faults, f"{what}: not reported"
     complaint, history = found.faults[0]
-    node = root(chosen)
-    for move in history:
-        node = taken(chosen, node, chosen.moves[chosen.named(move)])
-    assert complaint in list(complaints(chosen, node)), "the history replays it"
+    assert complaint in list(complaints(chosen, played(chosen, history))), "the history replays it"
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_no_random_walk_comes_to_a_permit_that_a_stated_condition_forbids(name: str) -> None:
+    space = SPACES[name]
+    found = walk(space, visits(space), walks=3)
+    assert found.faults == []
+    assert found.transitions == 600
+    assert found.reached.keys() >= {"may_move", "leaving", "unknown"}, "walks to nowhere"
+
+
+def test_a_walk_reports_a_planted_fault_by_a_history_without_a_move_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = SPACES["visit"]
+    PLANTED["a function check is forgotten"].plant(monkeypatch.setattr)
+    found = walk(space, visits(space)[:1], walks=20, moves=60, most_faults=1)
+    (complaint, history), *_ = found.faults
+    assert complaint in list(complaints(space, played(space, history)))
+    for n in range(len(history)):
+        shorter = history[:n] + history[n + 1 :]
+        assert complaint not in list(complaints(space, played(space, shorter))), history[n]
+    assert walk(space, visits(space)[:1], walks=20, moves=60, most_faults=1).faults == found.faults, "the same again"
+
+
+def test_each_move_of_a_round_is_one_of_a_space() -> None:
+    """What a space leaves out is left out of its rounds; a misspelt move would be, too."""
+    names = {move.name for move in SPACES["visit"].moves}
+    for camera, ranger, plc in ROUND:
+        assert {f"camera:{camera}", f"ranger:{ranger}", f"plc:{plc}"} <= names
 
 
 def test_a_small_space_is_searched_to_its_end() -> None:
