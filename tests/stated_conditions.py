@@ -63,6 +63,7 @@ class Known:
     stood_at: tuple[float, Circle] | None = None
     place: tuple[float, Circle] | None = None  # where in_place was set last
     left: bool = False  # it has left that place without a release
+    watched: bool = True  # `left` is judged: no reset that may have been accepted since
     blind_ns: int | None = None  # a live ranger without a distance since
     unseen_ns: int | None = None  # the marker is not seen at its place since
     clear_ns: int | None = None  # both sensors report an empty bay since
@@ -206,7 +207,7 @@ class StatedConditions:
         """Place, release, `moved` and latch. A sensor that is dead proves nothing."""
         if state.in_place and not known.in_place:
             at = known.stood_at
-            known = replace(known, place=at, left=False, unseen_ns=None, blind_ns=None)
+            known = replace(known, place=at, left=False, watched=True, unseen_ns=None, blind_ns=None)
         known = replace(known, in_place=state.in_place)
         alive = self._alive_now(known, now_ns)
         mm = known.range.mm if self._good(known.range, now_ns, self.range_ns) else None
@@ -228,12 +229,15 @@ class StatedConditions:
         sure = d0 and known.contradiction_ns is None and (fitting or self.plain)
         if released and sure and now_ns - known.doubt_ns >= self.hold_ns and self._off_mark(mm):
             known = replace(known, released=False, place=None)  # from here on equation 14 alone decides
-        if known.place is not None and not known.released and mm is not None and alive:
+        if known.place is not None and known.watched and not known.released and mm is not None and alive:
             away = abs(mm - known.place[0]) > self.visit.band_mm
             fits = circle is None or 0.9 < circle.radius_px * mm / (known.place[1].radius_px * known.place[0]) < 1.1
             known = replace(known, left=True) if away and fits else known
         if reset and d0 and fitting:
-            known = replace(known, left=False, place=None if known.left else known.place, latched=False)
+            # Without a cross-check it is not known here whether they fit: it may have been refused.
+            refused = known.place if self.fusion.cross_check is None else None
+            place = refused if known.left else known.place
+            known = replace(known, left=False, watched=known.watched and not known.left, place=place, latched=False)
         long_absent = known.clear_ns is not None and now_ns - known.clear_ns >= self.fusion.latch_leave_s * S
         if released or long_absent:
             known = replace(known, latched=False)
