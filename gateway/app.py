@@ -36,7 +36,7 @@ from gateway.sinks.contract import SettingError
 from gateway.supervisor import Supervisor, Task
 from gateway.vision.process.service import VisionService
 from gateway.vision.source.contract import SourceSpec
-from gateway.vision.source.specs import source_spec
+from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.vision.transport.ring import RingSpec
 from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
 from gateway.web.host.service import WebProcessService
@@ -58,7 +58,9 @@ class Ports:
 
     @staticmethod
     def of(config: GatewayConfig) -> "Ports":
-        """The real ports that the configuration names. Raises ConfigError for a camera URL that could never work."""
+        """The real ports that the configuration names. Raises ConfigError for a camera that could never work."""
+        for bay in config.bays:
+            check_exposure(bay.camera)
         return Ports(
             camera={bay.name: source_spec(bay.camera) for bay in config.bays},
             ranger={bay.name: bay.ranger.port for bay in config.bays},
@@ -76,13 +78,14 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         try:
             part()
         except ConfigError as error:
-            message = re.sub(r"^(modbus\.tls\.|camera\.url|ranger port)\b[:= ]*", "", str(error))
+            message = re.sub(r"^(modbus\.tls\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error))
             line = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
             if line not in faults:  # a shared section is checked once per bay
                 faults.append(line)
 
     for n, bay in enumerate(config.bays):
         look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
+        look(("bays", n, "camera", "exposure"), partial(check_exposure, bay.camera))
         look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))

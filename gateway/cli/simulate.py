@@ -8,6 +8,7 @@ examples:
   gateway simulate --modbus-port 5020 --duration 20   end after 20 s
   gateway simulate --scenario faults --speed 2        a scenario of config/scenarios/, twice as fast
   gateway simulate --scenario rusty --method paper    where the paper's own method fails
+  gateway simulate --scenario head-lamp --exposure marker     exposure time and gain follow the light on the marker
   gateway simulate --trials 10                        the paper's Table II, its figures beside ours
   gateway simulate --bays 4 --modbus-port 0 --json    four bays, a free port, JSON lines for programs
   gateway simulate --ranger firmware                  the Arduino's compiled firmware in an emulated Uno
@@ -59,6 +60,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "finds its truck where it is by then (default: 2 s after the start)",
     )
     parser.add_argument("--method", metavar="NAME", help="robust or paper (default: as in the settings, robust)")
+    parser.add_argument(
+        "--exposure",
+        choices=("camera", "marker"),
+        help="who sets the simulated camera's exposure; marker: the gateway (default: as in the settings, camera)",
+    )
     parser.add_argument("--trials", type=int, metavar="N", help="run N alignment trials and print Table II (paper: 10)")
     parser.add_argument(
         "--ranger",

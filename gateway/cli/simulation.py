@@ -141,6 +141,8 @@ def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
         over["instance"] = "simulate" if first else f"simulate-{os.getpid()}"  # several may run side by side
     if args.method is not None:
         over["vision"] = {"method": args.method}
+    if args.exposure is not None:
+        over["camera"] = {"exposure": args.exposure}
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
     settings = config.load(args.config or run_loop.shipped("simulate.toml"), over)

@@ -5,7 +5,7 @@ from enum import IntEnum
 
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake
-from gateway.core.readings import FRESH_FRAME, PictureHealth, Quality, RangeReading, VisionReading
+from gateway.core.readings import FRESH_FRAME, CameraExposure, PictureHealth, Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample
 
 
@@ -275,5 +275,13 @@ class StateVector:
     @property
     def picture(self) -> PictureHealth | None:
         """The picture's own health; only while the camera's frames are fresh, and the control task runs."""
-        fresh = self.vision.quality in FRESH_FRAME and self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)
-        return self.vision.picture if fresh else None
+        return self.vision.picture if self._fresh else None
+
+    @property
+    def exposure(self) -> CameraExposure | None:
+        """What the camera is set to, likewise; None: the gateway does not control it."""
+        return self.vision.exposure if self._fresh else None
+
+    @property
+    def _fresh(self) -> bool:
+        return self.vision.quality in FRESH_FRAME and self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)

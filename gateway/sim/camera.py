@@ -4,13 +4,15 @@ World time is (now - origin) of the clock. Nothing is kept between two openings:
 same world at the same time.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
-from gateway.sim.scenario import FaultKind, Scenario
+from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, FaultKind, Scenario
 from gateway.sim.world import TruckHold, World
+from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
 from gateway.vision.source.contract import Frame, Source
 
 if TYPE_CHECKING:
@@ -37,6 +39,32 @@ class SimCameraSpec:
         return camera
 
 
+class SimExposure:
+    """Settings take effect `camera.exposure_delay` frames later. `last`: number of the frame that was exposed last."""
+
+    controls_gain = True
+
+    def __init__(self, camera: Camera, rules: ExposureRules, last: Callable[[], int]) -> None:
+        longest_us = min(rules.max_time_us, 0.9e6 / camera.fps)
+        self.limits = ExposureLimits((min(20.0, longest_us), longest_us), 0.0, (0.0, camera.gain_max_db), 0.1)
+        self.now = self.limits.setting(1000 * (camera.exposure_ms or DEFAULT_EXPOSURE_MS))
+        self._delay = camera.exposure_delay
+        self._obeyed = camera.exposure_obeyed
+        self._last = last
+        self._shown: list[tuple[int, Exposure]] = [(-(2**62), self.now)]  # from which frame on, newest last
+
+    def set(self, exposure: Exposure) -> Exposure:
+        self.now = exposure
+        if self._obeyed:
+            self._shown.append((self._last() + 1 + self._delay, exposure))
+        return exposure
+
+    def of_frame(self, index: int) -> Exposure:
+        while len(self._shown) > 1 and self._shown[1][0] <= index:
+            del self._shown[0]
+        return self._shown[0][1]
+
+
 class SimCamera(Source):
     """Renders the world at the moment of each exposure."""
 
@@ -47,6 +75,7 @@ class SimCamera(Source):
         self._world = World(spec.scenario, hold=spec.hold)
         self._painter: Painter | None = painter
         self._period_ns = round(NS_PER_S / spec.scenario.camera.fps)
+        self._exposure: SimExposure | None = None
         self._last = self._index(clock.now_ns())  # of the frame exposed last; negative before world time 0
 
     def read(self) -> Frame:
@@ -68,7 +97,13 @@ class SimCamera(Source):
         stuck_s = self._spec.scenario.since_s(FaultKind.CAMERA_STUCK, shown_s)
         if stuck_s is not None:
             shown_s, index = stuck_s, round(stuck_s * NS_PER_S) // self._period_ns
-        return Frame(self._painter.frame(self._world.truth(shown_s), index), t_ns)
+        exposure = None if self._exposure is None else self._exposure.of_frame(index)
+        return Frame(self._painter.frame(self._world.truth(shown_s), index, exposure), t_ns)
+
+    def exposure_controls(self, rules: ExposureRules) -> "SimExposure":
+        """From now on the pictures are those of a sensor with shot noise, full wells, exposure time and gain."""
+        self._exposure = SimExposure(self._spec.scenario.camera, rules, lambda: self._last)
+        return self._exposure
 
     def close(self) -> None:
         self._painter = None

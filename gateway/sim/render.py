@@ -12,11 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.sim.ambient import ambient, glare_at, glare_map
 from gateway.sim.canvas import u8
-from gateway.sim.scenario import Dust, FaultKind, Light, Scenario
+from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, Dust, FaultKind, Glare, Light, Scenario
+from gateway.sim.sensor import Sensor
 from gateway.sim.spout import Spout
 from gateway.sim.textures import COVER, NEAR_MM, TANK_AXES, Level, surfaces
 from gateway.sim.world import Truth
+from gateway.vision.exposure.settings import Exposure
 from gateway.vision.pixels import Image
 
 NOISE_MARGIN_PX = 64  # the noise pool is so much larger than the frame; a window of it moves about
@@ -53,20 +56,51 @@ class Painter:
         self._air = np.empty((self._size[1], self._size[0], 3), dtype=np.uint8)
         self._air[:] = AIRLIGHT
         self._noise = _noise_pool(scenario)
+        self._glares: dict[Glare, NDArray[np.float32]] = {}
+        self._sensor: Sensor | None = None
 
-    def frame(self, truth: Truth, frame_index: int) -> Image:
+    def frame(self, truth: Truth, frame_index: int, exposure: Exposure | None = None) -> Image:
+        """`exposure`: the camera is set to this; None: it always gives what the scenario says."""
         scenario = self._scenario
+        if exposure is not None:
+            return self._exposed(truth, frame_index, exposure)
         if scenario.active(FaultKind.CAMERA_BLACK, truth.t_s):
             image: Image = np.zeros((self._size[1], self._size[0], 3), dtype=np.uint8)
             return self._noisy(image, frame_index)
+        image = self._surface(truth, scenario.camera.exposure_ms / 1000)
+        cv2.multiply(image, self._light, dst=image, scale=self._gain(truth.t_s) / NEUTRAL)
+        for glare in glare_at(scenario, truth.t_s):
+            share = np.minimum(self._glare(glare) * 255, 255).astype(np.uint8)
+            cv2.add(image, cv2.merge([share] * 3), dst=image)
+        return self._noisy(image, frame_index)
+
+    def _surface(self, truth: Truth, exposure_s: float) -> Image:
+        """Everything but light and noise."""
         image = self._truck(truth)
         self._marker(image, truth)
-        image = _blurred(image, truth, scenario.camera.exposure_ms / 1000)
+        image = _blurred(image, truth, exposure_s)
         self._spout.draw(image, truth)
-        image = self._dusty(image, truth)
-        gain = brightness(scenario.light, truth.t_s) / NEUTRAL
-        cv2.multiply(image, self._light, dst=image, scale=gain)
-        return self._noisy(image, frame_index)
+        return self._dusty(image, truth)
+
+    def _gain(self, t_s: float) -> float:
+        return brightness(self._scenario.light, t_s) * ambient(self._scenario.ambient, t_s)
+
+    def _exposed(self, truth: Truth, frame_index: int, exposure: Exposure) -> Image:
+        scenario, exposure_s = self._scenario, exposure.time_us / 1e6
+        if self._sensor is None:
+            self._sensor = Sensor(*self._size, scenario.seed, noise=scenario.camera.noise > 0)
+        light = self._surface(truth, exposure_s) * np.float32(self._gain(truth.t_s) / (255 * NEUTRAL))
+        light *= self._light
+        for glare in glare_at(scenario, truth.t_s):
+            light += self._glare(glare)[..., None]
+        if scenario.active(FaultKind.CAMERA_BLACK, truth.t_s):
+            light[:] = 0
+        return self._sensor.picture(light, exposure_s / fills_s(scenario.camera), exposure.gain_db, frame_index)
+
+    def _glare(self, glare: Glare) -> NDArray[np.float32]:
+        if glare not in self._glares:
+            self._glares[glare] = glare_map(glare, *self._size)
+        return self._glares[glare]
 
     def _truck(self, truth: Truth) -> Image:
         width, height = self._size
@@ -119,6 +153,11 @@ class Painter:
         for pool, apply in zip(self._noise, (cv2.add, cv2.subtract), strict=True):
             apply(image, pool[y : y + height, x : x + width], dst=image)
         return image
+
+
+def fills_s(camera: Camera) -> float:
+    """The exposure time, s, at which white fills the range without gain: the scenario's own, if it is not 0."""
+    return (camera.exposure_ms or DEFAULT_EXPOSURE_MS) / 1000
 
 
 def brightness(light: Light, t_s: float) -> float:

@@ -102,6 +102,9 @@ class Marker(Section):
     wear: float = Field(0.3, ge=0, le=1, description="scratches and chipped paint; the rim keeps its radius")
 
 
+DEFAULT_EXPOSURE_MS = 5.0
+
+
 class Camera(Section):
     width_px: int = Field(640, ge=64, le=1920, description="frame width")
     height_px: int = Field(480, ge=64, le=1440, description="frame height")
@@ -110,8 +113,19 @@ class Camera(Section):
     cy_px: float | None = Field(None, ge=-2000, le=4000, description="principal point, v; default: the frame's centre")
     fps: float = Field(30.0, ge=1, le=120, description="frames a second")
     offset_mm: float = Field(0.0, ge=-500, le=2000, description="camera behind the ranger (+) or before it (-)")
-    exposure_ms: float = Field(5.0, ge=0, le=50, description="exposure time: motion blur; 0: none")
-    noise: float = Field(2.0, ge=0, le=40, description="standard deviation of the sensor noise, grey levels")
+    exposure_ms: float = Field(DEFAULT_EXPOSURE_MS, ge=0, le=50, description="exposure time: motion blur; 0: none")
+    noise: float = Field(
+        2.0,
+        ge=0,
+        le=40,
+        description="standard deviation of the sensor noise, grey levels; with a controlled exposure the sensor "
+        "has its own noise instead; 0: none",
+    )
+    exposure_delay: int = Field(
+        2, ge=0, le=10, description="frames that still show the exposure before a change; only where it is controlled"
+    )
+    gain_max_db: float = Field(24.0, ge=0, le=48, description="the highest gain that can be set, likewise")
+    exposure_obeyed: bool = Field(True, description="false: the camera accepts every exposure and keeps its own")
 
     @property
     def centre_px(self) -> tuple[float, float]:
@@ -140,6 +154,26 @@ class Light(Section):
     gradient_deg: float = Field(-120.0, ge=-360, le=360, description="direction of the light; 0 right, 90 below")
     shadow: float = Field(0.0, ge=0, le=1, description="depth of a slanted shadow across the frame")
     warmth: float = Field(0.0, ge=-1, le=1, description="colour cast: 1 sodium lamp, -1 blue hour")
+
+
+class LightChange(Section):
+    """Dusk, a lamp that is switched on: all of the light becomes brighter or darker."""
+
+    at_s: float = Field(ge=0, le=86_400, description="when it begins, s of world time, in ascending order")
+    over_s: float = Field(0.0, ge=0, le=86_400, description="how long it takes, evenly in the logarithm, s")
+    level: float = Field(ge=0.0001, le=10_000, description="what `light` is multiplied with from then on")
+
+
+class Glare(Section):
+    """The sun or a lamp in the picture: it does not move, and stands before everything else."""
+
+    at_s: float = Field(0.0, ge=0, le=86_400, description="when it appears, s of world time")
+    for_s: float = Field(86_400.0, gt=0, le=86_400, description="for how long, s")
+    u_px: float = Field(ge=-5000, le=5000, description="its centre, px from the left")
+    v_px: float = Field(ge=-5000, le=5000, description="px from the top")
+    radius_px: float = Field(20.0, ge=1, le=2000, description="its radius, px")
+    level: float = Field(30.0, ge=0, le=100_000, description="its light; white in the scenario's own light is 1")
+    scatter: float = Field(0.01, ge=0, le=1, description="share that the lens scatters round it")
 
 
 class Dust(Section):
@@ -188,6 +222,8 @@ class Scenario(Section):
     surface: Surface = Field(default_factory=Surface)
     clutter: Clutter = Field(default_factory=Clutter)
     ranger: Ranger = Field(default_factory=Ranger)
+    ambient: tuple[LightChange, ...] = Field((), max_length=1000, description="how the light changes with time")
+    glare: tuple[Glare, ...] = Field((), max_length=20, description="lamps and the sun in the picture")
     faults: tuple[Fault, ...] = Field((), max_length=1000, description="the schedule of faults")
 
     @model_validator(mode="after")
@@ -199,6 +235,13 @@ class Scenario(Section):
                 f"the camera would be within {room_mm:g} mm of the marker: with camera.offset_mm = "
                 f"{self.camera.offset_mm:g} no leg may end at {nearest:g} cm"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _changes_in_order(self) -> Self:
+        times = [change.at_s for change in self.ambient]
+        if times != sorted(times):
+            raise ValueError("ambient: at_s must ascend")
         return self
 
     @model_validator(mode="after")

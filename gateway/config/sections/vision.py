@@ -24,6 +24,7 @@ Hsv = tuple[
     Annotated[int, Field(ge=0, le=255, strict=True)],
     Annotated[int, Field(ge=0, le=255, strict=True)],
 ]
+GainDb = Annotated[float, Field(ge=-20, le=80, strict=True)]
 Cpus = Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
 
 
@@ -117,11 +118,30 @@ class CameraConfig(Section):
         description="what stamps a frame; auto: a camera's buffer time, an RTSP stream's presentation time, "
         "the arrival of any other; presentation: also for HTTP, where the stream carries true times",
     )
+    exposure: Literal["camera", "marker"] = Field(
+        "camera",
+        description="who sets exposure time and gain; camera: the camera, as it is set up; "
+        "marker: the gateway, so that the marker is neither clipped nor dark; needs a camera that can be set",
+    )
+    exposure_max_ms: float = Field(
+        8.0, ge=0.1, le=1000, description='longest exposure time with `exposure = "marker"`: limits the motion blur'
+    )
+    gain_range_db: tuple[GainDb, GainDb] | None = Field(
+        None,
+        description="/dev/video*: what the driver's least and greatest gain amount to, dB, from the data sheet or "
+        "measured; default: the gain is not controlled",
+    )
     open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take so long")
     max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")
     affinity: Cpus | None = Field(None, description="CPUs the capture thread of the vision process may use")
     reconnect: Reconnect = Field(default_factory=Reconnect)
     picture: PictureConfig = Field(default_factory=PictureConfig)
+
+    @model_validator(mode="after")
+    def _gains(self) -> Self:
+        if self.gain_range_db is not None and self.gain_range_db[0] >= self.gain_range_db[1]:
+            raise FieldError("the first must be less than the second", "gain_range_db")
+        return self
 
 
 class VisionConfig(Section):

@@ -78,6 +78,10 @@ class ExposureController:
             self._darker_ns = light.t_ns
         self._now, self._set_ns, self._unsettled = exposure, now_ns, SETTLE_FRAMES
 
+    def refused(self) -> None:
+        """What `step` returned last could not be set: it may be asked for again."""
+        self._asked = self._now
+
     def _wanted(self, light: FrameLight) -> Exposure:
         if light.marker is not None and light.seen:
             self._learn(light.bay, light.marker)

@@ -21,6 +21,14 @@ class Exposure:
 
 
 @dataclass(frozen=True, slots=True)
+class ExposureRules:
+    """What the configuration has to say of a camera whose exposure is controlled."""
+
+    max_time_us: float
+    gain_range_db: tuple[float, float] | None = None  # what the driver's least and greatest gain amount to
+
+
+@dataclass(frozen=True, slots=True)
 class ExposureLimits:
     """Least and most; both ends count. A step of 0: any value in between. A gain that can't be set: 0 to 0."""
 
@@ -61,4 +69,4 @@ def _stepped(value: float, limits: tuple[float, float], step: float) -> float:
     value = min(max(value, least), most)
     if step <= 0:
         return value
-    return least + step * min(round((value - least) / step), math.floor((most - least) / step + 1e-9))
+    return min(most, least + step * min(round((value - least) / step), math.floor((most - least) / step + 1e-9)))

@@ -180,6 +180,7 @@ class ProcessMonitor:
                 tracking=found.tracking,
                 predicted=found.predicted,
                 wrong_size=found.wrong_size,
+                exposure=result.exposure,
                 picture=self._picture if result.t_capture_ns - self._picture_ns <= PICTURE_NS else None,
             )
         )

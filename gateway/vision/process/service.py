@@ -19,6 +19,7 @@ from gateway.vision.process import monitor
 from gateway.vision.process.monitor import Action, ProcessMonitor
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.specs import exposure_rules
 from gateway.vision.transport.messages import (
     FROM_VISION,
     DetectorSpec,
@@ -146,6 +147,7 @@ class VisionService:
                     discard,
                     self._camera_cpus(),
                     self._camera.deadline_s / 4,
+                    exposure_rules(self._camera),
                 )
                 slot.start(Role(MODULE, f"gw-worker-{self._bay}", job, ring.fds, self._vision.affinity))
             case monitor.Kill(_, why):

@@ -22,6 +22,7 @@ from gateway.vision.detect.method import RadiusLimited
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.pixels import Image
+from gateway.vision.process.exposure_loop import ExposureLoop
 from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.freshness import Changes, unchanged_since_ns
 from gateway.vision.transport.messages import TO_VISION, FrameResult, FromVision, Opened, Ready, SourceLost, VisionJob
@@ -42,7 +43,8 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
     meter = PictureMeter()
     channel.send(Ready())
     newest = NewestFrame()
-    capture = Capture(channel, job, progress, newest)
+    exposure = None if job.exposure is None else ExposureLoop(job.exposure, clock)
+    capture = Capture(channel, job, progress, newest, exposure)
     threading.excepthook = capture.crashed
     threading.Thread(target=capture.run, name="capture", daemon=True).start()
     while True:
@@ -59,9 +61,12 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
         since_ns = unchanged_since_ns(frame.changed_ns, width, height, detection.circle)
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
-        channel.send(FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture))
+        settings = None if exposure is None else exposure.state
+        channel.send(FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture, settings))
         now_ns = clock.now_ns()
         progress.work_ends(now_ns)
+        if exposure is not None:
+            exposure.look(frame.image, frame.seq, frame.t_capture_ns, detection)
         if ring.due(now_ns):
             ring.write(frame.image, frame.seq, frame.t_capture_ns, now_ns)
 
@@ -115,12 +120,18 @@ class Capture:
     """The capture thread: open the source, check and number its frames, hand them over. A hang is its to have."""
 
     def __init__(
-        self, channel: Channel[FromVision, MarkerRadii], job: VisionJob, progress: ProgressPage, newest: NewestFrame
+        self,
+        channel: Channel[FromVision, MarkerRadii],
+        job: VisionJob,
+        progress: ProgressPage,
+        newest: NewestFrame,
+        exposure: ExposureLoop | None = None,
     ) -> None:
         self._channel = channel
         self._job = job
         self._progress = progress
         self._newest = newest
+        self._exposure = exposure
         self._lossless = False
 
     def run(self) -> None:
@@ -149,6 +160,8 @@ class Capture:
         spec = job.source.spec()
         source = spec.open(clock)
         self._lossless = source.lossless
+        if self._exposure is not None:
+            self._exposure.take_over(source, spec.label)
         gc.collect()
         gc.freeze()  # 40,000 objects of the libraries, kept until the end, are not scanned again periodically
         for _ in range(job.discard):
@@ -178,6 +191,8 @@ class Capture:
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
             self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns), wait=source.lossless)
             self._progress.captured(seq, clock.now_ns())
+            if self._exposure is not None:
+                self._exposure.captured(seq, frame.t_capture_ns)
 
 
 def _run_on(cpus: tuple[int, ...]) -> None:

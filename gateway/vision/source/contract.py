@@ -5,9 +5,10 @@ All frames are checked there (`checks`): their size, and that the picture is new
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from gateway.clock import Clock
+from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
 from gateway.vision.pixels import Image
 
 
@@ -18,6 +19,24 @@ class Frame:
 
     image: Image
     t_capture_ns: int
+
+
+class ExposureControls(Protocol):
+    """A camera's exposure time and gain. Used in the capture thread only."""
+
+    @property
+    def limits(self) -> ExposureLimits: ...
+
+    @property
+    def controls_gain(self) -> bool:
+        """False: its gain is unknown, and stays what it is."""
+
+    @property
+    def now(self) -> Exposure:
+        """What it was set to last, or was found at."""
+
+    def set(self, exposure: Exposure) -> Exposure:
+        """Returns what it is set to now: a driver may round. Raises LinkError where the camera refuses."""
 
 
 class Source(Protocol):
@@ -35,6 +54,15 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Release the device; may be called more than once. For a process that continues: the vision process ends."""
+
+
+@runtime_checkable
+class ExposureControlled(Protocol):
+    """A Source whose exposure can be set: `camera.exposure = "marker"`."""
+
+    def exposure_controls(self, rules: ExposureRules) -> ExposureControls | None:
+        """Switch the camera's own automatic exposure off; called once, after opening. None: it has no exposure time
+        that can be set. Raises LinkError where the camera refuses."""
 
 
 class SourceSpec(Protocol):

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 from gateway.clock import Clock
 from gateway.errors import ConfigError
 from gateway.registry import Registry
+from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.source.contract import Source, SourceSpec
 
 if TYPE_CHECKING:
@@ -87,6 +88,24 @@ class FileSpec:
         from gateway.vision.source.files import open_file  # noqa: PLC0415 - as above
 
         return open_file(self, clock)
+
+
+def check_exposure(config: "CameraConfig") -> None:
+    """Raises ConfigError where the exposure is to be controlled and the source is none that could be."""
+    url = config.url.strip()
+    scheme = url.partition("://")[0].lower() if "://" in url else ""
+    stream = scheme in ("rtsp", "rtsps", "http", "https")
+    is_file = not scheme and not re.fullmatch("[0-9]{1,9}", url) and not url.startswith("/dev/")
+    if config.exposure == "marker" and (stream or is_file):
+        what = f"a stream ({scheme}://)" if stream else "a file"
+        raise ConfigError(f'camera.exposure = "marker": {what} has no exposure time that the gateway could set')
+
+
+def exposure_rules(config: "CameraConfig") -> ExposureRules | None:
+    """None: the exposure is left to the camera."""
+    if config.exposure == "camera":
+        return None
+    return ExposureRules(1000 * config.exposure_max_ms, config.gain_range_db)
 
 
 def source_spec(config: "CameraConfig") -> SourceSpec:

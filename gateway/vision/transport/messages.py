@@ -13,11 +13,12 @@ from msgspec import Struct
 from gateway.clock import SystemClock
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection
-from gateway.core.readings import PictureHealth
+from gateway.core.readings import CameraExposure, PictureHealth
 from gateway.errors import ProtocolError
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message, record_of, record_packed
 from gateway.vision.detect.radii import MarkerRadii
+from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.transport.ring import RingSpec
@@ -74,6 +75,7 @@ class VisionJob(Message, frozen=True):
     discard: int = 0  # frames at the beginning of a film that an earlier process has processed
     camera_affinity: tuple[int, ...] | None = None  # of the capture thread
     detector_beat_s: float = 0.25  # the detector's thread notes that it runs at least so often
+    exposure: ExposureRules | None = None  # None: left to the camera
 
 
 # From the vision process.
@@ -105,6 +107,7 @@ class FrameResult(Message, frozen=True):
     detection: Detection
     unchanged_since_ns: int = 0  # what was found has been in the picture since then, unchanged to the last bit
     picture: PictureHealth | None = None  # measured in this frame; not judged yet
+    exposure: CameraExposure | None = None  # None: left to the camera
 
 
 FromVision = Ready | Opened | SourceLost | FrameResult
