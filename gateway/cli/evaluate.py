@@ -14,11 +14,16 @@ sequence), a and b (semi-axes of a tilted rim), tol_px (how far the label may be
   gateway evaluate photos/ --split                      figures of a tuning half and a reporting half, too
   gateway evaluate photos/ --split tuning               run on the tuning half only
   gateway evaluate run7/ --tracking                     follow the frames of a sequence in order
+  gateway evaluate photos/ --stress                     through dust and in other light, too: down to what does it hold?
   gateway evaluate photos/ --series '^cam[0-9]+'        R times Z by camera, taken from the file's name
   gateway evaluate photos/ --require detected=0.97,false=0,wrong=0     exit code 1 where it is not met
 
 Detected: centre and radius within 25 % of the true radius. Within 5 %: both within 5 %. An answer elsewhere is wrong,
 an answer where no marker is is false; both are worse than none.
+
+--stress looks at each picture 20 times more, behind ever thicker dust, in less and in more light, and reports down to
+which strength the method can be relied on: from the mildest up to there at least 95 % found, none wrong, none false.
+`camera.picture.veil_proven` in the configuration records it; the registers and pages show it beside the present veil.
 
 --require NAME=LIMIT,... may name (shares are at least, all others at most; what a set can't measure is not met):
   detected       share     answers on the target
@@ -52,6 +57,7 @@ if TYPE_CHECKING:
     from gateway.vision.offline.evaluation.labels import Label, Labels
     from gateway.vision.offline.evaluation.report import About
     from gateway.vision.offline.evaluation.runner import MakeDetector
+    from gateway.vision.offline.evaluation.stress import Stressed
     from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 
 NAME = "evaluate"
@@ -81,6 +87,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=("both", "tuning", "reporting"),
         help="halves by a hash of the file's name: show both, or run on one",
     )
+    parser.add_argument("--stress", action="store_true", help="also behind dust and in other light; see above")
     parser.add_argument("--report", metavar="FILE.html", type=Path, help="write a report with charts and pictures")
     parser.add_argument("--worst", type=int, default=12, metavar="N", help="worst cases drawn for each method (12)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
@@ -91,7 +98,7 @@ def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for labels, pictures and arguments that must be edited."""
     vision_args.quiet_opencv()
     from gateway.clock import SystemClock
-    from gateway.vision.offline.evaluation import labels, requirements, runner, summary
+    from gateway.vision.offline.evaluation import labels, requirements, runner, stress, summary
 
     if not 0.01 <= args.fps <= 1000:
         raise ConfigError(f"--fps {args.fps:g}: must be 0.01 to 1000")
@@ -110,6 +117,17 @@ def main(args: argparse.Namespace) -> int:
         follow = series if args.tracking else None
         how = {"follow": follow, "fps": args.fps, "mean_radius": args.radius == "mean", "advance": advance}
         outcomes = runner.run(found, chosen, registry, SystemClock(), **how)
+    stressed: tuple[Stressed, ...] = ()
+    if args.stress:
+        with vision_args.progress("stress", stress.steps() * len(chosen)) as advance:
+            stressed = stress.run(
+                chosen,
+                lambda label: runner.picture(found, label),
+                registry,
+                SystemClock(),
+                mean_radius=args.radius == "mean",
+                advance=advance,
+            )
     results = [
         summary.summary(name, rows, series, split=args.split == "both", followed=args.tracking)
         for name, rows in outcomes.items()
@@ -118,21 +136,24 @@ def main(args: argparse.Namespace) -> int:
         f"{found.method}: {failed}" for found in results for wanted in required if (failed := wanted.unmet(found))
     )
     if args.report is not None:
-        _report(args, results, found, series, unmet if required else None)
+        _report(args, results, stressed, found, series, unmet if required else None)
     if args.json:
-        document = {"folder": str(args.folder), "split": args.split, "unmet": unmet}
-        print(json.dumps(document | {"methods": [summary.as_json(r, series) for r in results]}, allow_nan=False))
+        document: dict[str, Any] = {"folder": str(args.folder), "split": args.split, "unmet": unmet}
+        document["methods"] = [summary.as_json(r, series) for r in results]
+        if stressed:
+            document["stress"] = [stress.as_json(part) for part in stressed]
+        print(json.dumps(document, allow_nan=False))
     else:
-        _show(results)
+        _show(results, stressed)
     for line in unmet:
         print(f"not met: {line}", file=sys.stderr)
     return 1 if unmet else 0
 
 
-def _show(results: "Sequence[Summary]", width: int | None = None) -> None:
+def _show(results: "Sequence[Summary]", stressed: "Sequence[Stressed]" = (), width: int | None = None) -> None:
     """Everything that was measured of every method; a narrow terminal gets two tables of the parts."""
     from gateway.cli.tables import console, show
-    from gateway.vision.offline.evaluation import tables
+    from gateway.vision.offline.evaluation import stress, tables
 
     out = console(width)
     rates, errors = slice(1, 1 + tables.RATES), slice(1 + tables.RATES, None)
@@ -145,6 +166,10 @@ def _show(results: "Sequence[Summary]", width: int | None = None) -> None:
             show(out, tables.constancy(result), widest=_WIDEST)
         if count := result.total.vague_labels:
             out.print(f"{count} of the labels may themselves be off by more than 5 % of R (tol_px)")
+    for part in stressed:
+        show(out, tables.stressed(part), widest=_WIDEST)
+        for line in stress.in_words(part):
+            out.print(line)
     out.print("centre and radius: median, p95 and bias of the answers on the target", style="dim")
 
 
@@ -190,6 +215,7 @@ def _half(found: "Labels", split: str | None) -> Sequence["Label"]:
 def _report(
     args: argparse.Namespace,
     results: "list[Summary]",
+    stressed: "Sequence[Stressed]",
     found: "Labels",
     series: "SeriesOf",
     unmet: tuple[str, ...] | None,
@@ -207,6 +233,7 @@ def _report(
             series,
             lambda label: runner.picture(found, label),
             rejection_meanings(),
+            stressed=stressed,
             worst=args.worst,
             advance=advance,
         )

@@ -84,6 +84,7 @@ class PictureHealth:
     veil: float | None  # share of airlight: haze, dust, a film on the lens
     shift_px: float | None  # how far the fixed background has moved since it was learned
     status: int = 0  # PictureFaults, one bit each
+    veil_proven: float | None = None  # the veil up to which this bay was shown to be reliable; None: not shown
 
     @property
     def faults(self) -> tuple[PictureFault, ...]:

@@ -215,7 +215,7 @@ def test_an_unsound_image_takes_the_outputs_away_at_once_and_three_sound_ones_gi
 # Each doubt: what a word becomes, what is found in the image of a truck that may move, and in that of one in place.
 DOUBTS: dict[str, tuple[dict[str, int], Diagnosis, Diagnosis]] = {
     "torn": ({"seq_end": 3}, Diagnosis.TORN, Diagnosis.TORN),
-    "old": ({"map_version": 2}, Diagnosis.OLD_MAP, Diagnosis.OLD_MAP),
+    "old": ({"map_version": 3}, Diagnosis.OLD_MAP, Diagnosis.OLD_MAP),
     "foreign": ({"known_u32": 1}, Diagnosis.FOREIGN, Diagnosis.FOREIGN),
     "swapped float": ({"known_f32": 1}, Diagnosis.WORD_ORDER, Diagnosis.WORD_ORDER),
     "stop on": ({"stop": 1}, Diagnosis.CONTRADICTION, Diagnosis.OK),

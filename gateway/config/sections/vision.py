@@ -70,6 +70,13 @@ class PictureConfig(Section):
         0.24, ge=0, lt=1, description="of the strongest edges: 0.6 in focus, 0.3 blurred by 2 px, 0.2 by 4 px; 0: off"
     )
     veil_max: float = Field(0.65, ge=0, lt=1, description="share of dust or haze over the picture; 0: off")
+    veil_proven: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="veil up to which this bay's pictures were shown to be reliable (gateway evaluate --stress); shown "
+        "beside the present veil",
+    )
     shift_max_px: float = Field(8.0, ge=0, le=1000, description="how far the fixed background may move; 0: off")
     blind_s: float = Field(
         5.0, ge=1, le=3600, description="dark, over-exposed or flat for so long: a fault, and cleared likewise"

@@ -1,5 +1,5 @@
 """Rows 60 to 68: the gateway's own health after NAMUR NE 107, and the driver's guidance; and, where there was room, 58,
-59, 69, 78, 79 and 97: the health of the picture. Pure."""
+59, 69, 78, 79, 97 and 98: the health of the picture. Pure."""
 
 from gateway.core.ne107 import NE107_MEANING, Ne107, active, status
 from gateway.core.readings import PICTURE_MEANING, PictureHealth
@@ -62,4 +62,7 @@ PICTURE: tuple[Register, ...] = (
              percent(_picture, "veil")),
     Register(97, "picture_shift", MEASURED_UINT16, 0.1, "px", "how far the fixed background has moved",
              part(_picture, "shift_px")),
+    Register(98, "picture_veil_proven", MEASURED_UINT16, 0.1, "%",
+             "picture_veil up to which the bay was shown to be reliable",
+             percent(_picture, "veil_proven")),
 )  # fmt: skip

@@ -37,7 +37,7 @@ from gateway.modbus.registers.register import (
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
 
-MAP_VERSION = 3
+MAP_VERSION = 4
 BLOCK_WORDS = 100
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 _KNOWN_WORDS = (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
@@ -209,11 +209,11 @@ REGISTERS: tuple[Register, ...] = (
              part(_ellipse, "tilt_deg")),
     *PICTURE[3:5],
     *HANDSHAKE,
-    PICTURE[5],
+    *PICTURE[5:],
     Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
 )  # fmt: skip
 
-RESERVED: tuple[Reserved, ...] = (Reserved(98, 1, "to be decided"),)
+RESERVED: tuple[Reserved, ...] = ()  # the block is full
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 STATUS_ADDRESS = _ADDRESS["status"]

@@ -203,6 +203,9 @@ class PicturePayload(BaseModel):
     contrast: float = Field(description="from the 5th to the 95th percentile of the grey levels")
     sharpness: float | None = Field(description="of the strongest edges, 0.6 in focus; null: too few edges")
     veil: float | None = Field(description="share of dust or haze; null: too dark to measure")
+    veil_proven: float | None = Field(
+        None, description="up to this veil the bay was shown to be reliable; null: not shown"
+    )
     shift_px: float | None = Field(description="how far the fixed background has moved; null: hidden, or not learned")
     faults: tuple[str, ...] = Field(
         description="what is wrong for some time now; empty: nothing",

@@ -200,6 +200,7 @@ def _picture(state: StateVector) -> PicturePayload | None:
         contrast=round(health.contrast, 4),
         sharpness=_number(health.sharpness, 4),
         veil=_number(health.veil, 4),
+        veil_proven=_number(health.veil_proven, 4),
         shift_px=_number(health.shift_px, 2),
         faults=tuple(fault.name for fault in health.faults),
     )

@@ -68,7 +68,7 @@ class PictureJudge:
         self._status = 0
 
     def judged(self, measured: PictureHealth, t_ns: int) -> PictureHealth:
-        """The same with its status, as of capture time `t_ns`."""
+        """The same with its status, as of capture time `t_ns`, and with the configured `veil_proven`."""
         for fault, rule in RULES.items():
             beyond = rule.beyond(measured, self._limits)
             if beyond is None:
@@ -82,4 +82,4 @@ class PictureJudge:
             share = self._shares[fault] = kept * self._shares[fault] + (1 - kept) * bad
             if share >= SET if not holds else share <= CLEAR:
                 self._status ^= 1 << fault
-        return replace(measured, status=self._status)
+        return replace(measured, status=self._status, veil_proven=self._limits.veil_proven)

@@ -44,7 +44,7 @@ STATE = StateVector(
         confidence=0.9876,
         visible=0.75,
         tracking=Tracking.MEASURED,
-        picture=PictureHealth(0.5213, 0.01, 0.4567, 0.618, 0.2049, 3.26, status=0b101000),
+        picture=PictureHealth(0.5213, 0.01, 0.4567, 0.618, 0.2049, 3.26, status=0b101000, veil_proven=0.85),
         x_n=0.25,
         y_n=-0.5,
         stats=VisionStats(
@@ -68,7 +68,7 @@ STATE = StateVector(
 # address: word, high word first
 EXPECTED: dict[int, int] = {
     0: 0x468A,  # 2 * 0x12345 modulo 65536
-    1: 3,
+    1: 4,
     2: 0xABCD,
     3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
     4: 1,
@@ -134,6 +134,7 @@ EXPECTED: dict[int, int] = {
     78: 0b101000,  # blurred, shifted
     79: 205,
     97: 33,
+    98: 850,
     63: 0xFFFF,
     61: 0b1000,  # maintenance, for the picture's sake
     60: 4,
@@ -160,7 +161,10 @@ def test_every_word_of_the_image() -> None:
     assert encode(STATE, UNIX_NS, "big") == tuple(EXPECTED.get(address, 0) for address in range(100))
 
 
-PICTURE = ("picture_brightness", "picture_contrast", "picture_sharpness", "picture_veil", "picture_shift")
+PICTURE = (
+    *("picture_brightness", "picture_contrast", "picture_sharpness", "picture_veil", "picture_shift"),
+    "picture_veil_proven",
+)
 
 
 @pytest.mark.parametrize(
@@ -180,14 +184,14 @@ def test_the_health_of_the_picture_is_that_of_a_fresh_frame_or_none(
     quality: Quality, reason: Reason, known: bool
 ) -> None:
     now = values(replace(STATE, vision=replace(STATE.vision, quality=quality), reason=reason))
-    assert [now[name] is not None for name in PICTURE] == [known] * 5
+    assert [now[name] is not None for name in PICTURE] == [known] * len(PICTURE)
     assert now["picture_status"] == (0b101000 if known else 0)
 
 
 def test_what_is_not_known_of_a_picture_has_no_value() -> None:
     health = PictureHealth(0.01, 0.0, 0.02, None, None, None, status=1)
     now = values(replace(STATE, vision=replace(STATE.vision, picture=health)))
-    assert [now[name] for name in PICTURE] == pytest.approx([1.0, 2.0, None, None, None])
+    assert [now[name] for name in PICTURE] == pytest.approx([1.0, 2.0, None, None, None, None])
     assert now["picture_status"] == 1
 
 

@@ -84,7 +84,7 @@ def sent(payload: BaseModel) -> dict[str, Any]:
 
 
 def test_the_health_of_the_picture_is_published_with_fresh_frames_only() -> None:
-    health = PictureHealth(0.52134, 0.01, 0.45671, 0.6182, None, 3.257, status=0b101000)
+    health = PictureHealth(0.52134, 0.01, 0.45671, 0.6182, None, 3.257, status=0b101000, veil_proven=0.85)
     state = replace(GOOD, vision=replace(GOOD.vision, picture=health))
     assert sent(state_payload(state, GATEWAY, OFFSET_NS, 2500))["picture"] == {
         "brightness": 0.5213,
@@ -92,6 +92,7 @@ def test_the_health_of_the_picture_is_published_with_fresh_frames_only() -> None
         "contrast": 0.4567,
         "sharpness": 0.6182,
         "veil": None,
+        "veil_proven": 0.85,
         "shift_px": 3.26,
         "faults": ["BLURRED", "SHIFTED"],
     }

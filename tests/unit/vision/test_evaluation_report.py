@@ -230,7 +230,7 @@ def test_the_table_fits_the_terminal(
     outcomes: list[Outcome], width: int, tables: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     outcomes.append(judge(Label(file="g.png", found=False, group="a_group_of_22_letters_"), Detection(None)))
-    evaluate._show([summary("paper", outcomes, EVERY, split=True, followed=True)], width)
+    evaluate._show([summary("paper", outcomes, EVERY, split=True, followed=True)], width=width)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
     assert not any("…" in line for line in lines), "nothing is cut"

@@ -84,6 +84,7 @@ NOT_KNOWN = {
     "bay_scale_spread_ratio",
     "bay_scale_visits",
     "bay_scale_jump_ratio",
+    "bay_picture_veil_proven_ratio",  # not configured
     "bay_picture_shift_pixels",  # a marker is in sight
 }
 

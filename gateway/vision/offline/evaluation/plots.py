@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gateway.vision.offline.evaluation.scoring import CLOSE, Outcome
+from gateway.vision.offline.evaluation.stress import DUST, FOUND, Stressed
 from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 from gateway.vision.offline.reports.chart import Axis, Chart, Point
 
@@ -102,6 +103,24 @@ def sequence(result: Summary, name: str, series: SeriesOf) -> str:
     missed = [(float(frame), top * 1.05) for frame, error in rows if error is None]
     chart.points(missed, 1, "", [f"frame {frame:.0f}: no answer" for frame, _ in missed])
     return chart.svg()
+
+
+def found_in_dust(results: Sequence[Stressed]) -> str:
+    """Share of the markers found against the share of airlight."""
+    chart = Chart(
+        Axis("share of airlight", min(DUST.strengths), max(DUST.strengths)),
+        Axis("pictures with a marker, %", 0, 100),
+        title="found in dust",
+    )
+    chart.rule(y=100 * FOUND)
+    drawn = False
+    for style, result in enumerate(results):
+        levels = [level for level in result.levels if level.kind == DUST.name]
+        points = [(x.strength, 100 * x.scores.detected_share) for x in levels if x.scores.detected_share is not None]
+        if points:
+            drawn = True
+            chart.line(points, style, result.method)
+    return chart.svg() if drawn else ""
 
 
 def _scatter(results: Sequence[Summary], found: Sequence[Sequence[Named]], chart: Chart, level: float) -> str:

@@ -9,6 +9,7 @@ from gateway.core.detection import Tracking
 from gateway.vision.offline.evaluation import case_cards, plots, tables
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Outcome, Verdict, badness
+from gateway.vision.offline.evaluation.stress import Stressed, in_words
 from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 from gateway.vision.offline.reports.page import figure, page, plain, table, tile
 from gateway.vision.offline.reports.tables import Row, Table, number, share
@@ -35,6 +36,7 @@ def html(
     read: ReadPicture,
     reasons: Mapping[str, str],
     *,
+    stressed: Sequence[Stressed] = (),
     worst: int = 12,
     advance: Callable[[], None] = lambda: None,
 ) -> str:
@@ -46,6 +48,7 @@ def html(
         body.append(_tiles(result))
     body.append("<h2>By part of the set</h2>")
     body += [table(tables.parts(result)) for result in results]
+    body += _stressed(stressed)
     body.append(_how_to_read(about.notes))
     body += _charts(results, series)
     for result in results:
@@ -105,6 +108,15 @@ def _how_to_read(notes: Sequence[str]) -> str:
         f"<li>The 95 % interval shows how far the rate of other pictures of the same kind may lie off.</li>{more}"
         "</ul></details>"
     )
+
+
+def _stressed(results: Sequence[Stressed]) -> list[str]:
+    if not results:
+        return []
+    body = ["<h2>Dust and light</h2>", *(f"<p>{plain(line)}</p>" for result in results for line in in_words(result))]
+    if svg := plots.found_in_dust(results):
+        body.append(figure(svg, "Markers found behind dust; dotted: what a strength must reach to be relied on."))
+    return [*body, *(table(tables.stressed(result)) for result in results)]
 
 
 def _charts(results: Sequence[Summary], series: SeriesOf) -> list[str]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from gateway.vision.offline.evaluation.scoring import Scores
+from gateway.vision.offline.evaluation.stress import FOUND, Stressed
 from gateway.vision.offline.evaluation.summary import Summary
 from gateway.vision.offline.reports.tables import Cell, Row, Table, faults, number, percent
 
@@ -55,3 +56,21 @@ def constancy(result: Summary) -> Table:
         start = (part.series or "(all)", str(part.pictures), f"{part.median_px_cm:.0f}")
         rows.append(("", [*start, *deviations, *offset]))
     return Table(f"R times Z, method {result.method}: deviation from the median, %", heads, rows)
+
+
+def stressed(result: Stressed) -> Table:
+    """A row a strength; those that can't be relied on are marked."""
+    heads = ("stress", "strength", "veil %", "found %", "wrong", "false", "centre px", "p95", "radius %", "p95")
+    rows: list[Row] = []
+    for level in result.levels:
+        f = level.scores
+        found: Cell = percent(f.detected_share)
+        if f.detected_share is not None and f.detected_share < FOUND:
+            found = (percent(f.detected_share), "bad")
+        counts = (faults(f.wrong if f.with_marker else None), faults(f.false if f.without else None))
+        errors = (f.centre_median_px, f.centre_p95_px, f.radius_median_pct, f.radius_p95_pct)
+        style = "" if level.reliable else "faint"
+        rows.append(
+            (style, [level.kind, f"{level.strength:g}", percent(level.veil), found, *counts, *map(number, errors)])
+        )
+    return Table(f"Through dust and in other light, method {result.method}", heads, rows)

@@ -132,6 +132,8 @@ BAYS: tuple[Family, ...] = (
     _gauge("picture_contrast_ratio", "share of the grey levels in use", _picture(lambda p: p.contrast)),
     _gauge("picture_sharpness_ratio", "of the strongest edges, 0.6 in focus", _picture(lambda p: p.sharpness)),
     _gauge("picture_veil_ratio", "share of dust or haze over the picture", _picture(lambda p: p.veil)),
+    _gauge("picture_veil_proven_ratio", "up to this veil the bay was shown to be reliable",
+           _picture(lambda p: p.veil_proven)),
     _gauge("picture_shift_pixels", "how far the fixed background has moved", _picture(lambda p: p.shift_px)),
     Family("bay_picture_fault", "gauge", "1: this is wrong with the picture itself", _picture_faults,
            ("bay", "fault")),

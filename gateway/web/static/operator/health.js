@@ -75,7 +75,7 @@ export function Health({ state, links }) {
         facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['delay', age(state?.rates.vision_latency_ms)]]} />
       <${Part} name="Picture"
         sign=${state ? html`<${Sign} ...${pictureHealth(state)} />` : unknown}
-        facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['shift', px(state?.picture?.shift_px, 0)]]} />
+        facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />
       <${Part} name="Ranger" detail=${state?.range.detail}
         sign=${state ? html`<${Sign} state=${rangeHealth(state)} text=${words(state.range.quality.name)} />` : unknown}
         facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)]]} />
