@@ -1,4 +1,4 @@
-"""Build hook: compile the vision kernel where there is a C compiler. Without one the package is whole, only slower."""
+"""Build hook: compile the vision kernels where there is a C compiler. Without one the package is whole, only slower."""
 
 import runpy
 import sysconfig
@@ -7,7 +7,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-ROOM = Path("gateway/vision/detect/paper/exact")
+ROOM = Path("gateway/vision/compiled")
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[misc, type-arg, unused-ignore]  # hatchling is not in the dev group
@@ -17,10 +17,10 @@ class KernelHook(BuildHookInterface):  # type: ignore[misc, type-arg, unused-ign
         if self.target_name != "wheel":
             return
         if why := runpy.run_path(str(Path(self.root) / ROOM / "build.py"))["build"]():
-            self.app.display_warning(f"without the compiled vision kernel: {why}")
+            self.app.display_warning(f"without the compiled vision kernels: {why}")
             return
         machine = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{machine}"  # plain C, loaded by ctypes: any Python will do
         if version != "editable":
-            build_data["artifacts"].append(str(ROOM / "_kernel.so"))
+            build_data["artifacts"].append(str(ROOM / "_kernels.so"))

@@ -9,7 +9,7 @@ from bench.scene import Recipe, draw
 from gateway.config import Intrinsics
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.perspective import disc_pose
-from gateway.vision.detect.robust.rim import refine
+from gateway.vision.detect.robust.refinement import refine
 
 RECIPE = Recipe("pose", noise=3.0, tilt_deg=30.0)
 DISTORTION = (-0.25, 0.08, 0.001, -0.0005)

@@ -1,11 +1,14 @@
 """What the rim's refinement and fit cost: `python -m bench.rim_time`. Ratios to one remap of the rays, one core.
 
+Where the kernel is compiled, each refinement runs by it and by NumPy and OpenCV alone.
+
 The machine may be shared: all variants run in turns, and medians of CPU time of this thread are compared.
 """
 
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
@@ -13,11 +16,12 @@ import numpy as np
 from bench.scene import RECIPES, draw
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse
+from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
 from gateway.vision.detect.robust.normal_profiles import profile, sample
-from gateway.vision.detect.robust.rim import refine
+from gateway.vision.detect.robust.refinement import DOUBT, load, refine_plain
 
 
-def variants(radius: float) -> dict[str, Callable[[], object]]:
+def variants(radius: float, kernel: RimKernel | None = None) -> dict[str, Callable[[], object]]:
     """By name; each works on the same picture of a disc with noise of 3 levels and a lens blur of 0.5 to 0.9 px."""
     recipe = next(recipe for recipe in RECIPES if recipe.name == "tilted")
     scene = draw(recipe, 7, (radius, radius * 1.001))
@@ -27,13 +31,20 @@ def variants(radius: float) -> dict[str, Callable[[], object]]:
     exact = from_ellipse(Ellipse(truth.u, truth.v, truth.major, truth.minor, truth.angle))
     columns, rows = (np.random.default_rng(0).uniform(0, scene.width - 1, (11, 320)).astype(np.float32) for _ in "uv")
     offsets = profile(9, 5, 75).offsets_px
-    return {
+    table: dict[str, Callable[[], object]] = {
         "one remap": lambda: cv2.remap(image, columns, rows, cv2.INTER_LINEAR),
         "rays": lambda: sample(image, exact, 320, offsets, 2.0),
-        "fine only (tracked)": lambda: refine(image, near, search_px=0.0),
-        "coarse and fine, 4 px": lambda: refine(image, near, search_px=4.0),
-        "coarse and fine, R / 6": lambda: refine(image, seed),
     }
+    asked: dict[str, tuple[Ellipse, float | None]] = {
+        "fine only (tracked)": (near, 0.0),
+        "coarse and fine, 4 px": (near, 4.0),
+        "coarse and fine, R / 6": (seed, None),
+    }
+    for name, (start, search_px) in asked.items():
+        table[f"{name}, NumPy"] = partial(refine_plain, image, start, search_px=search_px)
+        if kernel is not None:
+            table[f"{name}, kernel"] = partial(kernel.refine, image, start, search_px, DOUBT, False)
+    return table
 
 
 def main() -> None:
@@ -41,9 +52,10 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=300)
     args = parser.parse_args()
     cv2.setNumThreads(1)
+    kernel = load()
     print("| R | variant | CPU time, median | least | times one remap |\n|---|---|---|---|---|")
     for radius in (45.0, 110.0, 250.0):
-        chosen = variants(radius)
+        chosen = variants(radius, kernel)
         times: dict[str, list[int]] = {name: [] for name in chosen}
         for _ in range(args.rounds):
             for name, function in chosen.items():

@@ -4,6 +4,7 @@
     python -m bench.vision_speed --markdown           the same for docs/performance.md
     python -m bench.vision_speed --json out.json      every figure, for a machine
     python -m bench.vision_speed --run 1              frame by frame in turn: with caches full of the other's data
+    python -m bench.vision_speed --rhythm             at 30 frames a second, between which the caches lose everything
 
 Every method sees the same frames in the same order, `--run` of them in a row, in turn with the plain pipeline, so that
 what else the machine does falls on both. The plain pipeline leaves 25 MB of its own in the caches: what comes after it
@@ -35,10 +36,12 @@ from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact import kernel
 from gateway.vision.detect.paper.exact.search import ExactSearch
 from gateway.vision.detect.paper.exact.tracker import ExactTracker
+from gateway.vision.detect.robust import refinement
 from gateway.vision.pixels import Image
 
 FRAME_NS = 33_333_333
 NS_PER_MS = 1e6
+OTHER_BYTES = 48 << 20  # more than the caches hold
 Method = Callable[[Image, int], object]
 
 PAPER = VisionConfig(method="paper", tracking=False)
@@ -75,6 +78,8 @@ def contenders() -> dict[str, Callable[[], Method]]:
     table["paper, as configured, tracked"] = lambda: _configured("paper", True)
     table["robust"] = lambda: _configured("robust", False)
     table["robust tracked"] = lambda: _configured("robust", True)
+    table["robust, OpenCV only"] = lambda: _without_kernel(_configured("robust", False))
+    table["robust tracked, OpenCV only"] = lambda: _without_kernel(_configured("robust", True))
     table["HoughCircles"] = lambda: lambda image, t_ns: hough(image)
     table["SimpleBlobDetector"] = _blobs
     return table
@@ -105,8 +110,43 @@ def _configured(method: str, tracking: bool) -> Method:
     return registry.detector(VisionConfig.model_validate({"method": method, "tracking": tracking}))
 
 
+def _no_kernel() -> None:
+    return None
+
+
+def _without_kernel(method: Method) -> Method:
+    def call(image: Image, t_ns: int) -> object:
+        kept, refinement._kernel = refinement._kernel, _no_kernel  # type: ignore[assignment]  # a function for another
+        try:
+            return method(image, t_ns)
+        finally:
+            refinement._kernel = kept
+
+    return call
+
+
+class Rhythm:
+    """Waits for the next frame of a camera, while another program's data goes through the caches."""
+
+    def __init__(self) -> None:
+        self._other = np.zeros(OTHER_BYTES, np.uint8)
+        self._due_s = time.perf_counter()
+
+    def __call__(self) -> None:
+        self._other += 1
+        self._due_s = max(self._due_s + FRAME_NS / 1e9, time.perf_counter())
+        time.sleep(max(0.0, self._due_s - time.perf_counter()))
+
+
 def measure(
-    scene: str, size: str, frames: Sequence[Image], names: Sequence[str], rounds: int, run: int, patience_s: float
+    scene: str,
+    size: str,
+    frames: Sequence[Image],
+    names: Sequence[str],
+    rounds: int,
+    run: int,
+    patience_s: float,
+    wait: Callable[[], None],
 ) -> list[Figure]:
     """Rounds over the frames, each method in turn with the plain pipeline; the first round only warms up."""
     table = contenders()
@@ -120,6 +160,7 @@ def measure(
         for first in range(0, (rounds + 1) * len(frames), run):
             for call, times in ((plain, beside), (detect, mine)):
                 for k in range(first, first + run):
+                    wait()
                     began_ns = time.thread_time_ns()
                     call(frames[k % len(frames)], k * FRAME_NS)
                     times.append((time.thread_time_ns() - began_ns) / NS_PER_MS)
@@ -168,6 +209,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=12, help="neighbouring frames of each scene (default 12)")
     parser.add_argument("--rounds", type=int, default=4, help="times to and fro over them (default 4)")
     parser.add_argument("--run", type=int, default=6, help="frames in a row, before it is the other's turn (default 6)")
+    parser.add_argument("--rhythm", action="store_true", help="30 frames a second, with cold caches")
     parser.add_argument("--patience", type=float, default=10.0, help="seconds at most for one figure (default 10)")
     parser.add_argument("--markdown", action="store_true", help="a Markdown table")
     parser.add_argument("--json", type=Path, help="write every figure to this file")
@@ -176,13 +218,14 @@ def main() -> None:
         os.execve(sys.executable, [sys.executable, "-m", "bench.vision_speed", *sys.argv[1:]], os.environ | ENVIRONMENT)
     cv2.setNumThreads(1)
     names = args.methods or [name for name in contenders() if name != "plain"]
+    wait: Callable[[], None] = Rhythm() if args.rhythm else lambda: None
     figures: list[Figure] = []
     with Progress(disable=not sys.stderr.isatty()) as progress:
         work = progress.add_task("measuring", total=len(args.sizes) * len(args.scenes))
         for scene in args.scenes:
             for size in args.sizes:
                 frames = back_and_forth(SCENES[scene](*SIZES[size], args.frames))
-                figures += measure(scene, size, frames, names, args.rounds, args.run, args.patience)
+                figures += measure(scene, size, frames, names, args.rounds, args.run, args.patience, wait)
                 progress.advance(work)
     print(machine())
     print()

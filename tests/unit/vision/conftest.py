@@ -1,19 +1,26 @@
 """What several of these tests share."""
 
+import fcntl
 from pathlib import Path
 
 import pytest
 
-from gateway.vision.detect.paper.exact import build
+from gateway.vision.compiled import build
 from gateway.vision.detect.paper.exact.kernel import Kernel, load
 from tests.vision_frames import PAPER
 
 
 @pytest.fixture(scope="session")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The compiled kernel, built here, so that the tests don't depend on what the installation found."""
-    path = tmp_path_factory.mktemp("kernel") / "kernel.so"
-    assert build.build(path) == ""
+def library(tmp_path_factory: pytest.TempPathFactory, testrun_uid: str) -> Path:
+    """The compiled kernels, built here, so that the tests don't depend on what the installation found.
+
+    Once for all processes of a run: it takes seconds.
+    """
+    path = tmp_path_factory.getbasetemp().parent / f"kernels-{testrun_uid}.so"
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            assert build.build(path) == ""
     return path
 
 

@@ -10,8 +10,9 @@ import pytest
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection
+from gateway.vision.compiled import build
 from gateway.vision.detect.paper import pipeline, stages
-from gateway.vision.detect.paper.exact import build, red
+from gateway.vision.detect.paper.exact import red
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
 from gateway.vision.detect.paper.exact.grid import BlurScanner, KernelScanner, PyramidScanner, ScanGrid, Scanner
 from gateway.vision.detect.paper.exact.kernel import Kernel, load
@@ -302,7 +303,7 @@ def test_no_library_a_stale_one_and_a_broken_one_are_not_used(
     (tmp_path / "broken.so").write_bytes(b"\x7fELF but not much more")
     assert load(PAPER, tmp_path / "broken.so") is None
     assert "cannot be loaded" in caplog.text
-    monkeypatch.setattr("gateway.vision.detect.paper.exact.kernel.source_sum", lambda: build.source_sum() ^ 1)
+    monkeypatch.setattr("gateway.vision.compiled.library.source_sum", lambda: build.source_sum() ^ 1)
     assert load(PAPER, library) is None
     assert "another source" in caplog.text
 

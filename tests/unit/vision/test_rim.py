@@ -1,6 +1,8 @@
 """The refined rim on pictures whose truth is known, and on anything at all."""
 
 import math
+from collections.abc import Iterator
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,10 +12,23 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
+from gateway.vision.detect.robust import refinement
 from gateway.vision.detect.robust.conic import from_ellipse
-from gateway.vision.detect.robust.rim import Rim, refine
+from gateway.vision.detect.robust.refinement import load, refine
+from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.pixels import Image
 from tests.examples import examples
+
+
+@pytest.fixture(params=["opencv", "kernel"], scope="module", autouse=True)
+def path(request: pytest.FixtureRequest, library: Path) -> Iterator[None]:
+    """All of it by NumPy and OpenCV, and again by the compiled kernel."""
+    kernel = load(library) if request.param == "kernel" else None
+    assert (kernel is None) == (request.param == "opencv")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(refinement, "_kernel", lambda: kernel)
+        yield
+
 
 RED, GREY = (40.0, 45.0, 190.0), (120.0, 128.0, 122.0)
 TRUTH = Ellipse(80.37, 76.81, 52.2, 52.2, 0.0)

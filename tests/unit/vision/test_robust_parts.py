@@ -15,7 +15,8 @@ from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, ev
 from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, failed_gate, weight
 from gateway.vision.detect.robust.evidence import Evidence, masked_median
 from gateway.vision.detect.robust.redness import pyramid, redness
-from gateway.vision.detect.robust.rim import Rim, refine
+from gateway.vision.detect.robust.refinement import refine
+from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.robust.search import _rim_near
 from tests import decoys
 from tests.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm

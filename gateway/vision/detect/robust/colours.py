@@ -7,7 +7,8 @@ import numpy as np
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.normal_profiles import sample
-from gateway.vision.detect.robust.rim import SECTORS, Rim, refine
+from gateway.vision.detect.robust.refinement import refine
+from gateway.vision.detect.robust.rim import SECTORS, Rim
 from gateway.vision.pixels import Image
 
 GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which nothing better is searched for

@@ -18,7 +18,7 @@ from gateway.vision.pixels import Image
 Floats = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
-OPPONENT = np.float32(1.5)  # grey levels a unit of a*: a red disc then is about as far from grey as it is in B, G and R
+OPPONENT = 1.5  # grey levels a unit of a*: a red disc then is about as far from grey as it is in B, G and R
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def directions(count: int) -> Directions:
 class Rays:
     """Where the rays cross the ellipse, and what the picture shows along them."""
 
-    colours: Samples  # (steps, count * channels): along each ray, from inside to outside
+    colours: Floats  # (steps, count * channels): along each ray, from inside to outside
     support: Floats  # (count,): h(phi), px
     inside: NDArray[np.bool_]  # (count,): the crossing and the edge round it lie inside the frame
     count: int
@@ -65,10 +65,13 @@ def sample(
     """
     height, width = image.shape[:2]
     normals = directions(count)
-    support = np.sqrt(np.array((outline.alpha, outline.beta, outline.gamma)) @ normals.waves)
-    spread = np.array(((outline.alpha + outline.beta, outline.gamma), (outline.gamma, outline.alpha - outline.beta)))
-    crossing = spread @ normals.normal
-    crossing /= support
+    # Element by element, not as products of matrices: then every processor rounds alike, and so does `kernel/rays.h`.
+    _, cos2, sin2 = normals.waves
+    support = np.sqrt(outline.alpha + outline.beta * cos2 + outline.gamma * sin2)
+    cos, sin = normals.normal
+    crossing = np.empty_like(normals.normal)
+    crossing[0] = ((outline.alpha + outline.beta) * cos + outline.gamma * sin) / support
+    crossing[1] = (outline.gamma * cos + (outline.alpha - outline.beta) * sin) / support
     reach = outline.major_px + float(offsets_px[-1]) + 2.0
     left, top = max(int(outline.u - reach), 0), max(int(outline.v - reach), 0)
     right, bottom = min(int(outline.u + reach) + 2, width), min(int(outline.v + reach) + 2, height)
@@ -91,8 +94,8 @@ def sample(
         inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)
     if opponent:
         lab = np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2Lab), np.uint8)
-        return Rays(lab[..., 1] * OPPONENT, support, inside, count, channels=1)
-    return Rays(colours.reshape(len(offsets_px), -1).astype(np.float32), support, inside, count, channels=3)
+        return Rays(lab[..., 1] * np.float64(OPPONENT), support, inside, count, channels=1)
+    return Rays(colours.reshape(len(offsets_px), -1).astype(np.float64), support, inside, count, channels=3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +103,8 @@ class Profile:
     """A blurred step and the linear filters that measure how one lies in samples. Shared and cached."""
 
     offsets_px: Samples  # (steps,)
-    filters: Samples  # (4, steps): outer level, step height, height * shift, height * change of variance
-    gram: Samples  # (4, 4): of the basis that the filters invert
+    filters: Floats  # (4, steps): outer level, step height, height * shift, height * change of variance
+    gram: Floats  # (4, 4): of the basis that the filters invert
 
 
 @lru_cache(maxsize=256)
@@ -118,4 +121,4 @@ def profile(sigma_tenths: int, half_steps: int, step_hundredths: int) -> Profile
     slope = np.array([exp(-0.5 * (value / sigma) ** 2) for value in x]) / (sigma * sqrt(2 * pi))
     basis = np.stack([np.ones_like(x), fall, slope, slope * x / (2 * sigma * sigma)], axis=1)
     filters = np.linalg.pinv(basis)
-    return Profile(x.astype(np.float32), filters.astype(np.float32), (basis.T @ basis).astype(np.float32))
+    return Profile(x.astype(np.float32), filters, basis.T @ basis)

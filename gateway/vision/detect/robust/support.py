@@ -18,7 +18,7 @@ from gateway.vision.detect.robust.normal_profiles import Floats, directions
 _TUKEY = 4.0  # some 90 % efficient for Gaussian residuals
 _QUANTILE_40 = 0.5244  # of the absolute values of a standard Gaussian
 _NO_CUT = 1e30
-_FEWEST = 8
+FEWEST = 8
 _RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
 
 
@@ -59,7 +59,7 @@ def fit(
     the semi-major axis of a noisy circle's free fit is always too long.
     """
     usable = weights > 0
-    if np.count_nonzero(usable) < _FEWEST:
+    if np.count_nonzero(usable) < FEWEST:
         return None
     matrix = design(outline, support)
     change: NDArray[Any] = start

@@ -17,17 +17,10 @@
 #include "morph.h"
 #include "red.h"
 
-#ifndef GATEWAY_SOURCE
-#define GATEWAY_SOURCE 0
-#endif
-
 #define TILE 128 /* pixels of a row at once: memory is then asked for the next ones evenly */
 #define ROWS_AHEAD 8 /* of a window are fetched from memory before they are needed */
 #define RED_WINDOW 192 /* pixels: a narrower window lies round something red, and holds little else */
 #define HALO 2 /* pixels that a kernel of side 5 needs beyond each end of a row */
-
-/* Checksum of the source that this was built from: a stale library is told from a fresh one. */
-uint32_t gateway_source(void) { return (uint32_t)GATEWAY_SOURCE; }
 
 /* The bytes from `first` to `end` - 1 will be read soon. */
 static inline void fetch_ahead(const uint8_t *bytes, ptrdiff_t first, ptrdiff_t end)

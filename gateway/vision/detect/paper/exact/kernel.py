@@ -4,7 +4,6 @@ A library that is missing, stale, for another machine, or wrong in a single bit 
 """
 
 import ctypes
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
+from gateway.vision.compiled import library as compiled
+from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.detect.paper import stages
 from gateway.vision.detect.paper.exact import red
-from gateway.vision.detect.paper.exact.build import LIBRARY, source_sum
 from gateway.vision.detect.paper.exact.geometry import Box
 from gateway.vision.detect.paper.stages import Mask
 from gateway.vision.pixels import Image
-
-log = logging.getLogger(__name__)
 
 HALO_PX = 2
 CHUNK_PX, MAYBE_KERNEL_PX = 32, 5  # of `maybe.h`
@@ -112,22 +110,9 @@ class Kernel:
 
 def load(params: VisionConfig, library: Path = LIBRARY) -> Kernel | None:
     """None where there is none, where it is not of this source, or where it doesn't support the blur."""
-    if params.gaussian_sigma_px or params.gaussian_kernel_px not in WEIGHTS or not library.exists():
+    if params.gaussian_sigma_px or params.gaussian_kernel_px not in WEIGHTS:
         return None
-    try:
-        loaded = ctypes.CDLL(str(library))
-        loaded.gateway_source.restype = ctypes.c_uint32
-        if loaded.gateway_source() != source_sum():
-            log.warning("the vision kernel was built from another source: not used; ./dev kernel builds it anew")
-            return None
-        kernel = Kernel(loaded, params)
-    except (OSError, AttributeError) as error:
-        log.warning("the vision kernel cannot be loaded: not used: %s", error)
-        return None
-    if not _agrees(kernel, params):
-        log.error("the vision kernel does not agree with OpenCV here: not used")
-        return None
-    return kernel
+    return compiled.load(lambda loaded: Kernel(loaded, params), lambda kernel: _agrees(kernel, params), library)
 
 
 def _agrees(kernel: Kernel, params: VisionConfig) -> bool:

@@ -1,4 +1,6 @@
-"""Compile the kernel, where there is a C compiler: `python -m gateway.vision.detect.paper.exact.build`.
+"""Compile the vision kernels, where there is a C compiler: `python -m gateway.vision.compiled.build`.
+
+All C files below `gateway/vision` become one library.
 
 Without it everything works and gives the same results, slower. Standard library only: the package's build runs this
 file before anything is installed.
@@ -12,11 +14,14 @@ import sys
 import zlib
 from pathlib import Path
 
-SOURCE = Path(__file__).with_name("kernel.c")
-SOURCES = (SOURCE, *(SOURCE.with_name(name) for name in ("blur.h", "maybe.h", "morph.h", "red.h", "wide.h")))
-LIBRARY = Path(__file__).with_name("_kernel.so")
-FLAGS = ("-O3", "-std=c11", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror")
-TIMEOUT_S = 120.0
+HERE = Path(__file__).resolve().parent
+SOURCES = tuple(sorted(HERE.parent.rglob("*.[ch]")))
+UNITS = tuple(source for source in SOURCES if source.suffix == ".c")
+LIBRARY = HERE / "_kernels.so"
+# A sum has one order, and a product is rounded before it is added to: the same bits from every compiler and processor.
+EXACT = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+FLAGS = ("-O3", "-std=c11", *EXACT, "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", f"-I{HERE}")
+TIMEOUT_S = 300.0
 
 
 def source_sum() -> int:
@@ -39,7 +44,7 @@ def build(library: Path = LIBRARY) -> str:
     if words is None:
         return "there is no C compiler (cc, gcc or clang)"
     fresh = library.with_suffix(f".{os.getpid()}.tmp")
-    command = [*words, *FLAGS, f"-DGATEWAY_SOURCE={source_sum()}u", "-o", str(fresh), str(SOURCE)]
+    command = [*words, *FLAGS, f"-DGATEWAY_SOURCE={source_sum()}u", "-o", str(fresh), *map(str, UNITS), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
         if done.returncode:
@@ -54,5 +59,5 @@ def build(library: Path = LIBRARY) -> str:
 
 if __name__ == "__main__":
     if why := build():
-        sys.exit(f"the kernel was not built: {why}")
-    print("the kernel is built")
+        sys.exit(f"the vision kernels were not built: {why}")
+    print("the vision kernels are built")

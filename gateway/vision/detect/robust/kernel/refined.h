@@ -1,0 +1,151 @@
+/* All of the refinement, for the registers that the including file chooses. */
+#ifndef GATEWAY_REFINED_H
+#define GATEWAY_REFINED_H
+
+#include "fine.h"
+
+#define PI 3.14159265358979323846
+#define SMALLEST_PX 3.0
+#define LARGEST_PX 20000.0
+
+enum { NONE, FOUND, NO_PROFILE };
+enum { DIRECTIONS = MOST_RAYS / RAYS_STEP + 1 };
+
+typedef struct { /* `rim_kernel._Tables` */
+    const double *coarse, *directions[DIRECTIONS]; /* by the number of rays over RAYS_STEP */
+    const double *filter;
+    Subsets subsets[2];
+    Lab lab;
+    double opponent_unit; /* grey levels a unit of a* */
+    int64_t fused; /* whether OpenCV multiplies and adds at once */
+} Tables;
+
+typedef struct { /* `rim_kernel._Task`: what is asked, how far it has come, and the result */
+    Picture picture;
+    Outline outline;
+    double search_px; /* 0: fine only; below 0: the default */
+    double sigma, doubt;
+    int64_t opponent, first_rays, turn;
+    const int64_t *profile_keys; /* (n, 3): tenths of sigma, steps to either side, hundredths of a step */
+    const Profile *profiles;
+    int64_t profile_count;
+    int64_t missing[3]; /* the profile that is needed, where it is not among the tables */
+    double rms_px, contrast, blur_px, wave_px;
+    int64_t inliers, inside, rays;
+} Task;
+
+typedef struct {
+    Rays rays;
+    Fit fit;
+    union {
+        Coarse coarse;
+        Edges edges;
+    };
+} Work;
+
+INLINE int sane(const Outline *o, const Picture *p)
+{
+    if (!real(o) || minor_of(o) < SMALLEST_PX || major_of(o) > LARGEST_PX)
+        return 0;
+    double reach = major_of(o);
+    return -reach < o->u && o->u < (double)p->width + reach && -reach < o->v && o->v < (double)p->height + reach;
+}
+
+INLINE const Profile *profile_of(const Task *task, const int64_t *key)
+{
+    for (int64_t n = 0; n < task->profile_count; n++)
+        if (!memcmp(task->profile_keys + 3 * n, key, 3 * sizeof *key))
+            return task->profiles + n;
+    return NULL;
+}
+
+INLINE int reported(const Rays *rays, Work *w, double sigma, Task *task)
+{
+    int count = rays->count, inliers = 0;
+    double squares = 0, height[MOST_RAYS];
+    for (int i = 0; i < count; i++) {
+        int in = w->fit.weights[i] > 0;
+        inliers += in;
+        squares += in ? w->fit.residuals[i] * w->fit.residuals[i] : 0;
+        height[i] = sqrt(w->edges.own[i]);
+    }
+    if ((double)inliers / count < LEAST_VISIBLE)
+        return NONE;
+    task->rms_px = sqrt(squares / inliers);
+    task->contrast = quantile(height, w->fit.weights, count, 0.5, w->edges.room);
+    task->blur_px = sigma;
+    task->wave_px = wave_px_of(&w->fit, count);
+    task->inliers = inliers, task->inside = rays->inside_count, task->rays = count;
+    return FOUND;
+}
+
+/* One round of the fine stage: NONE, FOUND, NO_PROFILE, or -1 where another is needed. */
+static int round_of(Task *task, const Tables *tables, Work *w, int fused)
+{
+    Outline *o = &task->outline;
+    double sigma = task->sigma, room = 0.75 * minor_of(o);
+    double even = RAYS_STEP * nearbyint(2 * PI * mean_of(o) / RAYS_STEP);
+    int full = (int)least(most(LEAST_RAYS, even), MOST_RAYS), first = (int)task->first_rays;
+    int count = task->turn || first > full ? full : first;
+    double step = least(most(0.75, 0.6 * sigma), room / 4);
+    int64_t half = (int64_t)ceil(least(most(2.5 * sigma + 1, 3), room) / step);
+    int64_t key[3] = {(int64_t)nearbyint(10 * sigma), half, (int64_t)nearbyint(100 * step)};
+    const Profile *profile = profile_of(task, key);
+    const double *table = tables->directions[count / RAYS_STEP];
+    if (!profile) {
+        memcpy(task->missing, key, sizeof key);
+        return NO_PROFILE;
+    }
+    int steps = 2 * (int)half + 1;
+    if (!sampled(&task->picture, o, table, count, profile->offsets, steps, least(2 + sigma, room),
+                 task->opponent ? &tables->lab : NULL, fused, &w->rays))
+        return NONE;
+    measured(&w->rays, profile, table, sigma, &w->edges);
+    double blur[3], change[5] = {0}, offsets[MOST_RAYS];
+    blur_of(table, &w->edges, count, w->fit.weighted, blur);
+    double beta = o->beta, gamma = o->gamma, bend = 0.5 / (o->alpha * o->alpha - (beta * beta + gamma * gamma));
+    for (int i = 0; i < count; i++) {
+        double h = w->rays.support[i];
+        double along = blur[0] - blur[1] * table[COS2 * count + i] - blur[2] * table[SIN2 * count + i];
+        offsets[i] = w->edges.shift[i] + most(along, 0) * (h * h * h * bend);
+    }
+    FitOptions options = {.smallest_scale = 0.03, .largest_scale = most(0.6, 0.01 * mean_of(o)),
+                          .doubt = count == full ? task->doubt : 0, .rounds = 3};
+    designed(o, table, w->rays.support, count, w->fit.design);
+    if (!fitted(o, offsets, w->edges.weight, count, change, &options, &w->fit) || !sane(&w->fit.outline, &task->picture))
+        return NONE;
+    *o = w->fit.outline;
+    task->sigma = least(most(rounded_tenth(sqrt(most(blur[0], 0))), 0.5), most(0.3 * minor_of(o), 1));
+    double grown = task->sigma - sigma;
+    int still = w->fit.step_px < STILL_SIGMAS * task->sigma && -0.3 * task->sigma <= grown && grown <= 0.4 * task->sigma;
+    if (count == full && (still || task->turn == ROUNDS - 1))
+        return reported(&w->rays, w, task->sigma, task);
+    return ++task->turn < ROUNDS ? -1 : NONE;
+}
+
+static int refined(Task *task, const Tables *tables, Work *w, int fused)
+{
+    Outline *o = &task->outline;
+    w->rays.unit = task->opponent ? tables->opponent_unit : 1;
+    double reach = task->search_px < 0 ? most(4, minor_of(o) / 6) : task->search_px;
+    if (!sane(o, &task->picture))
+        return NONE;
+    if (reach > 0) {
+        double offsets[COARSE_STEPS], step = least(reach, 0.8 * minor_of(o)) / HALF_STEPS;
+        for (int s = 0; s < COARSE_STEPS; s++)
+            offsets[s] = (double)(float)((s - HALF_STEPS) * step);
+        if (!sampled(&task->picture, o, tables->coarse, COARSE_RAYS, offsets, COARSE_STEPS, 0, task->opponent ? &tables->lab : NULL,
+                     fused, &w->rays) ||
+            !coarsely(&w->rays, tables->coarse, tables->filter, tables->subsets, step, o, &task->sigma, &w->coarse, &w->fit) ||
+            !sane(o, &task->picture))
+            return NONE;
+        task->search_px = 0; /* what is left to do where a profile is missing */
+    }
+    for (;;) {
+        int done = round_of(task, tables, w, fused);
+        if (done >= 0)
+            return done;
+    }
+}
+
+#endif

@@ -1,0 +1,182 @@
+"""`refinement.refine_plain` in C: its tables, its memory, and the comparison with OpenCV's sampling. Pure."""
+
+import ctypes
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.core.detection import Ellipse
+from gateway.vision.detect.robust import normal_profiles, rim_coarse, rim_fine
+from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
+from gateway.vision.detect.robust.kernel import lab
+from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.pixels import Image
+
+NONE, FOUND, NO_PROFILE = 0, 1, 2
+_STEPS = 13  # of a profile, at most
+_DIRECTIONS = rim_fine.MOST_RAYS // rim_fine.RAYS_STEP + 1
+_PROFILES = 64  # kept
+_DEFAULT_SEARCH = -1.0
+
+# Four neighbouring pixels, shares to the right and downwards, and what a processor gives that multiplies and adds at
+# once; one that rounds in between gives another grey level each time.
+_FUSED = (
+    ((211, 13, 48, 253), "0x1.6ff78p-6", "0x1.ba8140p-1", 73),
+    ((153, 114, 203, 49), "0x1.085134p-1", "0x1.929a58p-1", 126),
+    ((10, 75, 98, 83), "0x1.87e604p-2", "0x1.4fb28ap-1", 73),
+    ((46, 68, 242, 137), "0x1.643c20p-4", "0x1.d57524p-1", 217),
+)
+
+_Pointer, _Int, _Real = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+
+
+class _Subsets(ctypes.Structure):
+    _fields_ = (("rays", _Pointer), ("inverses", _Pointer), ("size", _Int), ("count", _Int))
+
+
+class _Lab(ctypes.Structure):
+    _fields_ = (("linear", _Pointer), ("root", _Pointer), ("x", _Int * 3), ("y", _Int * 3))
+
+
+class _Tables(ctypes.Structure):
+    _fields_ = (
+        ("coarse", _Pointer),
+        ("directions", _Pointer * _DIRECTIONS),
+        ("filter", _Pointer),
+        ("subsets", _Subsets * 2),
+        ("lab", _Lab),
+        ("opponent_unit", _Real),
+        ("fused", _Int),
+    )
+
+
+class _Task(ctypes.Structure):
+    _fields_ = (
+        *((name, _Int) for name in ("pixels", "stride", "height", "width")),
+        *((name, _Real) for name in ("u", "v", "alpha", "beta", "gamma", "search_px", "sigma", "doubt")),
+        *((name, _Int) for name in ("opponent", "first_rays", "turn")),
+        *((name, _Pointer) for name in ("profile_keys", "profiles")),
+        ("profile_count", _Int),
+        ("missing", _Int * 3),
+        *((name, _Real) for name in ("rms_px", "contrast", "blur_px", "wave_px")),
+        *((name, _Int) for name in ("inliers", "inside", "rays")),
+    )
+
+
+class _Room:
+    """What one call works in, and where it is."""
+
+    def __init__(self, work_size: int) -> None:
+        self._work = np.empty(work_size, np.uint8)
+        self._keys = np.zeros((_PROFILES, 3), np.int64)
+        self._profiles = np.zeros((_PROFILES, 5 * _STEPS + 16))
+        self.task = _Task(profile_keys=self._keys.ctypes.data, profiles=self._profiles.ctypes.data)
+        self.task_at = ctypes.addressof(self.task)
+        self.work_at = self._work.ctypes.data
+
+    def add_profile(self, sigma_tenths: int, half_steps: int, step_hundredths: int) -> None:
+        """The last place is taken by each that finds the table full."""
+        made = normal_profiles.profile(sigma_tenths, half_steps, step_hundredths)
+        at = min(self.task.profile_count, _PROFILES - 1)
+        steps = len(made.offsets_px)
+        self._keys[at] = sigma_tenths, half_steps, step_hundredths
+        self._profiles[at, :steps] = made.offsets_px
+        self._profiles[at, _STEPS : _STEPS + 4 * steps] = made.filters.ravel()
+        self._profiles[at, 5 * _STEPS :] = made.gram.ravel()
+        self.task.profile_count = at + 1
+
+
+class RimKernel:
+    """The compiled refinement. May be called from any thread: each call has memory of its own."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._call = library.gateway_rim
+        self._call.argtypes = [_Pointer, _Pointer, _Pointer]
+        self._call.restype = ctypes.c_int
+        library.gateway_rim_work.restype = _Int
+        self._work_size = int(library.gateway_rim_work())
+        self._rooms: list[_Room] = []
+        self._kept: list[NDArray[np.generic]] = []  # what the tables point to
+        self._tables = self._made()
+        self._tables_at = ctypes.addressof(self._tables)
+
+    def refine(self, image: Image, seed: Ellipse, search_px: float | None, doubt: float, opponent: bool) -> Rim | None:
+        """As `refinement.refine_plain`, for a picture whose pixels lie side by side (`usable`)."""
+        room = self._room()
+        task = room.task
+        task.pixels, task.stride = image.ctypes.data, image.strides[0]
+        task.height, task.width = image.shape[:2]
+        task.u, task.v, task.alpha, task.beta, task.gamma = from_ellipse(seed)
+        fine_only = search_px is not None and not search_px > 0
+        task.search_px = 0.0 if fine_only else _DEFAULT_SEARCH if search_px is None else search_px
+        task.first_rays = rim_fine.FEW_RAYS if fine_only else rim_fine.MOST_RAYS
+        task.sigma, task.doubt, task.opponent, task.turn = 1.0, doubt, opponent, 0
+        while (result := self._call(room.task_at, self._tables_at, room.work_at)) == NO_PROFILE:
+            room.add_profile(*task.missing)
+        rim = _rim_of(task) if result == FOUND else None
+        self._rooms.append(room)
+        return rim
+
+    def _room(self) -> _Room:
+        try:
+            return self._rooms.pop()
+        except IndexError:
+            return _Room(self._work_size)
+
+    def _made(self) -> _Tables:
+        tables = _Tables()
+        coarse_rays = rim_coarse.COARSE_RAYS
+        tables.coarse = self._at(_directions(coarse_rays))
+        for count in range(rim_fine.LEAST_RAYS, rim_fine.MOST_RAYS + 1, rim_fine.RAYS_STEP):
+            tables.directions[count // rim_fine.RAYS_STEP] = self._at(_directions(count))
+        tables.filter = self._at(rim_coarse.edge_filter())
+        for n, (rays, inverses) in enumerate(rim_coarse.subsets()):
+            place = self._at(rays.astype(np.int32)), self._at(inverses)
+            tables.subsets[n] = _Subsets(*place, rays.shape[1], len(rays))
+        x, y = ((_Int * 3)(*row) for row in lab.weights().tolist())
+        tables.lab = _Lab(self._at(lab.linear()), self._at(lab.root()), x, y)
+        tables.opponent_unit = normal_profiles.OPPONENT
+        tables.fused = opencv_fuses()
+        return tables
+
+    def _at(self, values: NDArray[np.generic]) -> int:
+        """The address of a copy that lies side by side, or of the array itself, which stays."""
+        lasting = np.ascontiguousarray(values)
+        self._kept.append(lasting)
+        return lasting.ctypes.data
+
+
+def usable(image: Image) -> bool:
+    """Whether the pixels of each row lie side by side."""
+    return image.dtype == np.uint8 and image.strides[1:] == (3, 1)
+
+
+def opencv_fuses() -> bool:
+    """Whether OpenCV's bilinear sampling multiplies and adds at once here."""
+    for corners, right, down, level in _FUSED:
+        picture = np.repeat(np.array(corners, np.uint8).reshape(2, 2, 1), 3, axis=2)
+        columns, rows = (np.full((1, 64), float.fromhex(share), np.float32) for share in (right, down))
+        taken = cv2.remap(picture, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        if np.asarray(taken)[0, 0, 0] != level:
+            return False
+    return True
+
+
+def _directions(count: int) -> NDArray[np.float64]:
+    """(4 + 21, count): cosine, sine, of the angle and of its double, and the smoothing."""
+    at = normal_profiles.directions(count)
+    return np.concatenate([at.normal, at.waves[1:], rim_fine.neighbours(count).T])
+
+
+def _rim_of(task: _Task) -> Rim:
+    return Rim(
+        ellipse=to_ellipse(SupportEllipse(task.u, task.v, task.alpha, task.beta, task.gamma)),
+        rms_px=task.rms_px,
+        support=task.inliers / max(task.inside, 1),
+        visible=task.inliers / task.rays,
+        contrast=task.contrast,
+        inliers=task.inliers,
+        blur_px=task.blur_px,
+        wave_px=task.wave_px,
+    )

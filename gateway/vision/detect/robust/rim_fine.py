@@ -1,0 +1,165 @@
+"""The fine stage of the rim's refinement: the shift of a blurred step along every ray, and the ellipse through them.
+
+Pure. `kernel/fine.h` is the same in C: the tables made here are handed to it.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, exp, isfinite, pi, sqrt
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.vision.detect.robust import support
+from gateway.vision.detect.robust.conic import SupportEllipse, to_ellipse
+from gateway.vision.detect.robust.normal_profiles import Floats, Profile, Rays, directions, profile, sample
+from gateway.vision.detect.robust.order import quantile
+from gateway.vision.detect.robust.rim import SECTORS, Rim, sane
+from gateway.vision.pixels import Image
+
+FEW_RAYS = 128  # where a first fine round only brings the rim near
+MOST_RAYS = 320
+LEAST_RAYS = 64
+RAYS_STEP = 32  # numbers of rays are multiples of it
+LEAST_VISIBLE = 0.15  # of the entire rim's rays: fewer are no rim
+_ROUNDS = 4  # at most
+_STILL_SIGMAS = 0.15  # of the blur: the step's shift is linear so far, smaller moves need no further round
+_AT_REST = np.zeros(5)
+_QUARTER_TURN = np.array((1.0, -1.0, -1.0))  # from the variance across the rim to that along it
+_RIDGE = np.diag((1e-6, 1e-3, 1e-3))  # a blur that is the same in all directions, where too little is seen
+
+
+@dataclass(frozen=True, slots=True)
+class _Edges:
+    """The result of one measurement along the rays. All (count,)."""
+
+    shift_px: Floats
+    height: Floats
+    variance_px2: Floats
+    weight: Floats
+
+
+def fine(image: Image, outline: SupportEllipse, sigma: float, first: int, doubt: float, opponent: bool) -> Rim | None:
+    """The rim near an outline that is good to a pixel or so; at first with `first` rays, `sigma` px of blur guessed."""
+    count = first
+    for turn in range(_ROUNDS):
+        full_rays = min(max(LEAST_RAYS, RAYS_STEP * round(2 * pi * outline.mean_px / RAYS_STEP)), MOST_RAYS)
+        count = full_rays if turn else min(first, full_rays)
+        room = 0.75 * outline.minor_px
+        step = min(max(0.75, 0.6 * sigma), room / 4)
+        half_steps = ceil(min(max(2.5 * sigma + 1.0, 3.0), room) / step)
+        seen = profile(round(10 * sigma), half_steps, round(100 * step))
+        rays = sample(image, outline, count, seen.offsets_px, min(2.0 + sigma, room), opponent)
+        if rays is None:
+            return None
+        edges = _measure(rays, seen, sigma)
+        blur = _blur(edges)
+        half_curvature = rays.support**3 * (0.5 / (outline.alpha * outline.alpha - outline.wave * outline.wave))
+        inward = np.maximum((blur * _QUARTER_TURN) @ directions(count).waves, 0.0) * half_curvature
+        found = support.fit(
+            outline,
+            rays.support,
+            edges.shift_px + inward,
+            edges.weight,
+            _AT_REST,
+            smallest_scale_px=0.03,
+            largest_scale_px=max(0.6, 0.01 * outline.mean_px),
+            rounds=3,
+            doubt=doubt if count == full_rays else 0.0,
+        )
+        if found is None or not sane(found.outline, image):
+            return None
+        outline = found.outline
+        was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * outline.minor_px, 1.0))
+        still = found.step_px < _STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
+        if count == full_rays and (still or turn == _ROUNDS - 1):
+            return _rim(rays, edges, found, sigma)
+    return None
+
+
+def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
+    """Shift, height and variance of the step along every ray, all channels together.
+
+    Channels are weighed by the height of the step in them: that of the neighbourhood, not the ray's own. The ray's own
+    errs by the same grain of the background as its shift does, which would bias the product of the two outward.
+    """
+    count, channels, colours = rays.count, rays.channels, rays.colours
+    steps = len(colours)
+    found = seen.filters @ colours
+    unexplained = np.einsum("ij,ij->j", colours, colours) - np.einsum("ij,ij->j", found, seen.gram @ found)
+    level, height, moved, spread = np.ascontiguousarray(found.reshape(4, count, channels).transpose(0, 2, 1))
+    noise = unexplained.reshape(count, channels).sum(axis=1) / (channels * (steps - 4)) + 0.1
+    own = (height * height).sum(axis=0)
+    inside = rays.inside
+    usual = max(quantile(own[inside], 0.5), 1.0)
+    quiet = quantile(noise[inside], 0.35)
+    clear = (inside & (own > 0.1 * usual)).astype(np.float64)
+    smooth = neighbours(count)
+    blended = (np.concatenate([height * clear, clear[np.newaxis]]) @ smooth) @ smooth.T
+    usually = blended[:channels] / np.maximum(blended[channels], 0.05)
+    power = np.maximum((usually * usually).sum(axis=0), 1.0)
+    shift = (moved * usually).sum(axis=0) / power
+    variance = sigma * sigma + np.clip((spread * usually).sum(axis=0) / power, -sigma * sigma, 3 * sigma * sigma)
+    inner = level + height
+    strange = (np.square(inner - _middle(inner, inside)).sum(axis=0)) / (0.4 * power + 200.0)
+    weight = np.minimum(power / usual, 2.0) / (1.0 + strange * strange)
+    weight *= np.minimum(1.4 * quiet / noise, 1.0) ** 4  # specks, and what else is no plain step
+    weight[(clear == 0) | (own < 9.0) | (np.abs(shift) > 1.5 * sigma + 1.0)] = 0.0
+    return _Edges(shift, np.sqrt(own), variance, weight)
+
+
+def _middle(planes: Floats, inside: NDArray[np.bool_]) -> Floats:
+    """(channels, 1): the median colour of the rays inside the frame; of all where none is."""
+    chosen = planes[:, inside] if inside.any() else planes
+    middle = chosen.shape[1] // 2
+    return np.partition(chosen, middle, axis=1)[:, middle : middle + 1]
+
+
+@lru_cache(maxsize=64)
+def neighbours(count: int) -> Floats:
+    """(count, 21): a smoothing over some 15 degrees to both sides, as its square root: values @ s @ s.T."""
+    phi = np.arange(count) * (2 * pi / count)
+    waves = [np.full(count, sqrt(1 / count))]
+    for m in range(1, 11):
+        size = sqrt(2 / count) * exp(-0.5 * (m / 5) ** 2)
+        waves += [size * np.cos(m * phi), size * np.sin(m * phi)]
+    return np.stack(waves, axis=1)
+
+
+def _blur(edges: _Edges) -> Floats:
+    """(3,): variance of the blur across the rim by the direction of the normal: constant, cos 2 phi, sin 2 phi."""
+    waves = directions(len(edges.weight)).waves
+    weighted = waves * edges.weight
+    information = weighted @ waves.T + _RIDGE * (float(edges.weight.sum()) + 1e-9)
+    _, fitted = cv2.solve(information, (weighted @ edges.variance_px2)[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
+    return np.asarray(fitted, np.float64).ravel()
+
+
+def _rim(rays: Rays, edges: _Edges, found: support.Fit, sigma: float) -> Rim | None:
+    inlying = found.weights > 0
+    inliers = int(np.count_nonzero(inlying))
+    visible = inliers / rays.count
+    if visible < LEAST_VISIBLE:
+        return None
+    ellipse = to_ellipse(found.outline)
+    if not all(map(isfinite, (ellipse.u_px, ellipse.v_px, ellipse.semi_major_px))):
+        return None
+    return Rim(
+        ellipse=ellipse,
+        rms_px=sqrt(float(np.square(found.residuals_px[inlying]).sum()) / inliers),
+        support=inliers / max(int(np.count_nonzero(rays.inside)), 1),
+        visible=visible,
+        contrast=quantile(edges.height[inlying], 0.5),
+        inliers=inliers,
+        blur_px=sigma,
+        wave_px=_wave(found),
+    )
+
+
+def _wave(found: support.Fit) -> float:
+    sectors = found.weights.reshape(SECTORS, -1)
+    heft = sectors.sum(axis=1)
+    seen = heft > 0
+    means = (sectors * found.residuals_px.reshape(SECTORS, -1)).sum(axis=1)[seen] / heft[seen]
+    return sqrt(float(means @ means) / len(means))
