@@ -9,7 +9,7 @@ from collections.abc import Callable
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
 from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
-from gateway.core.readings import DEAD, PictureFault, Quality
+from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
 
 ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
@@ -293,6 +293,21 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "clean the lens and its window; focus; look at the dust extraction",
         8 * 60,
         *_picture(PictureFault.BLURRED, PictureFault.DUSTY),
+        on_delay_s=10.0,
+        off_delay_s=60.0,
+    ),
+    AlarmDefinition(
+        "exposure_uncontrolled",
+        "Exposure not controlled",
+        Priority.LOW,
+        'camera.exposure is "marker", but the camera cannot be set, refuses, or its pictures do not follow',
+        "a marker in the sun, under a lamp or in the dark is not found: stop is on",
+        ("a camera without an exposure time that can be set", "another program sets it, too", "a driver's fault"),
+        "look at the log for the reason; see docs/commissioning-vision.md, or set the camera by hand and "
+        'camera.exposure to "camera"',
+        8 * 60,
+        lambda inputs: inputs.state.exposure is not None and inputs.state.exposure.state in UNCONTROLLED,
+        lambda inputs: "" if inputs.state.exposure is None else EXPOSURE_MEANING[inputs.state.exposure.state],
         on_delay_s=10.0,
         off_delay_s=60.0,
     ),

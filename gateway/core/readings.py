@@ -102,6 +102,10 @@ class ExposureState(StrEnum):
     NO_CONTROLS = "no_controls"
 
 
+UNCONTROLLED = frozenset({ExposureState.IGNORED, ExposureState.REFUSED, ExposureState.NO_CONTROLS})
+"""The camera does not do as it is told."""
+
+
 EXPOSURE_MEANING: dict[ExposureState, str] = {
     ExposureState.CONTROLLED: "exposure time and gain follow the light",
     ExposureState.TOO_BRIGHT: "at its shortest time and lowest gain, and still too bright",

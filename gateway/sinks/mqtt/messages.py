@@ -13,7 +13,7 @@ from gateway.core.detection import Tracking
 from gateway.core.events import EventKind
 from gateway.core.ne107 import Ne107
 from gateway.core.plc import PlcLink
-from gateway.core.readings import PictureFault, Quality
+from gateway.core.readings import ExposureState, PictureFault, Quality
 from gateway.core.state import GuidanceCode, Reason
 
 SCHEMA_VERSION = 1
@@ -213,6 +213,15 @@ class PicturePayload(BaseModel):
     )
 
 
+class ExposurePayload(BaseModel):
+    """What the camera is set to, where the gateway controls it (`camera.exposure = "marker"`)."""
+
+    model_config = FROZEN
+    state: str = Field(json_schema_extra={"enum": [state.name for state in ExposureState]})
+    time_ms: float | None = Field(description="exposure time; null: the camera can't be set")
+    gain_db: float | None = Field(description="null: not controlled")
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic is online and it keeps arriving."""
 
@@ -237,6 +246,9 @@ class StatePayload(Measured):
     held_ms: float | None = Field(description="since the marker was covered, in place; null: it is not held")
     scale: ScalePayload | None = Field(description="null: not learned yet, for the recipe in force")
     picture: PicturePayload | None = Field(description="health of the picture itself; null without a fresh frame")
+    exposure: ExposurePayload | None = Field(
+        description="exposure time and gain; null: left to the camera, or no fresh frame"
+    )
     ne107: Ne107Payload
     guidance: GuidancePayload
     plc: PlcPayload

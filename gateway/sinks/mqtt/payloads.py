@@ -22,6 +22,7 @@ from gateway.sinks.mqtt.messages import (
     CountersPayload,
     DeliveryPayload,
     EventPayload,
+    ExposurePayload,
     GuidancePayload,
     Life,
     Measured,
@@ -75,6 +76,7 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         held_ms=_since_ms(state, state.visit.covered_since_ns if state.visit.held else None),
         scale=_scale(state, offset_ns),
         picture=_picture(state),
+        exposure=_exposure(state),
         ne107=_ne107(state),
         guidance=_guidance(state.guidance),
         plc=_plc(state),
@@ -203,6 +205,17 @@ def _picture(state: StateVector) -> PicturePayload | None:
         veil_proven=_number(health.veil_proven, 4),
         shift_px=_number(health.shift_px, 2),
         faults=tuple(fault.name for fault in health.faults),
+    )
+
+
+def _exposure(state: StateVector) -> ExposurePayload | None:
+    exposure = state.exposure
+    if exposure is None:
+        return None
+    return ExposurePayload(
+        state=exposure.state.name,
+        time_ms=_number(exposure.time_ms, 3),
+        gain_db=_number(exposure.gain_db, 2),
     )
 
 

@@ -43,7 +43,7 @@ class ExposureLoop:
     # The capture thread.
 
     def take_over(self, source: Source, label: str) -> None:
-        """After the source was opened. One without controls is used as it is, and reported."""
+        """After the source's first frame. One without controls is used as it is, and reported."""
         self._label = label
         try:
             if isinstance(source, ExposureControlled):

@@ -160,8 +160,6 @@ class Capture:
         spec = job.source.spec()
         source = spec.open(clock)
         self._lossless = source.lossless
-        if self._exposure is not None:
-            self._exposure.take_over(source, spec.label)
         gc.collect()
         gc.freeze()  # 40,000 objects of the libraries, kept until the end, are not scanned again periodically
         for _ in range(job.discard):
@@ -189,6 +187,8 @@ class Capture:
                 height, width = image.shape[:2]
                 self._progress.set_size_px(width, height)
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
+                if self._exposure is not None:
+                    self._exposure.take_over(source, spec.label)  # now: some cameras begin each stream with their own
             self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns), wait=source.lossless)
             self._progress.captured(seq, clock.now_ns())
             if self._exposure is not None:

@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
+from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.pixels import bgr8
+from gateway.vision.source import v4l2_exposure
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
+from gateway.vision.source.v4l2_exposure import V4l2Exposure
 
 if TYPE_CHECKING:
     from gateway.vision.source.specs import CameraSpec, StreamSpec
@@ -60,6 +63,26 @@ class CaptureSource(Source):
         self._capture.release()
 
 
+class CameraSource(CaptureSource):
+    """A V4L2 camera, whose exposure may be controlled."""
+
+    def __init__(self, capture: cv2.VideoCapture, spec: "CameraSpec", clock: Clock) -> None:
+        super().__init__(capture, spec, clock, BufferTime())
+        self._device = spec.device
+        self._exposure: V4l2Exposure | None = None
+
+    def exposure_controls(self, rules: ExposureRules) -> V4l2Exposure | None:
+        fps = self._capture.get(cv2.CAP_PROP_FPS)
+        self._exposure = v4l2_exposure.exposure_controls(self._device, self._label, rules, fps)
+        return self._exposure
+
+    def close(self) -> None:
+        """With the exposure that it was found with."""
+        if self._exposure is not None:
+            self._exposure.close()
+        super().close()
+
+
 def frame_of(image: NDArray[Any], t_capture_ns: int, label: str) -> Frame:
     """What a driver handed over, as a frame. Raises LinkError for what is no picture."""
     try:
@@ -68,7 +91,7 @@ def frame_of(image: NDArray[Any], t_capture_ns: int, label: str) -> Frame:
         raise LinkError(f"{label}: {error}") from error
 
 
-def open_camera(spec: "CameraSpec", clock: Clock) -> CaptureSource:
+def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
     """A V4L2 camera. Raises LinkError when there is no such camera, or another program has it."""
     capture = cv2.VideoCapture(spec.device, cv2.CAP_V4L2)
     if not capture.isOpened():
@@ -81,7 +104,7 @@ def open_camera(spec: "CameraSpec", clock: Clock) -> CaptureSource:
     for key, wish in wishes:
         if wish is not None:
             capture.set(key, wish)  # a driver may give something else without an error: the first frame is checked
-    return CaptureSource(capture, spec, clock, BufferTime())
+    return CameraSource(capture, spec, clock)
 
 
 def open_stream(spec: "StreamSpec", clock: Clock) -> CaptureSource:

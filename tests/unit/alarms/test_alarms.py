@@ -26,7 +26,15 @@ from gateway.alarms.states import AlarmEvent, AlarmState, next_state
 from gateway.config import FusionConfig
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
-from gateway.core.readings import PictureFault, PictureHealth, Quality, RangeReading, VisionReading
+from gateway.core.readings import (
+    CameraExposure,
+    ExposureState,
+    PictureFault,
+    PictureHealth,
+    Quality,
+    RangeReading,
+    VisionReading,
+)  # fmt: skip
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, TruckPosition, Visit
 from tests.examples import examples
@@ -148,6 +156,11 @@ def picture(*faults: PictureFault, quality: Quality = Quality.NO_TARGET) -> Stat
     )
 
 
+def exposed(state: ExposureState) -> StateVector:
+    reading = VisionReading(4_960_000_000, Quality.NO_TARGET, exposure=CameraExposure(state, 8.0))
+    return permitted(vision=reading, range=RangeReading(1, Quality.NO_ECHO))
+
+
 def ranger(quality: Quality) -> StateVector:
     return permitted(range=RangeReading(4_980_000_000, quality))
 
@@ -172,6 +185,7 @@ CAUSES = {
     "picture_blind": picture(PictureFault.DARK),
     "picture_poor": picture(PictureFault.DUSTY),
     "camera_moved": picture(PictureFault.SHIFTED),
+    "exposure_uncontrolled": exposed(ExposureState.IGNORED),
     "maintenance": permitted(memory=FusionMemory(restarts=1, restarted_ns=4_000_000_000)),
     "function_check_forgotten": permitted(function_check=FunctionCheck.MAY_MOVE_KEPT),
     "truck_moved": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE, moved_covered=True)),
@@ -179,6 +193,8 @@ CAUSES = {
     "scale_changed": permitted(memory=FusionMemory(scale=SCALE)),
 }
 NO_ALARM = {
+    "exposure in order": exposed(ExposureState.CONTROLLED),
+    "exposure at its end": exposed(ExposureState.TOO_DARK),
     "on its way": permitted(),
     "picture in order": picture(),
     "dark, but the frames are old": picture(PictureFault.DARK, quality=Quality.WAITING),

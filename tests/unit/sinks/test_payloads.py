@@ -15,6 +15,8 @@ from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import Event, EventKind
 from gateway.core.readings import (
     QUALITY_MEANING,
+    CameraExposure,
+    ExposureState,
     PictureHealth,
     Quality,
     RangeReading,
@@ -100,6 +102,26 @@ def test_the_health_of_the_picture_is_published_with_fresh_frames_only() -> None
     assert sent(state_payload(stale, GATEWAY, OFFSET_NS, 2500))["picture"] is None
 
 
+@pytest.mark.parametrize(
+    ("exposure", "shown"),
+    [
+        (
+            CameraExposure(ExposureState.TOO_DARK, 7.99961, 23.987),
+            {"state": "TOO_DARK", "time_ms": 8.0, "gain_db": 23.99},
+        ),
+        (CameraExposure(ExposureState.NO_CONTROLS), {"state": "NO_CONTROLS", "time_ms": None, "gain_db": None}),
+        (None, None),
+    ],
+)
+def test_the_cameras_exposure_is_published_with_fresh_frames_only(
+    exposure: CameraExposure | None, shown: dict[str, Any] | None
+) -> None:
+    state = replace(GOOD, vision=replace(GOOD.vision, exposure=exposure))
+    assert sent(state_payload(state, GATEWAY, OFFSET_NS, 2500))["exposure"] == shown
+    stale = replace(state, vision=replace(state.vision, quality=Quality.STALE, circle=None))
+    assert sent(state_payload(stale, GATEWAY, OFFSET_NS, 2500))["exposure"] is None
+
+
 def test_a_good_state() -> None:
     assert sent(state_payload(GOOD, GATEWAY, OFFSET_NS, 2500)) == {
         "schema_version": 1,
@@ -141,6 +163,7 @@ def test_a_good_state() -> None:
         "held_ms": None,
         "scale": None,
         "picture": None,
+        "exposure": None,
         "ne107": {"name": "GOOD", "code": 0, "active": []},
         "guidance": {
             "name": "WAIT",

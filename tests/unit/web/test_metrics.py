@@ -12,7 +12,15 @@ from prometheus_client.openmetrics import parser as openmetrics_parser
 
 from gateway.alarms.bay_alarms import BAY_ALARMS
 from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
-from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading, VisionStats
+from gateway.core.readings import (
+    CameraExposure,
+    ExposureState,
+    PictureFault,
+    PictureHealth,
+    Quality,
+    VisionReading,
+    VisionStats,
+)
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.web.host.status import MAX_STAGES, LatencyHistograms
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, SystemStatus
@@ -69,7 +77,7 @@ HEALTH = PictureHealth(0.5, 0.01, 0.4, 0.6, 0.2, None, status=1 << PictureFault.
 async def scraped(made: Plant, links: SystemStatus | None = None) -> Samples:
     made.links = full() if links is None else links
     await asyncio.sleep(1.2)
-    made.loading(stats=STATS, picture=HEALTH)
+    made.loading(stats=STATS, picture=HEALTH, exposure=CameraExposure(ExposureState.CONTROLLED, 2.5, 6.0))
     await made.client.update_links()
     body, content_type = text(MetricsSource(made.client, PAGES, PROCESSES))
     assert content_type.startswith("text/plain; version=")
@@ -103,6 +111,8 @@ async def test_every_family_is_reported_and_parsed() -> None:
             0.9,
             100,
         )
+        assert now.value("bay_camera_exposure_seconds", bay="bay1") == 0.0025
+        assert now.value("bay_camera_gain_decibels", bay="bay1") == 6
         assert now.value("bay_frames_total", bay="bay1") == 8
         assert now.value("bay_frames_skipped_total", bay="bay1") == 2
         assert now.value("bay_decision", bay="bay1") == 0

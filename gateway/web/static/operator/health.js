@@ -63,6 +63,14 @@ function tasks(links) {
   };
 }
 
+/** What the camera is set to, where the gateway controls it. */
+function exposure(set) {
+  if (!set) return [];
+  const words = { TOO_BRIGHT: ' (shortest)', TOO_DARK: ' (longest)', IGNORED: ' (not obeyed)', REFUSED: ' (refused)' }[set.state] ?? '';
+  const time = set.time_ms === null ? 'cannot be set' : `${set.time_ms.toFixed(1)} ms${words}`;
+  return [['exposure', time], ...(set.gain_db === null ? [] : [['gain', `${set.gain_db.toFixed(1)} dB`]])];
+}
+
 export function Health({ state, links }) {
   const [open, setOpen] = useKept('operator.counters', false);
   const [mqtt, reads, gateway] = [broker(links), modbus(links), tasks(links)];
@@ -72,7 +80,7 @@ export function Health({ state, links }) {
     <ul class="parts">
       <${Part} name="Camera" detail=${state?.vision.detail}
         sign=${state ? html`<${Sign} state=${visionHealth(state)} text=${words(state.vision.quality.name)} />` : unknown}
-        facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['delay', age(state?.rates.vision_latency_ms)]]} />
+        facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['delay', age(state?.rates.vision_latency_ms)], ...exposure(state?.exposure)]} />
       <${Part} name="Picture"
         sign=${state ? html`<${Sign} ...${pictureHealth(state)} />` : unknown}
         facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />

@@ -1,0 +1,180 @@
+"""Exposure time and gain of a V4L2 camera, by the kernel's own calls: OpenCV passes raw values and no limits.
+
+A second handle on the device: controls are the device's, and setting them disturbs no stream. Only cameras that state
+their exposure time in units of time (V4L2_CID_EXPOSURE_ABSOLUTE, 100 us; USB cameras do) can be controlled. The unit of
+V4L2_CID_GAIN is the driver's own: `camera.gain_range_db` says what its two ends amount to; in between it counts as even
+in dB. After linux/videodev2.h and linux/v4l2-controls.h.
+"""
+
+import fcntl
+import logging
+import math
+import os
+import struct
+from dataclasses import dataclass
+
+from gateway.errors import LinkError
+from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
+
+log = logging.getLogger(__name__)
+
+QUERYCTRL, G_CTRL, S_CTRL = 0xC0445624, 0xC008561B, 0xC008561C
+QUERY, CONTROL = struct.Struct("=II32siiiiI8x"), struct.Struct("=Ii")
+EXPOSURE_AUTO, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO_PRIORITY = 0x9A0901, 0x9A0902, 0x9A0903
+AUTOGAIN, GAIN = 0x980912, 0x980913
+MANUAL = 1  # of EXPOSURE_AUTO
+DISABLED, READ_ONLY = 0x1, 0x4  # flags
+UNIT_US = 100.0
+FRAME_SHARE = 0.9  # of the frame period is the longest exposure
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Of one control, in the driver's units."""
+
+    least: int
+    most: int
+    step: int
+
+
+class V4l2Device:
+    """The controls of one device. Every call raises OSError where the driver refuses."""
+
+    def __init__(self, path: str) -> None:
+        self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+
+    def range_of(self, control: int) -> Range | None:
+        """None: there is no such control, or it can't be set."""
+        record = bytearray(QUERY.pack(control, 0, b"", 0, 0, 0, 0, 0))
+        try:
+            fcntl.ioctl(self._fd, QUERYCTRL, record)
+        except OSError:
+            return None
+        _, _, _, least, most, step, _, flags = QUERY.unpack(record)
+        return None if flags & (DISABLED | READ_ONLY) or most < least else Range(least, most, max(1, step))
+
+    def get(self, control: int) -> int:
+        record = bytearray(CONTROL.pack(control, 0))
+        fcntl.ioctl(self._fd, G_CTRL, record)
+        return int(CONTROL.unpack(record)[1])
+
+    def set(self, control: int, value: int) -> int:
+        """Returns what it is now: a driver may round."""
+        fcntl.ioctl(self._fd, S_CTRL, bytearray(CONTROL.pack(control, value)))
+        return self.get(control)
+
+    def close(self) -> None:
+        if self._fd >= 0:
+            os.close(self._fd)
+        self._fd = -1
+
+
+class V4l2Exposure:
+    """Begins with the exposure that the camera has, or the nearest that is allowed, so that a process which takes the
+    place of another goes on where that one ended."""
+
+    def __init__(self, device: V4l2Device, label: str) -> None:
+        self._device = device
+        self._label = label
+        self._found: list[tuple[int, int]] = []  # what was changed, and what it was before
+        self._gain: Range | None = None
+        self._gain_db = (0.0, 0.0)
+        self.limits = ExposureLimits((UNIT_US, UNIT_US))
+        self.now = Exposure(UNIT_US)
+
+    @property
+    def controls_gain(self) -> bool:
+        return self._gain is not None
+
+    def take_over(self, time: Range, rules: ExposureRules, fps: float) -> None:
+        """`time`: of EXPOSURE_ABSOLUTE. `fps`: 0: unknown. Raises OSError."""
+        device, label = self._device, self._label
+        self._switch(EXPOSURE_AUTO, MANUAL)
+        self._switch(EXPOSURE_AUTO_PRIORITY, 0)  # the exposure is not to lower the frame rate
+        self._gain = None if rules.gain_range_db is None else device.range_of(GAIN)
+        if rules.gain_range_db is not None and (self._gain is None or self._gain.least == self._gain.most):
+            log.warning("%s: camera.gain_range_db: the camera has no gain that can be set", label)
+            self._gain = None
+        self._gain_db = (0.0, 0.0) if self._gain is None or rules.gain_range_db is None else rules.gain_range_db
+        gain_step_db = 0.0
+        if self._gain is not None:
+            self._switch(AUTOGAIN, 0)
+            gain_step_db = self._db_a_unit * self._gain.step
+        self.limits = ExposureLimits(
+            _times_us(time, rules.max_time_us, fps), UNIT_US * time.step, self._gain_db, gain_step_db
+        )
+        settings = (EXPOSURE_ABSOLUTE,) if self._gain is None else (EXPOSURE_ABSOLUTE, GAIN)
+        before = [(control, device.get(control)) for control in settings]
+        self._found += before
+        self.now = self._read(*(value for _, value in before))
+        self._apply(self.limits.setting(self.now.amount))
+
+    def set(self, exposure: Exposure) -> Exposure:
+        try:
+            self._apply(exposure)
+        except OSError as error:
+            raise _refused(self._label, error) from error
+        return self.now
+
+    def close(self) -> None:
+        """As it was found."""
+        for control, value in reversed(self._found):
+            try:
+                self._device.set(control, value)
+            except OSError as error:
+                log.debug("%s: control %#x: %s", self._label, control, error)
+        self._found = []
+        self._device.close()
+
+    @property
+    def _db_a_unit(self) -> float:
+        assert self._gain is not None
+        return (self._gain_db[1] - self._gain_db[0]) / (self._gain.most - self._gain.least)
+
+    def _apply(self, exposure: Exposure) -> None:
+        values = [self._device.set(EXPOSURE_ABSOLUTE, round(exposure.time_us / UNIT_US))]
+        if self._gain is not None:
+            unit = round((exposure.gain_db - self._gain_db[0]) / self._db_a_unit)
+            values.append(self._device.set(GAIN, self._gain.least + unit))
+        self.now = self._read(*values)
+
+    def _read(self, time: int, gain: int = 0) -> Exposure:
+        gain_db = 0.0 if self._gain is None else self._gain_db[0] + (gain - self._gain.least) * self._db_a_unit
+        return Exposure(UNIT_US * max(1, time), gain_db)
+
+    def _switch(self, control: int, value: int) -> None:
+        if self._device.range_of(control) is not None and (before := self._device.get(control)) != value:
+            self._device.set(control, value)
+            self._found.append((control, before))
+
+
+def exposure_controls(device: int | str, label: str, rules: ExposureRules, fps: float) -> V4l2Exposure | None:
+    """None: it has no exposure time that can be set. Raises LinkError where it refuses."""
+    path = f"/dev/video{device}" if isinstance(device, int) else device
+    try:
+        opened = V4l2Device(path)
+    except OSError as error:
+        raise _refused(label, error) from error
+    time = opened.range_of(EXPOSURE_ABSOLUTE)
+    if time is None:
+        opened.close()
+        return None
+    controls = V4l2Exposure(opened, label)
+    try:
+        controls.take_over(time, rules, fps)
+    except OSError as error:
+        controls.close()
+        raise _refused(label, error) from error
+    return controls
+
+
+def _times_us(time: Range, most_us: float, fps: float) -> tuple[float, float]:
+    """Within the driver's range, the configured limit and the frame period; at least the driver's shortest."""
+    least = max(1, time.least)
+    most_us = min(most_us, FRAME_SHARE * 1e6 / fps) if math.isfinite(fps) and fps > 0 else most_us
+    steps = max(0, math.floor((min(UNIT_US * time.most, most_us) / UNIT_US - least) / time.step))
+    return UNIT_US * least, UNIT_US * (least + steps * time.step)
+
+
+def _refused(label: str, error: OSError) -> LinkError:
+    return LinkError(f'{label}: camera.exposure = "marker": {error.strerror}')
