@@ -34,6 +34,7 @@ from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import SettingError
 from gateway.supervisor import Supervisor, Task
+from gateway.vision.detect import registry as detection_methods
 from gateway.vision.process.service import VisionService
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import check_exposure, source_spec
@@ -87,6 +88,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
         look(("bays", n, "camera", "exposure"), partial(check_exposure, bay.camera))
         look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
+        look(("bays", n, "vision", "proposals"), partial(detection_methods.method(bay.vision.method).check, bay.vision))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
     for part in sink_registry.checks(config):

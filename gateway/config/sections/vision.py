@@ -25,6 +25,7 @@ Hsv = tuple[
     Annotated[int, Field(ge=0, le=255, strict=True)],
 ]
 GainDb = Annotated[float, Field(ge=-20, le=80, strict=True)]
+Proposals = Literal["classical", "learned", "both"]
 Cpus = Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
 
 
@@ -184,6 +185,11 @@ class VisionConfig(Section):
     max_radius_share: float = Field(0.5, ge=0.002, le=1, description="robust: largest radius, likewise")
     min_confidence: float = Field(
         0.5, ge=0, le=1, description="robust: what is less sure to be a red disc is no marker"
+    )
+    proposals: Proposals = Field(
+        "classical",
+        description="robust: what names the places that are measured; classical: edges and blobs of red; "
+        "learned: a small net; both: the net's first",
     )
     intrinsics: Intrinsics | None = Field(None, description="for equation 11")
     workers: int = Field(1, ge=1, le=16, description="threads that OpenCV may use in the bay's vision process")

@@ -82,6 +82,10 @@ class Remark:
     warning: bool = True
 
 
+def _nothing_needed(params: VisionConfig) -> None:
+    pass
+
+
 def _no_panels(image: "Image", params: VisionConfig, found: Detection, scale: float) -> tuple[Panel, ...]:
     return ()
 
@@ -111,6 +115,8 @@ class Method:
     """Frame after frame: what a `Follower` calls with its prediction."""
     once: Callable[[VisionConfig, NowNs], Detector] | None = None
     """As `detector`, with the same result, for a single frame: nothing is prepared for further ones."""
+    check: Callable[[VisionConfig], None] = _nothing_needed
+    """Before anything starts. Raises ConfigError where the settings need a file of the method that is not usable."""
     stages: tuple[Stage, ...]
     rejections: Mapping[str, str] = field(default_factory=dict)
     """`Rejection.why` -> meaning."""

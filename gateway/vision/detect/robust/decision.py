@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gateway.config.sections.vision import Proposals
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.robust.colours import roundness
 from gateway.vision.detect.robust.evidence import Evidence
@@ -42,6 +43,7 @@ class Limits:
     max_radius_px: float
     min_confidence: float
     possible_px: tuple[float, float] | None = None  # radii, where the ranger limits them; of a marker, not of a search
+    proposals: Proposals = "classical"  # where a search starts
 
 
 @dataclass(frozen=True, slots=True)

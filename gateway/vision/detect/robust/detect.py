@@ -8,6 +8,7 @@ from gateway.core.detection import Circle, Detection, Ellipse, Rejection
 from gateway.vision.detect.lens import normalise
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
+from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
 from gateway.vision.detect.robust.perspective import disc_pose
 from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
@@ -39,7 +40,7 @@ def detect(
     """
     check_bgr8(image)
     timer = StageTimer(now_ns)
-    limits = _limits(image, params, radii_px)
+    limits = limits_of(image, params, radii_px)
     x0, y0, part = _part(image, window)
     taken: Candidate | None = None
     seeds = 1
@@ -73,6 +74,7 @@ class FullFrameDetector:
     """A Detector without tracking: each frame by itself."""
 
     def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
+        proposer.prepare(params)
         self._params = params
         self._now_ns = now_ns
         self._radii = WITHDRAWN
@@ -84,13 +86,15 @@ class FullFrameDetector:
         return detect(image, self._params, self._now_ns, radii_px=self._radii.at(t_ns))
 
 
-def _limits(image: Image, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
+def limits_of(image: Image, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
+    """The settings for one picture; `radii_px` as for `detect`."""
     diagonal_px = math.hypot(*image.shape[:2])
     return Limits(
         min_radius_px=max(SMALLEST_PX, params.min_radius_share * diagonal_px),
         max_radius_px=params.max_radius_share * diagonal_px,
         min_confidence=params.min_confidence,
         possible_px=radii_px,
+        proposals=params.proposals,
     )
 
 

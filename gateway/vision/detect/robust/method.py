@@ -9,7 +9,11 @@ STAGES = (
         "with a window and a prediction: the rim there, its evidence and the gates; if it passes, the only stage",
     ),
     Stage("pyramid", "the picture reduced to a half, a quarter, ..."),
-    Stage("candidates", "votes of redness edges for centres, octave by octave; red blobs at several thresholds"),
+    Stage(
+        "candidates",
+        "votes of redness edges for centres, octave by octave; red blobs at several thresholds; a net's proposals, "
+        "where `vision.proposals` names it",
+    ),
     Stage("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
     Stage("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
     Stage("decision", "gates, confidence, the best one"),
@@ -43,6 +47,7 @@ METHOD = Method(
     name="robust",
     detector=imported("gateway.vision.detect.robust.detect:FullFrameDetector"),
     search=imported("gateway.vision.detect.robust.roi_search:RoiSearch"),
+    check=imported("gateway.vision.detect.robust.proposer_file:check"),
     stages=STAGES,
     rejections=REJECTIONS,
     keys=keys_of("robust"),

@@ -21,6 +21,7 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Detection
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import NowNs
+from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.detect import Window, detect
 from gateway.vision.detect.robust.red_change import RedRegions, red_regions
 from gateway.vision.detect.stage_timer import StageTimer, total_ns
@@ -37,6 +38,7 @@ class RoiSearch:
     """A `Search` that counts its frames."""
 
     def __init__(self, params: VisionConfig, now_ns: NowNs) -> None:
+        proposer.prepare(params)
         self._params = params
         self._now_ns = now_ns
         self._near = 0  # consecutive frames that were searched in a window only

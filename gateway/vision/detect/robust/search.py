@@ -6,7 +6,7 @@ from itertools import zip_longest
 
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.geometry import same_ellipse
-from gateway.vision.detect.robust import candidates, evidence
+from gateway.vision.detect.robust import candidates, evidence, proposer
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import CLEARLY, clearest_rim, quality
 from gateway.vision.detect.robust.decision import (
@@ -37,9 +37,9 @@ EXPECTED_REACH = 0.25  # how far off a prediction's rim is searched for, of its 
 
 def search_frame(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Rejected]]:
     """The marker, how many candidates there were, and the best few of the others."""
-    levels = pyramid(image, max(1, int(limits.min_radius_px // FINEST_PX)), COARSEST_PX)
+    levels = levels_of(image, limits)
     timer.ended("pyramid")
-    seeds = candidates.distinct(_seeds(levels, limits), SEEDS)
+    seeds = proposed(levels, limits)
     timer.ended("candidates")
     worth, nothing = _worth_a_rim(seeds, evidence.gather(levels, seeds))
     timer.ended("evidence")
@@ -68,6 +68,19 @@ def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate
         return None
     candidate = Candidate(rim, found)
     return candidate if failed_gate(candidate, limits) is None else None
+
+
+def levels_of(image: Image, limits: Limits) -> list[PyramidLevel]:
+    """The pyramid that a search in the picture starts from."""
+    return pyramid(image, max(1, int(limits.min_radius_px // FINEST_PX)), COARSEST_PX)
+
+
+def proposed(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
+    """The places worth measuring: the net's first, where it is asked; then at most SEEDS others."""
+    learned = [] if limits.proposals == "classical" else proposer.shipped()(levels)
+    return candidates.distinct(
+        learned if limits.proposals == "learned" else [*learned, *_seeds(levels, limits)], SEEDS + len(learned)
+    )
 
 
 def _seeds(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
