@@ -222,7 +222,7 @@ def test_a_kernel_that_is_wrong_by_a_thousandth_of_a_pixel_is_not_used(
 
 
 @pytest.mark.parametrize(
-    "table", ["normal_profiles.OPPONENT", "kernel.rim_kernel._directions", "kernel.lab.linear", "kernel.lab.root"]
+    "table", ["normal_profiles.OPPONENT", "kernel.rim_kernel.directions_of", "kernel.lab.linear", "kernel.lab.root"]
 )
 def test_a_kernel_with_a_wrong_table_is_not_used(table: str, library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = f"gateway.vision.detect.robust.{table}"

@@ -6,7 +6,7 @@ gamma) describes any ellipse, a circle (beta = gamma = 0) without a special case
 is linear in small changes of all five: that is what the fit in `support` uses.
 """
 
-from math import atan2, hypot, isfinite, pi, sqrt
+from math import atan2, cos, hypot, isfinite, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -54,9 +54,7 @@ def from_ellipse(ellipse: Ellipse) -> SupportEllipse:
     if not (all(map(isfinite, (a2, b2, twice))) and min(ellipse.semi_major_px, ellipse.semi_minor_px) > 0):
         return SupportEllipse(ellipse.u_px, ellipse.v_px, float("nan"), 0.0, 0.0)
     half = (a2 - b2) / 2
-    return SupportEllipse(
-        ellipse.u_px, ellipse.v_px, (a2 + b2) / 2, half * float(np.cos(twice)), half * float(np.sin(twice))
-    )
+    return SupportEllipse(ellipse.u_px, ellipse.v_px, (a2 + b2) / 2, half * cos(twice), half * sin(twice))
 
 
 def to_ellipse(outline: SupportEllipse) -> Ellipse:
