@@ -139,7 +139,7 @@ class EdgeNode:
         self, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
     ) -> tuple[list[Message], bool]:
         try:
-            message = json.loads(payload)
+            message = json.loads(payload.decode())  # UTF-8 only: others are loaded from files that may not open
             online, timestamp_ms = message["online"], message["timestamp"]
         except (ValueError, TypeError, KeyError, RecursionError):
             self.stats.refused += 1

@@ -130,6 +130,7 @@ def test_much_history_is_sent_in_several_numbered_messages() -> None:
         b'"online"',
         b"\xff\xfe\x00",
         b"[" * 100_000,
+        '{"online": true, "timestamp": 1}'.encode("utf-32-be"),
         b'{"online": true}',
         b'{"online": 1, "timestamp": 1}',
         b'{"online": true, "timestamp": true}',
