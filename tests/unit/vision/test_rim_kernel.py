@@ -103,6 +103,18 @@ def test_the_same_rims_as_without_a_compiler(kernel: RimKernel) -> None:
     assert rims > examples(500) / 3
 
 
+def test_samples_are_rounded_as_opencv_rounds_them(kernel: RimKernel) -> None:
+    """One in a million of strong noise is another grey level where a processor rounds once more or less in between."""
+    chance = np.random.default_rng(5)
+    clear = np.full((110, 110, 3), (70, 170, 90), np.float64)
+    cv2.circle(clear, (54, 55), 36, (150, 60, 190), -1)
+    for _ in range(examples(600)):
+        image = np.clip(np.rint(clear + chance.normal(0, 60, clear.shape)), 0, 255).astype(np.uint8)
+        mine, plain = both(kernel, image, Ellipse(54.2, 54.7, 36.5, 35.5, 0.3), None, False)
+        assert (mine is None) == (plain is None)
+        assert mine is None or plain is None or numbers(mine) == pytest.approx(numbers(plain), rel=0, abs=1e-6)
+
+
 @pytest.mark.parametrize("wild", [math.nan, math.inf, -math.inf, 1e300, -1e9, 0.0, 1e-300, 3.0])
 @pytest.mark.parametrize("place", range(5))
 def test_wild_seeds_and_reaches_as_without_a_compiler(kernel: RimKernel, place: int, wild: float) -> None:
