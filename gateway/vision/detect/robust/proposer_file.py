@@ -7,7 +7,7 @@ from gateway.config import VisionConfig
 from gateway.errors import ConfigError
 
 PATH = Path(__file__).with_name("proposer.onnx")
-SHA256 = "9dca08623bd3143a357455e0343e102414742417c126dc757ff0faf69057c9c2"
+SHA256 = "08adbecd888e84650b47ca806ccef2a0355ca075ae3e7480ea7836adfdd69fd4"
 """Of the shipped file; `training.proposer` prints it."""
 
 
