@@ -1,7 +1,8 @@
 """The only import of `time`. Everything else is handed a clock or a time in nanoseconds.
 
-Monotonic time decides; wall time is only published. CLOCK_MONOTONIC is one clock for all processes of a machine, so a
-frame stamped in the vision process can be aged in the main process.
+Monotonic time decides; wall time is only published. CLOCK_BOOTTIME is one clock for all processes of a machine, so a
+frame stamped in the vision process can be aged in the main process. Unlike CLOCK_MONOTONIC it goes on while the machine
+is suspended: values from before are old afterwards.
 """
 
 import asyncio
@@ -11,6 +12,17 @@ from typing import Protocol
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
+
+
+def machine_ns() -> int:
+    """CLOCK_BOOTTIME: since the machine's start, ns, the time it was suspended included."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
+def suspended_ns() -> int:
+    """How long the machine has been suspended since its start, ns: so far CLOCK_MONOTONIC, a driver's clock, is
+    behind."""
+    return max(0, machine_ns() - time.monotonic_ns())
 
 
 class Clock(Protocol):
@@ -37,11 +49,11 @@ class SystemClock:
     """The machine's clock, optionally running `speed` times faster for simulation. Children are sent it."""
 
     speed: float = 1.0
-    origin_ns: int = field(default_factory=time.monotonic_ns)
+    origin_ns: int = field(default_factory=machine_ns)
     wall_origin_ns: int = field(default_factory=time.time_ns)
 
     def now_ns(self) -> int:
-        now_ns = time.monotonic_ns()
+        now_ns = machine_ns()
         if self.speed == 1.0:
             return now_ns
         return self.origin_ns + int((now_ns - self.origin_ns) * self.speed)

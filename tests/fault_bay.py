@@ -167,7 +167,6 @@ class Bay:
         self.cycle_steps = 5
         self.rose_s = -math.inf  # a writer's release bit last rose
         self.reset_s = -math.inf
-        self.suspended_ns = 0
         self.errors: list[str] = []
         sensor = scenario.ranger
         self.board = Board(
@@ -201,7 +200,7 @@ class Bay:
 
     def _distance_mm(self, clock_ns: int) -> float:
         """For the board, which runs in the gateway's time: the echo of the truck then."""
-        return self.world.distance_mm(self.world_s(clock_ns - ORIGIN_NS + self.suspended_ns))
+        return self.world.distance_mm(self.world_s(clock_ns - ORIGIN_NS))
 
     def truth(self) -> Truth:
         return self.world.truth(self.world_s(), image_speed=False)
@@ -268,10 +267,9 @@ class Bay:
         self.steps += 1
         active = {failure.fault: failure for failure in self.failures if failure.at_s <= self.t_s < failure.end_s}
         if Fault.SUSPENDED in active:
-            self.suspended_ns += STEP_MS * MS
             self.plc_cycle(active, answering=False)
             return
-        self.clock.now = ORIGIN_NS + self.real_ns - self.suspended_ns
+        self.clock.now = ORIGIN_NS + self.real_ns
         self.clock.wall_error_ns = round(active[Fault.WALL_JUMP].amount * NS_PER_S) if Fault.WALL_JUMP in active else 0
         if Fault.RESTARTED in active:
             if not self.down:
@@ -383,7 +381,7 @@ class Bay:
                 self._frame(taken_ns, active, lost=lost)
 
     def _frame(self, taken_ns: int, active: dict[Fault, Failure], *, lost: bool) -> None:
-        process, t_s = self.process, self.world_s(taken_ns - ORIGIN_NS + self.suspended_ns)
+        process, t_s = self.process, self.world_s(taken_ns - ORIGIN_NS)
         if lost:
             process.lost.append(process.token)
             return

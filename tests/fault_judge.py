@@ -32,7 +32,7 @@ SENSOR_MM = 17.0  # no distance of the simulated ranger is further off
 SENSOR_PX = 3.0
 SENSOR_S = 0.24  # two ranger cycles, the line on the wire, the service's step; a result of the camera needs less
 SCAN_S = STEP_MS / 1000
-RECOVERY_S = 5.0
+RECOVERY_S = 7.0  # a board whose protocol version was wrong says hello every 5 s; then recovery_s and clear_hold_s
 NEARER = (1, 3, 4, 5, 11)  # of register 62, guidance: forward, left, right, slow, drive up
 WAITS_CM, MARK_CM = 40.0, 28.0
 
@@ -227,7 +227,7 @@ class Judge:
                 yield f"may move {t_s - failure.at_s:.2f} s after the PLC's program stopped"
 
     def _stalled_s(self, from_s: float, to_s: float) -> float:
-        """For so long the gateway did not run, or its clock stood, meanwhile."""
+        """For so long the gateway did not run meanwhile."""
         stalls = (Fault.SUSPENDED, Fault.LOOP_BLOCKED, Fault.RESTARTED)
         return sum(
             max(0.0, min(f.end_s, to_s) - max(f.at_s, from_s)) + self.limits.late_s

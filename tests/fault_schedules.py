@@ -53,7 +53,7 @@ class Fault(StrEnum):
     CONTROL_DEAD = "control_dead"  # the control task does not tick; the server answers
     LOOP_BLOCKED = "loop_blocked"  # nothing of the main process runs; what arrives waits
     RESTARTED = "restarted"  # the gateway is down, then starts anew
-    SUSPENDED = "suspended"  # as blocked, and the monotonic clock stands still meanwhile
+    SUSPENDED = "suspended"  # the machine: neither the main nor the vision process runs; their clock goes on
     WALL_JUMP = "wall_jump"  # the wall clock is `amount` s off
     # the PLC and the network
     PLC_STOPPED = "plc_stopped"  # its program: it polls, and writes what it wrote before

@@ -8,7 +8,7 @@
 // word that was last read from stdin, a number a line. An answer later than TIMEOUT_MS is a lost poll: it connects again.
 // On stdout a record a poll, in this machine's byte order:
 //
-//   uint64 asked_ns, ended_ns (CLOCK_MONOTONIC); uint32 server (0, 1, ...), outcome; uint16 words[100] (zero unless answered)
+//   uint64 asked_ns, ended_ns (CLOCK_BOOTTIME); uint32 server (0, 1, ...), outcome; uint16 words[100] (zero unless answered)
 //
 // outcome: 0 answered, 1 no answer in time, 2 connection lost or refused, 3 another frame than was asked for,
 // 256 + n: exception n.
@@ -48,7 +48,7 @@ static uint16_t control, beats;
 
 static int64_t now_ns(void) {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_BOOTTIME, &t);
     return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
 }
 

@@ -29,7 +29,7 @@ PLC_ADDRESS = "127.0.0.2"
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """One poll of server number `server`: when it was asked and answered (or given up), CLOCK_MONOTONIC, ns."""
+    """One poll of server number `server`: when it was asked and answered (or given up), CLOCK_BOOTTIME, ns."""
 
     server: int
     asked_ns: int

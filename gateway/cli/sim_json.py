@@ -1,7 +1,7 @@
 """`gateway simulate --json`: one JSON object a line, for programs and tests.
 
 started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, hmi, instance, speed, seed,
-          bays, world_start_ns: when world time is 0, on the gateway's clock (CLOCK_MONOTONIC at speed 1), ns. With it
+          bays, world_start_ns: when world time is 0, on the gateway's clock (CLOCK_BOOTTIME at speed 1), ns. With it
           and the scenario, another program can compute the truth by itself, whatever happens to this one
 state     every 50 ms and at each change of stop, may_move or reason: the gateway's state, with the truth beside it
 event     each event, as it happens

@@ -56,7 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--world-start-ns",
         type=int,
         metavar="NS",
-        help="world time 0 is at this time of CLOCK_MONOTONIC, also a past one: a simulation that is started again "
+        help="world time 0 is at this time of CLOCK_BOOTTIME, also a past one: a simulation that is started again "
         "finds its truck where it is by then (default: 2 s after the start)",
     )
     parser.add_argument("--method", metavar="NAME", help="robust or paper (default: as in the settings, robust)")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
+from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock, machine_ns, suspended_ns
 from gateway.processes.codec import record_of, record_packed
 from tests import virtual_time
 
@@ -19,11 +19,18 @@ def test_units() -> None:
 
 def test_at_true_speed_it_is_the_machine_s_own_clock() -> None:
     """One clock for all processes: a stamp taken elsewhere on this machine can be aged here."""
-    before, clock = time.monotonic_ns(), SystemClock()
-    assert before <= clock.now_ns() <= time.monotonic_ns()
+    before, clock = machine_ns(), SystemClock()
+    assert before <= clock.now_ns() <= machine_ns()
 
     before = time.time_ns()
     assert before <= clock.wall_ns() <= time.time_ns()
+
+
+def test_the_time_that_the_machine_was_suspended_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_ns = {time.CLOCK_BOOTTIME: 9_000, time.CLOCK_MONOTONIC: 2_000}
+    monkeypatch.setattr(time, "clock_gettime_ns", at_ns.__getitem__)
+    monkeypatch.setattr(time, "monotonic_ns", lambda: at_ns[time.CLOCK_MONOTONIC])
+    assert (SystemClock().now_ns(), suspended_ns()) == (9_000, 7_000)
 
 
 @pytest.mark.parametrize(
@@ -34,7 +41,7 @@ def test_a_faster_clock_counts_from_its_origin(
     monkeypatch: pytest.MonkeyPatch, speed: float, elapsed_ns: int, now_ns: int
 ) -> None:
     clock = SystemClock(speed, origin_ns=1000, wall_origin_ns=5_000_000)
-    monkeypatch.setattr(time, "monotonic_ns", lambda: 1000 + elapsed_ns)
+    monkeypatch.setattr(time, "clock_gettime_ns", lambda _: 1000 + elapsed_ns)
     monkeypatch.setattr(time, "time_ns", lambda: 123)
 
     assert clock.now_ns() == now_ns
@@ -48,7 +55,7 @@ def test_it_never_steps_back(speed: float, steps_ns: list[int]) -> None:
         clock = SystemClock(speed, origin_ns=1000, wall_origin_ns=0)
         for step_ns in steps_ns:
             at_ns += step_ns
-            patch.setattr(time, "monotonic_ns", lambda at_ns=at_ns: at_ns)
+            patch.setattr(time, "clock_gettime_ns", lambda _, at_ns=at_ns: at_ns)
             assert clock.now_ns() >= seen_ns
             seen_ns = clock.now_ns()
 
@@ -56,7 +63,7 @@ def test_it_never_steps_back(speed: float, steps_ns: list[int]) -> None:
 def test_a_child_s_copy_shows_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SystemClock(7.0, origin_ns=3, wall_origin_ns=4)
     copy = record_of(SystemClock, record_packed(clock))
-    monkeypatch.setattr(time, "monotonic_ns", lambda: 1003)
+    monkeypatch.setattr(time, "clock_gettime_ns", lambda _: 1003)
 
     assert (copy.now_ns(), copy.wall_ns()) == (clock.now_ns(), clock.wall_ns()) == (7003, 7004)
 

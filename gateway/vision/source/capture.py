@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 from numpy.typing import NDArray
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import NS_PER_S, Clock, suspended_ns
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.pixels import bgr8
@@ -67,7 +67,7 @@ class CameraSource(CaptureSource):
     """A V4L2 camera, whose exposure may be controlled."""
 
     def __init__(self, capture: cv2.VideoCapture, spec: "CameraSpec", clock: Clock) -> None:
-        super().__init__(capture, spec, clock, BufferTime())
+        super().__init__(capture, spec, clock, BufferTime(suspended_ns))
         self._device = spec.device
         self._exposure: V4l2Exposure | None = None
 

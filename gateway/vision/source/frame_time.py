@@ -5,11 +5,12 @@ one later than the one before: by the time of arrival they all look new.
 """
 
 import math
+from collections.abc import Callable
 from typing import Protocol
 
 NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
-SAME_CLOCK_NS = 10 * NS_PER_S  # a buffer's stamp that lies so near before its arrival is of the gateway's own clock
+SAME_CLOCK_NS = 10 * NS_PER_S  # a buffer's stamp that lies so near before its arrival is of CLOCK_MONOTONIC
 CLOCK_SET_NS = NS_PER_S  # arriving so much earlier than ever before: its clock was set, or its film began again
 DRIFT_WINDOW_NS = 20 * NS_PER_S
 MOST_DRIFT = 500e-6  # between two clocks; what grows faster is a backlog
@@ -74,12 +75,17 @@ class PresentationTime:
 
 
 class BufferTime:
-    """A V4L2 buffer's stamp: of the clock that the gateway reads, as nearly every driver gives it, else of another."""
+    """A V4L2 buffer's stamp: of CLOCK_MONOTONIC, as nearly every driver gives it, else of another clock.
 
-    def __init__(self) -> None:
+    `behind_ns`: how far CLOCK_MONOTONIC is behind the gateway's clock now (`clock.suspended_ns`).
+    """
+
+    def __init__(self, behind_ns: Callable[[], int]) -> None:
+        self._behind_ns = behind_ns
         self._own_clock = PresentationTime()
 
     def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
-        if stamp_ms > 0 and 0 <= arrival_ns - stamp_ms * NS_PER_MS <= SAME_CLOCK_NS:
-            return round(stamp_ms * NS_PER_MS)
+        taken_ns = stamp_ms * NS_PER_MS + self._behind_ns()
+        if stamp_ms > 0 and 0 <= arrival_ns - taken_ns <= SAME_CLOCK_NS:
+            return round(taken_ns)
         return self._own_clock.taken_ns(arrival_ns, stamp_ms)

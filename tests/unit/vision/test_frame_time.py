@@ -104,20 +104,28 @@ def test_no_frame_is_from_the_future() -> None:
 
 
 def test_a_buffer_stamped_with_our_own_clock_is_that_old() -> None:
-    time = BufferTime()
+    time = BufferTime(lambda: 0)
     for n, held_ns in enumerate([4 * MS, 4 * MS, 700 * MS, 660 * MS, 2 * S]):
         arrival = 1000 * S + n * FRAME
         assert time.taken_ns(arrival, (arrival - held_ns) / MS) == pytest.approx(arrival - held_ns, abs=1000)
 
 
+def test_a_buffer_s_stamp_leaves_out_the_time_that_the_machine_was_suspended() -> None:
+    behind_ns = 0
+    time = BufferTime(lambda: behind_ns)
+    for behind_ns in (0, 3 * S, 7000 * S):
+        arrival = 1000 * S + behind_ns
+        assert time.taken_ns(arrival, (arrival - behind_ns - 4 * MS) / MS) == pytest.approx(arrival - 4 * MS, abs=1000)
+
+
 @pytest.mark.parametrize("epoch_ns", [-1_700_000_000 * S, 500 * S])
 def test_a_buffer_stamped_with_another_clock_is_timed_by_its_fastest(epoch_ns: int) -> None:
-    time = BufferTime()
+    time = BufferTime(lambda: 0)
     frames = delays([0] * 50 + [S - n * FRAME for n in range(25)])
     ages = [arrival - time.taken_ns(arrival, stamp - epoch_ns / MS) for arrival, stamp in frames]
     assert ages == pytest.approx([0] * 50 + [S - n * FRAME for n in range(25)], abs=2000)
 
 
 def test_a_driver_without_stamps_is_timed_by_arrival() -> None:
-    time = BufferTime()
+    time = BufferTime(lambda: 0)
     assert [time.taken_ns(n * S, 0.0) for n in range(1, 9)] == [n * S for n in range(1, 9)]

@@ -431,7 +431,7 @@ def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted
 def test_frames_held_back_by_the_driver_are_as_old_as_their_buffers(clock: StepClock) -> None:
     clock.now = 50 * S
     driver = Driver(clock, [shade(n) for n in range(3)], [49_900.0, 49_200.0, 50_030.0])
-    source = live(driver, clock, BufferTime())
+    source = live(driver, clock, BufferTime(lambda: 0))
     taken = [source.read().t_capture_ns for _ in range(3)]
     assert taken == [49_900_000_000, 49_200_000_000, 50_030_000_000]
 
