@@ -78,6 +78,7 @@ class Detection:
     ellipse: Ellipse | None = None  # the rim, where the method fits one; `circle` is the one round it
     confidence: float | None = None  # 0 to 1; None: the method doesn't report it
     visible: float | None = None  # share of the rim that was seen; None: the method doesn't report it
+    veil: float | None = None  # share of airlight over the marker, 0 in clear air; None: no marker, or not reported
     rejected: tuple[Rejection, ...] = ()  # the best few of the candidates not taken
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # where the marker should be; only while it coasts

@@ -27,8 +27,8 @@ RIM = Rim(
     blur_px=1.0, wave_px=0.0,
 )  # fmt: skip
 PERFECT = Evidence(
-    RIM.ellipse, coverage=1, leak=0, visible=1, contrast=1, rise=1, noise=0, fill=1, hollow=0, redness=1, haze=0,
-    colour=(40, 40, 190),
+    RIM.ellipse, coverage=1, leak=0, visible=1, contrast=1, rise=1, noise=0, fill=1, hollow=0, redness=1,
+    veil=0, haze=0, colour=(40, 40, 190),
 )  # fmt: skip
 
 

@@ -235,11 +235,12 @@ def test_what_the_full_search_prefers_is_followed_soon_after_it_appears(
 
 def test_a_faint_marker_beside_a_very_red_lamp_is_searched_for_in_the_end(searched: list[str]) -> None:
     lamp, dusty = Circle(50.0, 120.0, 20.0), Circle(200.0, 120.0, 30.0)
-    paints = [(5.0, 4.0, 200.0), (125.0, 120.0, 190.0)]
+    gaps = [Circle(u, v, 6.0) for u in (50.0, 125.0, 200.0, 275.0) for v in (30.0, 210.0)]  # black: the air is clear
+    paints = [*[(5.0, 5.0, 5.0)] * len(gaps), (5.0, 4.0, 200.0), (125.0, 120.0, 190.0)]
     find = registry.detector(FOLLOWED)
-    both = picture(lamp, dusty, paints=paints)
+    both = picture(*gaps, lamp, dusty, paints=paints)
     for n in range(FAINT + 2):
-        find(picture(lamp, paints=paints) if n < 4 else both, n * PERIOD_NS)
+        find(picture(*gaps, lamp, paints=paints) if n < 4 else both, n * PERIOD_NS)
     assert searched.count("full") == 2
 
 

@@ -9,19 +9,23 @@ from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.robust.colours import roundness
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.veil import contrast_left
 
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
 MIN_REDNESS = 0.12  # log units in clear air; a veil makes both smaller
 MAX_BLUE, BRIGHTEST = 1.1, 250.0  # of the red: more is magenta; grey level that may be a clipped one
 BROWN, BROWN_CONTRAST = (0.18, 0.36), 0.65  # (G - B) / (R - B): paint 0.15 at most, rust 0.2 to 0.35; log units
+VEILED_BROWN = (-0.06, 0.2)  # so much farther it reaches behind a full veil, whose tint is not known exactly
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
 
 FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they have their full weight for a disc
 FULL_REDNESS = 2.0  # log units, less the veil: red paint; more is only darker
+VEILED_REDNESS = 1.0  # the same behind a full veil: how much more was there is no longer known
 ODDS = 80.0  # for a disc with nothing against it
+VEILED_ODDS = 0.8  # so much less behind a full veil, of which only an estimate was subtracted
 POWERS = {
     "support": 5.0,
     "round": 3.0,
@@ -52,10 +56,16 @@ class Candidate:
 
     rim: Rim
     evidence: Evidence
+    veil: float = 0.0  # share of airlight over it, as far as known; the evidence may be that of the picture as it is
 
     @property
     def aspect(self) -> float:
         return self.rim.ellipse.semi_minor_px / self.rim.ellipse.semi_major_px
+
+
+def paint_left(found: Evidence) -> float:
+    """1 in clear air: how much of the redness of paint, and of its contrast, the dust leaves."""
+    return (1 - found.haze) * contrast_left(found.veil)
 
 
 def _sharp(c: Candidate) -> bool:
@@ -66,7 +76,8 @@ def _not_brown(c: Candidate) -> bool:
     """Rust and wood lie between red and orange, and their redness is weak; the hue is the same through any veil."""
     blue, green, red = c.evidence.colour
     hue = (green - blue) / max(red - blue, 1.0)
-    return not BROWN[0] < hue < BROWN[1] or c.evidence.contrast >= BROWN_CONTRAST * (1 - c.evidence.haze)
+    low, high = (bound + more * c.evidence.veil for bound, more in zip(BROWN, VEILED_BROWN, strict=True))
+    return not low < hue < high or c.evidence.contrast >= BROWN_CONTRAST * (1 - c.evidence.haze) / (1 - c.evidence.veil)
 
 
 def _not_magenta(bgr: tuple[float, float, float]) -> bool:
@@ -84,9 +95,9 @@ Gate = Callable[[Candidate, Limits], bool]
 GATES: tuple[tuple[str, Gate], ...] = (
     ("radius", lambda c, limits: limits.min_radius_px <= c.rim.ellipse.semi_major_px <= limits.max_radius_px),
     ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
-    ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * (1 - c.evidence.haze)),
+    ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * paint_left(c.evidence)),
     ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
-    ("colour", lambda c, _: c.evidence.redness >= MIN_REDNESS * (1 - c.evidence.haze)),
+    ("colour", lambda c, _: c.evidence.redness >= MIN_REDNESS * paint_left(c.evidence)),
     ("colour", lambda c, _: _not_magenta(c.evidence.colour)),
     ("brown", lambda c, _: _not_brown(c)),
     ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
@@ -129,16 +140,18 @@ def confidence(found: Candidate) -> float:
         "clear": contrast / (contrast + e.noise + 0.03),
         "fill": e.fill,
         "aspect": min(1.0, found.aspect / FULL_ASPECT),
-        "contrast": min(1.0, contrast / (FULL_CONTRAST * (1 - e.haze))),
+        "contrast": min(1.0, contrast / (FULL_CONTRAST * paint_left(e))),
     }
-    odds = float(ODDS * math.prod(share ** POWERS[name] for name, share in shares.items()))
+    prior = ODDS * (1 - VEILED_ODDS * e.veil)
+    odds = float(prior * math.prod(share ** POWERS[name] for name, share in shares.items()))
     return odds / (1 + odds)
 
 
 def weight(found: Candidate) -> float:
     """Which of several discs is the marker: the surer and redder one, and of equals the larger, as in equation 9."""
-    redness = found.evidence.redness / (1 - found.evidence.haze)
-    return confidence(found) * min(FULL_REDNESS, max(0.0, redness)) * math.sqrt(found.rim.ellipse.semi_major_px)
+    most = FULL_REDNESS + found.evidence.veil * (VEILED_REDNESS - FULL_REDNESS)
+    redness = min(most, max(0.0, found.evidence.redness / paint_left(found.evidence)))
+    return confidence(found) * redness * math.sqrt(found.rim.ellipse.semi_major_px)
 
 
 def circle_of(ellipse: Ellipse) -> Circle:

@@ -119,6 +119,7 @@ def _filled(found: Detection, taken: Candidate, x0: int, y0: int) -> Detection:
         fill=e.semi_minor_px / e.semi_major_px,
         confidence=confidence(taken),
         visible=taken.rim.visible,
+        veil=taken.veil,
     )
 
 

@@ -13,8 +13,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust import ellipses
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, RaySamples, Shapes, sample_rays
-from gateway.vision.detect.robust.redness import Plane, PyramidLevel
-from gateway.vision.pixels import Image
+from gateway.vision.detect.robust.redness import Colours, Plane, PyramidLevel
 
 EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is measured
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
@@ -50,7 +49,8 @@ class Evidence:
     fill: float  # share of the inside that is nearer to the inside's redness than to the outside's
     hollow: float  # share of the rays that are not red near the centre: 1 for a ring or the letter O
     redness: float  # median inside, log units
-    haze: float  # 0 to MOST_HAZE: share of veil over the place, by the darkest of its parts
+    veil: float  # share of airlight at the centre, which has been subtracted; 0 but in thick dust
+    haze: float  # 0 to MOST_HAZE: share of veil that is left over the place, by the darkest of its parts
     colour: tuple[float, float, float]  # median BGR inside
 
 
@@ -169,7 +169,7 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     area = np.where(rays.seen[..., :n] & ~white, DISC, 0)
     fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)
     for row, k in enumerate(good):
-        if np.count_nonzero(used[row]) < RAYS // 6:
+        if np.count_nonzero(used[row]) < RAYS // 6 or not rays.seen[row, :, :n].any():
             continue
         colour = np.median(rays.bgr[row, :, :n][rays.seen[row, :, :n]], axis=0)
         factor = levels[which[k]].factor
@@ -187,13 +187,14 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
             fill=float(fill[row]),
             hollow=float(hollow[row]),
             redness=float(inner_redness[row]),
+            veil=levels[which[k]].veil_at(u, v),
             haze=min(MOST_HAZE, float(np.percentile(rays.bgr[row].min(axis=2)[rays.seen[row]], DARKEST)) / VEIL),
             colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         )
     return result
 
 
-def _steps(inside: Image, outside: Image) -> Plane:
+def _steps(inside: Colours, outside: Colours) -> Plane:
     """(K, RAYS): Euclidean change of colour, grey levels, between the means of samples (K, RAYS, n, 3)."""
     change = inside.mean(axis=2, dtype=np.float32) - outside.mean(axis=2, dtype=np.float32)
     return np.asarray(np.sqrt((change * change).sum(axis=2)), np.float32)

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust.redness import Plane, PyramidLevel, redness
-from gateway.vision.pixels import Image
+from gateway.vision.detect.robust.redness import Colours, Plane, PyramidLevel, redness
 
 RAYS = 48
 ANGLES = np.arange(RAYS, dtype=np.float32) * np.float32(2 * np.pi / RAYS)
@@ -23,7 +23,7 @@ class RaySamples:
 
     red: Plane  # redness
     seen: NDArray[np.bool_]  # whether the sample lies in the picture
-    bgr: Image  # with a fourth axis of 3
+    bgr: Colours  # with a fourth axis of 3
 
 
 def sample_rays(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Shapes, shares: Plane) -> RaySamples:
@@ -38,18 +38,18 @@ def sample_rays(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes:
     map_u = u[..., None] + du[..., None] * shares
     map_v = v[..., None] + dv[..., None] * shares
     seen = np.empty(map_u.shape, np.bool_)
-    bgr = np.empty((*map_u.shape, 3), np.uint8)
+    bgr = np.empty((*map_u.shape, 3), levels[0].bgr.dtype)
     for number in np.unique(which):
         mine = np.nonzero(which == number)[0]
         bgr[mine], seen[mine] = _sampled(levels[number].bgr, map_u[mine], map_v[mine])
     return RaySamples(redness(bgr), seen, bgr)
 
 
-def _sampled(picture: Image, map_u: Plane, map_v: Plane) -> tuple[Image, NDArray[np.bool_]]:
+def _sampled(picture: Colours, map_u: Plane, map_v: Plane) -> tuple[Colours, NDArray[np.bool_]]:
     height, width = picture.shape[:2]
     seen = (map_u >= -0.5) & (map_u <= width - 0.5) & (map_v >= -0.5) & (map_v <= height - 0.5)
     flat = (-1, map_u.shape[-1])
-    taken = cv2.remap(
+    taken: Any = cv2.remap(
         picture, map_u.reshape(flat), map_v.reshape(flat), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    return np.asarray(taken, np.uint8).reshape(*map_u.shape, 3), seen
+    return taken.reshape(*map_u.shape, 3), seen

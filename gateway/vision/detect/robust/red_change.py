@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
 from gateway.vision.detect.robust.decision import FULL_REDNESS
-from gateway.vision.detect.robust.redness import redness
+from gateway.vision.detect.robust.redness import PyramidLevel, redness
+from gateway.vision.detect.robust.veil import less_veil
 from gateway.vision.pixels import Image
 
 SPARSE_PX = 400  # diagonal of the sparse picture
@@ -39,7 +40,8 @@ def red_regions(image: Image, followed: Circle) -> RedRegions:
     height, width = image.shape[:2]
     step = max(1, min(int(np.hypot(height, width) // SPARSE_PX), height, width))
     sparse = np.ascontiguousarray(image[step // 2 :: step, step // 2 :: step])
-    red = cv2.blur(redness(sparse), (3, 3))
+    (level,) = less_veil([PyramidLevel(sparse, step)])
+    red = cv2.blur(redness(level.bgr), (3, 3))
     at, radius = sparse_place(followed, step)
     inside = np.zeros(red.shape, np.uint8)
     cv2.circle(inside, at, max(1, round(0.7 * radius)), 255, -1)

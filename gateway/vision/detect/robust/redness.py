@@ -14,22 +14,34 @@ from numpy.typing import NDArray
 from gateway.vision.pixels import Image
 
 Plane = NDArray[np.float32]
+Colours = NDArray[np.uint8] | NDArray[np.float32]  # (..., 3) BGR; float32 where a veil has been subtracted
 
 DARK = 8.0  # k: about twice the read noise of a cheap camera, grey levels
 LOG = np.log(np.arange(256, dtype=np.float32) + np.float32(DARK))
 
 
-def redness(bgr: Image) -> Plane:
-    """(..., 3) uint8 BGR to (...) float32: 0 for grey, 0.4 for wood, 1 and more for red, below 0 for green."""
-    return np.asarray(LOG[bgr[..., 2]] - LOG[bgr[..., 1]], np.float32)
+def redness(bgr: Colours) -> Plane:
+    """(..., 3) BGR to (...) float32: 0 for grey, 0.4 for wood, 1 and more for red, below 0 for green."""
+    if bgr.dtype == np.uint8:
+        return np.asarray(LOG[bgr[..., 2]] - LOG[bgr[..., 1]], np.float32)
+    return np.asarray(np.log((bgr[..., 2] + np.float32(DARK)) / (bgr[..., 1] + np.float32(DARK))), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class PyramidLevel:
     """A reduced picture: its pixel (i, j) is the mean of a factor x factor square of the full one."""
 
-    bgr: Image
+    bgr: Colours
     factor: int
+    veil: Plane | None = None  # share of airlight on a coarse grid, where it has been subtracted
+
+    def veil_at(self, u: float, v: float) -> float:
+        """Share of airlight that has been subtracted at a pixel of this level."""
+        if self.veil is None:
+            return 0.0
+        (height, width), (rows, columns) = self.bgr.shape[:2], self.veil.shape
+        row, column = int(v / height * rows), int(u / width * columns)
+        return float(self.veil[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)])
 
     def to_full(self, px: float) -> float:
         """A coordinate of this level as one of the full frame; pixel centres lie at integers in both."""
@@ -41,10 +53,11 @@ class PyramidLevel:
 
 def pyramid(image: Image, first: int, smallest_side: int) -> list[PyramidLevel]:
     """Reduced by `first`, 2 `first`, 4 `first`, ... down to `smallest_side`. Rows and columns left over are cut off."""
-    levels = [PyramidLevel(_reduced(image, first), first)]
-    while min(levels[-1].bgr.shape[:2]) >= 2 * smallest_side:
-        last = levels[-1]
-        levels.append(PyramidLevel(_reduced(last.bgr, 2), last.factor * 2))
+    last = _reduced(image, first)
+    levels = [PyramidLevel(last, first)]
+    while min(last.shape[:2]) >= 2 * smallest_side:
+        last = _reduced(last, 2)
+        levels.append(PyramidLevel(last, levels[-1].factor * 2))
     return levels
 
 

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import zip_longest
 
 from gateway.core.detection import Circle, Ellipse
-from gateway.vision.detect.geometry import same_ellipse
-from gateway.vision.detect.robust import candidates, evidence, proposer
+from gateway.vision.detect.geometry import same_candidate, same_ellipse
+from gateway.vision.detect.robust import candidates, evidence, proposer, veil
 from gateway.vision.detect.robust.candidates import Seed
-from gateway.vision.detect.robust.colours import CLEARLY, clearest_rim, quality
+from gateway.vision.detect.robust.colours import CLEARLY, quality
 from gateway.vision.detect.robust.decision import (
     Candidate,
     Limits,
@@ -19,6 +20,7 @@ from gateway.vision.detect.robust.decision import (
     weight,
 )
 from gateway.vision.detect.robust.evidence import EVIDENCE_RADIUS_PX, Evidence
+from gateway.vision.detect.robust.faint_rim import rim_behind_veil
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.stage_timer import StageTimer
@@ -36,19 +38,49 @@ EXPECTED_REACH = 0.25  # how far off a prediction's rim is searched for, of its 
 
 
 def search_frame(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Rejected]]:
-    """The marker, how many candidates there were, and the best few of the others."""
-    levels = levels_of(image, limits)
+    """The marker, how many candidates there were, and the best few of the others.
+
+    Behind thick dust the levels are searched twice: as they are, and less the veil.
+    """
+    searched = _with_less_veil(levels_of(image, limits))
     timer.ended("pyramid")
-    seeds = proposed(levels, limits)
+    learned = _learned(searched[0], limits)  # the net sees through a veil by itself
+    seeds = [_proposed(levels, learned, limits) for levels in searched]
     timer.ended("candidates")
-    worth, nothing = _worth_a_rim(seeds, evidence.gather(levels, seeds))
+    measured = [evidence.gather(levels, some) for levels, some in zip(searched, seeds, strict=True)]
     timer.ended("evidence")
-    refined, no_rims = _refined(image, levels, worth)
+    refined: list[Candidate] = []
+    rejected: list[Rejected] = []
+    for levels, some, found in zip(searched, seeds, measured, strict=True):
+        worth, nothing = _worth_a_rim(some, found)
+        rims, no_rims = _refined(image, levels, worth)
+        refined += rims
+        rejected += [*nothing, *no_rims]
     timer.ended("rim")
     taken, others = _decided(refined, limits)
     timer.ended("decision")
-    rejected = sorted([*nothing, *no_rims, *others], key=lambda entry: -entry[0])[:REJECTED]
-    return taken, len(seeds), rejected
+    rejected = sorted([*rejected, *others], key=lambda entry: -entry[0])
+    if len(searched) > 1:
+        rejected = _once_each(rejected, taken)
+        taken = None if taken is None else replace(taken, veil=_share_at(searched[-1], taken.rim.ellipse))
+    return taken, len({seed for some in seeds for seed in some}), rejected[:REJECTED]
+
+
+def _once_each(rejected: Sequence[Rejected], taken: Candidate | None) -> list[Rejected]:
+    """Without what was taken, and each other place once, as nearest to acceptance: both kinds of level showed it."""
+    places = [] if taken is None else [circle_of(taken.rim.ellipse)]
+    kept: list[Rejected] = []
+    for entry in rejected:
+        if not any(same_candidate(entry[1], place) for place in places):
+            places.append(entry[1])
+            kept.append(entry)
+    return kept
+
+
+def _with_less_veil(levels: list[PyramidLevel]) -> list[list[PyramidLevel]]:
+    """The levels; behind thick dust those less the veil, too."""
+    clear = veil.less_veil(levels)
+    return [levels] if clear is levels else [levels, clear]
 
 
 def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate | None:
@@ -57,17 +89,19 @@ def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate
     if not (radius > 0 and all(map(math.isfinite, (radius, expected.u_px, expected.v_px)))):
         return None
     seed = Ellipse(expected.u_px, expected.v_px, radius, radius, 0.0)
-    rim = clearest_rim(image, seed, EXPECTED_REACH * radius)
-    if rim is None:
-        return None
-    factor = 2 ** max(0, math.floor(math.log2(rim.ellipse.semi_minor_px / EVIDENCE_RADIUS_PX)))
+    factor = 2 ** max(0, math.floor(math.log2(max(radius, 1.0) / EVIDENCE_RADIUS_PX)))
     if min(image.shape[:2]) < 2 * factor:
         return None
-    (found,) = evidence.of_ellipses(pyramid(image, factor, max(image.shape[:2])), [rim.ellipse])
-    if found is None:
+    searched = _with_less_veil(pyramid(image, factor, max(image.shape[:2])))
+    share = _share_at(searched[-1], seed)
+    rim = rim_behind_veil(image, seed, share, EXPECTED_REACH * radius)
+    if rim is None:
         return None
-    candidate = Candidate(rim, found)
-    return candidate if failed_gate(candidate, limits) is None else None
+    for levels in searched:
+        (found,) = evidence.of_ellipses(levels, [rim.ellipse])
+        if found is not None and failed_gate(Candidate(rim, found), limits) is None:
+            return Candidate(rim, found, veil=share)
+    return None
 
 
 def levels_of(image: Image, limits: Limits) -> list[PyramidLevel]:
@@ -77,10 +111,16 @@ def levels_of(image: Image, limits: Limits) -> list[PyramidLevel]:
 
 def proposed(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
     """The places worth measuring: the net's first, where it is asked; then at most SEEDS others."""
-    learned = [] if limits.proposals == "classical" else proposer.shipped()(levels)
-    return candidates.distinct(
-        learned if limits.proposals == "learned" else [*learned, *_seeds(levels, limits)], SEEDS + len(learned)
-    )
+    return _proposed(levels, _learned(levels, limits), limits)
+
+
+def _learned(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
+    return [] if limits.proposals == "classical" else proposer.shipped()(levels)
+
+
+def _proposed(levels: Sequence[PyramidLevel], learned: list[Seed], limits: Limits) -> list[Seed]:
+    others = [] if limits.proposals == "learned" else _seeds(levels, limits)
+    return candidates.distinct([*learned, *others], SEEDS + len(learned))
 
 
 def _seeds(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
@@ -120,7 +160,7 @@ def _refined(
     rims: list[Rim] = []
     rejected: list[Rejected] = []
     for found in worth:
-        rim = _rim_near(image, found.ellipse)
+        rim = _rim_near(image, found.ellipse, found.veil)
         if rim is None:
             rejected.append((priority(found), circle_of(found.ellipse), "rim"))
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
@@ -129,17 +169,22 @@ def _refined(
     return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], rejected
 
 
-def _rim_near(image: Image, seen: Ellipse) -> Rim | None:
+def _share_at(levels: Sequence[PyramidLevel], place: Ellipse) -> float:
+    level = levels[0]
+    return level.veil_at(level.to_level(place.u_px), level.to_level(place.v_px))
+
+
+def _rim_near(image: Image, seen: Ellipse, share: float = 0.0) -> Rim | None:
     """The rim at full resolution near the one seen in redness; from a circle, too, where that one is flat.
 
     A disc before a red band has no edge of redness where it hides the band: the ellipse through the others is drawn out
     along it. Brightness shows the rim there, if it is searched for where a round disc has it.
     """
-    rim = clearest_rim(image, seen)
+    rim = rim_behind_veil(image, seen, share)
     if seen.semi_minor_px >= FLAT * seen.semi_major_px:
         return rim
     mean_px = math.sqrt(seen.semi_major_px * seen.semi_minor_px)
-    other = clearest_rim(image, Ellipse(seen.u_px, seen.v_px, mean_px, mean_px, 0.0))
+    other = rim_behind_veil(image, Ellipse(seen.u_px, seen.v_px, mean_px, mean_px, 0.0), share)
     if other is None or rim is None:
         return rim
     return other if quality(other) > quality(rim) + CLEARLY else rim
@@ -154,6 +199,10 @@ def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | 
             rejected.append((1 + confidence(candidate), circle_of(candidate.rim.ellipse), why))
         else:
             passed.append(candidate)
-    best = max(passed, key=weight, default=None)
-    rejected += [(2 + confidence(c), circle_of(c.rim.ellipse), "weaker") for c in passed if c is not best]
-    return best, rejected
+    passed.sort(key=weight, reverse=True)
+    distinct: list[Candidate] = []  # a disc may have been found on both kinds of level
+    for candidate in passed:
+        if not any(same_ellipse(candidate.rim.ellipse, other.rim.ellipse) for other in distinct):
+            distinct.append(candidate)
+    rejected += [(2 + confidence(c), circle_of(c.rim.ellipse), "weaker") for c in distinct[1:]]
+    return next(iter(distinct), None), rejected

@@ -1,0 +1,85 @@
+"""Dust between camera and scene: the light that it adds, estimated place by place and subtracted. Pure.
+
+A pixel behind a veil is I = (1 - a) J + a A: J without the veil, A the airlight, a the veil's share. The darkest
+channel of the darkest thing near a place bounds a A from above (dark channel prior, He et al. 2009). What is left after
+a A is subtracted is (1 - a) J: the ratio of its channels is that of J, while the camera's noise is what it was. So
+redness with the same k (`redness.DARK`) is at once relative to what the veil leaves and to the noise.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gateway.vision.detect.robust.redness import DARK, Plane, PyramidLevel
+from gateway.vision.pixels import Image
+
+SIDE_PX = 160  # longer side of the picture that the veil is estimated on, at most
+CELLS = 8  # along it
+BRIGHT = 0.7  # quantile of each channel that is the airlight, where there is any
+DARKEST_AIRLIGHT = 20.0  # grey levels
+MOST_GREEN = 1.1  # of the larger of blue and red: dust is grey in the light of sky or lamps; what is green is leaves
+NONE, FULL = 0.6, 0.75  # darkest share near a place: below, its air is clear; above, all of the veil is subtracted
+LEAST_PART = 0.5  # of the picture that lies behind dust where there is any; less is a bright wall, or the sky
+KEPT = 0.98  # of the estimate: it is an upper bound
+PAINT = np.array((190.0, 45.0))  # R and G of red paint in clear air, grey levels
+
+
+@dataclass(frozen=True, slots=True)
+class Veil:
+    """On a coarse grid over the picture."""
+
+    share: Plane  # (rows, columns), 0 to 1: of the airlight; 0 in clear air
+    airlight: tuple[float, float, float]  # BGR grey levels
+
+
+def estimate(picture: Image) -> Veil | None:
+    """The veil over a (H, W, 3) uint8 BGR picture, of SIDE_PX at most; None in clear air and in the dark."""
+    height, width = picture.shape[:2]
+    if min(height, width) < 8:
+        return None
+    airlight = np.array([_quantile(picture, channel) for channel in range(3)], np.float32)
+    if airlight.min() < DARKEST_AIRLIGHT or airlight[1] > MOST_GREEN * max(airlight[0], airlight[2]):
+        return None
+    soft = cv2.blur(picture, (3, 3)).astype(np.float32)
+    soft /= airlight
+    least = np.asarray(cv2.min(cv2.min(soft[..., 0], soft[..., 1]), soft[..., 2]))
+    cell = max(1.0, max(height, width) / CELLS)
+    rows, columns = max(1, round(height / cell)), max(1, round(width / cell))
+    y, x = (np.linspace(0, side, n, endpoint=False).astype(int) for side, n in ((height, rows), (width, columns)))
+    local = np.minimum.reduceat(np.minimum.reduceat(least, y, axis=0), x, axis=1)
+    near = np.asarray(cv2.erode(local, np.ones((3, 3), np.uint8)))
+    trust = np.clip((near - NONE) / (FULL - NONE), 0, 1)
+    if np.count_nonzero(trust) < LEAST_PART * trust.size:
+        return None
+    smooth = np.asarray(cv2.GaussianBlur(np.minimum(local, 1), (3, 3), 0.7, borderType=cv2.BORDER_REPLICATE))
+    share = KEPT * smooth * trust
+    blue, green, red = (float(value) for value in airlight)
+    return Veil(np.asarray(share, np.float32), (blue, green, red))
+
+
+def _quantile(picture: Image, channel: int) -> float:
+    counts = cv2.calcHist([picture], [channel], None, [256], [0, 256]).ravel()
+    return float(np.searchsorted(np.cumsum(counts), BRIGHT * counts.sum()))
+
+
+def unveiled(level: PyramidLevel, veil: Veil) -> PyramidLevel:
+    """The level less the veil's light: (H, W, 3) float32, not below 0."""
+    height, width = level.bgr.shape[:2]
+    share = np.asarray(cv2.resize(veil.share, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+    left = level.bgr - share[..., None] * np.array(veil.airlight, np.float32)
+    return PyramidLevel(np.asarray(np.maximum(left, 0, out=left)), level.factor, veil.share)
+
+
+def contrast_left(share: float) -> float:
+    """1 in clear air: how much of the redness of paint is left behind a veil, against `DARK`."""
+    left = 1 - share
+    return float(np.log(np.divide(*(PAINT * left + DARK))) / np.log(np.divide(*(PAINT + DARK))))
+
+
+def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
+    """Each level less the veil over it; in clear air the levels themselves."""
+    coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= SIDE_PX), levels[-1].bgr)
+    sparse = -(-max(coarse.shape[:2]) // SIDE_PX)  # of a picture without a pyramid
+    veil = estimate(np.ascontiguousarray(coarse[::sparse, ::sparse]))
+    return levels if veil is None else [unveiled(level, veil) for level in levels]
