@@ -84,6 +84,15 @@ def test_default_decision_is_equation_14(radius_px: float, distance_mm: float, d
     assert state.reason is (Reason.TARGET_REACHED if d else Reason.NONE)
 
 
+@pytest.mark.parametrize(("radius_px", "distance_mm"), [(180.0, 300.0), (180.0, 250.0), (200.0, 300.0)])
+def test_d_that_became_1_exactly_at_a_threshold_is_held_against_a_false_circle(
+    radius_px: float, distance_mm: float
+) -> None:
+    held = FusionConfig()
+    state = after(seen(T0, radius_px), heard(T0, distance_mm), seen(T0 + 33_000_000, 49.0), config=held)
+    assert state.d is True
+
+
 def test_thresholds_are_configurable() -> None:
     config = plain(radius_threshold_px=90.0, distance_threshold_mm=500.0)
 

@@ -107,7 +107,7 @@ def test_mm_to_the_side_need_the_markers_size() -> None:
         (801.0, 0.0, GuidanceCode.FORWARD),
         (800.0, 0.0, GuidanceCode.SLOW),  # 500 mm to go
         (1300.0, 499.0, GuidanceCode.FORWARD),
-        (1300.0, 501.0, GuidanceCode.SLOW),  # 1000 mm to go within 2 s
+        (1300.0, 500.0, GuidanceCode.SLOW),  # 1000 mm to go within 2 s
         (1300.0, -501.0, GuidanceCode.FORWARD),
         (1300.0, None, GuidanceCode.FORWARD),
     ],
@@ -125,7 +125,8 @@ def test_slow(distance_mm: float, speed: float | None, code: GuidanceCode) -> No
         (280.0, 345.0, 0.0, GuidanceCode.STOP, None),  # in place, but to the side of the aim
         (150.0, 320.0, 60.0, GuidanceCode.TOO_FAR, 150.0),
         (150.0, 320.0, None, GuidanceCode.TOO_FAR, 150.0),
-        (150.0, 320.0, 5.0, GuidanceCode.BACK, 150.0),
+        (150.0, 320.0, 19.9, GuidanceCode.BACK, 150.0),
+        (150.0, 320.0, 20.0, GuidanceCode.TOO_FAR, 150.0),  # still_mm_s is not standing still any more
         (200.0, 320.0, 5.0, GuidanceCode.STOP, None),  # exactly overshoot_mm is still fine
     ],
 )
