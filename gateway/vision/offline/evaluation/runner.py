@@ -49,13 +49,19 @@ def run(
         for label, image in _pictures(labels, members):
             t_ns = round(((label.frame or 0) - start) * NS_PER_S / fps) if following else 0
             for name, detector in detectors.items():
-                began_ns = clock.now_ns()
-                detection = detector(image, t_ns)
-                took_ns = clock.now_ns() - began_ns
-                size_px = (image.shape[1], image.shape[0])
-                found[name][id(label)] = judge(label, detection, took_ns, size_px, mean=mean_radius)
+                found[name][id(label)] = answer(detector, image, label, clock, t_ns=t_ns, mean_radius=mean_radius)
             advance()
     return {name: [outcomes[id(label)] for label in chosen] for name, outcomes in found.items()}
+
+
+def answer(
+    detector: Detector, image: Image, label: Label, clock: Clock, *, t_ns: int = 0, mean_radius: bool = False
+) -> Outcome:
+    """What the detector says of one (H, W, 3) uint8 BGR picture, timed and judged."""
+    began_ns = clock.now_ns()
+    detection = detector(image, t_ns)
+    took_ns = clock.now_ns() - began_ns
+    return judge(label, detection, took_ns, (image.shape[1], image.shape[0]), mean=mean_radius)
 
 
 def picture(labels: Labels, label: Label) -> Image:

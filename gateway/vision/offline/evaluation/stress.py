@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from gateway.clock import Clock
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.runner import MakeDetector
-from gateway.vision.offline.evaluation.scoring import Outcome, Scores, judge, percentile, scores
+from gateway.vision.offline.evaluation.runner import MakeDetector, answer
+from gateway.vision.offline.evaluation.scoring import Outcome, Scores, percentile, scores
 from gateway.vision.picture.measure import halved
 from gateway.vision.picture.measure import veil as measured_veil
 from gateway.vision.pixels import Image
@@ -160,11 +160,7 @@ def run(
                 if (veil := measured_veil(halved(seen))) is not None:
                     veils.setdefault((kind.name, strength), []).append(veil)
                 for name, make in methods.items():
-                    began_ns = clock.now_ns()
-                    found = make(False)(seen, 0)
-                    took_ns = clock.now_ns() - began_ns
-                    size_px = (seen.shape[1], seen.shape[0])
-                    outcome = judge(label, found, took_ns, size_px, mean=mean_radius)
+                    outcome = answer(make(False), seen, label, clock, mean_radius=mean_radius)
                     outcomes.setdefault((name, kind.name, strength), []).append(outcome)
                 advance()
     return tuple(
