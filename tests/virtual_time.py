@@ -4,7 +4,7 @@ import asyncio
 import selectors
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -65,6 +65,31 @@ class HandClock(LoopClock):
 
     def now_ns(self) -> int:
         return self.t_ns
+
+
+@dataclass
+class BlockingClock:
+    """For what blocks its thread, as a source does: moves only when it is waited on, or by hand; each wait is noted."""
+
+    now: int
+    waits: list[float] = field(default_factory=list)
+
+    def now_ns(self) -> int:
+        return self.now
+
+    def wall_ns(self) -> int:
+        return self.now
+
+    async def sleep(self, seconds: float) -> None:
+        raise AssertionError("a source blocks")
+
+    def block(self, seconds: float) -> None:
+        assert 0 < seconds < 60
+        self.waits.append(seconds)
+        self.now += max(1, round(seconds * 1e9))
+
+    def timeout(self, seconds: float) -> asyncio.Timeout:
+        raise AssertionError("a source blocks")
 
 
 class AtOnce(Executor):

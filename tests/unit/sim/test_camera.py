@@ -1,8 +1,5 @@
 """The simulated camera keeps the contract of a source: paced, stamped, honest about its faults. No real time passes."""
 
-import asyncio
-from dataclasses import dataclass, field
-
 import numpy as np
 import pytest
 
@@ -12,6 +9,7 @@ from gateway.sim.render import render
 from gateway.sim.scenario import Scenario, parse
 from gateway.sim.world import World
 from gateway.vision.transport.messages import SourceRecord
+from tests.virtual_time import BlockingClock
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -20,37 +18,12 @@ SMALL = {"camera": {"width_px": 160, "height_px": 120, "focal_px": 150, "fps": 2
 DRIVE = {**SMALL, "legs": [{"distance_cm": 50, "speed_cm_s": 50}]}
 
 
-@dataclass
-class HandClock:
-    """Moves only when somebody waits on it, or by hand; every wait is noted."""
-
-    now: int = ORIGIN_NS
-    waits: list[float] = field(default_factory=list)
-
-    def now_ns(self) -> int:
-        return self.now
-
-    def wall_ns(self) -> int:
-        return self.now
-
-    async def sleep(self, seconds: float) -> None:
-        raise AssertionError("a source blocks")
-
-    def block(self, seconds: float) -> None:
-        assert 0 < seconds < 60
-        self.waits.append(seconds)
-        self.now += max(1, round(seconds * S))
-
-    def timeout(self, seconds: float) -> asyncio.Timeout:
-        raise AssertionError("a source blocks")
-
-
-def opened(clock: HandClock, scenario: Scenario | None = None) -> SimCamera:
+def opened(clock: BlockingClock, scenario: Scenario | None = None) -> SimCamera:
     return SimCameraSpec(scenario or parse(DRIVE), ORIGIN_NS).open(clock)
 
 
 def test_frames_come_at_the_scenarios_rate() -> None:
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     camera = opened(clock)
     stamps = [camera.read().t_capture_ns - ORIGIN_NS for _ in range(5)]
 
@@ -59,7 +32,7 @@ def test_frames_come_at_the_scenarios_rate() -> None:
 
 
 def test_a_late_reader_gets_the_frame_of_now_and_then_the_old_rhythm() -> None:
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     camera = opened(clock)
     camera.read()
     clock.now = ORIGIN_NS + 1_013 * MS
@@ -70,7 +43,7 @@ def test_a_late_reader_gets_the_frame_of_now_and_then_the_old_rhythm() -> None:
 
 
 def test_a_stuck_camera_shows_one_picture_with_new_times_and_then_the_world_again() -> None:
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     scenario = parse({**DRIVE, "faults": [{"kind": "camera_stuck", "at_s": 0.2, "for_s": 0.39}]})
     camera = opened(clock, scenario)
     frames = [camera.read() for _ in range(20)]
@@ -84,11 +57,11 @@ def test_a_stuck_camera_shows_one_picture_with_new_times_and_then_the_world_agai
 @pytest.mark.parametrize(("noise", "may_repeat"), [(2, False), (0, True)])
 def test_only_a_camera_without_noise_may_show_the_same_twice(noise: float, may_repeat: bool) -> None:
     scenario = parse({**DRIVE, "camera": {**SMALL["camera"], "noise": noise}})
-    assert opened(HandClock(), scenario).may_repeat is may_repeat
+    assert opened(BlockingClock(ORIGIN_NS), scenario).may_repeat is may_repeat
 
 
 def test_the_frame_shows_the_world_at_its_stamp() -> None:
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     scenario = parse(DRIVE)
     camera = opened(clock, scenario)
     clock.now = ORIGIN_NS + 1_777 * MS
@@ -102,7 +75,7 @@ def test_the_frame_shows_the_world_at_its_stamp() -> None:
 def test_a_replaced_camera_shows_the_same_world() -> None:
     frames = []
     for start_ms in (0, 900):
-        clock = HandClock(now=ORIGIN_NS + start_ms * MS)
+        clock = BlockingClock(ORIGIN_NS + start_ms * MS)
         spec = SourceRecord.of(SimCameraSpec(parse(DRIVE), ORIGIN_NS, "bay 3")).spec()
         camera = spec.open(clock)
         clock.now = ORIGIN_NS + 1_000 * MS
@@ -112,7 +85,7 @@ def test_a_replaced_camera_shows_the_same_world() -> None:
 
 
 def test_before_world_time_0_there_are_frames_too() -> None:
-    clock = HandClock(now=ORIGIN_NS - 990 * MS)
+    clock = BlockingClock(ORIGIN_NS - 990 * MS)
     camera = opened(clock)
 
     assert camera.read().t_capture_ns == ORIGIN_NS - 960 * MS
@@ -120,11 +93,11 @@ def test_before_world_time_0_there_are_frames_too() -> None:
 
 
 def test_a_clock_that_wakes_early_is_waited_for_again() -> None:
-    class Hasty(HandClock):
+    class Hasty(BlockingClock):
         def block(self, seconds: float) -> None:
             super().block(seconds / 2)
 
-    clock = Hasty()
+    clock = Hasty(ORIGIN_NS)
     stamp = opened(clock).read().t_capture_ns
 
     assert stamp - ORIGIN_NS >= 40 * MS
@@ -135,7 +108,7 @@ def faulty(kind: str) -> Scenario:
 
 
 def test_a_frozen_camera_blocks_and_then_goes_on() -> None:
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     camera = opened(clock, faulty("camera_freeze"))
     clock.now = ORIGIN_NS + 990 * MS
     camera.read()
@@ -146,7 +119,7 @@ def test_a_frozen_camera_blocks_and_then_goes_on() -> None:
 
 
 def test_a_lost_camera_raises_on_read_and_on_open_while_it_lasts() -> None:
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     camera = opened(clock, faulty("camera_lost"))
     clock.now = ORIGIN_NS + 990 * MS
     camera.read()
@@ -161,7 +134,7 @@ def test_a_lost_camera_raises_on_read_and_on_open_while_it_lasts() -> None:
 
 def test_a_camera_lost_while_frozen_is_reported_lost() -> None:
     freeze, lost = ({"kind": k, "at_s": a, "for_s": 5.0} for k, a in (("camera_freeze", 1.0), ("camera_lost", 2.0)))
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     camera = opened(clock, parse({**SMALL, "faults": [freeze, lost]}))
     clock.now = ORIGIN_NS + 1_000 * MS
 
@@ -171,7 +144,7 @@ def test_a_camera_lost_while_frozen_is_reported_lost() -> None:
 
 
 def test_a_black_camera_goes_on_sending() -> None:
-    clock = HandClock()
+    clock = BlockingClock(ORIGIN_NS)
     camera = opened(clock, faulty("camera_black"))
     clock.now = ORIGIN_NS + 500 * MS
     bright = camera.read().image.mean()
@@ -182,7 +155,7 @@ def test_a_black_camera_goes_on_sending() -> None:
 
 
 def test_closing_twice_is_fine_and_reading_after_it_is_not() -> None:
-    camera = opened(HandClock())
+    camera = opened(BlockingClock(ORIGIN_NS))
     camera.close()
     camera.close()
 

@@ -1,6 +1,5 @@
 """The exposure loop with rendered frames: detector, controls and a camera with a real sensor, in virtual time."""
 
-import asyncio
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureR
 from gateway.vision.process.exposure_loop import ExposureLoop
 from gateway.vision.source.contract import ExposureControls, Frame, Source
 from gateway.vision.source.specs import check_exposure, exposure_rules
+from tests.virtual_time import BlockingClock
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -31,26 +31,6 @@ SMALL = {"width_px": 320, "height_px": 240, "focal_px": 300, "fps": 30}
 STANDING: dict[str, Any] = {"start": {"distance_cm": 60}, "light": {"drift": 0.0}, "clutter": {"things": 0}}
 HEAD_LAMP = [{"at_s": 0, "level": 0.15}, {"at_s": 2, "over_s": 1, "level": 6}]
 """Dusk, and a lamp on the marker forty times as bright, within a second."""
-
-
-@dataclass
-class HandClock:
-    now: int = 100 * S
-
-    def now_ns(self) -> int:
-        return self.now
-
-    def wall_ns(self) -> int:
-        return self.now
-
-    async def sleep(self, seconds: float) -> None:
-        raise AssertionError("a source blocks")
-
-    def block(self, seconds: float) -> None:
-        self.now += max(1, round(seconds * S))
-
-    def timeout(self, seconds: float) -> asyncio.Timeout:
-        raise AssertionError("a source blocks")
 
 
 @dataclass
@@ -96,7 +76,7 @@ def amount(exposure: CameraExposure) -> float:
 def played(seconds: float, over: Mapping[str, Any], *, controlled: bool = True, method: str = "paper") -> Run:
     """As in the vision process: the capture thread's steps and the detector's, in turn."""
     scenario = parse({**STANDING, **over, "camera": {**SMALL, **over.get("camera", {})}})
-    clock, run = HandClock(), Run()
+    clock, run = BlockingClock(100 * S), Run()
     camera = SimCameraSpec(scenario, clock.now, "simulated camera").open(clock)
     find = detector(VisionConfig(method=method), clock.now_ns)
     loop = ExposureLoop(RULES, clock)
@@ -201,7 +181,7 @@ def test_a_camera_that_keeps_its_own_exposure_is_reported(caplog: pytest.LogCapt
 
 class TestWithoutControls:
     def test_a_source_without_exposure_is_used_as_it_is_and_reported(self, caplog: pytest.LogCaptureFixture) -> None:
-        loop = ExposureLoop(RULES, HandClock())
+        loop = ExposureLoop(RULES, BlockingClock(100 * S))
         loop.take_over(Plain(), "camera 3")
         loop.captured(1, S)
         loop.look(np.zeros((4, 4, 3), np.uint8), 1, S, Detection(None))
@@ -211,7 +191,7 @@ class TestWithoutControls:
         ]
 
     def test_one_that_refuses_to_be_taken_over(self, caplog: pytest.LogCaptureFixture) -> None:
-        loop = ExposureLoop(RULES, HandClock())
+        loop = ExposureLoop(RULES, BlockingClock(100 * S))
         loop.take_over(Stubborn(None), "camera 3")
         loop.captured(1, S)
         assert loop.state == CameraExposure(ExposureState.REFUSED)
@@ -221,7 +201,7 @@ class TestWithoutControls:
         self, caplog: pytest.LogCaptureFixture
     ) -> None:
         controls = Refusing()
-        loop = ExposureLoop(RULES, HandClock())
+        loop = ExposureLoop(RULES, BlockingClock(100 * S))
         loop.take_over(Stubborn(controls), "camera 3")
         assert loop.state == CameraExposure(ExposureState.CONTROLLED, 1.0, None)
         dark = np.full((64, 64, 3), 5, np.uint8)
