@@ -65,7 +65,7 @@ class DetectionRun:
         try:
             for picture in inputs.read(path):
                 self._check_size(picture)
-                found = self._find(picture.image, self._next_ns())
+                found = self._find(registry.given(self._params, picture.image, picture.deep), self._next_ns())
                 row = _row(path, picture, found, known_lens=self._params.intrinsics is not None)
                 if self._fps is not None:
                     row["tracking"] = found.tracking.name.lower()

@@ -5,12 +5,18 @@ Pure, and without OpenCV: the main process loads this module, too.
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]  # (H, W, 3), BGR, unless noted otherwise
+Image = NDArray[np.uint8]  # (H, W, 3), BGR, 255 is white, unless noted otherwise
+DeepImage = NDArray[np.uint16]  # the same with more than 8 bits: 65535 is white, whatever the camera's own is
+GreyLevels = NDArray[np.float32]  # the same in grey levels and parts of them, 0 to 255
+Colours = Image | GreyLevels
+Pixels = Colours | DeepImage  # what the data type says: white is never guessed from the contents
+
+_PER_LEVEL = np.float32(65535 / 255)
 
 # fmt: off
 PICTURE_SUFFIXES = frozenset((
@@ -45,6 +51,21 @@ def bgr8(picture: NDArray[Any]) -> Image:
     return bgr
 
 
+def deep_of(picture: NDArray[Any]) -> DeepImage | None:
+    """What `bgr8` would take from 16 bits to 8, as it is: (H, W, 3), alpha dropped. None for 8 bits, and for grey: it
+    has no red in it."""
+    if picture.dtype != np.uint16 or picture.ndim != 3 or picture.shape[2] < 3:
+        return None
+    return np.ascontiguousarray(picture[:, :, :3])
+
+
+def grey_levels(picture: Pixels) -> Colours:
+    """In grey levels: 8 bits are the array itself, more of them (H, W, 3) float32 from 0 to 255."""
+    if picture.dtype == np.uint16:
+        return np.asarray(picture / _PER_LEVEL, np.float32)
+    return cast("Colours", picture)
+
+
 def _upper_byte(samples: NDArray[Any]) -> NDArray[np.uint8]:
     """round(v / 257) of each; 257 is odd, so there are no ties."""
     flat = samples.reshape(-1)
@@ -61,7 +82,19 @@ def natural_key(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if i % 2 else (-1, part) for i, part in enumerate(parts)] + [(-1, str(path))]
 
 
-def check_bgr8(image: Image) -> None:
+def check_bgr8(image: Pixels) -> None:
     """Raises ValueError for anything but a (H, W, 3) uint8 picture with at least one pixel."""
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+    if image.dtype != np.uint8 or not _is_bgr(image):
         raise ValueError(f"not a (H, W, 3) uint8 picture: {image.shape} {image.dtype}")
+
+
+def check_picture(picture: Pixels) -> None:
+    """The same for uint8, uint16 or float32; also raised where a float32 one leaves 0 to 255 or is not finite."""
+    if picture.dtype not in (np.uint8, np.uint16, np.float32) or not _is_bgr(picture):
+        raise ValueError(f"not a (H, W, 3) picture of uint8, uint16 or float32: {picture.shape} {picture.dtype}")
+    if picture.dtype == np.float32 and not (picture.min() >= 0 and picture.max() <= 255):  # false for NaN
+        raise ValueError("float32 pictures are grey levels from 0 to 255")
+
+
+def _is_bgr(picture: NDArray[Any]) -> bool:
+    return picture.ndim == 3 and picture.shape[2] == 3 and picture.size > 0

@@ -26,6 +26,15 @@ Hsv = tuple[
 ]
 GainDb = Annotated[float, Field(ge=-20, le=80, strict=True)]
 Proposals = Literal["classical", "learned", "both"]
+Mosaic = Literal["RGGB", "GRBG", "GBRG", "BGGR"]
+# fmt: off
+RawFormatName = Literal[
+    "Y10", "Y12", "Y16",
+    "SRGGB10", "SGRBG10", "SGBRG10", "SBGGR10", "SRGGB12", "SGRBG12", "SGBRG12", "SBGGR12",
+    "SRGGB16", "SGRBG16", "SGBRG16", "SBGGR16",
+    "SRGGB10P", "SGRBG10P", "SGBRG10P", "SBGGR10P", "SRGGB12P", "SGRBG12P", "SGBRG12P", "SBGGR12P",
+]
+# fmt: on
 Cpus = Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
 
 
@@ -86,6 +95,37 @@ class PictureConfig(Section):
     dusty_s: float = Field(900.0, ge=1, le=86_400, description="the same for dusty; a cloud while loading is none")
 
 
+class RawConfig(Section):
+    """Samples of more than 8 bits from a V4L2 camera, and what makes colours of them."""
+
+    format: RawFormatName | None = Field(
+        None,
+        description="/dev/video*: V4L2's name of the sample format to be asked for, as `v4l2-ctl --list-formats` gives "
+        "it; default: the driver's own colours of 8 bits",
+    )
+    bayer: Mosaic | None = Field(
+        None,
+        description="colours of the first two pixels of the first two rows, where a colour camera calls its samples "
+        "Y10, Y12 or Y16; without it these are grey, in which no red is found",
+    )
+    black_level: int = Field(0, ge=0, le=32767, description="sample of a covered lens, in the format's units")
+    red_gain: float = Field(1.0, ge=0.1, le=10, description="of red against green, so that grey things are grey")
+    blue_gain: float = Field(1.0, ge=0.1, le=10, description="of blue, likewise")
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        given = [key for key in ("bayer", "black_level", "red_gain", "blue_gain") if key in self.model_fields_set]
+        if self.format is None:
+            if given:
+                raise FieldError("has no effect without format", given[0])
+            return self
+        if self.bayer is not None and not self.format.startswith("Y"):
+            raise FieldError(f"{self.format} already says it", "bayer")
+        if self.black_level >= 1 << int(self.format.removesuffix("P")[-2:]) - 1:
+            raise FieldError(f"at least half of white in {self.format}", "black_level")
+        return self
+
+
 class CameraConfig(Section):
     url: str = Field(
         "0",
@@ -144,6 +184,7 @@ class CameraConfig(Section):
     affinity: Cpus | None = Field(None, description="CPUs the capture thread of the vision process may use")
     reconnect: Reconnect = Field(default_factory=Reconnect)
     picture: PictureConfig = Field(default_factory=PictureConfig)
+    raw: RawConfig = Field(default_factory=RawConfig)
 
     @model_validator(mode="after")
     def _gains(self) -> Self:

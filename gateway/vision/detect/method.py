@@ -124,6 +124,8 @@ class Method:
     """Of `[vision]`, beyond those that every method has."""
     uses_radius_limits: bool = False
     """It restricts the search to the radii that the ranger's distance allows."""
+    deep: bool = False
+    """It takes `Pixels`, so pictures with more than 8 bits, too; any other is given their 8-bit view."""
     corrects_tilt: bool = False
     """With intrinsics it reports the projected centre of a tilted disc, not the centre of its ellipse."""
     panels: Callable[["Image", VisionConfig, Detection, float], tuple[Panel, ...]] = _no_panels

@@ -12,7 +12,7 @@ from gateway.vision.track.follower import Follower
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from gateway.vision.pixels import Image
+    from gateway.vision.pixels import DeepImage, Image
 
 
 def method(name: str) -> Method:
@@ -36,6 +36,11 @@ def once(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
     """For a single frame: without tracking, and without what would be prepared for further frames."""
     made = method(params.method)
     return (made.once or made.detector)(params, now_ns)
+
+
+def given(params: VisionConfig, image: "Image", deep: "DeepImage | None") -> "Image":
+    """What the method is given of a picture: all its bits where there are more than 8 and it takes them."""
+    return cast("Image", deep) if deep is not None and method(params.method).deep else image
 
 
 def rejection_meanings() -> dict[str, str]:

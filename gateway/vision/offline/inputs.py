@@ -3,7 +3,8 @@
 Conversions of a picture, so that a number can be traced back to its pixel:
 - grey is repeated into three channels, so it has no red in it; a palette is resolved;
 - alpha is dropped: the stored colours count, as with `cv2.imread`, also where they are transparent;
-- 16 bit per channel becomes round(value / 257), full scale to full scale: 12 bits stored in 16 stay dark;
+- 16 bit per channel becomes round(value / 257), full scale to full scale: 12 bits stored in 16 stay dark; all 16 bits
+  are kept beside it (`Picture.deep`) for methods that use them;
 - an EXIF orientation is applied, so that u and v are those of the picture as every viewer shows it;
 - animations and multi-page files give every frame, counted from 0, like a video.
 
@@ -25,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.errors import ConfigError, GatewayError
-from gateway.vision.pixels import PICTURE_SUFFIXES, Image, bgr8, natural_key
+from gateway.vision.pixels import PICTURE_SUFFIXES, DeepImage, Image, bgr8, deep_of, natural_key
 
 MAX_PIXELS = 1 << 28  # of one picture: some 3 GB while it is worked on
 MAX_BYTES = (1 << 31) - 1  # of one file that is not a video
@@ -55,6 +56,7 @@ class Picture:
 
     image: Image
     frame: int | None = None
+    deep: DeepImage | None = None  # the same with more than 8 bits, where the file has them
 
 
 def expand(arguments: Sequence[str]) -> list[Path]:
@@ -104,18 +106,27 @@ def read(path: Path) -> Iterator[Picture]:
     elif _holds_several(data):
         yield from _frames(data)
     else:
-        yield Picture(decode(data))
+        yield _picture(_decoded(data))
 
 
 def decode(data: bytes) -> Image:
     """The (first) picture in a file's bytes, by the rules of the module. Raises InputError."""
+    return _image(_decoded(data))
+
+
+def _decoded(data: bytes) -> NDArray[Any]:
+    """The same as it is stored."""
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if data else None
     except cv2.error as error:
         raise InputError(_reason(error)) from error
     if picture is None:
         raise InputError("damaged, cut short, or not a picture in a known format")
-    return _image(picture)
+    return picture
+
+
+def _picture(picture: NDArray[Any], frame: int | None = None) -> Picture:
+    return Picture(_image(picture), frame, deep_of(picture))
 
 
 def _image(picture: NDArray[Any]) -> Image:
@@ -139,14 +150,14 @@ def _holds_several(data: bytes) -> bool:
 
 def _frames(data: bytes) -> Iterator[Picture]:
     """Every frame of an animation or page of a TIFF, some at a time; a single one is a plain picture."""
-    first = decode(data)
+    first = _decoded(data)
     batch = max(1, _BATCH_PIXELS // (first.shape[0] * first.shape[1]))
     if not _decode_batch(data, 1, 1):
-        yield Picture(first)
+        yield _picture(first)
         return
     start = 0
     while frames := _decode_batch(data, start, batch):
-        yield from (Picture(_image(frame), start + i) for i, frame in enumerate(frames))
+        yield from (_picture(frame, start + i) for i, frame in enumerate(frames))
         start += len(frames)
 
 

@@ -18,10 +18,11 @@ import numpy as np
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.processes.channel import Channel
 from gateway.processes.child import shown
+from gateway.vision.detect import registry
 from gateway.vision.detect.method import RadiusLimited
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.picture.measure import PictureMeter
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import DeepImage, Image
 from gateway.vision.process.exposure_loop import ExposureLoop
 from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.freshness import Changes, unchanged_since_ns
@@ -56,7 +57,7 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
         if frame is None:
             continue
         progress.work_begins(frame.seq, frame.t_capture_ns, clock.now_ns())
-        detection = detect(frame.image, frame.t_capture_ns)
+        detection = detect(registry.given(job.detector.vision, frame.image, frame.deep), frame.t_capture_ns)
         height, width = frame.image.shape[:2]
         since_ns = unchanged_since_ns(frame.changed_ns, width, height, detection.circle)
         marker = detection.circle is not None or detection.predicted is not None
@@ -79,6 +80,7 @@ class CheckedFrame:
     seq: int
     t_capture_ns: int
     changed_ns: Changes
+    deep: DeepImage | None = None
 
 
 class NewestFrame:
@@ -166,14 +168,14 @@ class Capture:
             source.read()
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
         seq = job.first_seq - 1
-        last: Image | None = None
+        last: Image | DeepImage | None = None
         while True:
             frame = source.read()
-            if last is not None and np.may_share_memory(last, frame.image):
+            if last is not None and np.may_share_memory(last, frame.pixels):
                 raise LinkError(
                     f"{spec.label}: it has written into a frame that it had handed over; each needs its own array"
                 )
-            last = frame.image
+            last = frame.pixels
             t_capture_ns = max(0, min(frame.t_capture_ns, clock.now_ns()))  # by another clock it would be new for ever
             if t_capture_ns != frame.t_capture_ns:
                 frame = replace(frame, t_capture_ns=t_capture_ns)
@@ -182,6 +184,9 @@ class Capture:
                 continue
             image = frame.image.view()
             image.flags.writeable = False
+            deep = None if frame.deep is None else frame.deep.view()
+            if deep is not None:
+                deep.flags.writeable = False
             seq += 1
             if seq == job.first_seq:
                 height, width = image.shape[:2]
@@ -189,7 +194,7 @@ class Capture:
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
                 if self._exposure is not None:
                     self._exposure.take_over(source, spec.label)  # now: some cameras begin each stream with their own
-            self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns), wait=source.lossless)
+            self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns, deep), wait=source.lossless)
             self._progress.captured(seq, clock.now_ns())
             if self._exposure is not None:
                 self._exposure.captured(seq, frame.t_capture_ns)

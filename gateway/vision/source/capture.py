@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from gateway.clock import NS_PER_S, Clock, suspended_ns
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import ExposureRules
-from gateway.vision.pixels import bgr8
-from gateway.vision.source import v4l2_exposure
+from gateway.vision.pixels import bgr8, deep_of
+from gateway.vision.source import raw, v4l2_exposure
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
 from gateway.vision.source.v4l2_exposure import V4l2Exposure
@@ -49,7 +49,14 @@ class CaptureSource(Source):
         ok, image = self._capture.retrieve()
         if not ok or image is None:
             raise LinkError(f"{self._label}: lost: a frame could not be decoded")
-        return frame_of(image, t_capture_ns, self._label)
+        try:
+            return frame_of(self._decoded(image), t_capture_ns, self._label)
+        except ValueError as error:
+            raise LinkError(f"{self._label}: {error}") from error
+
+    def _decoded(self, image: NDArray[Any]) -> NDArray[Any]:
+        """What the driver handed over, as colours or grey. Raises ValueError where it can't be that."""
+        return image
 
     def _check_lateness(self, late_ns: int, arrival_ns: int) -> None:
         if late_ns <= self._late_ns:
@@ -69,7 +76,14 @@ class CameraSource(CaptureSource):
     def __init__(self, capture: cv2.VideoCapture, spec: "CameraSpec", clock: Clock) -> None:
         super().__init__(capture, spec, clock, BufferTime(suspended_ns))
         self._device = spec.device
+        self._raw = spec.raw
         self._exposure: V4l2Exposure | None = None
+
+    def _decoded(self, image: NDArray[Any]) -> NDArray[Any]:
+        if self._raw is None:
+            return image
+        height, width = (int(self._capture.get(key)) for key in (cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH))
+        return raw.picture(image, (height, width), self._raw)
 
     def exposure_controls(self, rules: ExposureRules) -> V4l2Exposure | None:
         fps = self._capture.get(cv2.CAP_PROP_FPS)
@@ -86,7 +100,7 @@ class CameraSource(CaptureSource):
 def frame_of(image: NDArray[Any], t_capture_ns: int, label: str) -> Frame:
     """What a driver handed over, as a frame. Raises LinkError for what is no picture."""
     try:
-        return Frame(bgr8(image), t_capture_ns)
+        return Frame(bgr8(image), t_capture_ns, deep_of(image))
     except ValueError as error:
         raise LinkError(f"{label}: {error}") from error
 
@@ -96,6 +110,10 @@ def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
     capture = cv2.VideoCapture(spec.device, cv2.CAP_V4L2)
     if not capture.isOpened():
         raise LinkError(f"{spec.label}: cannot be opened: missing, busy, or no permission (group video)")
+    if spec.raw is not None:
+        # Without the conversion OpenCV hands over the buffer as it is: bytes, or 16-bit samples of what it knows.
+        capture.set(cv2.CAP_PROP_FOURCC, spec.raw.fourcc)
+        capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
     wishes = (
         (cv2.CAP_PROP_FRAME_WIDTH, spec.width_px),
         (cv2.CAP_PROP_FRAME_HEIGHT, spec.height_px),
@@ -104,6 +122,9 @@ def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
     for key, wish in wishes:
         if wish is not None:
             capture.set(key, wish)  # a driver may give something else without an error: the first frame is checked
+    if spec.raw is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != spec.raw.fourcc:
+        capture.release()
+        raise LinkError(f"{spec.label}: camera.raw.format: it does not give {spec.raw.name}")
     return CameraSource(capture, spec, clock)
 
 

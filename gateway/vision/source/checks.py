@@ -43,7 +43,7 @@ class FrameChecks:
         height, width = frame.image.shape[:2]
         self._check_size((width, height))
         if self._frozen is not None:
-            match self._frozen.judge(frame.image, frame.t_capture_ns):
+            match self._frozen.judge(frame.pixels, frame.t_capture_ns):
                 case Freshness.UNPROVEN:
                     return None
                 case Freshness.FROZEN:

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from gateway.clock import Clock
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import DeepImage, Image
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,12 @@ class Frame:
 
     image: Image
     t_capture_ns: int
+    deep: DeepImage | None = None  # the same with more than 8 bits, where the camera gives them
+
+    @property
+    def pixels(self) -> Image | DeepImage:
+        """All that the source gave."""
+        return self.image if self.deep is None else self.deep
 
 
 class ExposureControls(Protocol):

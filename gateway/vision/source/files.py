@@ -87,14 +87,14 @@ class FolderSource(Source):
             path = self._pictures[self._next]
             self._next += 1
             try:
-                image = next(inputs.read(path)).image
+                picture = next(inputs.read(path))
             except inputs.InputError as error:
                 log.warning("%s: %s; skipped", path, error)
                 continue
             self._given += 1
             if self._pace:
                 self._pace.wait()
-            return Frame(image, self._clock.now_ns())
+            return Frame(picture.image, self._clock.now_ns(), picture.deep)
 
     def _begin_again(self) -> None:
         if self._given == 0:

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import DeepImage, Image
 
 TILES = (12, 16)  # rows and columns of tiles
 ROWS = 5  # of pixels that are compared in each tile: 0.02 ms at VGA, 0.04 ms at 1080p
 NS_PER_S = 1_000_000_000
 
+Samples = NDArray[np.uint8] | NDArray[np.uint16]
 Changes = NDArray[np.int64]
 """(12, 16): the capture time of the frame in which each tile last changed, ns."""
 
@@ -33,11 +34,11 @@ class FrozenFrameDetector:
 
     def __init__(self, frozen_s: float) -> None:
         self._frozen_ns = round(frozen_s * NS_PER_S)
-        self._sample: NDArray[np.uint8] | None = None  # the rows compared, (12 * ROWS, bytes of a row)
+        self._sample: Samples | None = None  # the rows compared, (12 * ROWS, 3 * width)
         self._first_ns = 0
         self.changed_ns: Changes = np.zeros(TILES, np.int64)
 
-    def judge(self, image: Image, t_ns: int) -> Freshness:
+    def judge(self, image: Image | DeepImage, t_ns: int) -> Freshness:
         """The verdict on the frame of `t_ns`; afterwards `changed_ns` holds for this frame.
 
         A source opened again must change once before it is believed.
@@ -78,7 +79,7 @@ def _half_changed_ns(changed_ns: Changes) -> int:
     return int(np.partition(changed_ns, place, axis=None)[place])
 
 
-def _with_flat(changed: NDArray[np.bool_], sample: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
+def _with_flat(changed: NDArray[np.bool_], sample: Samples, width: int) -> NDArray[np.bool_]:
     """A tile of one colour (clipped at black or white) has no noise, so it has no result: it follows the rest."""
     pixels = sample.reshape(len(sample), width, 3)
     columns = _edges(width, TILES[1])
@@ -88,7 +89,7 @@ def _with_flat(changed: NDArray[np.bool_], sample: NDArray[np.uint8], width: int
     return changed | flat if 2 * int(np.count_nonzero(changed)) >= max(1, telling) else changed
 
 
-def _by_tile(ufunc: np.ufunc, sample: NDArray[np.uint8], columns: NDArray[np.intp]) -> NDArray[np.uint8]:
+def _by_tile(ufunc: np.ufunc, sample: Samples, columns: NDArray[np.intp]) -> Samples:
     """`ufunc` over the sampled rows and the columns of each tile."""
     rows = ufunc.reduce(sample.reshape(TILES[0], ROWS, *sample.shape[1:]), axis=1)
     return np.asarray(ufunc.reduceat(rows, columns, axis=1))

@@ -14,6 +14,7 @@ from gateway.errors import ConfigError
 from gateway.registry import Registry
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.source.contract import Source, SourceSpec
+from gateway.vision.source.raw_format import RawFormat, raw_format
 
 if TYPE_CHECKING:
     from gateway.config import CameraConfig
@@ -38,6 +39,7 @@ class CameraSpec:
     fps: float | None = None
     by_arrival: bool = False  # frames are stamped when they arrive; else with the driver's buffer time
     late_s: float = LATE_S
+    raw: RawFormat | None = None  # None: the driver's own colours, 8 bits
 
     @property
     def label(self) -> str:
@@ -127,8 +129,16 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
     if number or url.startswith("/dev/"):
         device = int(url) if number else url
         return CameraSpec(
-            device, config.width_px, config.height_px, config.fps, by_arrival=by_arrival, late_s=config.deadline_s
+            device,
+            config.width_px,
+            config.height_px,
+            config.fps,
+            by_arrival=by_arrival,
+            late_s=config.deadline_s,
+            raw=raw_format(config),
         )
+    if config.raw.format is not None:
+        raise ConfigError("camera.raw.format: only a camera of this machine (/dev/video*) can be asked for it")
     scheme, separator, _ = url.partition("://")
     if separator:
         if scheme.lower() not in CAMERA_TYPES:

@@ -129,9 +129,12 @@ def test_tiny_and_thin_pictures_are_searched_in_vain(shape: tuple[int, int]) -> 
 
 
 def test_something_else_than_a_picture_is_refused() -> None:
-    for wrong in (np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8)):
+    for wrong in (np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3), np.float64), np.zeros((0, 4, 3), np.uint8)):
         with pytest.raises(ValueError, match="not a"):
             detect(wrong, PARAMS)  # type: ignore[arg-type]
+    for level in (np.nan, np.inf, -0.5, 255.5):
+        with pytest.raises(ValueError, match="grey levels from 0 to 255"):
+            detect(np.full((40, 40, 3), level, np.float32), PARAMS)
 
 
 def test_a_picture_that_is_a_view_of_another_is_searched_too() -> None:

@@ -9,7 +9,7 @@ from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.normal_profiles import sample
 from gateway.vision.detect.robust.refinement import refine
 from gateway.vision.detect.robust.rim import SECTORS, Rim
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which nothing better is searched for
 BY_CHANCE = 1.3  # of the rms over a sector's edges: so much wave has a rim that is merely noisy
@@ -37,7 +37,7 @@ def even(rim: Rim) -> bool:
     return rim.wave_px <= max(EVEN_PX, BY_CHANCE * rim.rms_px * math.sqrt(SECTORS / rim.inliers))
 
 
-def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | None:
+def clearest_rim(image: Colours, seed: Ellipse, reach_px: float = 0.0) -> Rim | None:
     """The rim near `seed` by all colours or, where these are at odds, by red against green only, whichever is better.
 
     All colours together measure best where the disc is of one colour and evenly lit. But a thin white line round the
@@ -59,7 +59,7 @@ def clearest_rim(image: Image, seed: Ellipse, reach_px: float = 0.0) -> Rim | No
     return other if quality(other) > quality(rim) + better_by else rim
 
 
-def _fall(image: Image, rim: Ellipse) -> float:
+def _fall(image: Colours, rim: Ellipse) -> float:
     """Of red against green, from well inside the rim to well outside, median over the rays in the picture."""
     apart = np.array((-WELL, WELL), np.float32) * np.float32(rim.semi_minor_px)
     rays = sample(image, from_ellipse(rim), 32, apart, WELL * rim.semi_minor_px, opponent=True)

@@ -13,7 +13,7 @@ from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, 
 from gateway.vision.detect.robust.perspective import disc_pose
 from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
 from gateway.vision.detect.stage_timer import StageTimer
-from gateway.vision.pixels import Image, check_bgr8
+from gateway.vision.pixels import Pixels, check_picture, grey_levels
 from gateway.vision.track.distractors import SIZE
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the full frame, the last two beyond it
@@ -22,7 +22,7 @@ SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is no rim
 
 
 def detect(
-    image: Image,
+    image: Pixels,
     params: VisionConfig,
     now_ns: NowNs = lambda: 0,
     *,
@@ -30,7 +30,8 @@ def detect(
     expected: Circle | None = None,
     radii_px: tuple[float, float] | None = None,
 ) -> Detection:
-    """The red disc in one (H, W, 3) uint8 BGR picture. `now_ns` gives the times of `stage_ns`; without it, 0.
+    """The red disc in one (H, W, 3) BGR picture of 8 bits or more. `now_ns` gives the times of `stage_ns`; without it,
+    0. Of more than 8 bits every stage uses all, and the rim is fitted without the kernel.
 
     `window` restricts the search to a part of the picture. With a window and an `expected` circle, that place is
     searched first, and if the marker is there nothing else is; without a window a prediction changes nothing.
@@ -38,10 +39,11 @@ def detect(
     is none, the best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one
     pixel.
     """
-    check_bgr8(image)
+    check_picture(image)
     timer = StageTimer(now_ns)
     limits = limits_of(image, params, radii_px)
-    x0, y0, part = _part(image, window)
+    x0, y0, cut = _part(image, window)
+    part = grey_levels(cut)
     taken: Candidate | None = None
     seeds = 1
     rejected: list[Rejected] = []
@@ -82,11 +84,11 @@ class FullFrameDetector:
     def expect(self, radii: MarkerRadii) -> None:
         self._radii = radii
 
-    def __call__(self, image: Image, t_ns: int = 0) -> Detection:
+    def __call__(self, image: Pixels, t_ns: int = 0) -> Detection:
         return detect(image, self._params, self._now_ns, radii_px=self._radii.at(t_ns))
 
 
-def limits_of(image: Image, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
+def limits_of(image: Pixels, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
     """The settings for one picture; `radii_px` as for `detect`."""
     diagonal_px = math.hypot(*image.shape[:2])
     return Limits(
@@ -98,7 +100,7 @@ def limits_of(image: Image, params: VisionConfig, radii_px: tuple[float, float] 
     )
 
 
-def _part(image: Image, window: Window | None) -> tuple[int, int, Image]:
+def _part(image: Pixels, window: Window | None) -> tuple[int, int, Pixels]:
     """The window as far as it lies in the picture, at least one pixel of it, and its corner."""
     if window is None:
         return 0, 0, image

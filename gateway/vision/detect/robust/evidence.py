@@ -13,7 +13,8 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust import ellipses
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, RaySamples, Shapes, sample_rays
-from gateway.vision.detect.robust.redness import Colours, Plane, PyramidLevel
+from gateway.vision.detect.robust.redness import Plane, PyramidLevel
+from gateway.vision.pixels import Colours
 
 EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is measured
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third

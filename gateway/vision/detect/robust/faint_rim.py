@@ -15,7 +15,7 @@ import numpy as np
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.colours import clearest_rim, quality
 from gateway.vision.detect.robust.rim import Rim
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours, Image
 
 FAINT = 0.6  # share of airlight from which on
 ENOUGH = 0.8  # quality of the rim on the pixels as they are, from which on it is taken
@@ -26,7 +26,7 @@ RANGE, MOST_GAIN = 230.0, 8.0  # grey levels that the part is stretched to
 TAILS = (1.0, 99.0)  # percent
 
 
-def rim_behind_veil(image: Image, seed: Ellipse, share: float, reach_px: float = 0.0) -> Rim | None:
+def rim_behind_veil(image: Colours, seed: Ellipse, share: float, reach_px: float = 0.0) -> Rim | None:
     """`clearest_rim`; behind `share` of airlight and where that is poor, the better of it and the smoothed one's."""
     rim = clearest_rim(image, seed, reach_px)
     if share < FAINT or (rim is not None and quality(rim) >= ENOUGH):
@@ -35,7 +35,7 @@ def rim_behind_veil(image: Image, seed: Ellipse, share: float, reach_px: float =
     return smooth if rim is None or (smooth is not None and quality(smooth) > quality(rim)) else rim
 
 
-def _smoothed_rim(image: Image, seed: Ellipse, reach_px: float) -> Rim | None:
+def _smoothed_rim(image: Colours, seed: Ellipse, reach_px: float) -> Rim | None:
     half = REACH * seed.semi_major_px + MARGIN_PX + reach_px
     if not all(map(isfinite, (seed.u_px, seed.v_px, half))):
         return None
@@ -52,7 +52,7 @@ def _smoothed_rim(image: Image, seed: Ellipse, reach_px: float) -> Rim | None:
     return replace(rim, ellipse=ellipse, contrast=rim.contrast / gain)
 
 
-def _stretched(part: Image, sigma_px: float) -> tuple[Image, float]:
+def _stretched(part: Colours, sigma_px: float) -> tuple[Image, float]:
     """(H, W, 3) uint8, and the gain."""
     smooth = np.asarray(cv2.GaussianBlur(part.astype(np.float32), (0, 0), sigma_px), np.float32)
     low, high = np.percentile(smooth[::4, ::4], TAILS)

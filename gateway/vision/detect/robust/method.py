@@ -52,6 +52,7 @@ METHOD = Method(
     rejections=REJECTIONS,
     keys=keys_of("robust"),
     uses_radius_limits=True,
+    deep=True,
     corrects_tilt=True,
     panels=imported("gateway.vision.detect.robust.tuning_view:panels"),
     remarks=imported("gateway.vision.detect.robust.tuning_view:remarks"),

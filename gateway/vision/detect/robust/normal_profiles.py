@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.vision.detect.robust.conic import SupportEllipse
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 Floats = NDArray[np.float64]
 Samples = NDArray[np.float32]
@@ -55,7 +55,7 @@ class Rays:
 
 
 def sample(
-    image: Image, outline: SupportEllipse, count: int, offsets_px: Samples, margin_px: float, opponent: bool = False
+    image: Colours, outline: SupportEllipse, count: int, offsets_px: Samples, margin_px: float, opponent: bool = False
 ) -> Rays | None:
     """The picture along `count` normals of the ellipse at `offsets_px` from it, outward positive, bilinear.
 
@@ -93,7 +93,8 @@ def sample(
         u, v = crossing[0] + left, crossing[1] + top
         inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)
     if opponent:
-        lab = np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2Lab), np.uint8)
+        whole = colours if colours.dtype == np.uint8 else colours / np.float32(255)  # OpenCV's white of either type
+        lab = np.asarray(cv2.cvtColor(whole, cv2.COLOR_BGR2Lab))
         return Rays(lab[..., 1] * np.float64(OPPONENT), support, inside, count, channels=1)
     return Rays(colours.reshape(len(offsets_px), -1).astype(np.float64), support, inside, count, channels=3)
 

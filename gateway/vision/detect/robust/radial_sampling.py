@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust.redness import Colours, Plane, PyramidLevel, redness
+from gateway.vision.detect.robust.redness import Plane, PyramidLevel, redness
+from gateway.vision.pixels import Colours
 
 RAYS = 48
 ANGLES = np.arange(RAYS, dtype=np.float32) * np.float32(2 * np.pi / RAYS)

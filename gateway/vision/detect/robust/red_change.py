@@ -10,7 +10,7 @@ from gateway.core.detection import Circle
 from gateway.vision.detect.robust.decision import FULL_REDNESS
 from gateway.vision.detect.robust.redness import PyramidLevel, redness
 from gateway.vision.detect.robust.veil import less_veil
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Pixels, grey_levels
 
 SPARSE_PX = 400  # diagonal of the sparse picture
 LEAST_RED = 0.15  # log(R/G): a marker behind much dust still has this
@@ -35,12 +35,12 @@ class RedRegions:
         return bool((~meet.any(axis=1)).any())
 
 
-def red_regions(image: Image, followed: Circle) -> RedRegions:
-    """The red spots of a (H, W, 3) uint8 BGR picture that are not `followed` itself."""
+def red_regions(image: Pixels, followed: Circle) -> RedRegions:
+    """The red spots of a (H, W, 3) BGR picture that are not `followed` itself."""
     height, width = image.shape[:2]
     step = max(1, min(int(np.hypot(height, width) // SPARSE_PX), height, width))
-    sparse = np.ascontiguousarray(image[step // 2 :: step, step // 2 :: step])
-    (level,) = less_veil([PyramidLevel(sparse, step)])
+    sparse: Pixels = image[step // 2 :: step, step // 2 :: step].copy()
+    (level,) = less_veil([PyramidLevel(grey_levels(sparse), step)])
     red = cv2.blur(redness(level.bgr), (3, 3))
     at, radius = sparse_place(followed, step)
     inside = np.zeros(red.shape, np.uint8)

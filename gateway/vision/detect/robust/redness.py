@@ -6,15 +6,15 @@ from bright brown wood (where R - G is the same) and its dark side from nothing.
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 Plane = NDArray[np.float32]
-Colours = NDArray[np.uint8] | NDArray[np.float32]  # (..., 3) BGR; float32 where a veil has been subtracted
 
 DARK = 8.0  # k: about twice the read noise of a cheap camera, grey levels
 LOG = np.log(np.arange(256, dtype=np.float32) + np.float32(DARK))
@@ -51,7 +51,7 @@ class PyramidLevel:
         return (px - (self.factor - 1) / 2) / self.factor
 
 
-def pyramid(image: Image, first: int, smallest_side: int) -> list[PyramidLevel]:
+def pyramid(image: Colours, first: int, smallest_side: int) -> list[PyramidLevel]:
     """Reduced by `first`, 2 `first`, 4 `first`, ... down to `smallest_side`. Rows and columns left over are cut off."""
     last = _reduced(image, first)
     levels = [PyramidLevel(last, first)]
@@ -61,9 +61,9 @@ def pyramid(image: Image, first: int, smallest_side: int) -> list[PyramidLevel]:
     return levels
 
 
-def _reduced(image: Image, by: int) -> Image:
+def _reduced(image: Colours, by: int) -> Colours:
     if by == 1:
         return image
     height, width = (max(1, side // by) for side in image.shape[:2])
     cropped = image[: height * by, : width * by]
-    return np.asarray(cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    return cast("Colours", cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA))

@@ -30,21 +30,21 @@ from gateway.vision.detect.robust import rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel, usable
 from gateway.vision.detect.robust.rim import Rim, sane
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours, Image
 
 DOUBT = 4.0
 ALIKE = 1e-6  # px, and grey levels, and shares: so far the kernel may differ
 
 
 def refine(
-    image: Image,
+    image: Colours,
     seed: Ellipse,
     *,
     search_px: float | None = None,
     doubt: float = DOUBT,
     opponent: bool = False,
 ) -> Rim | None:
-    """The rim near `seed` in a (H, W, 3) uint8 BGR picture; None where none is. Never raises for a wild seed.
+    """The rim near `seed` in a (H, W, 3) BGR picture; None where none is. Never raises for a wild seed.
 
     `search_px`: how far off the seed's rim may be, along its normals; default: a sixth of its radius, at least 4 px;
     0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `doubt`: see
@@ -67,7 +67,7 @@ def load(library: Path = LIBRARY) -> RimKernel | None:
 
 
 def refine_plain(
-    image: Image,
+    image: Colours,
     seed: Ellipse,
     *,
     search_px: float | None = None,

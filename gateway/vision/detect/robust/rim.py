@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import SupportEllipse
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 SMALLEST_PX = 3.0  # a semi-axis
 LARGEST_PX = 20_000.0
@@ -25,7 +25,7 @@ class Rim:
     wave_px: float  # rms over SECTORS of the rim of their edges' mean distance: what no averaging over rays takes away
 
 
-def sane(outline: SupportEllipse, image: Image) -> bool:
+def sane(outline: SupportEllipse, image: Colours) -> bool:
     """Large enough, not absurdly so, and in touch with the frame."""
     if not outline.real or outline.minor_px < SMALLEST_PX or outline.major_px > LARGEST_PX:
         return False

@@ -14,7 +14,7 @@ from gateway.vision.detect.robust import support
 from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Rays, directions, sample
 from gateway.vision.detect.robust.order import quantile
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 COARSE_RAYS = 72
 COARSE_HALF_STEPS = 16
@@ -78,7 +78,7 @@ def _hypotheses() -> Floats:
     return np.concatenate(spread)
 
 
-def coarse(image: Image, outline: SupportEllipse, reach: float, opponent: bool) -> Rough | None:
+def coarse(image: Colours, outline: SupportEllipse, reach: float, opponent: bool) -> Rough | None:
     """The ellipse most of the steepest edges agree on, good to a fraction of a pixel; None without enough edges."""
     step = reach / COARSE_HALF_STEPS
     offsets = (np.arange(-COARSE_HALF_STEPS, COARSE_HALF_STEPS + 1) * step).astype(np.float32)

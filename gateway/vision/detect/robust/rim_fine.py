@@ -16,7 +16,7 @@ from gateway.vision.detect.robust.conic import SupportEllipse, to_ellipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Profile, Rays, directions, profile, sample
 from gateway.vision.detect.robust.order import quantile
 from gateway.vision.detect.robust.rim import SECTORS, Rim, sane
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 FEW_RAYS = 128  # where a first fine round only brings the rim near
 MOST_RAYS = 320
@@ -40,7 +40,7 @@ class _Edges:
     weight: Floats
 
 
-def fine(image: Image, outline: SupportEllipse, sigma: float, first: int, doubt: float, opponent: bool) -> Rim | None:
+def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doubt: float, opponent: bool) -> Rim | None:
     """The rim near an outline that is good to a pixel or so; at first with `first` rays, `sigma` px of blur guessed."""
     count = first
     for turn in range(_ROUNDS):

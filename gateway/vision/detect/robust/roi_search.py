@@ -25,7 +25,7 @@ from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.detect import Window, detect
 from gateway.vision.detect.robust.red_change import RedRegions, red_regions
 from gateway.vision.detect.stage_timer import StageTimer, total_ns
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Pixels
 from gateway.vision.track.distractors import RED_DISC
 from gateway.vision.track.kalman_filter import Prediction
 
@@ -48,7 +48,7 @@ class RoiSearch:
 
     def __call__(
         self,
-        image: Image,
+        image: Pixels,
         t_ns: int,
         expected: Prediction | None,
         radii_px: tuple[float, float] | None = None,
@@ -70,23 +70,23 @@ class RoiSearch:
                 return self._with_full_search(image, found)
         return found
 
-    def _full_search(self, image: Image) -> Detection:
+    def _full_search(self, image: Pixels) -> Detection:
         self._near = 0
         return detect(image, self._params, self._now_ns, radii_px=self._radii_px)
 
-    def _with_full_search(self, image: Image, before: Detection) -> Detection:
+    def _with_full_search(self, image: Pixels, before: Detection) -> Detection:
         """`before`: the window's result; its time is reported, too."""
         full = self._full_search(image)
         better = self._recorded(image, _better(full, before))
         return replace(better, stage_ns=(("window", total_ns(before.stage_ns)), *full.stage_ns))
 
-    def _recorded(self, image: Image, found: Detection) -> Detection:
+    def _recorded(self, image: Pixels, found: Detection) -> Detection:
         """The full frame has been searched: its red regions are known."""
         self._regions = None if found.circle is None else red_regions(image, found.circle)
         self._checked_ns = self._t_ns
         return found
 
-    def _full_search_due(self, image: Image, followed: Circle) -> bool:
+    def _full_search_due(self, image: Pixels, followed: Circle) -> bool:
         """Whether a red region is new, or the known ones were not searched for too long."""
         before, self._regions = self._regions, red_regions(image, followed)
         self._checked_ns = self._t_ns

@@ -24,7 +24,7 @@ from gateway.vision.detect.robust.faint_rim import rim_behind_veil
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.stage_timer import StageTimer
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 Rejected = tuple[float, Circle, str]  # how near to acceptance it was, where it is, why it was not taken
 
@@ -37,7 +37,7 @@ FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
 EXPECTED_REACH = 0.25  # how far off a prediction's rim is searched for, of its radius
 
 
-def search_frame(image: Image, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Rejected]]:
+def search_frame(image: Colours, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Rejected]]:
     """The marker, how many candidates there were, and the best few of the others.
 
     Behind thick dust the levels are searched twice: as they are, and less the veil.
@@ -83,7 +83,7 @@ def _with_less_veil(levels: list[PyramidLevel]) -> list[list[PyramidLevel]]:
     return [levels] if clear is levels else [levels, clear]
 
 
-def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate | None:
+def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candidate | None:
     """The marker if it is where it is expected and passes every gate; None: look everywhere."""
     radius = expected.radius_px
     if not (radius > 0 and all(map(math.isfinite, (radius, expected.u_px, expected.v_px)))):
@@ -104,7 +104,7 @@ def search_expected(image: Image, expected: Circle, limits: Limits) -> Candidate
     return None
 
 
-def levels_of(image: Image, limits: Limits) -> list[PyramidLevel]:
+def levels_of(image: Colours, limits: Limits) -> list[PyramidLevel]:
     """The pyramid that a search in the picture starts from."""
     return pyramid(image, max(1, int(limits.min_radius_px // FINEST_PX)), COARSEST_PX)
 
@@ -154,7 +154,7 @@ def _worth_a_rim(seeds: Sequence[Seed], measured: Sequence[Evidence | None]) -> 
 
 
 def _refined(
-    image: Image, levels: Sequence[PyramidLevel], worth: Sequence[Evidence]
+    image: Colours, levels: Sequence[PyramidLevel], worth: Sequence[Evidence]
 ) -> tuple[list[Candidate], list[Rejected]]:
     """Their rims at full resolution, and the evidence on these."""
     rims: list[Rim] = []
@@ -174,7 +174,7 @@ def _share_at(levels: Sequence[PyramidLevel], place: Ellipse) -> float:
     return level.veil_at(level.to_level(place.u_px), level.to_level(place.v_px))
 
 
-def _rim_near(image: Image, seen: Ellipse, share: float = 0.0) -> Rim | None:
+def _rim_near(image: Colours, seen: Ellipse, share: float = 0.0) -> Rim | None:
     """The rim at full resolution near the one seen in redness; from a circle, too, where that one is flat.
 
     A disc before a red band has no edge of redness where it hides the band: the ellipse through the others is drawn out

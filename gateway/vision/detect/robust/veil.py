@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from gateway.vision.detect.robust.redness import DARK, Plane, PyramidLevel
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours
 
 SIDE_PX = 160  # longer side of the picture that the veil is estimated on, at most
 CELLS = 8  # along it
@@ -33,8 +33,8 @@ class Veil:
     airlight: tuple[float, float, float]  # BGR grey levels
 
 
-def estimate(picture: Image) -> Veil | None:
-    """The veil over a (H, W, 3) uint8 BGR picture, of SIDE_PX at most; None in clear air and in the dark."""
+def estimate(picture: Colours) -> Veil | None:
+    """The veil over a (H, W, 3) BGR picture, of SIDE_PX at most; None in clear air and in the dark."""
     height, width = picture.shape[:2]
     if min(height, width) < 8:
         return None
@@ -58,7 +58,9 @@ def estimate(picture: Image) -> Veil | None:
     return Veil(np.asarray(share, np.float32), (blue, green, red))
 
 
-def _quantile(picture: Image, channel: int) -> float:
+def _quantile(picture: Colours, channel: int) -> float:
+    if picture.dtype == np.float32:
+        return float(np.quantile(picture[..., channel], BRIGHT))
     counts = cv2.calcHist([picture], [channel], None, [256], [0, 256]).ravel()
     return float(np.searchsorted(np.cumsum(counts), BRIGHT * counts.sum()))
 
@@ -81,5 +83,5 @@ def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
     """Each level less the veil over it; in clear air the levels themselves."""
     coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= SIDE_PX), levels[-1].bgr)
     sparse = -(-max(coarse.shape[:2]) // SIDE_PX)  # of a picture without a pyramid
-    veil = estimate(np.ascontiguousarray(coarse[::sparse, ::sparse]))
+    veil = estimate(coarse[::sparse, ::sparse].copy())
     return levels if veil is None else [unveiled(level, veil) for level in levels]

@@ -2,6 +2,7 @@
 
 import ctypes
 import struct
+from typing import TypeGuard
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from gateway.vision.detect.robust import normal_profiles, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
 from gateway.vision.detect.robust.kernel import lab
 from gateway.vision.detect.robust.rim import Rim
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours, Image
 
 NONE, FOUND, NO_PROFILE = 0, 1, 2
 _UINT8 = np.dtype(np.uint8)
@@ -171,8 +172,8 @@ def set_task(task: _Task, image: Image, seed: Ellipse, search_px: float | None, 
     )
 
 
-def usable(image: Image) -> bool:
-    """Whether the pixels of each row lie side by side."""
+def usable(image: Colours) -> TypeGuard[Image]:
+    """Whether it has 8 bits, and the pixels of each row lie side by side."""
     return image.dtype == _UINT8 and image.strides[1:] == (3, 1)
 
 
