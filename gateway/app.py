@@ -30,6 +30,7 @@ from gateway.net import tls
 from gateway.net.listener import listening, url
 from gateway.net.tls import TlsFiles
 from gateway.ranger.service import RangerService, check_port
+from gateway.records.service import RecorderService
 from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import SettingError
@@ -164,15 +165,27 @@ async def run(
         # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
         files = parts.bay_files = BayFiles.read(config, clock)
         tasks.append(Task("bay-files", files.run))
+        rings = {bay.name: RingSpec.create(bay.camera.max_megapixels) for bay in config.bays}
+        readers = {bay: ring.reader() for bay, ring in rings.items()}
+        for ring in rings.values():
+            shared.callback(ring.close)
+        for ring in readers.values():
+            shared.callback(os.close, ring.fd)
+        recorder = parts.recorder = RecorderService(config, clock, readers, parts.boot)
+        hub.listen(recorder.on_event)
+        tasks += recorder.tasks
         controls = {
             bay.name: BayControl(
-                bay, hub, clock, (vectors[bay.name].write, files.note), config, files.retained(bay.name)
+                bay,
+                hub,
+                clock,
+                (vectors[bay.name].write, files.note),
+                config,
+                files.retained(bay.name),
+                recorder.collectors.get(bay.name),
             )
             for bay in config.bays
         }
-        rings = {bay.name: RingSpec.create(bay.camera.max_megapixels) for bay in config.bays}
-        for ring in rings.values():
-            shared.callback(ring.close)
         visions = {
             bay.name: VisionService(
                 bay.name,
@@ -212,9 +225,6 @@ async def run(
             handler = RequestHandler(
                 events, shown, clock, lambda: parts.system_status(alarm_monitor), alarm_monitor.act
             )
-            readers = {bay: ring.reader() for bay, ring in rings.items()}
-            for ring in readers.values():
-                shared.callback(os.close, ring.fd)
             setup = WebSetup(
                 config.model_copy(update={"mqtt": None, "sinks": {}}), clock, readers, source=source, boot=parts.boot
             )
@@ -232,7 +242,8 @@ async def run(
                 finally:  # also when a task is past help: what the broker retains must not look good for ever
                     for control in controls.values():
                         control.shut_down()
-                    await asyncio.gather(asyncio.sleep(SHUTDOWN_SHOWN_S), *(sink.close(SINK_CLOSE_S) for sink in sinks))
+                    closing = [part.close(SINK_CLOSE_S) for part in (recorder, *sinks)]
+                    await asyncio.gather(asyncio.sleep(SHUTDOWN_SHOWN_S), *closing)
                 supervised.cancel()
         except BaseExceptionGroup as group_error:
             raise _own_error(group_error) from group_error

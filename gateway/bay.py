@@ -1,7 +1,7 @@
 """One bay's control task: a thin shell that feeds fusion, publishes each state as one record, and never waits."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from gateway.clock import NS_PER_S, Clock
@@ -24,6 +24,10 @@ WRITE_EVENTS = frozenset(
 CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED})
 
 
+# What entered the control step (None: nothing), the state after it, and what happened. It must not wait or raise.
+Recorder = Callable[[fusion.Observation | None, StateVector, Sequence[Event]], None]
+
+
 class BayControl:
     """Observations in, states out. All methods run on the event loop and return at once."""
 
@@ -35,12 +39,14 @@ class BayControl:
         mirrors: tuple[Callable[[StateVector], None], ...] = (),
         gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
         retained: interlock.RetainedState | None = None,  # from before the restart
+        record: Recorder | None = None,
     ) -> None:
         self.name = config.name
         self._config = config.fusion
         self._hub = hub
         self._clock = clock
         self._mirrors = mirrors
+        self._record = record
         self._shut_down = False
         self._rules = interlock.Rules.of(config, gateway)
         self._buckets = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
@@ -133,7 +139,7 @@ class BayControl:
         happened = events.diff(old, new)
         if by is not None:
             happened = [replace(e, detail=str(by)) if e.kind in CHECK_EVENTS else e for e in happened]
-        self._publish(new, self._rate_limited([*written, *happened]))
+        self._publish(new, self._rate_limited([*written, *happened]), observation)
 
     def _rate_limited(self, happened: list[Event]) -> list[Event]:
         """Without those about writes that arrive too fast to be read; these are counted."""
@@ -148,13 +154,17 @@ class BayControl:
                 kept.append(replace(event, detail=event.detail + more))
         return kept
 
-    def _publish(self, state: StateVector, happened: list[Event]) -> None:
+    def _publish(
+        self, state: StateVector, happened: list[Event], observation: fusion.Observation | None = None
+    ) -> None:
         for mirror in self._mirrors:
             mirror(state)
-        self._report(state, happened)
+        self._report(state, happened, observation)
 
-    def _report(self, state: StateVector, happened: list[Event]) -> None:
+    def _report(self, state: StateVector, happened: list[Event], observation: fusion.Observation | None = None) -> None:
         self._hub.publish(state, happened)
+        if self._record is not None:
+            self._record(observation, state, happened)
         for event in happened:
             log.info(
                 "%s: %s%s%s",

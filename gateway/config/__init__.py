@@ -24,6 +24,7 @@ from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.config.sections.ranger import RangerConfig
+from gateway.config.sections.records import RecordsConfig
 from gateway.config.sections.vision import CameraConfig, Intrinsics, PictureConfig, VisionConfig
 from gateway.config.strict.errors import FieldError, explain
 from gateway.config.strict.section import Section
@@ -51,6 +52,7 @@ __all__ = [
     "RecipeFusion",
     "RecipeGuidance",
     "Reconnect",
+    "RecordsConfig",
     "SparkplugConfig",
     "TlsConfig",
     "VisionConfig",
@@ -111,6 +113,7 @@ class GatewayConfig(Section):
         description="tables `[sinks.<name>]`, one for each further sink (docs/extending.md); the sink checks its keys",
     )
     hmi: HmiConfig = Field(default_factory=HmiConfig)
+    records: RecordsConfig = Field(default_factory=RecordsConfig)
     recipes: tuple[RecipeConfig, ...] = Field((), max_length=1000, description="thresholds that the PLC may select")
     bays: tuple[BayConfig, ...] = Field(default_factory=lambda: (BayConfig(),), min_length=1, max_length=64)
 

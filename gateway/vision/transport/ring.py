@@ -137,13 +137,14 @@ class Ring:
 
     # Viewers.
 
-    def snapshot(self, seq: int | None = None) -> Snapshot | None:
+    def snapshot(self, seq: int | None = None, *, request: bool = True) -> Snapshot | None:
         """A copy of frame `seq`, or of the newest; None where it is not (or no longer) completely in the memory.
 
-        Requests the next frames, too.
+        Requests the next frames, too, unless told otherwise.
         """
-        with suppress(BlockingIOError):  # there are 2**64 unread requests
-            os.eventfd_write(self._spec.request_fd, 1)
+        if request:
+            with suppress(BlockingIOError):  # there are 2**64 unread requests
+                os.eventfd_write(self._spec.request_fd, 1)
         complete = []
         for slot in range(SLOTS):
             header = self._headers[slot].tolist()

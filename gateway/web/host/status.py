@@ -12,6 +12,7 @@ from gateway.config import GatewayConfig
 from gateway.core.readings import FRESH_FRAME, VisionReading
 from gateway.hub import Hub
 from gateway.modbus.server.traffic import ServerNow
+from gateway.records.service import RecorderService
 from gateway.sinks.contract import Sink
 from gateway.supervisor import TaskRecord
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
@@ -74,6 +75,7 @@ class StatusCollector:
     sinks: Sequence[Sink] = ()
     latencies: LatencyHistograms = field(default_factory=LatencyHistograms)
     bay_files: BayFiles | None = None
+    recorder: RecorderService | None = None
     modbus: Callable[[], tuple[ServerNow, ...]] = tuple
     tasks: dict[str, TaskRecord] = field(default_factory=dict)
 

@@ -1,0 +1,30 @@
+"""`[records]`: what is recorded of each bay, where, and for how long. Pure."""
+
+from pydantic import Field
+
+from gateway.config.strict.section import Section
+
+
+class RecordsConfig(Section):
+    """Everything that enters the decision is kept, and pictures round what happened (docs/records.md)."""
+
+    enabled: bool = Field(True, description="false: nothing is recorded, and no recorder process runs")
+    folder: str = Field(
+        "auto", description="auto: `records` in the folder of `state_dir`; nothing is recorded where that is empty"
+    )
+    max_mb: int = Field(4000, ge=50, le=10_000_000, description="for each bay; the oldest files are deleted")
+    max_days: float = Field(90, ge=0, le=36_500, description="older records are deleted; 0: only max_mb counts")
+    min_free_percent: float = Field(
+        10,
+        ge=0,
+        le=90,
+        description="of the disk, left free: the oldest files are deleted, and then nothing is recorded",
+    )
+    pictures: bool = Field(True, description="keep pictures round stops, faults, alarms and function checks")
+    picture_days: float = Field(30, ge=0, le=36_500, description="older pictures are deleted; 0: as long as records")
+    picture_mb_per_day: int = Field(
+        500, ge=1, le=1_000_000, description="for each bay; when it is used up, one picture a time, then none"
+    )
+    picture_hz: float = Field(2.0, ge=0.2, le=30, description="pictures a second")
+    picture_before_s: float = Field(3.0, ge=0, le=30, description="pictures from so long before; they wait in memory")
+    picture_after_s: float = Field(2.0, ge=0, le=60, description="to so long after")

@@ -1,0 +1,134 @@
+"""Collects what enters one bay's control step, until the recorder process can take it. Pure; costs some microseconds.
+
+It never waits and never grows beyond MAX_PENDING_BYTES: what does not fit is counted, and recorded as a Gap, after
+which a Checkpoint lets a replay begin again.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from gateway.core.events import Event
+from gateway.core.fusion import Observation
+from gateway.core.readings import VisionReading
+from gateway.core.state import StateVector
+from gateway.modbus.registers.register import WordOrder
+from gateway.modbus.registers.register_map import encode
+from gateway.records.record import (
+    Checkpoint,
+    Decision,
+    EventRecord,
+    Gap,
+    Record,
+    RegisterImage,
+    of_observation,
+    outputs,
+    packed,
+)
+
+NS_PER_S = 1_000_000_000
+MAX_PENDING_BYTES = 4 * 1024 * 1024  # of one bay, unpacked: some three minutes
+BATCH_BYTES = 48 * 1024  # fits into one message
+CHECKPOINT_NS = 60 * NS_PER_S
+IMAGE_NS = NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """Records for one block. `begins`: its first one is a Checkpoint, so that a segment may begin here."""
+
+    records: list[bytes]
+    begins: bool
+
+
+@dataclass(slots=True)
+class Collector:
+    """Called with every state and what it came of. `wall_ns`: Unix time."""
+
+    wall_ns: Callable[[], int]
+    word_order: WordOrder = "big"
+    dropped: int = 0  # records since the start
+    _newest: StateVector | None = None
+    _decision: tuple[object, ...] = ()
+    _chunks: deque[Pending] = field(default_factory=deque)
+    _bytes: int = 0
+    _chunk_bytes: int = 0
+    _missing: int = 0  # records dropped since the last one that was taken
+    _checkpoint_ns: int = 0
+    _image_ns: int = 0
+
+    def __call__(self, observation: Observation | None, state: StateVector, happened: Sequence[Event]) -> None:
+        """`observation`: what `state` came of; None: the start, the end, or only events without a new state."""
+        t_ns = state.t_ns
+        if self._bytes > MAX_PENDING_BYTES:
+            self._missing += 1 + len(happened)
+            self.dropped += 1 + len(happened)
+            self._newest = state
+            return
+        stepped = observation is not None
+        if self._missing:
+            self._add(Gap(t_ns=t_ns, lost=self._missing, why="not written in time"))
+            self._missing, stepped = 0, False
+        new = state is not self._newest
+        self._newest = state
+        if observation is not None and stepped:
+            if isinstance(observation, VisionReading):
+                observation = replace(observation, stage_ns=())  # nothing that is decided or shown depends on it
+            self._add(of_observation(observation, t_ns))
+        elif new:
+            self._checkpoint(state, follows=False)
+            self._decision = ()
+        decision = Decision.of(state)
+        if (now := outputs(decision)) != self._decision:
+            self._decision = now
+            self._add(decision)
+        for event in happened:
+            self._add(
+                EventRecord(
+                    t_ns=event.t_ns, kind=event.kind, sensor=event.sensor, quality=event.quality, detail=event.detail
+                )
+            )
+        if t_ns - self._image_ns >= IMAGE_NS:
+            self._image_ns = t_ns
+            unix_ns = self.wall_ns()
+            words = encode(state, unix_ns, self.word_order)
+            image = b"".join(word.to_bytes(2, "big") for word in words)
+            self._add(RegisterImage(t_ns=t_ns, unix_ns=unix_ns, words=image))
+        if t_ns - self._checkpoint_ns >= CHECKPOINT_NS:
+            self._checkpoint(state, follows=True)
+
+    @property
+    def pending(self) -> bool:
+        """Is there anything to be written?"""
+        return bool(self._chunks)
+
+    def take(self) -> Pending | None:
+        """The oldest records, as many as fit into one message; None: there are none."""
+        if not self._chunks:
+            return None
+        chunk = self._chunks.popleft()
+        self._bytes -= sum(map(len, chunk.records))
+        if not self._chunks:
+            self._chunk_bytes = 0
+        return chunk
+
+    def begin(self) -> None:
+        """Another process writes from here on: its first segment begins with a Checkpoint."""
+        if self._newest is not None and not self._missing:
+            self._checkpoint(self._newest, follows=True)
+
+    def _checkpoint(self, state: StateVector, *, follows: bool) -> None:
+        self._checkpoint_ns = state.t_ns
+        state = replace(state, vision=replace(state.vision, stage_ns=()))
+        self._chunks.append(Pending([], begins=True))
+        self._chunk_bytes = 0
+        self._add(Checkpoint(t_ns=state.t_ns, state=state, follows=follows))
+
+    def _add(self, record: Record) -> None:
+        data = packed(record)
+        if not self._chunks or self._chunk_bytes + len(data) > BATCH_BYTES:
+            self._chunks.append(Pending([], begins=False))
+            self._chunk_bytes = 0
+        self._chunks[-1].records.append(data)
+        self._chunk_bytes += len(data)
+        self._bytes += len(data)

@@ -1,0 +1,66 @@
+"""The messages between the main process and the recorder process. Data only."""
+
+from gateway.clock import SystemClock
+from gateway.config import RecordsConfig
+from gateway.processes.channel import Failed
+from gateway.processes.codec import Codec, Message
+from gateway.records.segment import Head
+from gateway.vision.transport.ring import RingSpec
+
+
+class BayJob(Message, frozen=True):
+    """`head`: of all its segments, but for number and times. `ring`: its frames; None: no pictures."""
+
+    head: Head
+    ring: RingSpec | None
+
+
+class Job(Message, frozen=True):
+    """The recorder's first message."""
+
+    folder: str
+    config: RecordsConfig
+    clock: SystemClock
+    bays: tuple[BayJob, ...]
+
+
+class Records(Message, frozen=True):
+    """One block. `begins`: a segment may begin with it."""
+
+    bay: str
+    number: int
+    t_ns: int
+    begins: bool
+    records: list[bytes]
+
+
+class KeepPictures(Message, frozen=True):
+    """Something happened: the pictures round `t_ns` are kept."""
+
+    bay: str
+    t_ns: int
+    why: str
+
+
+class Written(Message, frozen=True):
+    """The batches up to this one are on the disk, or lost by `fault`."""
+
+    number: int
+
+
+class RecorderStatus(Message, frozen=True):
+    """About once in ten seconds, and whenever `fault` changes; empty: none."""
+
+    fault: str = ""
+    written_bytes: int = 0  # since the process started
+    stored_bytes: int = 0
+    oldest_unix_s: int | None = None
+    pictures: int = 0
+    pictures_refused: int = 0  # picture_mb_per_day was used up
+    deleted_files: int = 0
+
+
+ToRecorder = Job | Records | KeepPictures
+FromRecorder = Written | RecorderStatus
+FROM_RECORDER = Codec(FromRecorder | Failed)
+TO_RECORDER = Codec(ToRecorder, compressed=True)

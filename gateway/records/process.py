@@ -1,0 +1,218 @@
+"""The recorder process: blocks to the disk, pictures round what happened, and the oldest files away. IO.
+
+Nothing waits for it: the main process keeps what it has not acknowledged, and counts what it must drop. It reads the
+frames from the ring as any viewer does, so the vision process does not notice it either. A disk that refuses is
+reported and tried again with the next block.
+"""
+
+import os
+import select
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import msgspec
+
+from gateway.clock import NS_PER_S, machine_ns
+from gateway.errors import LinkError
+from gateway.processes.channel import Channel
+from gateway.records.incident import Incident, IncidentPictures
+from gateway.records.messages import (
+    TO_RECORDER,
+    BayJob,
+    FromRecorder,
+    Job,
+    KeepPictures,
+    RecorderStatus,
+    Records,
+    ToRecorder,
+    Written,
+)
+from gateway.records.retention import Limits
+from gateway.records.segment import Head, PictureHead, picture_block, records_block
+from gateway.records.store import Store
+from gateway.vision.transport.ring import Ring
+
+CODEC = TO_RECORDER
+NICE = 15  # after the camera, the PLC and the pages
+MB = 1_000_000
+TIDY_S = 60.0
+RETRY_S = 1.0
+STATUS_S = 10.0
+PNG_EFFORT = 1  # zlib's level: 8 ms for a VGA picture
+MAX_CLOCK_JUMP_S = 86_400.0  # a clock that jumps farther ahead makes no file old
+
+
+@dataclass(slots=True)
+class _Bay:
+    job: BayJob
+    store: Store
+    pictures: IncidentPictures
+    ring: Ring | None
+
+
+def run(channel: Channel[FromRecorder, ToRecorder], job: Job) -> None:
+    """Until the main process has ended."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(NICE)
+    cv2.setNumThreads(1)
+    Recorder(channel, job).run()
+
+
+class Recorder:
+    """What the recorder process does."""
+
+    def __init__(self, channel: Channel[FromRecorder, ToRecorder], job: Job) -> None:
+        self._channel = channel
+        self._job = job
+        self._clock = job.clock
+        self._bays = {bay.head.bay: self._bay(bay) for bay in job.bays}
+        self._unwritten: list[Records] = []
+        self._fault = ""
+        self._pictures = 0
+        self._wall_offset_ns = self._offset_ns()
+        self._jumped = False
+
+    def run(self) -> None:
+        """Until the main process has ended, which ends this process."""
+        period_s = 1 / self._job.config.picture_hz / self._job.clock.speed
+        next_picture = next_tidy = next_status = _now_s()
+        while True:
+            now = _now_s()
+            if now >= next_picture:
+                next_picture = max(next_picture + period_s, now)
+                self._take_pictures()
+            if now >= next_tidy:
+                next_tidy = now + TIDY_S
+                self._tidy()
+            if now >= next_status:
+                next_status = now + STATUS_S
+                self._report()
+            wait_s = min(next_picture, next_tidy, now + RETRY_S if self._unwritten else next_tidy) - _now_s()
+            select.select([self._channel.sock], [], [], max(0.0, wait_s))
+            for message in self._channel.waiting():
+                match message:
+                    case Records():
+                        self._unwritten.append(message)
+                    case KeepPictures():
+                        self._bays[message.bay].pictures.happened(message.t_ns, message.why)
+            self._write()
+
+    def _write(self) -> None:
+        """Everything that waits, to the disk. What a disk has refused waits on: the main process sends only so much."""
+        if not self._unwritten:
+            return
+        try:
+            for message in self._unwritten:
+                block = records_block(message.number, message.records)
+                self._bays[message.bay].store.append(block, message.t_ns, begins=message.begins)
+            for bay in self._bays.values():
+                bay.store.sync()
+        except OSError as error:
+            for bay in self._bays.values():
+                bay.store.close()  # all of it is written again, to other segments
+            self._failed(error)
+            self._tidy()
+            return
+        self._channel.send(Written(self._unwritten[-1].number))
+        self._unwritten.clear()
+        if self._fault:
+            self._fault = ""
+            self._report()
+
+    def _take_pictures(self) -> None:
+        now_ns = self._clock.now_ns()
+        for bay in self._bays.values():
+            if bay.ring is None:
+                continue
+            if (picture := bay.ring.snapshot(request=bay.pictures.pending)) is not None:
+                bay.pictures.add(picture)
+            if (incident := bay.pictures.due(now_ns)) is not None:
+                try:
+                    self._keep(bay, incident, now_ns)
+                except OSError as error:
+                    self._failed(error)
+
+    def _keep(self, bay: _Bay, incident: Incident, now_ns: int) -> None:
+        offset_ns = self._offset_ns()
+        encoded = [_png(picture.image) for picture in incident.pictures]
+        places = bay.pictures.allowed(incident, [len(data) for data in encoded], now_ns)
+        blocks = [
+            picture_block(
+                PictureHead(p.seq, p.t_capture_ns, p.t_capture_ns + offset_ns, "png", why=incident.why), encoded[n]
+            )
+            for n, p in enumerate(incident.pictures)
+            if n in places
+        ]
+        if blocks:
+            bay.store.pictures(blocks)
+            self._pictures += len(blocks)
+
+    def _tidy(self) -> None:
+        offset_ns = self._offset_ns()
+        ahead_s = (offset_ns - self._wall_offset_ns) / NS_PER_S
+        if abs(ahead_s) > MAX_CLOCK_JUMP_S:
+            self._jumped = not self._jumped  # believed from the next time on, if it stays
+        else:
+            self._jumped = False
+        self._wall_offset_ns = offset_ns
+        unix_s = None if self._jumped else self._clock.wall_ns() / NS_PER_S
+        for bay in self._bays.values():
+            try:
+                bay.store.delete_surplus(unix_s)
+            except OSError as error:
+                self._failed(error)
+
+    def _report(self) -> None:
+        stored, oldest = 0, None
+        for bay in self._bays.values():
+            try:
+                files = bay.store.files()
+            except OSError:
+                continue
+            stored += sum(file.size_bytes for file in files)
+            times = [file.name.unix_s for file in files]
+            oldest = min([*times, *([oldest] if oldest is not None else [])], default=None)
+        bays = self._bays.values()
+        status = RecorderStatus(
+            fault=self._fault,
+            written_bytes=sum(bay.store.written_bytes for bay in bays),
+            stored_bytes=stored,
+            oldest_unix_s=oldest,
+            pictures=self._pictures,
+            pictures_refused=sum(bay.pictures.refused for bay in bays),
+            deleted_files=sum(bay.store.deleted_files for bay in bays),
+        )
+        self._channel.send(status)
+
+    def _failed(self, error: OSError) -> None:
+        fault = f"{self._job.folder}: {error.strerror or error}"
+        if fault != self._fault:
+            self._fault = fault
+            self._report()
+
+    def _bay(self, job: BayJob) -> _Bay:
+        config = self._job.config
+        pictures = IncidentPictures(config.picture_before_s, config.picture_after_s, config.picture_mb_per_day * MB)
+        limits = Limits(config.max_mb * MB, config.max_days, config.picture_days)
+        folder = Path(self._job.folder) / job.head.bay
+        store = Store(folder, limits, config.min_free_percent / 100, lambda number: self._head(job.head, number))
+        ring = None if job.ring is None else Ring(job.ring, writable=False)
+        return _Bay(job, store, pictures, ring)
+
+    def _head(self, head: Head, number: int) -> Head:
+        return msgspec.structs.replace(head, number=number, t_ns=self._clock.now_ns(), unix_ns=self._clock.wall_ns())
+
+    def _offset_ns(self) -> int:
+        return self._clock.wall_ns() - self._clock.now_ns()
+
+
+def _now_s() -> float:
+    return machine_ns() / NS_PER_S
+
+
+def _png(image: cv2.typing.MatLike) -> bytes:
+    done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, PNG_EFFORT])
+    if not done:
+        raise LinkError("a picture cannot be encoded")
+    return data.tobytes()

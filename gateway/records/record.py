@@ -1,0 +1,168 @@
+"""What a recording consists of: everything that entered a bay's control step, in order, and what it decided. Pure.
+
+Records are MessagePack maps with the names of their fields, so that a later version reads those of an earlier one: a
+field it does not know is skipped, one that is missing has its default. All times are the gateway's monotonic ns; a
+RegisterImage has the Unix time of the same moment.
+"""
+
+import msgspec
+
+from gateway.core.fusion import Observation
+from gateway.core.plc import PlcConnection, PlcWrite
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
+from gateway.errors import ProtocolError
+
+
+class Record(msgspec.Struct, frozen=True, tag_field="is", omit_defaults=True, kw_only=True):
+    """The base of all. `t_ns`: of the control step."""
+
+    t_ns: int
+
+
+class TickRecord(Record, frozen=True, tag="tick"):
+    """The mere passing of time."""
+
+
+class FrameRecord(Record, frozen=True, tag="frame"):
+    reading: VisionReading
+
+
+class DistanceRecord(Record, frozen=True, tag="distance"):
+    reading: RangeReading
+
+
+class WriteRecord(Record, frozen=True, tag="write"):
+    write: PlcWrite
+
+
+class ConnectionRecord(Record, frozen=True, tag="connection"):
+    change: PlcConnection
+
+
+class FunctionCheckRecord(Record, frozen=True, tag="function_check"):
+    mode: FunctionCheck
+
+
+class Decision(Record, frozen=True, tag="decision"):
+    """The outputs after the record before it; recorded where one of them has changed."""
+
+    stop: bool
+    may_move: bool
+    in_place: bool
+    moved: Moved
+    reason: Reason
+    d: bool | None
+    phase: VisitPhase
+    guidance: GuidanceCode
+    function_check: FunctionCheck
+    latched: bool
+    recipe: int
+
+    @staticmethod
+    def of(state: StateVector) -> "Decision":
+        return Decision(
+            t_ns=state.t_ns,
+            stop=state.stop,
+            may_move=state.may_move,
+            in_place=state.in_place,
+            moved=state.visit.moved,
+            reason=state.reason,
+            d=state.d,
+            phase=state.visit.phase,
+            guidance=state.guidance.code,
+            function_check=state.function_check,
+            latched=state.memory.latched,
+            recipe=state.plc.recipe,
+        )
+
+
+OUTPUTS = tuple(name for name in Decision.__struct_fields__ if name != "t_ns")
+
+
+def outputs(decision: Decision) -> tuple[object, ...]:
+    """Its fields but the time, in the order of OUTPUTS."""
+    return tuple(getattr(decision, name) for name in OUTPUTS)
+
+
+class RegisterImage(Record, frozen=True, tag="registers"):
+    """The holding registers of the newest state, about once a second. `words`: big-endian, from address 0."""
+
+    unix_ns: int
+    words: bytes
+
+
+class Checkpoint(Record, frozen=True, tag="checkpoint"):
+    """The complete state: a replay may begin here. Unless `follows`, it did not come of the record before it: the
+    gateway has started or ended, or records are missing."""
+
+    state: StateVector
+    follows: bool = False
+
+
+class EventRecord(Record, frozen=True, tag="event"):
+    """gateway.core.events.Event, without the state."""
+
+    kind: str
+    sensor: str = ""
+    quality: Quality = Quality.GOOD
+    detail: str = ""
+
+
+class Gap(Record, frozen=True, tag="gap"):
+    """`lost` records before `t_ns` could not be written."""
+
+    lost: int
+    why: str
+
+
+AnyRecord = (
+    TickRecord
+    | FrameRecord
+    | DistanceRecord
+    | WriteRecord
+    | ConnectionRecord
+    | FunctionCheckRecord
+    | Decision
+    | RegisterImage
+    | Checkpoint
+    | EventRecord
+    | Gap
+)
+
+_ENCODER = msgspec.msgpack.Encoder()
+_DECODER: msgspec.msgpack.Decoder[list[AnyRecord]] = msgspec.msgpack.Decoder(list[AnyRecord])
+
+
+def packed(record: Record) -> bytes:
+    return _ENCODER.encode(record)
+
+
+def unpacked(records: bytes) -> list[AnyRecord]:
+    """An array of packed records. Raises ProtocolError."""
+    try:
+        return _DECODER.decode(records)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ProtocolError(f"not records of this version or an earlier one: {error}") from None
+
+
+def array_of(records: list[bytes]) -> bytes:
+    """Packed records as one array."""
+    return _ENCODER.encode([msgspec.Raw(record) for record in records])
+
+
+def of_observation(observation: Observation, t_ns: int) -> Record:
+    """The record of what entered a control step."""
+    match observation:
+        case VisionReading():
+            return FrameRecord(t_ns=t_ns, reading=observation)
+        case RangeReading():
+            return DistanceRecord(t_ns=t_ns, reading=observation)
+        case PlcWrite():
+            return WriteRecord(t_ns=t_ns, write=observation)
+        case PlcConnection():
+            return ConnectionRecord(t_ns=t_ns, change=observation)
+        case FunctionCheck():
+            return FunctionCheckRecord(t_ns=t_ns, mode=observation)
+        case _:
+            return TickRecord(t_ns=t_ns)

@@ -1,0 +1,171 @@
+"""Takes every recorded decision again: the same step, over the same observations, at the same times. Pure.
+
+With the recorded rules the outputs must be the same, record by record, and so must the registers, bit for bit. With
+other rules (another configuration, another version) the difference is the answer.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, fields, replace
+
+import msgspec
+
+from gateway.core import interlock
+from gateway.core.fusion import Observation
+from gateway.core.interlock import Rules
+from gateway.core.state import StateVector, Tick
+from gateway.modbus.registers.register import WordOrder
+from gateway.modbus.registers.register_map import REGISTERS, encode
+from gateway.records.record import (
+    OUTPUTS,
+    AnyRecord,
+    Checkpoint,
+    ConnectionRecord,
+    Decision,
+    DistanceRecord,
+    FrameRecord,
+    FunctionCheckRecord,
+    RegisterImage,
+    TickRecord,
+    WriteRecord,
+    outputs,
+)
+from gateway.records.recording import Item, Missing, Place
+from gateway.records.segment import Head
+
+Change = tuple[object, object]  # as recorded, and now
+OBSERVATION = {
+    FrameRecord: "reading",
+    DistanceRecord: "reading",
+    WriteRecord: "write",
+    ConnectionRecord: "change",
+    FunctionCheckRecord: "mode",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One state, computed again, or taken over from the recording where `observation` is None. `recorded`: what was
+    decided then; None: not known, after a gap."""
+
+    place: Place
+    observation: Observation | None
+    state: StateVector
+    recorded: Decision | None
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What is other than recorded, by name: outputs, registers, or fields of the state."""
+
+    place: Place
+    t_ns: int
+    what: dict[str, Change]
+
+
+@dataclass(slots=True)
+class Replay:
+    """`rules_of`: those for a segment. `exact`: they are the recorded ones, so that the registers must be the same;
+    otherwise the replay goes on with its own state, and compares the outputs only."""
+
+    rules_of: Callable[[Head], tuple[Rules, WordOrder]]
+    exact: bool = True
+    steps: int = 0
+    images: int = 0
+    checkpoints: int = 0
+    missing: list[str] = field(default_factory=list)
+
+    def run(self, items: Iterable[Item | Missing]) -> Iterator[Step | Difference]:
+        """Every step, and behind it what is other than recorded."""
+        head: Head | None = None
+        rules, order = Rules({}), _BIG
+        state: StateVector | None = None  # None: until the next complete state
+        recorded: Decision | None = None
+        step: Step | None = None  # the newest; its recorded decision may still follow
+        for item in items:
+            if isinstance(item, Missing):
+                yield from _judged(step, recorded)
+                self.missing.append(item.why)
+                state = recorded = step = None
+                continue
+            place, record = item
+            if place.head is not head:
+                head = place.head
+                rules, order = self.rules_of(head)
+            if isinstance(record, Decision):
+                recorded = record
+                continue
+            yield from _judged(step, recorded)
+            step = None
+            if isinstance(record, Checkpoint):
+                if record.follows and state is not None and self.exact:
+                    self.checkpoints += 1
+                    yield from _different(place, record.t_ns, _state_changes(record.state, state))
+                if not record.follows:
+                    recorded = None
+                if self.exact or not record.follows or state is None:
+                    state = _within(record.state, rules)
+                    step = None if record.follows else Step(place, None, state, None)
+            elif isinstance(record, RegisterImage):
+                if state is not None and self.exact:
+                    self.images += 1
+                    yield from _different(place, record.t_ns, _register_changes(record, state, order))
+            elif state is not None and (observation := observed(record)) is not None:
+                self.steps += 1
+                state = interlock.step(state, observation, record.t_ns, rules)
+                step = Step(place, observation, state, None)
+        yield from _judged(step, recorded)
+
+
+def observed(record: AnyRecord) -> Observation | None:
+    """What entered the control step; None: a record of another kind."""
+    if isinstance(record, TickRecord):
+        return Tick()
+    name = OBSERVATION.get(type(record))
+    return None if name is None else getattr(record, name)
+
+
+def _judged(step: Step | None, recorded: Decision | None) -> Iterator[Step | Difference]:
+    """A step with its recorded decision, once that is known, and how it differs."""
+    if step is None:
+        return
+    yield replace(step, recorded=recorded)
+    if recorded is not None:
+        was, now = outputs(recorded), outputs(Decision.of(step.state))
+        if was != now:
+            pairs = zip(OUTPUTS, was, now, strict=True)
+            yield Difference(step.place, step.state.t_ns, {name: (old, new) for name, old, new in pairs if old != new})
+
+
+def _different(place: Place, t_ns: int, what: dict[str, Change]) -> Iterator[Difference]:
+    if what:
+        yield Difference(place, t_ns, what)
+
+
+def _within(state: StateVector, rules: Rules) -> StateVector:
+    """Other rules may not have the recipe that was in force."""
+    return state if state.plc.recipe in rules.recipes else replace(state, plc=replace(state.plc, recipe=0))
+
+
+def _state_changes(recorded: StateVector, state: StateVector) -> dict[str, Change]:
+    # Compared as it is written: NaN equals itself there.
+    def one(value: object) -> bytes:
+        return msgspec.msgpack.encode(value)
+
+    pairs = ((f.name, getattr(recorded, f.name), getattr(state, f.name)) for f in fields(StateVector))
+    return {name: (old, new) for name, old, new in pairs if one(old) != one(new)}
+
+
+def _register_changes(record: RegisterImage, state: StateVector, order: WordOrder) -> dict[str, Change]:
+    words = encode(state, record.unix_ns, order)
+    now = b"".join(word.to_bytes(2, "big") for word in words)
+    if now == record.words:
+        return {}
+    changed: dict[str, Change] = {}
+    for register in REGISTERS:
+        part = slice(2 * register.address, 2 * (register.address + register.words))
+        if record.words[part] != now[part]:
+            changed[f"register {register.address} {register.name}"] = (record.words[part].hex(), now[part].hex())
+    return changed
+
+
+_BIG: WordOrder = "big"

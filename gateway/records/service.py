@@ -1,0 +1,204 @@
+"""The recorder's side in the main process: a row of the task table, and the collectors of the bays. IO.
+
+Collectors are filled by the control tasks, whether or not a recorder process lives. Once a second this task sends what
+they have. What the process has not acknowledged is kept and sent again to the next one, so that a killed recorder loses
+nothing; one that is stopped, or whose disk hangs, is sent no more than UNACKNOWLEDGED_BYTES.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from platform import python_version
+from typing import NoReturn
+
+from gateway import __version__
+from gateway.bay_file import default_folder
+from gateway.clock import NS_PER_S, SystemClock
+from gateway.config import BayConfig, GatewayConfig
+from gateway.core.events import Event, EventKind
+from gateway.errors import LinkError
+from gateway.processes.channel import Failed, Gone
+from gateway.processes.slot import ProcessSlot, Role
+from gateway.records.collector import Collector
+from gateway.records.messages import (
+    FROM_RECORDER,
+    BayJob,
+    FromRecorder,
+    Job,
+    KeepPictures,
+    RecorderStatus,
+    Records,
+    ToRecorder,
+    Written,
+)
+from gateway.records.segment import Head
+from gateway.supervisor import Task
+from gateway.vision.transport.ring import RingSpec
+
+MODULE = "gateway.records.process"
+PERIOD_S = 1.0
+CLOSE_POLL_S = 0.02
+UNACKNOWLEDGED_BYTES = 96 * 1024  # below what the kernel holds of unread messages
+SILENT_S = 30.0  # a disk may take long; a process that acknowledges nothing for so long is replaced
+KEPT = frozenset(
+    {
+        EventKind.STOP_RAISED,
+        EventKind.IN_PLACE,
+        EventKind.IN_PLACE_ENDED,
+        EventKind.MOVED,
+        EventKind.RELEASED,
+        EventKind.SENSOR_FAULT,
+        EventKind.PLC_LOST,
+        EventKind.FUNCTION_CHECK_BEGUN,
+        EventKind.FUNCTION_CHECK_ENDED,
+    }
+)
+
+
+def folder_of(config: GatewayConfig) -> Path | None:
+    """Where the recordings of this gateway are; None: nothing is recorded."""
+    if not config.records.enabled:
+        return None
+    if config.records.folder != "auto":
+        return Path(config.records.folder) / f"{config.site}.{config.instance}"
+    if not config.state_dir:
+        return None
+    state = default_folder() if config.state_dir == "auto" else Path(config.state_dir)
+    return state / "records" / f"{config.site}.{config.instance}"
+
+
+def head_of(config: GatewayConfig, bay: BayConfig, boot: str) -> Head:
+    """Of all segments of a bay, but for number and times."""
+    shown = config.model_copy(update={"mqtt": None, "sinks": {}, "bays": (bay,), "hmi": type(config.hmi)()})
+    return Head(
+        bay=bay.name,
+        number=0,
+        boot=boot,
+        site=config.site,
+        instance=config.instance,
+        gateway_version=__version__,
+        python_version=python_version(),
+        t_ns=0,
+        unix_ns=0,
+        config=shown.model_dump_json(exclude_unset=True),
+    )
+
+
+@dataclass(slots=True)
+class RecorderService:
+    """`rings`: the bays' frames. `collectors`: by bay; none where nothing is recorded."""
+
+    config: GatewayConfig
+    clock: SystemClock
+    rings: Mapping[str, RingSpec]
+    boot: str
+    status: RecorderStatus = field(default_factory=RecorderStatus)
+    fault: str = ""  # of the process itself; empty: it runs
+    folder: Path | None = field(init=False)  # of all bays' recordings; None: nothing is recorded
+    collectors: dict[str, Collector] = field(init=False)
+    _number: int = 0
+    _unacknowledged: deque[tuple[Records, int]] = field(default_factory=deque)
+    _bytes: int = 0
+    _closing: bool = False
+    _written: asyncio.Event = field(default_factory=asyncio.Event)
+    _wanted: deque[KeepPictures] = field(default_factory=lambda: deque(maxlen=100))
+
+    def __post_init__(self) -> None:
+        self.folder = folder_of(self.config)
+        bays = self.config.bays if self.folder is not None else ()
+        self.collectors = {bay.name: Collector(self.clock.wall_ns, self.config.modbus.word_order) for bay in bays}
+
+    @property
+    def tasks(self) -> list[Task]:
+        """Rows of the task table."""
+        return [] if self.folder is None else [Task("recorder", self.run)]
+
+    @property
+    def dropped(self) -> int:
+        """Records that could not be written since the start."""
+        return sum(collector.dropped for collector in self.collectors.values())
+
+    def on_event(self, event: Event) -> None:
+        """A listener of the hub: pictures are kept round what people may ask about. Never waits."""
+        if event.kind in KEPT and self.folder is not None:
+            self.keep(event.bay, event.t_ns, event.kind.value)
+
+    def keep(self, bay: str, t_ns: int, why: str) -> None:
+        """Keep the pictures round that moment."""
+        self._wanted.append(KeepPictures(bay, t_ns, why))
+
+    async def close(self, seconds: float) -> None:
+        """Write what there is, the final state too; wait for it at most so long. Call it before `run` is cancelled."""
+        self._closing = True
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                while self._unacknowledged or any(collector.pending for collector in self.collectors.values()):
+                    self._written.clear()
+                    await self._written.wait()
+
+    async def run(self) -> NoReturn:
+        """Until cancelled. Raises LinkError when the process ends or writes nothing any more."""
+        pictures = self.config.records.pictures
+        bays = tuple(
+            BayJob(head_of(self.config, bay, self.boot), self.rings[bay.name] if pictures else None)
+            for bay in self.config.bays
+        )
+        fds = tuple(fd for ring in self.rings.values() for fd in ring.fds) if pictures else ()
+        job = Job(str(self.folder), self.config.records, self.clock, bays)
+        role: Role[ToRecorder] = Role(MODULE, "gw-recorder", job, fds)
+        try:
+            async with ProcessSlot[ToRecorder, FromRecorder]("recorder", self.clock, FROM_RECORDER) as slot:
+                slot.start(role)
+                for message, _ in self._unacknowledged:
+                    slot.send(message)
+                for collector in self.collectors.values():
+                    collector.begin()
+                await self._serve(slot)
+        except LinkError as error:
+            self.fault = str(error)
+            raise
+
+    async def _serve(self, slot: ProcessSlot[ToRecorder, FromRecorder]) -> NoReturn:
+        heard_ns = sent_ns = self.clock.now_ns()
+        while True:
+            await slot.wait(CLOSE_POLL_S if self._closing else PERIOD_S)
+            now_ns = self.clock.now_ns()
+            for message in slot.messages():
+                heard_ns = now_ns
+                match message:
+                    case Written(number):
+                        self.fault = ""
+                        self._acknowledged(number)
+                    case RecorderStatus():
+                        self.status = message
+                    case Failed(why):
+                        raise LinkError(why)
+                    case Gone(how):
+                        raise LinkError(f"the recorder process {how}")
+            if not self._unacknowledged:
+                heard_ns = now_ns
+            elif now_ns - heard_ns > SILENT_S * NS_PER_S:
+                raise LinkError(f"the recorder process has written nothing for {SILENT_S:g} s")
+            if self._closing or now_ns - sent_ns >= 0.9 * PERIOD_S * NS_PER_S:
+                sent_ns = now_ns
+                self._send(slot)
+
+    def _send(self, slot: ProcessSlot[ToRecorder, FromRecorder]) -> None:
+        while self._wanted:
+            slot.send(self._wanted.popleft())
+        for bay, collector in self.collectors.items():
+            while self._bytes < UNACKNOWLEDGED_BYTES and (chunk := collector.take()) is not None:
+                self._number += 1
+                size = sum(map(len, chunk.records))
+                records = Records(bay, self._number, self.clock.now_ns(), chunk.begins, chunk.records)
+                self._unacknowledged.append((records, size))
+                self._bytes += size
+                slot.send(records)
+
+    def _acknowledged(self, number: int) -> None:
+        while self._unacknowledged and self._unacknowledged[0][0].number <= number:
+            self._bytes -= self._unacknowledged.popleft()[1]
+        self._written.set()

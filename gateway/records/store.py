@@ -1,0 +1,162 @@
+"""One bay's folder of segments: append, begin a new one, delete what is over the limits. IO; may raise OSError.
+
+Each block is one `write` to the end of the file; `sync` brings what was written to the disk. A segment whose write has
+failed is given up: the next block begins another one, so that damage stays where it was.
+"""
+
+import contextlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gateway.records import names, retention
+from gateway.records.names import PICTURES, PIN, SEGMENT, FileName
+from gateway.records.retention import Limits, StoredFile
+from gateway.records.segment import Head, head_block
+
+NS_PER_S = 1_000_000_000
+SEGMENT_NS = 900 * NS_PER_S
+
+
+@dataclass(slots=True)
+class Store:
+    """`head` makes the head of a new segment with this number."""
+
+    folder: Path
+    limits: Limits
+    min_free_share: float
+    head: Callable[[int], Head]
+    written_bytes: int = 0
+    deleted_files: int = 0
+    _fd: int | None = None
+    _begun_ns: int = 0
+    _number: int | None = None
+    _dirty: bool = False
+
+    def append(self, data: bytes, t_ns: int, *, begins: bool) -> None:
+        """One block to the segment that is open. `begins`: it is the right place for a new segment to begin."""
+        if self._fd is None or (begins and t_ns - self._begun_ns >= SEGMENT_NS):
+            self.sync()
+            self.close()
+            self._open(t_ns)
+        assert self._fd is not None
+        try:
+            _write(self._fd, data)
+        except OSError:
+            self.close()
+            raise
+        self._dirty = True
+        self.written_bytes += len(data)
+
+    def sync(self) -> None:
+        if self._fd is None or not self._dirty:
+            return
+        try:
+            os.fdatasync(self._fd)
+        except OSError:  # what the kernel has dropped now is not written by a second try
+            self.close()
+            raise
+        self._dirty = False
+
+    def close(self) -> None:
+        if self._fd is not None:
+            fd, self._fd = self._fd, None
+            os.close(fd)
+
+    def pictures(self, blocks: list[bytes]) -> Path:
+        """A file of pictures, complete or not there at all; of the newest segment's number where that has none yet."""
+        number = self._next_number()
+        head = self.head(number)
+        path = self.folder / str(FileName(number, head.unix_ns // NS_PER_S, PICTURES))
+        fresh = path.with_name(f"{path.name}.new")
+        fresh.unlink(missing_ok=True)
+        fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o640)
+        try:
+            for block in (head_block(head), *blocks):
+                _write(fd, block)
+                self.written_bytes += len(block)
+            os.fdatasync(fd)
+        except OSError:
+            with contextlib.suppress(OSError):
+                fresh.unlink()
+            raise
+        finally:
+            os.close(fd)
+        fresh.replace(path)
+        self._sync_folder()
+        return path
+
+    def delete_surplus(self, unix_s: float | None) -> list[StoredFile]:
+        """Bring the folder within its limits; what was deleted. A file that can't be deleted stops nothing."""
+        if not self.folder.exists():
+            return []
+        system = os.statvfs(self.folder)
+        missing = int(self.min_free_share * system.f_blocks * system.f_frsize) - system.f_bavail * system.f_frsize
+        deleted = []
+        for file in retention.surplus(self.files(), self.limits, unix_s, max(0, missing)):
+            path = self.folder / str(file.name)
+            try:
+                path.unlink(missing_ok=True)
+                path.with_name(path.name + PIN).unlink(missing_ok=True)
+            except OSError:
+                continue
+            deleted.append(file)
+        self.deleted_files += len(deleted)
+        return deleted
+
+    def files(self) -> list[StoredFile]:
+        """All files of the recording, by number."""
+        return files_in(self.folder) if self.folder.exists() else []
+
+    def _open(self, t_ns: int) -> None:
+        number = self._next_number()
+        head = self.head(number)
+        path = self.folder / str(FileName(number, head.unix_ns // NS_PER_S, SEGMENT))
+        fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_NOFOLLOW, 0o640)
+        try:
+            data = head_block(head)
+            _write(fd, data)
+            self._sync_folder()
+        except OSError:
+            os.close(fd)
+            raise
+        self.written_bytes += len(data)
+        self._fd, self._begun_ns, self._dirty = fd, t_ns, True
+
+    def _next_number(self) -> int:
+        if self._number is None:
+            self.folder.mkdir(parents=True, exist_ok=True, mode=0o750)
+            for leftover in self.folder.glob("*.new"):
+                leftover.unlink(missing_ok=True)
+            self._number = max((file.name.number for file in self.files()), default=0)
+        self._number += 1
+        return self._number
+
+    def _sync_folder(self) -> None:
+        fd = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+
+
+def files_in(folder: Path) -> list[StoredFile]:
+    """The files of a recording, by number; other files are not looked at. Raises OSError."""
+    found, pins = [], set()
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(PIN):
+                pins.add(entry.name.removesuffix(PIN))
+            elif (name := names.parsed(entry.name)) is not None and entry.is_file(follow_symlinks=False):
+                found.append((name, entry.stat(follow_symlinks=False).st_size))
+    return sorted(
+        (StoredFile(name, size, str(name) in pins) for name, size in found), key=lambda f: (f.name.number, f.name.kind)
+    )
+
+
+def _write(fd: int, data: bytes) -> None:
+    """All of it; a short write (a full disk) is continued, and fails then."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(fd, rest) :]
