@@ -242,8 +242,11 @@ async def run(
                 finally:  # also when a task is past help: what the broker retains must not look good for ever
                     for control in controls.values():
                         control.shut_down()
-                    closing = [part.close(SINK_CLOSE_S) for part in (recorder, *sinks)]
-                    await asyncio.gather(asyncio.sleep(SHUTDOWN_SHOWN_S), *closing)
+                    await asyncio.gather(
+                        asyncio.sleep(SHUTDOWN_SHOWN_S),
+                        recorder.close(SINK_CLOSE_S),
+                        *(sink.close(SINK_CLOSE_S) for sink in sinks),
+                    )
                 supervised.cancel()
         except BaseExceptionGroup as group_error:
             raise _own_error(group_error) from group_error

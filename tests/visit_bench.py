@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gateway.bay import Recorder
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, parse
 from gateway.core import interlock
@@ -63,7 +64,14 @@ class Moment:
 class Bench:
     """World time runs as `run` is called; `now_ns` is the gateway's clock. What is public may be changed on the way."""
 
-    def __init__(self, scenario: Scenario, config: GatewayConfig | None = None, *, seed: int = 0) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        config: GatewayConfig | None = None,
+        *,
+        seed: int = 0,
+        record: Recorder | None = None,
+    ) -> None:
         self.config = config or gateway()
         self.rules = Rules.of(self.config.bays[0], self.config)
         self.world = World(scenario)
@@ -73,6 +81,7 @@ class Bench:
         self.range_fault: Quality | None = None
         self.moments: list[Moment] = []
         self.events: list[Event] = []
+        self.record: Recorder | None = record
         self._chance = random.Random(f"bench {seed} {scenario.seed}")
         self._origin_ns = 1000 * NS_PER_S
         self._ticks = 0  # of STEP_S since LEAD_S before world time 0
@@ -100,6 +109,8 @@ class Bench:
     def power_on(self, retained: RetainedState | None = None) -> None:
         """The gateway begins anew; the sensors were on all along."""
         self.state = interlock.initial("bay1", self.now_ns, self.rules, retained)
+        if self.record is not None:
+            self.record(None, self.state, [])
         self._session = Hcsr04Session(self.config.bays[0].ranger)
         self._unplugged = False
         for reading in self._session.opened(self.now_ns):
@@ -107,7 +118,10 @@ class Bench:
 
     def step(self, observation: Any) -> StateVector:
         old, self.state = self.state, interlock.step(self.state, observation, self.now_ns, self.rules)
-        self.events += diff(old, self.state)
+        happened = diff(old, self.state)
+        self.events += happened
+        if self.record is not None:
+            self.record(observation, self.state, happened)
         return self.state
 
     def check_function(self, mode: FunctionCheck) -> None:

@@ -3,6 +3,7 @@
 import random
 from typing import Any
 
+from gateway.bay import Recorder
 from gateway.config import GatewayConfig
 from gateway.core.plc import Control, PlcWrite
 from gateway.core.readings import DEAD, Quality
@@ -101,10 +102,10 @@ class Writer:
         return PlcWrite(PLC, heartbeat=self._beat, control=self._bits)
 
 
-def play(seed: int) -> Bench:
+def play(seed: int, record: Recorder | None = None) -> Bench:
     """One visit to its end, with sensors that die, a technician who comes, and a gateway that starts anew."""
     chance = random.Random(f"play {seed}")
-    bench = Bench(story(seed), settings(seed), seed=seed)
+    bench = Bench(story(seed), settings(seed), seed=seed, record=record)
     bench.plc = Writer(seed)
     dead = sorted(DEAD | {Quality.NO_ECHO, Quality.UNSTABLE, Quality.NO_TARGET})
     while bench.t_s < LENGTH_S:

@@ -64,6 +64,8 @@ class GatewayConditions:
     crashes: int = 0  # counter: tasks that failed with an unexpected error
     crashed: str = ""  # the newest of them
     bay_file_fault: str = ""  # why a bay's file can't be written
+    recorder_fault: str = ""  # why nothing is recorded
+    records_lost: int = 0  # counter
     bay_file_damaged: str = ""  # bays whose file could not be read, until a technician has checked them
 
 

@@ -184,6 +184,8 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
                     "stop or not as the sensors say; may_move and in_place off", "the same", "bay_file_damaged"),
         _same("G6", "the disk of the bay's file is full, slow or hangs", "what shall outlive a restart is lost",
               "an alarm; nothing waits for the disk", "bay_file_fault"),
+        _same("G12", "the recorder process is killed, stopped, or its disk refuses", "decisions wait for a disk",
+              "nothing waits for it; an alarm; what is missing is recorded as a gap", "recorder_fault"),
         _same("G7", "another bay's camera or ranger fails", "one bay stops the others",
               "each bay has its own tasks, process and thread"),
         FailureMode("G8", "a task crashes again and again", "a gateway that works by halves",

@@ -18,6 +18,7 @@ VERBS = (
     "evaluate",
     "tune",
     "calibrate",
+    "replay",
     "registers",
     "state",
     "certs",

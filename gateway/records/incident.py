@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from gateway.vision.transport.ring import Snapshot
 
 NS_PER_S = 1_000_000_000
+LATE_S = 2.0  # so much later a moment may be reported
 MAX_INCIDENT_S = 30.0  # whatever happens meanwhile
 MAX_WAITING_BYTES = 64 * 1024 * 1024  # of the pictures of one bay, in memory
 DAY_NS = 86_400 * NS_PER_S
@@ -48,7 +49,7 @@ class IncidentPictures:
         self._waiting_bytes += picture.image.nbytes
         since_ns = self._moments[0][0] if self._moments else picture.t_capture_ns
         while self._waiting and (
-            self._waiting[0].t_capture_ns < since_ns - self.before_s * NS_PER_S
+            self._waiting[0].t_capture_ns < since_ns - (self.before_s + LATE_S) * NS_PER_S
             or (self._waiting_bytes > MAX_WAITING_BYTES and len(self._waiting) > 1)
         ):
             self._waiting_bytes -= self._waiting.popleft().image.nbytes
@@ -72,7 +73,8 @@ class IncidentPictures:
             return None
         why = tuple(dict.fromkeys(text for _, text in self._moments))
         until_ns = max(last_ns + self.after_s * NS_PER_S, first_ns)
-        pictures = [p for p in self._waiting if p.t_capture_ns <= until_ns]
+        since_ns = first_ns - self.before_s * NS_PER_S
+        pictures = [p for p in self._waiting if since_ns <= p.t_capture_ns <= until_ns]
         self._moments.clear()
         return Incident(first_ns, why, tuple(pictures)) if pictures else None
 

@@ -6,6 +6,7 @@ nothing; one that is stopped, or whose disk hangs, is sent no more than UNACKNOW
 """
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
@@ -37,6 +38,8 @@ from gateway.records.messages import (
 from gateway.records.segment import Head
 from gateway.supervisor import Task
 from gateway.vision.transport.ring import RingSpec
+
+log = logging.getLogger(__name__)
 
 MODULE = "gateway.records.process"
 PERIOD_S = 1.0
@@ -170,10 +173,9 @@ class RecorderService:
                 heard_ns = now_ns
                 match message:
                     case Written(number):
-                        self.fault = ""
                         self._acknowledged(number)
                     case RecorderStatus():
-                        self.status = message
+                        self._report(message)
                     case Failed(why):
                         raise LinkError(why)
                     case Gone(how):
@@ -197,6 +199,11 @@ class RecorderService:
                 self._unacknowledged.append((records, size))
                 self._bytes += size
                 slot.send(records)
+
+    def _report(self, status: RecorderStatus) -> None:
+        if status.fault != self.fault:
+            log.warning("recorder: %s", status.fault or "writes again")
+        self.status, self.fault = status, status.fault
 
     def _acknowledged(self, number: int) -> None:
         while self._unacknowledged and self._unacknowledged[0][0].number <= number:

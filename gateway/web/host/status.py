@@ -109,6 +109,8 @@ class StatusCollector:
             events_lost=self.hub.dropped + sum(sink.events_lost for sink in sinks),
             crashes=sum(row.crashes for row in crashed.values()),
             crashed=", ".join(f"{name}: {row.last_error}" for name, row in crashed.items())[:MAX_ERROR],
+            recorder_fault="" if self.recorder is None else self.recorder.fault[:MAX_ERROR],
+            records_lost=0 if self.recorder is None else self.recorder.dropped,
             bay_file_fault="" if self.bay_files is None else self.bay_files.fault,
             bay_file_damaged=""
             if self.bay_files is None

@@ -237,6 +237,8 @@ class TestTheTable:
             ("events_lost", GatewayConditions(events_lost=1)),
             ("event_store_fault", GatewayConditions(store_fault="disk full")),
             ("task_crashed", GatewayConditions(crashes=1)),
+            ("recorder_fault", GatewayConditions(recorder_fault="no space left")),
+            ("records_lost", GatewayConditions(records_lost=5)),
             ("bay_file_fault", GatewayConditions(bay_file_fault="no space left")),
             ("bay_file_damaged", GatewayConditions(bay_file_damaged="bay1: cut")),
         ],

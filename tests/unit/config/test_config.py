@@ -261,7 +261,7 @@ def _bays(section: str, count: int) -> str:
         (
             "[fuson]\nperiod_s = 0.02\n",
             "g.toml:1: fuson: unknown key (misspelt?); known here: site, instance, log_level, state_dir,"
-            " modbus, mqtt, sinks, hmi, recipes, bays, camera, vision, ranger, fusion, guidance, visit",
+            " modbus, mqtt, sinks, hmi, records, recipes, bays, camera, vision, ranger, fusion, guidance, visit",
         ),
         (
             "[ranger]\nreconnect = { min = 1 }\n",

@@ -1,0 +1,68 @@
+"""What another configuration, or another version, would have decided otherwise: intervals, from a replay. Pure."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from gateway.core.state import StateVector
+from gateway.records.record import Decision
+from gateway.records.replay import Step
+from gateway.records.segment import Head
+
+JUDGED = ("stop", "may_move", "in_place", "moved")  # what a PLC acts on; other reasons and phases are shown beside
+
+
+@dataclass(frozen=True, slots=True)
+class Otherwise:
+    """One uninterrupted time in which the outputs would have been other, all the time in the same way.
+
+    Times: Unix ns. `was`, `now`: the decisions at its beginning. `state`: as recomputed then.
+    """
+
+    bay: str
+    begin_ns: int
+    end_ns: int
+    was: Decision
+    now: Decision
+    state: StateVector
+
+    @property
+    def seconds(self) -> float:
+        return (self.end_ns - self.begin_ns) / 1e9
+
+    @property
+    def what(self) -> str:
+        """`may_move 1 -> 0, stop 0 -> 1`."""
+        pairs = ((name, int(getattr(self.was, name)), int(getattr(self.now, name))) for name in JUDGED)
+        return ", ".join(f"{name} {was} -> {now}" for name, was, now in pairs if was != now)
+
+
+def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
+    """The intervals in which the outputs of the steps differ from what was recorded."""
+    open_: tuple[Head, Step, Decision, Decision] | None = None
+    newest: Step | None = None
+    for step in steps:
+        newest = step
+        now, was = Decision.of(step.state), step.recorded
+        differs = was is not None and _judged(was) != _judged(now)
+        if open_ is not None:
+            head, first, old, new = open_
+            same = differs and was is not None and (_judged(was), _judged(now)) == (_judged(old), _judged(new))
+            if same and step.place.head.boot == head.boot:
+                continue
+            yield _interval(head, first, old, new, step)
+            open_ = None
+        if differs and was is not None:
+            open_ = step.place.head, step, was, now
+    if open_ is not None and newest is not None:
+        yield _interval(*open_, newest)
+
+
+def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step) -> Otherwise:
+    begin_ns = head.unix_ns + first.state.t_ns - head.t_ns
+    end = after.place.head
+    end_ns = end.unix_ns + after.state.t_ns - end.t_ns
+    return Otherwise(head.bay, begin_ns, max(begin_ns, end_ns), was, now, first.state)
+
+
+def _judged(decision: Decision) -> tuple[object, ...]:
+    return tuple(getattr(decision, name) for name in JUDGED)

@@ -1,0 +1,120 @@
+"""The recorder beside a real gateway: killed, stopped, refused by its disk. What was recorded is replayed."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from gateway.records.recording import Missing, pictures, pictures_in
+from tests.e2e.plc import Plc
+from tests.e2e.processes import Gateway, command
+
+RECORDER = "gw-recorder"
+
+
+def simulation(folder: Path) -> Gateway:
+    return Gateway("simulate", "--no-hmi", "--modbus-port", "0", "--state-dir", str(folder), "--json")
+
+
+def recorder_of(gateway: Gateway, timeout_s: float = 20.0) -> psutil.Process:
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        for process in gateway.family():
+            if process.name() == RECORDER:
+                return process
+        time.sleep(0.05)
+    raise AssertionError("there is no recorder process")
+
+
+def folder_in(state: Path) -> Path:
+    (found,) = (state / "records").glob("*/bay1")
+    return found
+
+
+def replay(state: Path, *more: str) -> tuple[int, dict[str, Any]]:
+    done = command("replay", str(folder_in(state)), "--json", *more)
+    return done.code, json.loads(done.out)
+
+
+def test_a_run_is_replayed_bit_for_bit_with_its_pictures(tmp_path: Path) -> None:
+    with simulation(tmp_path) as gateway:
+        gateway.wait_for(lambda row: row["type"] == "event" and row["kind"] == "in_place", 60)
+        time.sleep(3.5)  # until the pictures after it have been taken
+        assert gateway.end() == 0
+    code, said = replay(tmp_path)
+    assert (code, said["same"], said["missing"]) == (0, True, [])
+    assert said["steps"] > 300
+    found = [p for path in pictures_in(folder_in(tmp_path)) for p in pictures(path)]
+    assert not any(isinstance(p, Missing) for p in found)
+    why = {text for p in found if not isinstance(p, Missing) for text in p.head.why}
+    assert {"stop_raised", "in_place"} <= why
+    code, said = replay(tmp_path, "--against", str(other_thresholds(tmp_path)))
+    assert code == 1
+    assert any("in_place 1 -> 0" in row["outputs"] for row in said["otherwise"])
+
+
+def other_thresholds(folder: Path) -> Path:
+    path = folder / "new.toml"
+    path.write_text('[fusion]\nradius_threshold_px = 300\n[[bays]]\nname = "bay1"\n')
+    return path
+
+
+@pytest.mark.failure_mode("G12")
+def test_a_killed_recorder_loses_nothing_and_the_plc_notices_nothing(tmp_path: Path) -> None:
+    with simulation(tmp_path) as gateway:
+        port = gateway.started()["modbus_port"]
+        with Plc(port) as plc:
+            plc.wait_for(lambda image: True)
+            plc.wait_for_beats(50)
+            first = recorder_of(gateway)
+            first.kill()
+            plc.wait_for_beats(100)
+            deadline = time.monotonic() + 20
+            while (second := recorder_of(gateway)).pid == first.pid:
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            plc.wait_for_beats(100)
+            second.send_signal(signal.SIGSTOP)
+            plc.wait_for_beats(100)
+            second.send_signal(signal.SIGCONT)
+            plc.wait_for_beats(50)
+        assert gateway.end() == 0
+    code, said = replay(tmp_path)
+    assert (code, said["same"], said["missing"]) == (0, True, [])
+    assert said["steps"] > 700
+
+
+def test_what_was_recorded_up_to_a_second_before_a_crash_is_there(tmp_path: Path) -> None:
+    with simulation(tmp_path) as gateway:
+        port = gateway.started()["modbus_port"]
+        with Plc(port) as plc:
+            plc.wait_for(lambda image: True)
+            beats = plc.wait_for_beats(200)[-1].image["heartbeat"]
+        os.kill(gateway.process.pid, signal.SIGKILL)
+        gateway.process.wait(10)
+    _, said = replay(tmp_path)
+    assert said["same"]
+    ticks = said["steps"] * 50 / 90  # 50 ticks, some 25 to 30 frames and 15 distances a second
+    assert ticks > beats - 120
+
+
+def test_a_disk_that_refuses_is_reported_and_stops_nothing(tmp_path: Path) -> None:
+    (tmp_path / "records").write_text("in the way")
+    with simulation(tmp_path) as gateway:
+        port = gateway.started()["modbus_port"]
+        with Plc(port) as plc:
+            plc.wait_for(lambda image: True)
+            plc.wait_for_beats(150)
+            (tmp_path / "records").unlink()  # mended
+            plc.wait_for_beats(150)
+        assert gateway.end() == 0
+    assert "recorder" in gateway.stderr
+    assert "Not a directory" in gateway.stderr
+    assert "writes again" in gateway.stderr
+    code, said = replay(tmp_path)
+    assert (code, said["same"], said["missing"]) == (0, True, [])

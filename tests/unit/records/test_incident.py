@@ -1,0 +1,124 @@
+"""Which pictures are kept round what happened, and how many a day."""
+
+import numpy as np
+
+from gateway.records.incident import DAY_NS, IncidentPictures
+from gateway.vision.transport.ring import Snapshot
+
+S = 1_000_000_000
+IMAGE = np.zeros((10, 10, 3), np.uint8)
+
+
+def picture(t_s: float) -> Snapshot:
+    return Snapshot(IMAGE, round(10 * t_s), round(t_s * S))
+
+
+def filmed(pictures: IncidentPictures, begin_s: float, end_s: float, step_s: float = 0.5) -> None:
+    t_s = begin_s
+    while t_s <= end_s:
+        pictures.add(picture(t_s))
+        t_s += step_s
+
+
+def times(found: object) -> list[float]:
+    return [p.t_capture_ns / S for p in found.pictures]  # type: ignore[attr-defined]
+
+
+def test_from_before_to_after() -> None:
+    pictures = IncidentPictures(2.0, 1.0, 10**9)
+    filmed(pictures, 0, 10)
+    pictures.happened(10 * S, "stop_raised")
+    filmed(pictures, 10.5, 10.5)
+    assert pictures.due(round(10.9 * S)) is None
+    assert pictures.pending
+    filmed(pictures, 11, 12)
+    found = pictures.due(11 * S)
+    assert found is not None
+    assert (found.t_ns, found.why) == (10 * S, ("stop_raised",))
+    assert times(found) == [8, 8.5, 9, 9.5, 10, 10.5, 11]
+    assert pictures.due(20 * S) is None
+
+
+def test_moments_close_to_each_other_are_one_incident() -> None:
+    pictures = IncidentPictures(1.0, 1.0, 10**9)
+    filmed(pictures, 0, 5)
+    pictures.happened(5 * S, "stop_raised")
+    filmed(pictures, 5.5, 5.5)
+    pictures.happened(round(5.5 * S), "in_place")
+    pictures.happened(round(5.5 * S), "in_place")
+    filmed(pictures, 6, 7)
+    assert pictures.due(6 * S) is None
+    found = pictures.due(7 * S)
+    assert found is not None
+    assert found.why == ("stop_raised", "in_place")
+    assert times(found) == [4, 4.5, 5, 5.5, 6, 6.5]
+
+
+def test_what_never_ends_is_written_after_half_a_minute() -> None:
+    pictures = IncidentPictures(1.0, 5.0, 10**9)
+    t_s, found = 0.0, None
+    while found is None and t_s < 100:
+        pictures.happened(round(t_s * S), "sensor_fault")
+        pictures.add(picture(t_s))
+        found = pictures.due(round(t_s * S))
+        t_s += 0.5
+    assert found is not None
+    assert t_s == 30.5
+
+
+def test_memory_is_bounded() -> None:
+    pictures = IncidentPictures(30.0, 1.0, 10**9)
+    large = np.zeros((4000, 4000, 3), np.uint8)
+    for n in range(10):
+        pictures.add(Snapshot(large, n, n * S))
+    pictures.happened(9 * S, "mark")
+    found = pictures.due(20 * S)
+    assert found is not None
+    assert times(found) == [9]  # 48 MB each, 64 allowed
+
+
+def test_one_picture_that_stands_still_is_one_picture() -> None:
+    pictures = IncidentPictures(5.0, 1.0, 10**9)
+    for _ in range(10):
+        pictures.add(picture(3))
+    pictures.happened(3 * S, "sensor_fault")
+    found = pictures.due(5 * S)
+    assert found is not None
+    assert times(found) == [3]
+
+
+def kept(pictures: IncidentPictures, at_s: float, size: int) -> int:
+    """How many of five pictures of an incident the budget allows."""
+    filmed(pictures, at_s, at_s + 2)
+    pictures.happened(round((at_s + 1) * S), "stop_raised")
+    found = pictures.due(round((at_s + 3) * S))
+    assert found is not None
+    assert len(found.pictures) == 5
+    return len(pictures.allowed(found, [size] * 5, round((at_s + 3) * S)))
+
+
+def test_a_day_costs_no_more_than_its_budget() -> None:
+    pictures = IncidentPictures(1.0, 1.0, 86_400)  # a byte a second; a quarter at once: 21,600
+    numbers = [kept(pictures, 10 * n, 1000) for n in range(60)]
+    assert numbers[:4] == [5, 5, 5, 1]  # 15,000 gone; less than twice five pictures are left
+    total = sum(numbers)
+    assert total <= 21.6 + 0.6 + 1
+    assert pictures.refused == 5 * 60 - total
+    assert numbers[-1] == 0
+
+
+def test_it_fills_again() -> None:
+    pictures = IncidentPictures(1.0, 1.0, 86_400)
+    for n in range(60):
+        kept(pictures, 10 * n, 1000)
+    assert kept(pictures, DAY_NS / S, 1000) == 5
+
+
+def test_the_one_picture_is_that_next_to_the_moment() -> None:
+    pictures = IncidentPictures(1.0, 1.0, 4000)  # 1000 at once
+    filmed(pictures, 0, 4)
+    pictures.happened(2 * S + 1, "stop_raised")
+    found = pictures.due(10 * S)
+    assert found is not None
+    places = pictures.allowed(found, [900] * len(found.pictures), 10 * S)
+    assert [found.pictures[n].t_capture_ns for n in places] == [2 * S]

@@ -1,0 +1,183 @@
+"""The files of a recording on a disk that fills, fails and forgets; and how they are read again."""
+
+import errno
+import os
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from gateway.errors import ConfigError
+from gateway.records import recording
+from gateway.records.names import PICTURES, PIN, parsed
+from gateway.records.record import Gap, TickRecord, packed
+from gateway.records.recording import Missing
+from gateway.records.retention import Limits
+from gateway.records.segment import Head, PictureHead, picture_block, records_block
+from gateway.records.store import SEGMENT_NS, Store, files_in
+from tests.unit.records.test_segment import HEAD
+
+UNLIMITED = Limits(10**15, 0, 0)
+
+
+def store(folder: Path, limits: Limits = UNLIMITED, boot: str = "a", unix_s: int = 1_800_000_000) -> Store:
+    def head(number: int) -> Head:
+        return msgspec.structs.replace(HEAD, number=number, boot=boot, unix_ns=unix_s * 10**9)
+
+    return Store(folder, limits, 0.0, head)
+
+
+def ticks(number: int) -> bytes:
+    return records_block(number, [packed(TickRecord(t_ns=number))])
+
+
+def read(folder: Path) -> tuple[list[int], list[str]]:
+    """Times of the ticks, and what is missing."""
+    items = list(recording.records(recording.segments_of([folder])))
+    return [i[1].t_ns for i in items if isinstance(i, tuple)], [i.why for i in items if isinstance(i, Missing)]
+
+
+def test_a_new_segment_begins_at_a_checkpoint_after_a_quarter_of_an_hour(tmp_path: Path) -> None:
+    kept = store(tmp_path / "bay1")
+    for number, (t_ns, begins) in enumerate(
+        [(0, False), (SEGMENT_NS, False), (SEGMENT_NS + 1, True), (SEGMENT_NS + 2, True)], 1
+    ):
+        kept.append(ticks(number), t_ns, begins=begins)
+    kept.close()
+    names = [str(f.name) for f in files_in(tmp_path / "bay1")]
+    assert names == ["00000001-20270115T080000Z.seg", "00000002-20270115T080000Z.seg"]
+    assert read(tmp_path / "bay1") == ([1, 2, 3, 4], [])
+    assert kept.written_bytes == sum(f.size_bytes for f in files_in(tmp_path / "bay1"))
+
+
+def test_numbers_go_on_over_restarts_whatever_the_clock_says(tmp_path: Path) -> None:
+    for n, unix_s in enumerate((1_800_000_000, 0, 1_900_000_000), 1):
+        kept = store(tmp_path, boot=str(n), unix_s=unix_s)
+        kept.append(ticks(n), 0, begins=True)
+        kept.close()
+    assert [f.name.number for f in files_in(tmp_path)] == [1, 2, 3]
+    assert read(tmp_path)[0] == [1, 2, 3]
+
+
+def test_a_block_that_was_written_twice_is_read_once(tmp_path: Path) -> None:
+    for first in (1, 2):  # the second recorder begins with what was not acknowledged
+        kept = store(tmp_path)
+        for number in range(first, first + 3):
+            kept.append(ticks(number), 0, begins=False)
+        kept.close()
+    assert read(tmp_path) == ([1, 2, 3, 4], [])
+
+
+@pytest.mark.parametrize("call", ["write", "fdatasync"])
+def test_after_a_fault_of_the_disk_another_segment_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    kept = store(tmp_path)
+    kept.append(ticks(1), 0, begins=True)
+    kept.sync()
+    with monkeypatch.context() as broken:
+
+        def refused(*_: object) -> int:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        broken.setattr(os, call, refused)
+        with pytest.raises(OSError, match="No space"):  # noqa: PT012 - whichever of both comes to the disk
+            kept.append(ticks(2), 0, begins=False)
+            kept.sync()
+    kept.append(ticks(2), 0, begins=False)
+    kept.append(ticks(3), 0, begins=False)
+    kept.close()
+    assert [f.name.number for f in files_in(tmp_path)] == [1, 2]
+    assert read(tmp_path) == ([1, 2, 3], [])
+
+
+def test_a_disk_that_takes_only_a_part_of_a_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = store(tmp_path)
+    kept.append(ticks(1), 0, begins=True)
+    real = os.write
+    with monkeypatch.context() as broken:
+        room = [10]
+
+        def short(fd: int, data: memoryview) -> int:
+            if not room[0]:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            room[0] -= (taken := min(room[0], len(data)))
+            return real(fd, data[:taken])
+
+        broken.setattr(os, "write", short)
+        with pytest.raises(OSError, match="No space"):
+            kept.append(ticks(2), 0, begins=False)
+    kept.append(ticks(2), 0, begins=False)
+    kept.close()
+    times, missing = read(tmp_path)
+    assert times == [1, 2]
+    assert len(missing) == 1
+    assert "10 bytes" in missing[0]
+
+
+def test_pictures_are_complete_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = store(tmp_path)
+    blocks = [picture_block(PictureHead(n, n, n, "png"), b"x" * 100) for n in range(3)]
+    with monkeypatch.context() as broken:
+        broken.setattr(os, "fdatasync", lambda fd: (_ for _ in ()).throw(OSError(errno.EIO, "I/O error")))
+        with pytest.raises(OSError, match="I/O"):
+            kept.pictures(blocks)
+    assert list(tmp_path.iterdir()) == []
+    path = kept.pictures(blocks)
+    assert [p.head.frame_id for p in recording.pictures(path) if not isinstance(p, Missing)] == [0, 1, 2]
+    name = parsed(path.name)
+    assert name is not None
+    assert name.kind == PICTURES
+    assert recording.pictures_in(tmp_path) == [path]
+
+
+def test_what_is_over_the_limits_is_deleted_with_its_pin(tmp_path: Path) -> None:
+    kept = store(tmp_path, Limits(0, 0, 0))
+    for n in range(1, 5):
+        kept.append(ticks(n), 0, begins=True)
+        kept.close()
+    (tmp_path / (files_in(tmp_path)[1].name.__str__() + PIN)).touch()
+    (tmp_path / "notes.txt").write_text("of a person")
+    assert [f.name.number for f in kept.delete_surplus(None)] == [1, 3, 2]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["00000004-20270115T080000Z.seg", "notes.txt"]
+    assert kept.deleted_files == 3
+
+
+def test_one_file_that_cannot_be_deleted_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = store(tmp_path, Limits(0, 0, 0))
+    for n in range(1, 4):
+        kept.append(ticks(n), 0, begins=True)
+        kept.close()
+    real = Path.unlink
+
+    def stubborn(path: Path, missing_ok: bool = False) -> None:
+        if path.name.startswith("00000001"):
+            raise PermissionError(errno.EPERM, "Operation not permitted")
+        real(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", stubborn)
+    assert [f.name.number for f in kept.delete_surplus(None)] == [2]
+
+
+def test_reading_tells_what_is_missing_and_goes_on(tmp_path: Path) -> None:
+    kept = store(tmp_path)
+    kept.append(ticks(1), 0, begins=True)
+    kept.append(records_block(2, [packed(Gap(t_ns=5, lost=12, why="not written in time"))]), 0, begins=False)
+    kept.append(ticks(3), 0, begins=False)
+    kept.close()
+    (path,) = recording.segments_of([tmp_path])
+    data = bytearray(path.read_bytes())
+    data[-3] ^= 1
+    path.write_bytes(bytes(data) + ticks(4))
+    times, missing = read(tmp_path)
+    assert times == [1, 5, 4]
+    assert [why.partition(": ")[2].split(" ")[0] for why in missing] == ["12", str(len(ticks(3)))]
+    path.write_bytes(b"")
+    assert read(tmp_path) == ([], [f"{path.name}: its head is damaged"])
+
+
+def test_what_is_no_recording_is_an_error_that_names_it(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no segment"):
+        recording.segments_of([tmp_path])
+    with pytest.raises(ConfigError, match=r"x\.txt: neither a folder"):
+        recording.segments_of([tmp_path / "x.txt"])
