@@ -28,9 +28,13 @@ from tests.e2e.brokers import free_port
 from tests.e2e.processes import survivors
 
 ROOT = Path(__file__).resolve().parents[2]
-STATE_MB = 8
+STATE_MB = 64
 STARTED_S = 60.0
-ROLES = {"gw-worker": "vision", "gw-hmi": "web"}  # by the beginning of the process's name, as `top` shows it
+ROLES = {
+    "gw-worker": "vision",
+    "gw-hmi": "web",
+    "gw-recorder": "recorder",
+}  # by the beginning of the process's name, as `top` shows it
 CONFIG = f"""
 instance = "{{instance}}"
 log_level = "{{log_level}}"
@@ -43,6 +47,9 @@ connections_per_address = 16
 enabled = true
 port = {{hmi_port}}
 without_login = "technician"
+[records]
+max_mb = 50
+picture_mb_per_day = 40
 [camera]
 deadline_s = 1.0
 [guidance]
@@ -102,6 +109,7 @@ class Simulated:
         self.state = folder / "state"
         self.state.mkdir()
         self.own_disk = os.geteuid() == 0
+        self._holder: subprocess.Popen[bytes] | None = None
         self.process: subprocess.Popen[str] | None = None
         self.started: dict[str, Any] = {}
         self.starts = 0
@@ -125,6 +133,9 @@ class Simulated:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.kill()
+        if self._holder is not None:
+            self._holder.kill()
+            self._holder.communicate()
         with contextlib.suppress(OSError):  # the session number of Sparkplug outlives the gateway on purpose
             Path(f"/dev/shm/loading-gateway-bdseq.{self.started.get('instance')}").unlink()
 
@@ -136,11 +147,18 @@ class Simulated:
         command += ["--scenario", str(self._scenario_file), "--state-dir", str(self.state)]
         if self.started:  # the truck goes on meanwhile
             command += ["--world-start-ns", str(self.started["world_start_ns"])]
-        if self.own_disk:  # in a mount namespace of its own, which ends with it; the state survives in `kept`
-            mount = f'mount -t tmpfs -o size={STATE_MB}m none "$1" && cp -a "$2/." "$1" && shift 2 && exec "$@"'
-            kept = self.folder / "kept"
-            kept.mkdir(exist_ok=True)
-            command = ["unshare", "-m", "sh", "-c", mount, "sh", str(self.state), str(kept), *command]
+        if self.own_disk:
+            command = [
+                "nsenter",
+                "-m",
+                "-t",
+                str(self._disk_of().pid),
+                "sh",
+                "-c",
+                'cd "$0" && exec "$@"',
+                str(ROOT),
+                *command,
+            ]
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
         )
@@ -158,7 +176,6 @@ class Simulated:
         if self.process is None or self.process.poll() is not None:
             return None if self.process is None else self.process.returncode
         family = psutil.Process(self.process.pid).children(recursive=True)
-        self._keep_state()
         for one in (*family, psutil.Process(self.process.pid)):
             with contextlib.suppress(psutil.NoSuchProcess):
                 one.send_signal(signal.SIGCONT)  # a stopped process could not obey
@@ -173,20 +190,22 @@ class Simulated:
             raise RuntimeError(f"processes left behind: {left}")
         return code
 
-    def _keep_state(self) -> None:
-        """What its disk holds outlives the gateway's own mount namespace."""
-        if not self.own_disk:
-            return
-        with contextlib.suppress(OSError):
-            for path in self.disk.iterdir():
-                if path.is_file() and path.name != "ballast":
-                    (self.folder / "kept" / path.name).write_bytes(path.read_bytes())
+    def _disk_of(self) -> subprocess.Popen[bytes]:
+        """A process in a mount namespace of its own, where the state folder is a small file system; it outlives the
+        gateway, as a disk does, and ends with this program."""
+        if self._holder is None:
+            script = f'mount -t tmpfs -o size={STATE_MB}m none "$0" && echo && exec cat'
+            self._holder = subprocess.Popen(
+                ["unshare", "-m", "sh", "-c", script, str(self.state)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            )
+            assert self._holder.stdout is not None
+            self._holder.stdout.readline()
+        return self._holder
 
     @property
     def disk(self) -> Path:
         """Its state folder as it sees it."""
-        assert self.process is not None
-        return Path(f"/proc/{self.process.pid}/root{self.state}") if self.own_disk else self.state
+        return Path(f"/proc/{self._disk_of().pid}/root{self.state}") if self.own_disk else self.state
 
     # -- its processes ---------------------------------------------------------------------------------------------
 
@@ -196,7 +215,7 @@ class Simulated:
         return self.process.pid
 
     def pids(self, role: str) -> list[int]:
-        """Of `main`, `vision`, `web` or `all`."""
+        """Of `main`, `vision`, `web`, `recorder` or `all`."""
         if role == "main":
             return [self.pid]
         try:
@@ -218,6 +237,12 @@ class Simulated:
                 found.append(
                     Usage(name, pid, memory_kib, process.num_fds(), process.num_threads(), times.user + times.system)
                 )
+        return found
+
+    @property
+    def recording(self) -> Path:
+        """The folder of the bay's recording."""
+        (found,) = self.disk.glob("records/*/bay1")
         return found
 
     def files(self) -> tuple[int, int]:

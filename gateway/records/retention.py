@@ -1,7 +1,8 @@
 """Which files of a bay's recording are to be deleted. Pure: (files, limits, time, free space) -> files.
 
 The oldest first, by number: a clock that jumps changes no order. What somebody has pinned goes last, and only for size
-and free space, never for its age. Files of the newest number are never deleted: they are being written.
+and free space, never for its age. The newest file and the segment
+that is being written stay.
 """
 
 from collections.abc import Sequence
@@ -29,16 +30,22 @@ class Limits:
 
 
 def surplus(
-    files: Sequence[StoredFile], limits: Limits, unix_s: float | None, missing_bytes: int = 0
+    files: Sequence[StoredFile],
+    limits: Limits,
+    unix_s: float | None,
+    missing_bytes: int = 0,
+    being_written: int | None = None,
 ) -> list[StoredFile]:
     """What is to be deleted, in that order. `unix_s`: now, None where the clock is not to be believed.
 
-    `missing_bytes`: what the disk lacks of the free space that must be left.
+    `missing_bytes`: what the disk lacks of the free space that must be left. `being_written`: number of a file.
     """
     if not files:
         return []
-    newest = max(file.name.number for file in files)
-    closed = sorted((f for f in files if f.name.number != newest), key=lambda f: (f.pinned, f.name.number, f.name.kind))
+    kept = {max(file.name.number for file in files), being_written}
+    closed = sorted(
+        (f for f in files if f.name.number not in kept), key=lambda f: (f.pinned, f.name.number, f.name.kind)
+    )
     over_bytes = max(sum(file.size_bytes for file in files) - limits.max_bytes, missing_bytes)
     deleted = []
     for file in closed:

@@ -5,6 +5,7 @@ failed is given up: the next block begins another one, so that damage stays wher
 """
 
 import contextlib
+import errno
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +32,8 @@ class Store:
     deleted_files: int = 0
     _fd: int | None = None
     _begun_ns: int = 0
-    _number: int | None = None
+    _number: int | None = None  # the newest
+    _open_number: int | None = None
     _dirty: bool = False
 
     def append(self, data: bytes, t_ns: int, *, begins: bool) -> None:
@@ -42,6 +44,7 @@ class Store:
             self._open(t_ns)
         assert self._fd is not None
         try:
+            self._leave_room(len(data))
             _write(self._fd, data)
         except OSError:
             self.close()
@@ -61,12 +64,12 @@ class Store:
 
     def close(self) -> None:
         if self._fd is not None:
-            fd, self._fd = self._fd, None
+            fd, self._fd, self._open_number = self._fd, None, None
             os.close(fd)
 
     def pictures(self, blocks: list[bytes]) -> Path:
-        """A file of pictures, complete or not there at all; of the newest segment's number where that has none yet."""
-        number = self._next_number()
+        """A file of pictures, complete or not there at all."""
+        number = self._next_number(sum(map(len, blocks)))
         head = self.head(number)
         path = self.folder / str(FileName(number, head.unix_ns // NS_PER_S, PICTURES))
         fresh = path.with_name(f"{path.name}.new")
@@ -91,10 +94,9 @@ class Store:
         """Bring the folder within its limits; what was deleted. A file that can't be deleted stops nothing."""
         if not self.folder.exists():
             return []
-        system = os.statvfs(self.folder)
-        missing = int(self.min_free_share * system.f_blocks * system.f_frsize) - system.f_bavail * system.f_frsize
         deleted = []
-        for file in retention.surplus(self.files(), self.limits, unix_s, max(0, missing)):
+        missing = max(0, self._missing_bytes())
+        for file in retention.surplus(self.files(), self.limits, unix_s, missing, self._open_number):
             path = self.folder / str(file.name)
             try:
                 path.unlink(missing_ok=True)
@@ -109,8 +111,18 @@ class Store:
         """All files of the recording, by number."""
         return files_in(self.folder) if self.folder.exists() else []
 
+    def _missing_bytes(self) -> int:
+        """What the disk lacks of the free space that must be left; negative: so much may be written."""
+        system = os.statvfs(self.folder)
+        return int(self.min_free_share * system.f_blocks * system.f_frsize) - system.f_bavail * system.f_frsize
+
+    def _leave_room(self, length: int) -> None:
+        """Raises OSError where `length` bytes more would take what others on this disk need: events, bay files."""
+        if self._missing_bytes() + length > 0:
+            raise OSError(errno.ENOSPC, f"less than {100 * self.min_free_share:g} % of the disk would be free")
+
     def _open(self, t_ns: int) -> None:
-        number = self._next_number()
+        number = self._next_number(0)
         head = self.head(number)
         path = self.folder / str(FileName(number, head.unix_ns // NS_PER_S, SEGMENT))
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_NOFOLLOW, 0o640)
@@ -122,14 +134,16 @@ class Store:
             os.close(fd)
             raise
         self.written_bytes += len(data)
-        self._fd, self._begun_ns, self._dirty = fd, t_ns, True
+        self._fd, self._begun_ns, self._dirty, self._open_number = fd, t_ns, True, number
 
-    def _next_number(self) -> int:
+    def _next_number(self, length: int) -> int:
+        """The number of a new file of about `length` bytes."""
         if self._number is None:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o750)
             for leftover in self.folder.glob("*.new"):
                 leftover.unlink(missing_ok=True)
             self._number = max((file.name.number for file in self.files()), default=0)
+        self._leave_room(length)
         self._number += 1
         return self._number
 

@@ -48,6 +48,11 @@ def test_the_newest_is_being_written_and_stays() -> None:
     assert numbers(surplus([stored(1, days=99), stored(2, days=99)], Limits(50, 1, 1), NOW)) == [1]
 
 
+def test_an_open_segment_stays_behind_newer_pictures() -> None:
+    files = [stored(1), stored(2), stored(3, kind=PICTURES)]
+    assert numbers(surplus(files, Limits(0, 0, 0), NOW, being_written=2)) == [1]
+
+
 def test_what_is_pinned_goes_last_and_never_for_its_age() -> None:
     files = [stored(1, days=99, pinned=True), stored(2), stored(3), stored(4)]
     assert numbers(surplus(files, Limits(250, 10, 10), NOW)) == [2, 3]

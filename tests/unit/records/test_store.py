@@ -143,6 +143,32 @@ def test_what_is_over_the_limits_is_deleted_with_its_pin(tmp_path: Path) -> None
     assert kept.deleted_files == 3
 
 
+def test_what_others_need_of_the_disk_is_left_to_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = store(tmp_path)
+    kept.min_free_share = 0.1
+    free = [1000]
+
+    class Disk:
+        f_blocks, f_frsize = 5000, 1  # 500 bytes must be left
+
+        @property
+        def f_bavail(self) -> int:
+            return free[0]
+
+    monkeypatch.setattr(os, "statvfs", lambda _: Disk())
+    kept.append(ticks(1), 0, begins=True)
+    free[0] = 500 + len(ticks(2)) - 1
+    with pytest.raises(OSError, match=r"less than 10 % of the disk would be free"):
+        kept.append(ticks(2), 0, begins=False)
+    with pytest.raises(OSError, match=r"less than 10 %"):
+        kept.pictures([bytes(1000)])
+    free[0] = 1000
+    kept.append(ticks(2), 0, begins=False)
+    kept.close()
+    assert [f.name.number for f in files_in(tmp_path)] == [1, 2]
+    assert read(tmp_path) == ([1, 2], [])
+
+
 def test_one_file_that_cannot_be_deleted_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = store(tmp_path, Limits(0, 0, 0))
     for n in range(1, 4):
