@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, fields, replace
 
 import msgspec
 
+from gateway import __version__
 from gateway.core import interlock
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
 from gateway.core.state import StateVector, Tick
 from gateway.modbus.registers.register import WordOrder
-from gateway.modbus.registers.register_map import REGISTERS, encode
+from gateway.modbus.registers.register_map import MAP_VERSION, REGISTERS, encode
 from gateway.records.record import (
     OUTPUTS,
     AnyRecord,
@@ -65,7 +66,9 @@ class Difference:
 @dataclass(slots=True)
 class Replay:
     """`rules_of`: those for a segment. `exact`: they are the recorded ones, so that the registers must be the same;
-    otherwise the replay goes on with its own state, and compares the outputs only."""
+    otherwise the replay goes on with its own state, and compares the outputs only. A recording of another version has
+    other fields in its states, and may have another register map: there the states are not compared, nor the images of
+    another map version."""
 
     rules_of: Callable[[Head], tuple[Rules, WordOrder]]
     exact: bool = True
@@ -97,7 +100,8 @@ class Replay:
             yield from _judged(step, recorded)
             step = None
             if isinstance(record, Checkpoint):
-                if record.follows and state is not None and self.exact:
+                same_version = head is not None and head.gateway_version == __version__
+                if record.follows and state is not None and self.exact and same_version:
                     self.checkpoints += 1
                     yield from _different(place, record.t_ns, _state_changes(record.state, state))
                 if not record.follows:
@@ -106,7 +110,7 @@ class Replay:
                     state = _within(record.state, rules)
                     step = None if record.follows else Step(place, None, state, None)
             elif isinstance(record, RegisterImage):
-                if state is not None and self.exact:
+                if state is not None and self.exact and _map_version(record) == MAP_VERSION:
                     self.images += 1
                     yield from _different(place, record.t_ns, _register_changes(record, state, order))
             elif state is not None and (observation := observed(record)) is not None:
@@ -155,6 +159,11 @@ def _state_changes(recorded: StateVector, state: StateVector) -> dict[str, Chang
     return {name: (old, new) for name, old, new in pairs if one(old) != one(new)}
 
 
+def _map_version(record: RegisterImage) -> int:
+    at = 2 * _MAP_VERSION_AT
+    return int.from_bytes(record.words[at : at + 2], "big")
+
+
 def _register_changes(record: RegisterImage, state: StateVector, order: WordOrder) -> dict[str, Change]:
     words = encode(state, record.unix_ns, order)
     now = b"".join(word.to_bytes(2, "big") for word in words)
@@ -169,3 +178,4 @@ def _register_changes(record: RegisterImage, state: StateVector, order: WordOrde
 
 
 _BIG: WordOrder = "big"
+_MAP_VERSION_AT = next(register.address for register in REGISTERS if register.name == "map_version")

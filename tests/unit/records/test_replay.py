@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from gateway import __version__
 from gateway.core.events import Event, EventKind
 from gateway.core.interlock import Rules
 from gateway.core.readings import Quality, VisionReading
@@ -37,7 +38,7 @@ VISIT = ({"distance_cm": 28, "speed_cm_s": 20, "hold_s": 6}, {"distance_cm": 150
 
 def head(boot: str = "a", config: str = "") -> Head:
     return Head(
-        bay="bay1", number=1, boot=boot, site="s", instance="g", gateway_version="1", python_version="3",
+        bay="bay1", number=1, boot=boot, site="s", instance="g", gateway_version=__version__, python_version="3",
         t_ns=0, unix_ns=UNIX_NS, config=config,
     )  # fmt: skip
 
