@@ -38,8 +38,11 @@ ORDERS: tuple[WordOrder, ...] = ("big", "little")
         (MEASURED_INT16, 3276.8, 0.1, (0x7FFF,), True),
         (MEASURED_INT16, -3276.7, 0.1, (0x8001,), False),
         (MEASURED_INT16, -3276.8, 0.1, (0x8001,), True),  # one further would be the sentinel
+        (MEASURED_INT16, -(10**400), 0.1, (0x8001,), True),
+        (MEASURED_INT16, -math.inf, 0.1, (0x8000,), False),
         (MEASURED_INT16, None, 0.1, (0x8000,), False),
         (MEASURED_INT16, math.nan, 0.1, (0x8000,), False),
+        (MEASURED_UINT16, 5, 0.1, (50,), False),
         (MEASURED_UINT16, 6553.4, 0.1, (0xFFFE,), False),
         (MEASURED_UINT16, 6553.5, 0.1, (0xFFFE,), True),  # would be the sentinel
         (MEASURED_UINT16, 1e308, 0.1, (0xFFFE,), True),  # overflows when divided by the scale
