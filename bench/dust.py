@@ -3,6 +3,7 @@
     .venv/bin/python -m bench.dust                      # the half of the seeds that the method may be tuned on
     .venv/bin/python -m bench.dust --half reporting     # the other half
     .venv/bin/python -m bench.dust --markdown           # for docs/vision-robust.md
+    .venv/bin/python -m bench.dust --sum 4 8            # what the sum of so many frames adds, where one shows nothing
 
 The simulator's bay (other surfaces, distances, light and red clutter for each seed) and drawn scenes (a disc beside a
 decoy on each ground), rendered without noise, seen through `tests.disturb.dust`: the share of airlight at the marker is
@@ -17,6 +18,7 @@ import math
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import cv2
 import numpy as np
@@ -26,9 +28,12 @@ from rich.table import Table
 
 from bench.stress import METHODS, Picture
 from gateway.config import VisionConfig
+from gateway.core.detection import Detection
 from gateway.sim.render import render
 from gateway.sim.scenario import Camera, Clutter, Dust, Fault, FaultKind, Light, Marker, Pose, Scenario, Surface
 from gateway.sim.world import World
+from gateway.vision.detect.method import TimedPicture
+from gateway.vision.detect.robust import frame_sum
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import ON, Verdict, judge
 from gateway.vision.pixels import Image
@@ -52,8 +57,8 @@ class Tally:
     wrong: int = 0
     false: int = 0
 
-    def add(self, label: Label, image: Image, method: str) -> None:
-        outcome = judge(label, METHODS[method](image, PARAMS))
+    def add(self, label: Label, found: Detection) -> None:
+        outcome = judge(label, found)
         self.seen += label.found
         self.without += not label.found
         self.wrong += outcome.verdict is Verdict.WRONG
@@ -74,6 +79,7 @@ class Tally:
 
 
 PARAMS = VisionConfig()
+SHOT_NS = 15_000_000  # between frames
 
 
 def bays(first: int, count: int) -> Iterator[Picture]:
@@ -131,11 +137,19 @@ def pictures(half: str, count: int = COUNT) -> list[Picture]:
     return [*bays(HALVES[half], count), *drawn(HALVES[half], count)]
 
 
-def through(label: Label, image: Image, share: float, *, uneven: bool, seed: int) -> Image:
+def through(label: Label, image: Image, share: float, *, uneven: bool, seed: int, shot: int = 0) -> Image:
     """As a camera sees it, whose noise is the same in clear air."""
     middle = ((image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2)
     at = (label.u, label.v) if label.u is not None and label.v is not None else middle
-    return dust(image, share, at=at, uneven=uneven, seed=seed)
+    return dust(image, share, at=at, uneven=uneven, seed=seed, shot=shot)
+
+
+def summed(shots: list[Image]) -> Detection:
+    """What a truck that stands shows in so many frames, of which the last shows nothing."""
+    frames = [TimedPicture(image, SHOT_NS * (n + 1)) for n, image in enumerate(shots)]
+    search = frame_sum.search(PARAMS.model_copy(update={"sum_frames": len(shots)}), lambda: 0)
+    search.recent(frames)
+    return search(shots[-1], frames[-1].t_ns, None)
 
 
 def main() -> None:
@@ -143,6 +157,8 @@ def main() -> None:
     parser.add_argument("--half", choices=HALVES, default="tuning", help="of the seeds")
     parser.add_argument("--count", type=int, default=COUNT, help=f"of bays, and of drawn scenes; default {COUNT}")
     parser.add_argument("--veils", type=float, nargs="+", default=VEILS, help="shares of airlight at the marker")
+    parser.add_argument("--methods", choices=METHODS, nargs="+", default=list(METHODS))
+    parser.add_argument("--sum", type=int, nargs="+", default=[], help="so many frames, where one shows nothing")
     parser.add_argument("--markdown", action="store_true", help="a Markdown table")
     args = parser.parse_args()
     cv2.setNumThreads(1)
@@ -151,12 +167,22 @@ def main() -> None:
     rows = []
     cases = [(veil, uneven) for veil in args.veils for uneven in ((False, True) if veil else (False,))]
     for veil, uneven in track(cases, console=Console(stderr=True)):
-        tallies = {method: Tally() for method in METHODS}
+        tallies = {method: Tally() for method in args.methods}
+        sums = {n: Tally() for n in args.sum}
         for number, (label, image) in enumerate(seen):
             frame = through(label, image, veil, uneven=uneven, seed=HALVES[args.half] + number)
             for method, tally in tallies.items():
-                tally.add(label, frame, method)
-        for method, tally in tallies.items():
+                found = METHODS[method](frame, PARAMS)
+                tally.add(label, found)
+                if method != "robust":
+                    continue
+                for n, of_sums in sums.items():
+                    if found.circle is None:
+                        shot = partial(through, label, image, veil, uneven=uneven, seed=HALVES[args.half] + number)
+                        of_sums.add(label, summed([*(shot(shot=k) for k in range(1, n)), frame]))
+                    else:
+                        of_sums.add(label, found)
+        for method, tally in [*tallies.items(), *((f"robust, {n} frames", tally) for n, tally in sums.items())]:
             rows.append([f"{veil:g}", "uneven" if uneven else "even" if veil else "none", method, *tally.cells()])
     if args.markdown:
         print("\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)))

@@ -20,12 +20,12 @@ READ_NOISE = 2.0  # grey levels a camera adds when it has less light
 Strength = float
 
 
-def dust(image: Image, share: float, *, at: tuple[float, float], uneven: bool, seed: int = 0) -> Image:
+def dust(image: Image, share: float, *, at: tuple[float, float], uneven: bool, seed: int = 0, shot: int = 0) -> Image:
     """Thick dust: exactly `share` airlight at the pixel `at` (u, v), then the sensor's noise, then rounding to 8 bits.
 
     `share` is below 1. Even: the same everywhere. Uneven: the extinction differs by up to 30 % between clouds a quarter
     of the frame wide, the airlight by 15 % from one side of the frame to the other. The airlight's level and tint are
-    drawn.
+    drawn. Two shots of one `seed` differ by their noise.
     """
     height, width = image.shape[:2]
     chance = np.random.default_rng([seed, 4])
@@ -42,7 +42,7 @@ def dust(image: Image, share: float, *, at: tuple[float, float], uneven: bool, s
     airlight = float(chance.uniform(0.8, 1.08)) * np.array(AIRLIGHT, np.float32) * tint
     left = np.exp(-depth)[..., None]
     seen = image * left + airlight * light[..., None] * (1 - left)
-    return _u8(seen + np.float32(READ_NOISE) * _normal(image.shape, seed))
+    return _u8(seen + np.float32(READ_NOISE) * _normal(image.shape, seed, shot))
 
 
 def veil(image: Image, share: Strength, seed: int = 0) -> Image:
@@ -125,8 +125,8 @@ def _cast(image: Image, gains: tuple[float, float, float]) -> Image:
     return _u8(image.astype(np.float32) * np.array(gains, np.float32))
 
 
-def _normal(shape: tuple[int, ...], seed: int) -> NDArray[np.float32]:
-    return np.random.default_rng([seed, 3]).standard_normal(shape, dtype=np.float32)
+def _normal(shape: tuple[int, ...], seed: int, shot: int = 0) -> NDArray[np.float32]:
+    return np.random.default_rng([seed, 3, shot] if shot else [seed, 3]).standard_normal(shape, dtype=np.float32)
 
 
 def _u8(values: NDArray[np.float32]) -> Image:

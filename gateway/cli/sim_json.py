@@ -140,6 +140,7 @@ class JsonLines:
             "tracking": state.vision.tracking.name.lower() if state.vision.quality in FRESH_FRAME else None,
             "confidence": state.vision.confidence and round(state.vision.confidence, 4),
             "visible": state.vision.visible and round(state.vision.visible, 4),
+            "frames_summed": state.vision.frames if circle else None,
             "predicted": predicted
             and {
                 "u": round(predicted.u_px, 3),

@@ -71,6 +71,7 @@ def sight(state: StateVector) -> str:
     parts = [vision.tracking.name.lower()] if vision.tracking is not Tracking.OFF else []
     parts += [f"confidence {100 * vision.confidence:.0f} %"] if vision.confidence is not None else []
     parts += [f"{100 * vision.visible:.0f} % of the rim seen"] if vision.visible is not None else []
+    parts += [f"in the sum of {vision.frames} frames"] if vision.frames > 1 else []
     parts += [f"tilt {vision.ellipse.tilt_deg:.0f}°"] if vision.ellipse is not None else []
     return "marker: " + " · ".join(parts) if parts else ""
 

@@ -79,6 +79,7 @@ class Detection:
     confidence: float | None = None  # 0 to 1; None: the method doesn't report it
     visible: float | None = None  # share of the rim that was seen; None: the method doesn't report it
     veil: float | None = None  # share of airlight over the marker, 0 in clear air; None: no marker, or not reported
+    frames: int = 1  # that were summed for it; it is as old as the oldest of them
     rejected: tuple[Rejection, ...] = ()  # the best few of the candidates not taken
     tracking: Tracking = Tracking.OFF
     predicted: Circle | None = None  # where the marker should be; only while it coasts

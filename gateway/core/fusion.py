@@ -175,6 +175,7 @@ def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
         ellipse=None,
         confidence=None,
         visible=None,
+        frames=1,
         predicted=reading.predicted if quality is Quality.COASTED else None,
         wrong_size=reading.wrong_size if quality in (Quality.COASTED, Quality.NO_TARGET) else None,
     )

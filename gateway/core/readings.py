@@ -167,6 +167,7 @@ class VisionReading:
     confidence: float | None = None  # 0 to 1; None: no circle, or the method doesn't report it
     visible: float | None = None  # share of the rim that was seen; None: no circle, or the method doesn't report it
     tracking: Tracking = Tracking.OFF
+    frames: int = 1  # summed for this circle; `t_ns` is the oldest one's
     predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on
     wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
     picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` only

@@ -227,6 +227,13 @@ class VisionConfig(Section):
     min_confidence: float = Field(
         0.5, ge=0, le=1, description="robust: what is less sure to be a red disc is no marker"
     )
+    sum_frames: int = Field(
+        1,
+        ge=1,
+        le=8,
+        description="robust, with tracking: behind thick dust so many frames, of at most 0.12 s, are summed where one "
+        "alone shows no marker; 1: off",
+    )
     proposals: Proposals = Field(
         "classical",
         description="robust: what names the places that are measured; classical: edges and blobs of red; "

@@ -238,6 +238,9 @@ class StatePayload(Measured):
     )
     confidence: float | None = Field(description="0 to 1; null unless vision is GOOD and the method gives one")
     visible: float | None = Field(description="share of the rim seen, 0 to 1; null unless vision is GOOD and known")
+    frames_summed: Count | None = Field(
+        description="frames whose sum shows the marker; 1: a single one shows it; null unless vision is GOOD"
+    )
     semi_minor_px: float | None = Field(
         description="of the rim's ellipse; null unless vision is GOOD and it was fitted"
     )

@@ -69,6 +69,7 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         tracking=state.vision.tracking.name if state.vision.quality in FRESH_FRAME else None,
         confidence=_number(seen.confidence, 4) if seen else None,
         visible=_number(seen.visible, 4) if seen else None,
+        frames_summed=seen.frames if seen else None,
         semi_minor_px=_number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,
         tilt_deg=_number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
         predicted=_predicted(state.vision),

@@ -4,7 +4,7 @@ The record itself is light: the main process and `gateway check` load it, too. W
 is called.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
@@ -17,7 +17,7 @@ from gateway.vision.detect.radii import MarkerRadii
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from gateway.vision.pixels import Image
+    from gateway.vision.pixels import Image, Pixels
     from gateway.vision.track.kalman_filter import Prediction
 
 NowNs = Callable[[], int]
@@ -28,6 +28,24 @@ class Detector(Protocol):
 
     def __call__(self, image: "Image", t_ns: int = 0) -> Detection:
         """`t_ns`: when the frame was captured, monotonic; a detector that follows the marker's motion needs it."""
+        ...
+
+
+class TimedPicture(NamedTuple):
+    picture: "Pixels"
+    t_ns: int  # when it was captured
+
+
+@runtime_checkable
+class Summing(Protocol):
+    """A Detector, or a Search, that sums frames where one alone shows no marker."""
+
+    def recent(self, frames: Sequence[TimedPicture]) -> None:
+        """Before each call: the newest frames, oldest first, the last of them the one of the call."""
+        ...
+
+    def keeps(self, t_ns: int) -> int:
+        """After a call: so many frames it may want before the next one; 1: only that itself."""
         ...
 
 

@@ -178,6 +178,7 @@ class ProcessMonitor:
                 confidence=found.confidence,
                 visible=found.visible,
                 tracking=found.tracking,
+                frames=found.frames,
                 predicted=found.predicted,
                 wrong_size=found.wrong_size,
                 exposure=result.exposure,

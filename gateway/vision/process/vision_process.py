@@ -10,16 +10,19 @@ import gc
 import os
 import sys
 import threading
+from collections import deque
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
+from gateway.config import VisionConfig
+from gateway.core.detection import Detection
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.processes.channel import Channel
 from gateway.processes.child import shown
 from gateway.vision.detect import registry
-from gateway.vision.detect.method import RadiusLimited
+from gateway.vision.detect.method import Detector, RadiusLimited, Summing, TimedPicture
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.pixels import DeepImage, Image
@@ -43,9 +46,9 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
     detect = job.detector.build(clock.now_ns)
     meter = PictureMeter()
     channel.send(Ready())
-    newest = NewestFrame()
+    newest, recent = NewestFrame(), RecentFrames()
     exposure = None if job.exposure is None else ExposureLoop(job.exposure, clock)
-    capture = Capture(channel, job, progress, newest, exposure)
+    capture = Capture(channel, job, progress, newest, exposure, recent)
     threading.excepthook = capture.crashed
     threading.Thread(target=capture.run, name="capture", daemon=True).start()
     while True:
@@ -57,9 +60,7 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
         if frame is None:
             continue
         progress.work_begins(frame.seq, frame.t_capture_ns, clock.now_ns())
-        detection = detect(registry.given(job.detector.vision, frame.image, frame.deep), frame.t_capture_ns)
-        height, width = frame.image.shape[:2]
-        since_ns = unchanged_since_ns(frame.changed_ns, width, height, detection.circle)
+        detection, since_ns = detected(detect, job.detector.vision, frame, recent)
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
         settings = None if exposure is None else exposure.state
@@ -118,6 +119,46 @@ class NewestFrame:
                 self._changed.wait()
 
 
+class RecentFrames:
+    """The newest frames, also those that the detector does not take: the memory of so many of them is kept."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._frames: deque[CheckedFrame] = deque(maxlen=1)
+
+    def add(self, frame: CheckedFrame) -> None:
+        with self._lock:
+            self._frames.append(frame)
+
+    def keep(self, count: int) -> None:
+        """From now on."""
+        with self._lock:
+            if count != self._frames.maxlen:
+                self._frames = deque(self._frames, count)
+
+    def until(self, frame: CheckedFrame) -> list[CheckedFrame]:
+        """Those before `frame`, oldest first, and itself."""
+        with self._lock:
+            return [*(one for one in self._frames if one.seq < frame.seq), frame]
+
+
+def detected(
+    detect: Detector, params: VisionConfig, frame: CheckedFrame, recent: RecentFrames
+) -> tuple[Detection, int]:
+    """What is found in a frame, or in the sum of it and those before, and how old that is: capture time, ns."""
+    kept = [frame]
+    if isinstance(detect, Summing):
+        kept = recent.until(frame)
+        detect.recent([TimedPicture(registry.given(params, f.image, f.deep), f.t_capture_ns) for f in kept])
+    detection = detect(registry.given(params, frame.image, frame.deep), frame.t_capture_ns)
+    if isinstance(detect, Summing):
+        recent.keep(detect.keeps(frame.t_capture_ns))
+    oldest = kept[-min(detection.frames, len(kept))]
+    height, width = frame.image.shape[:2]
+    since_ns = unchanged_since_ns(oldest.changed_ns, width, height, detection.circle)
+    return detection, since_ns if oldest is frame else min(since_ns, oldest.t_capture_ns)
+
+
 class Capture:
     """The capture thread: open the source, check and number its frames, hand them over. A hang is its to have."""
 
@@ -128,7 +169,9 @@ class Capture:
         progress: ProgressPage,
         newest: NewestFrame,
         exposure: ExposureLoop | None = None,
+        recent: "RecentFrames | None" = None,
     ) -> None:
+        self._recent = recent
         self._channel = channel
         self._job = job
         self._progress = progress
@@ -194,7 +237,10 @@ class Capture:
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
                 if self._exposure is not None:
                     self._exposure.take_over(source, spec.label)  # now: some cameras begin each stream with their own
-            self._newest.put(CheckedFrame(image, seq, frame.t_capture_ns, changed_ns, deep), wait=source.lossless)
+            checked = CheckedFrame(image, seq, frame.t_capture_ns, changed_ns, deep)
+            if self._recent is not None:
+                self._recent.add(checked)
+            self._newest.put(checked, wait=source.lossless)
             self._progress.captured(seq, clock.now_ns())
             if self._exposure is not None:
                 self._exposure.captured(seq, frame.t_capture_ns)

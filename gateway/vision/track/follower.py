@@ -21,11 +21,12 @@ Either way the frame reports it (`wrong_size`), and fusion treats that as a cont
 distractor.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gateway.core.detection import Circle, Detection, Rejection, Tracking
 from gateway.vision.detect.geometry import same_circle
-from gateway.vision.detect.method import Search
+from gateway.vision.detect.method import Search, Summing, TimedPicture
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import HELD_NS, Distractors
@@ -48,6 +49,13 @@ class Follower:
 
     def expect(self, radii: MarkerRadii) -> None:
         self._radii = radii
+
+    def recent(self, frames: Sequence[TimedPicture]) -> None:
+        if isinstance(self._search, Summing):
+            self._search.recent(frames)
+
+    def keeps(self, t_ns: int) -> int:
+        return self._search.keeps(t_ns) if isinstance(self._search, Summing) else 1
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         track = self._track

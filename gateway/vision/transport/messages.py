@@ -105,7 +105,7 @@ class FrameResult(Message, frozen=True):
     seq: int
     t_capture_ns: int
     detection: Detection
-    unchanged_since_ns: int = 0  # what was found has been in the picture since then, unchanged to the last bit
+    unchanged_since_ns: int = 0  # what was found is as old: unchanged since, to the last bit, or of frames summed since
     picture: PictureHealth | None = None  # measured in this frame; not judged yet
     exposure: CameraExposure | None = None  # None: left to the camera
 

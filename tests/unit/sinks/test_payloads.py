@@ -156,6 +156,7 @@ def test_a_good_state() -> None:
         "tracking": "MEASURED",
         "confidence": 0.9877,
         "visible": 0.75,
+        "frames_summed": 1,
         "semi_minor_px": 169.943,
         "tilt_deg": 20.34,
         "predicted": None,
@@ -227,7 +228,9 @@ def test_a_value_without_good_quality_is_not_published(quality: Quality) -> None
     """Even where the record wrongly still carries one."""
     blind = sent(state_payload(replace(GOOD, vision=replace(GOOD.vision, quality=quality)), GATEWAY, 0, 1))
     assert [blind[key] for key in ("u", "v", "radius_px", "z_vision_mm", "x_n", "y_n")] == [None] * 6
-    assert [blind[key] for key in ("confidence", "visible", "semi_minor_px", "tilt_deg", "predicted")] == [None] * 5
+    assert [
+        blind[key] for key in ("confidence", "visible", "frames_summed", "semi_minor_px", "tilt_deg", "predicted")
+    ] == [None] * 6
     fresh = quality in (Quality.NO_TARGET, Quality.COASTED)
     assert blind["tracking"] == ("MEASURED" if fresh else None)
     assert blind["distance_mm"] == 300.0

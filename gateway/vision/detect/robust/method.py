@@ -39,6 +39,7 @@ REJECTIONS: dict[str, str] = {
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not complete",
     "size": "a red disc, but at the ranger's distance the marker is larger or smaller",
     "weaker": "a red disc, but another one in this picture has more evidence",
+    "moved": "found in the mean of the newest frames, but it did not stand still in all of them",
     "jump": "with tracking: a red disc where the tracked marker cannot be, or of another size; not confirmed yet",
 }
 """`Rejection.why` -> meaning."""
@@ -46,7 +47,7 @@ REJECTIONS: dict[str, str] = {
 METHOD = Method(
     name="robust",
     detector=imported("gateway.vision.detect.robust.detect:FullFrameDetector"),
-    search=imported("gateway.vision.detect.robust.roi_search:RoiSearch"),
+    search=imported("gateway.vision.detect.robust.frame_sum:search"),
     check=imported("gateway.vision.detect.robust.proposer_file:check"),
     stages=STAGES,
     rejections=REJECTIONS,
