@@ -19,6 +19,7 @@ VERBS = (
     "tune",
     "calibrate",
     "replay",
+    "why",
     "registers",
     "state",
     "certs",

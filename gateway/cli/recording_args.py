@@ -1,0 +1,57 @@
+"""Shared by the verbs that read one bay's recording: which folder is meant."""
+
+import argparse
+from pathlib import Path
+
+from gateway.errors import ConfigError
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--records",
+        type=Path,
+        metavar="FOLDER",
+        help="the bay's recording, or a folder of several (default: the usual)",
+    )
+    parser.add_argument("--config", type=Path, metavar="TOML", help="take the folder from this configuration")
+    parser.add_argument("--bay", metavar="NAME", help="which bay, where several are recorded")
+
+
+def folder(args: argparse.Namespace) -> Path:
+    """The one folder of segments that is meant. Raises ConfigError where there is none, or more than one."""
+    root = _root(args)
+    found = sorted(
+        {path.parent for depth in ("*.seg", "*/*.seg", "*/*/*.seg", "*/*/*/*.seg") for path in root.glob(depth)}
+    )
+    if args.bay is not None:
+        named = [path for path in found if path.name == args.bay]
+        if found and not named:
+            raise ConfigError(f"{root}: no recording of bay {args.bay!r}; there: {_names(found)}")
+        found = named
+    if not found:
+        raise ConfigError(f"{root}: no recording (*.seg) is in it; name its folder: --records FOLDER or --config TOML")
+    if len(found) > 1:
+        raise ConfigError(f"{root}: several recordings are in it: {_names(found)}. Use --bay NAME or --records FOLDER")
+    return found[0]
+
+
+def _root(args: argparse.Namespace) -> Path:
+    from gateway import config
+    from gateway.bay_file import default_folder
+    from gateway.records.service import folder_of
+
+    if args.records is not None:
+        if not args.records.is_dir():
+            raise ConfigError(f"{args.records}: no such folder")
+        return Path(args.records)
+    if args.config is None:
+        return default_folder() / "records"
+    settings = config.load(args.config)
+    found = folder_of(settings)
+    if found is None:
+        raise ConfigError(f"{args.config}: nothing is recorded with it: state_dir or [records]")
+    return found
+
+
+def _names(found: list[Path]) -> str:
+    return ", ".join(f"{path.parent.name}/{path.name}" for path in found)

@@ -1,0 +1,231 @@
+"""An answer as rows of words and numbers, the same for a terminal, a page and programs. Pure."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+
+from gateway.core import events
+from gateway.core.plc import Control, PlcConnection, PlcWrite
+from gateway.core.readings import Quality
+from gateway.core.state import REASON_MEANING, FunctionCheck, Moved, StateVector
+from gateway.records.factors import Factor
+from gateway.records.inquiry import Answer
+from gateway.records.moment import shown, unix_ns
+from gateway.records.recording import config_of
+from gateway.records.segment import Picture
+
+Row = tuple[str, str]
+NS_PER_S = 1_000_000_000
+PEOPLE = frozenset({"function_check_begun", "function_check_ended", "settings_changed", "write_refused", "marked"})
+ALWAYS = ("fusion.radius_threshold_px", "fusion.distance_threshold_mm")
+KEYS: dict[Factor, tuple[str, ...]] = {
+    Factor.CAMERA: ("fusion.vision_deadline_s", "fusion.recovery_s"),
+    Factor.RANGER: ("fusion.range_deadline_s", "fusion.recovery_s"),
+    Factor.CONTRADICTION: ("fusion.scale_tolerance", "fusion.scale_lasting_s", "fusion.cross_check"),
+    Factor.TARGET: ("fusion.decision", "fusion.away_px", "fusion.away_mm"),
+    Factor.MOVED: ("visit.band_mm", "visit.band_share"),
+    Factor.IN_PLACE: ("visit.settle_s", "visit.hold_limit_s", "visit.hold_grace_s"),
+    Factor.HOLD: ("fusion.clear_hold_s",),
+    Factor.CLEAR: ("fusion.clear_hold_s",),
+    Factor.LATCH: ("fusion.latch_stop", "fusion.latch_leave_s"),
+    Factor.PLC_LOST: ("handshake.heartbeat_required", "handshake.heartbeat_deadline_s"),
+    Factor.ENABLE: ("handshake.enable_required",),
+    Factor.TRUCK_PRESENT: ("handshake.truck_required",),
+    Factor.RELEASED: ("visit.band_mm", "visit.hold_grace_s"),
+    Factor.GATEWAY: ("fusion.period_s",),
+}
+
+
+def outputs(state: StateVector) -> list[Row]:
+    """What the PLC was told."""
+    moved = "no" if state.visit.moved is Moved.NO else state.visit.moved.name.lower()
+    return [
+        ("stop", _on(state.stop)),
+        ("may_move", _on(state.may_move)),
+        ("in_place", _on(state.in_place)),
+        ("moved", moved),
+        ("reason", f"{state.reason.value} {state.reason.name.lower()}: {REASON_MEANING[state.reason]}"),
+    ]
+
+
+def sensors(state: StateVector) -> list[Row]:
+    """The state vector with its ages, as of its own time."""
+    vision, rng, plc, visit = state.vision, state.range, state.plc, state.visit
+    frame = f"{vision.quality.name.lower()}, frame {vision.frame_id}, {_age(state, vision.t_ns)} old"
+    if vision.circle is not None:
+        c = vision.circle
+        frame += f", R {c.radius_px:.1f} px at u {c.u_px:.1f}, v {c.v_px:.1f}"
+    if vision.tracking.value:
+        frame += f", tracking {vision.tracking.name.lower()}"
+    echo = f"{rng.quality.name.lower()}, {_age(state, rng.t_ns)} old"
+    if rng.distance_mm is not None:
+        echo += f", Z {rng.distance_mm:.0f} mm"
+    rows = [
+        ("camera", _with(frame, vision.detail)),
+        ("ranger", _with(echo, rng.detail)),
+        (
+            "decision",
+            f"D {'unknown' if state.d is None else int(state.d)}, step {state.seq}, heartbeat {state.heartbeat}",
+        ),
+        ("visit", f"{visit.phase.name.lower()}{_since(state, ', in place for', visit.in_place_since_ns)}"),
+        ("PLC", _plc(state)),
+        ("driver", f"{state.guidance.code.name.lower()}{_speed(state)}"),
+    ]
+    if plc.recipe:
+        rows.append(("recipe", str(plc.recipe)))
+    if state.function_check is not FunctionCheck.OFF:
+        rows.append(("function check", state.function_check.name.lower()))
+    if state.picture is not None and state.picture.faults:
+        rows.append(("picture", ", ".join(fault.name.lower() for fault in state.picture.faults)))
+    return rows
+
+
+def done_by(answer: Answer) -> list[tuple[int, str]]:
+    """What people and the PLC did in the window: Unix ns and words."""
+    found = [(t, _event(e.kind, e.sensor, e.quality, e.detail)) for t, e in answer.events if e.kind in PEOPLE]
+    for before, step in zip(answer.steps, answer.steps[1:], strict=False):
+        at_ns = unix_ns(step.place.head, step.state.t_ns)
+        match step.observation:
+            case PlcWrite() as write:
+                changes = ", ".join(map(str, events.changes(before.state.plc, step.state.plc)))
+                if step.state.plc.conflicts != before.state.plc.conflicts:
+                    changes = "refused, another writer owns the block"
+                if changes:
+                    found.append((at_ns, f"{write.writer} wrote {changes}{_bits(step.state)}"))
+            case PlcConnection() as change:
+                found.append((at_ns, f"{change.writer} {'connected' if change.open else 'disconnected'}"))
+    return sorted(found)
+
+
+def happened(answer: Answer) -> list[tuple[int, str]]:
+    """The events of the window: Unix ns and words."""
+    return [(t, _event(e.kind, e.sensor, e.quality, e.detail)) for t, e in answer.events]
+
+
+def settings(answer: Answer) -> list[Row]:
+    """The configuration in force, as far as it mattered here."""
+    gateway = config_of(answer.head)
+    bay = next(b for b in gateway.bays if b.name == answer.head.bay)
+    recipe = 0 if answer.state is None else answer.state.plc.recipe
+    fusion = answer.rules.recipes.get(recipe, answer.rules.recipes[0]).fusion
+    sections: dict[str, Any] = {"fusion": fusion, "visit": bay.visit, "handshake": gateway.modbus.handshake}
+    wanted = dict.fromkeys([*ALWAYS, *(key for cause in answer.causes for key in KEYS.get(cause.factor, ()))])
+    if not fusion.fail_safe:
+        wanted["fusion.fail_safe"] = None
+    rows = []
+    for key in wanted:
+        section, name = key.split(".")
+        value = getattr(sections[section], name)
+        rows.append((f"modbus.{key}" if section == "handshake" else key, "not set" if value is None else str(value)))
+    return rows
+
+
+def as_json(answer: Answer, pictures: list[Picture]) -> dict[str, Any]:
+    """All of it, for programs. Times are local ISO times with their zone."""
+    state = answer.state
+    return {
+        "time": shown(answer.at_ns),
+        "bay": answer.head.bay,
+        "site": answer.head.site,
+        "instance": answer.head.instance,
+        "gateway_version": answer.head.gateway_version,
+        "silence": answer.silence,
+        "outputs": None if state is None else dict(outputs(state)) | {"reason": state.reason.name.lower()},
+        "reason_meaning": None if state is None else REASON_MEANING[state.reason],
+        "since": None if answer.since_ns is None else shown(answer.since_ns),
+        "causes": [{"factor": cause.factor.value, "text": cause.text} for cause in answer.causes],
+        "chain": [_link(link) for link in answer.chain],
+        "after": [_link(link) for link in answer.after],
+        "state": None if state is None else msgspec.to_builtins(state),
+        "ages_s": None if state is None else _ages(state),
+        "done": [{"time": shown(t), "what": text} for t, text in done_by(answer)],
+        "events": [
+            {
+                "time": shown(t),
+                "kind": e.kind,
+                "sensor": e.sensor,
+                "quality": e.quality.name.lower(),
+                "detail": e.detail,
+            }
+            for t, e in answer.events
+        ],
+        "settings": dict(settings(answer)),
+        "pictures": [{"time": shown(p.head.unix_ns), "frame_id": p.head.frame_id, "why": p.head.why} for p in pictures],
+        "missing": list(answer.missing),
+        "decided_otherwise_by_this_version": answer.differing,
+    }
+
+
+def headline(answer: Answer) -> str:
+    """The answer in one sentence."""
+    if answer.state is None:
+        return answer.silence
+    first = answer.causes[0].text if answer.causes else ""
+    if answer.state.may_move:
+        return f"The truck was allowed to move: {first}."
+    stop = "stop was on" if answer.state.stop else "stop was off, but may_move too"
+    return f"{stop[0].upper()}{stop[1:]}: {first}."
+
+
+def warnings(answer: Answer) -> Iterator[str]:
+    """What makes the answer less than certain."""
+    if answer.silence:
+        yield answer.silence
+    for why in answer.missing:
+        yield f"missing: {why}"
+    if answer.differing:
+        yield (
+            f"{answer.differing} records were decided otherwise by gateway {answer.head.gateway_version} than now: "
+            "the causes are those of this version"
+        )
+    if answer.state is not None and answer.since_ns is None:
+        yield "the outputs have been so for longer than was searched"
+
+
+def _link(link: Any) -> dict[str, str]:
+    return {"time": shown(link.unix_ns), "what": link.what, "by": link.by, "why": link.why, "factor": link.factor or ""}
+
+
+def _ages(state: StateVector) -> dict[str, float | None]:
+    times = {"frame": state.vision.t_ns, "distance": state.range.t_ns, "plc_heartbeat": state.plc.beat_ns}
+    return {name: round((state.t_ns - t_ns) / NS_PER_S, 4) if t_ns else None for name, t_ns in times.items()}
+
+
+def _event(kind: str, sensor: str, quality: Quality, detail: str) -> str:
+    of = f" ({sensor}{'' if quality is Quality.GOOD else f' {quality.name.lower()}'})" if sensor else ""
+    return f"{kind.replace('_', ' ')}{of}{f': {detail}' if detail else ''}"
+
+
+def _plc(state: StateVector) -> str:
+    plc = state.plc
+    text = plc.link.name.lower()
+    if plc.owner is not None:
+        text += f", {plc.owner}, plc_heartbeat {plc.heartbeat}, {_age(state, plc.beat_ns)} old{_bits(state)}"
+    return text
+
+
+def _bits(state: StateVector) -> str:
+    bits = [bit.name.lower() for bit in Control if state.plc.on(bit)]
+    return f", bits {' '.join(bits)}" if bits else ""
+
+
+def _speed(state: StateVector) -> str:
+    speed = state.guidance.closing_mm_s
+    return "" if speed is None else f", closing at {speed:.0f} mm/s"
+
+
+def _since(state: StateVector, words: str, since_ns: int | None) -> str:
+    return "" if since_ns is None else f"{words} {(state.t_ns - since_ns) / NS_PER_S:.1f} s"
+
+
+def _age(state: StateVector, t_ns: int) -> str:
+    return f"{(state.t_ns - t_ns) / NS_PER_S:.2f} s"
+
+
+def _with(text: str, detail: str) -> str:
+    return f"{text} ({detail})" if detail else text
+
+
+def _on(value: bool) -> str:
+    return "on" if value else "off"

@@ -1,0 +1,247 @@
+"""What keeps `stop` on or `may_move` off in one state, in words and with its numbers. Pure.
+
+`causes(state, ...)` names every cause that is present, the one that explains the outputs first. It decides nothing: it
+reads what the step (gateway/core/interlock.py) has left in the state.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+from gateway.config import FusionConfig
+from gateway.core.fusion import RANGE_REASON, RECOVERING, VISION_REASON
+from gateway.core.interlock import Recipe, Rules
+from gateway.core.plc import Control, PlcLink
+from gateway.core.readings import QUALITY_MEANING, Quality, RangeReading, VisionReading
+from gateway.core.shown import valid
+from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason, StateVector, TruckPosition, VisitPhase
+
+NS_PER_S = 1_000_000_000
+
+
+class Factor(StrEnum):
+    """A cause by its name; the names are in the JSON output."""
+
+    SHUTDOWN = "shutdown"
+    GATEWAY = "gateway"
+    MOVED = "moved"
+    NO_TRUCK = "no_truck"
+    CAMERA = "camera"
+    RANGER = "ranger"
+    CONTRADICTION = "contradiction"
+    PLC_LOST = "plc_lost"
+    TARGET = "target"
+    IN_PLACE = "in_place"
+    LATCH = "latch"
+    HOLD = "hold"
+    FUNCTION_CHECK = "function_check"
+    ENABLE = "enable"
+    TRUCK_PRESENT = "truck_present"
+    RELEASED = "released"
+    CLEAR = "clear"
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """`since_ns`: monotonic, as far as the state itself says it."""
+
+    factor: Factor
+    text: str
+    since_ns: int | None = None
+
+
+def causes(state: StateVector, rules: Rules, now_ns: int | None = None) -> tuple[Cause, ...]:
+    """What is present in `state`, the decisive one first. `now_ns`: as it was shown then; None: when it was made.
+
+    The last two factors, RELEASED and CLEAR, say why nothing stops the truck. Never empty.
+    """
+    if state.reason is Reason.SHUTDOWN:
+        return (Cause(Factor.SHUTDOWN, "the gateway was stopped: its final state, without any value", state.t_ns),)
+    if now_ns is not None and not valid(state, now_ns):
+        return (_not_valid(state, now_ns),)
+    recipe = rules.recipes.get(state.plc.recipe, rules.recipes[0])
+    if state.may_move:
+        return (_nothing(state, recipe.fusion),)
+    found = [*_of_stop(state, rules, recipe), *_of_may_move(state, rules)]
+    return tuple(sorted(found, key=lambda cause: _rank(cause.factor, state))) or (_nothing(state, recipe.fusion),)
+
+
+def _not_valid(state: StateVector, now_ns: int) -> Cause:
+    silent_s = (now_ns - state.t_ns) / NS_PER_S
+    text = f"the gateway's decision stood still: its last step was {silent_s:.2f} s earlier; outputs then show stop"
+    return Cause(Factor.GATEWAY, text, state.valid_until_ns)
+
+
+def _rank(factor: Factor, state: StateVector) -> int:
+    """The cause that the reported reason stands for comes first; before it only a move without release."""
+    of_reason = {
+        Reason.TARGET_REACHED: Factor.TARGET,
+        Reason.STOP_LATCHED: Factor.LATCH,
+        Reason.SENSORS_DISAGREE: Factor.CONTRADICTION,
+        Reason.PLC_LOST: Factor.PLC_LOST,
+    } | dict.fromkeys(VISION_REASON.values(), Factor.CAMERA)
+    of_reason |= dict.fromkeys(RANGE_REASON.values(), Factor.RANGER) | {Reason.VISION_FAULT: Factor.CAMERA}
+    if state.reason is Reason.STARTING:
+        of_reason[Reason.STARTING] = Factor.CAMERA if state.vision.quality is Quality.WAITING else Factor.RANGER
+    if factor is Factor.NO_TRUCK or (factor is Factor.MOVED and state.reason is not Reason.PLC_LOST):
+        return 0
+    if factor is Factor.IN_PLACE and state.in_place and state.d is not True:
+        return 1  # held: the covered marker is no fault then
+    return 2 if factor is of_reason.get(state.reason) else 3 + tuple(Factor).index(factor)
+
+
+def _of_stop(state: StateVector, rules: Rules, recipe: Recipe) -> Iterator[Cause]:
+    visit, memory = state.visit, state.memory
+    sensors = [c for c in (vision_cause(state, recipe.fusion), range_cause(state, recipe.fusion)) if c is not None]
+    if state.stop and visit.moved is not Moved.NO and rules.handshake is not None:
+        yield Cause(Factor.MOVED, _moved(state, recipe))
+    if visit.phase is VisitPhase.EMPTY and len(sensors) == 2:
+        yield Cause(Factor.NO_TRUCK, "no truck: no marker in the picture, and no echo", visit.clear_since_ns)
+    yield from sensors
+    if memory.disagree:
+        text = f"camera and ranger contradict each other: {_pair(state)}"
+        yield Cause(Factor.CONTRADICTION, text, memory.disagree_since_ns)
+    if state.plc.missed:
+        yield _plc_lost(state, rules)
+    if state.d is True and state.stop:
+        yield Cause(Factor.TARGET, _at_mark(state, recipe.fusion))
+    if visit.in_place:
+        yield _in_place(state)
+    if memory.latched and state.d is not True:
+        yield Cause(Factor.LATCH, "the stop is latched: no reset, no release, and the truck has not left")
+    calm = state.d is False and not sensors and not memory.disagree
+    if calm and memory.no_cause_since_ns is not None and not state.may_move:
+        gone_s = (state.t_ns - memory.no_cause_since_ns) / NS_PER_S
+        if gone_s < recipe.fusion.clear_hold_s and recipe.fusion.decision != "plain":
+            text = f"every cause has been gone for {gone_s:.2f} s only; "
+            text += f"fusion.clear_hold_s is {recipe.fusion.clear_hold_s:g} s"
+            yield Cause(Factor.HOLD, text, memory.no_cause_since_ns)
+    elif calm and memory.disagree_since_ns is not None and state.stop:
+        text = f"camera and ranger do not fit, which ends no stop: {_pair(state)}"
+        yield Cause(Factor.CONTRADICTION, text, memory.disagree_since_ns)
+
+
+def _of_may_move(state: StateVector, rules: Rules) -> Iterator[Cause]:
+    if state.function_check is FunctionCheck.MAY_MOVE_OFF:
+        yield Cause(Factor.FUNCTION_CHECK, "a technician's function check withholds may_move")
+    handshake, plc = rules.handshake, state.plc
+    if handshake is None:
+        return
+    if handshake.heartbeat_required and plc.link is not PlcLink.ALIVE and not plc.missed:
+        yield Cause(Factor.PLC_LOST, "no heartbeat of the PLC yet, and it is required")
+    if handshake.enable_required and not plc.on(Control.ENABLE):
+        yield Cause(Factor.ENABLE, "the PLC has not set enable (plc_control bit 0), and it is required")
+    if handshake.truck_required and not plc.on(Control.TRUCK_PRESENT):
+        yield Cause(Factor.TRUCK_PRESENT, "the PLC reports no truck (plc_control bit 1), and one is required")
+
+
+def vision_cause(state: StateVector, config: FusionConfig) -> Cause | None:
+    """None: the camera's value is good."""
+    reading, now_ns = state.vision, state.t_ns
+    if reading.quality is Quality.GOOD:
+        return None
+    if (recovering := _recovering(reading, state.memory.vision_failure.alive_since_ns, now_ns, config)) is not None:
+        return Cause(Factor.CAMERA, f"the camera {recovering}", state.memory.vision_failure.alive_since_ns)
+    if reading.quality is Quality.STALE:
+        text = f"the newest frame was {_age_s(reading, now_ns):.2f} s old; "
+        text += f"fusion.vision_deadline_s is {config.vision_deadline_s:g} s"
+        return Cause(Factor.CAMERA, text, reading.t_ns + round(config.vision_deadline_s * NS_PER_S))
+    text = f"camera: {QUALITY_MEANING[reading.quality]}{_detail(reading.detail)}"
+    if reading.wrong_size is not None:
+        text += f"; a red disc of R {reading.wrong_size.radius_px:.1f} px does not fit the distance"
+    return Cause(Factor.CAMERA, text, state.visit.covered_since_ns)
+
+
+def range_cause(state: StateVector, config: FusionConfig) -> Cause | None:
+    """None: the ranger's value is good."""
+    reading, now_ns = state.range, state.t_ns
+    if reading.quality is Quality.GOOD:
+        return None
+    if (recovering := _recovering(reading, state.memory.range_failure.alive_since_ns, now_ns, config)) is not None:
+        return Cause(Factor.RANGER, f"the ranger {recovering}", state.memory.range_failure.alive_since_ns)
+    if reading.quality is Quality.STALE:
+        text = f"the newest distance was {_age_s(reading, now_ns):.2f} s old; "
+        text += f"fusion.range_deadline_s is {config.range_deadline_s:g} s"
+        return Cause(Factor.RANGER, text, reading.t_ns + round(config.range_deadline_s * NS_PER_S))
+    return Cause(Factor.RANGER, f"ranger: {QUALITY_MEANING[reading.quality]}{_detail(reading.detail)}")
+
+
+def _recovering(
+    reading: VisionReading | RangeReading, alive_since_ns: int | None, now_ns: int, config: FusionConfig
+) -> str | None:
+    if reading.detail != RECOVERING or alive_since_ns is None:
+        return None
+    alive_s = (now_ns - alive_since_ns) / NS_PER_S
+    return (
+        f"was {reading.quality.name.lower()} and has been good again for {alive_s:.2f} s only; "
+        f"fusion.recovery_s is {config.recovery_s:g} s"
+    )
+
+
+def _plc_lost(state: StateVector, rules: Rules) -> Cause:
+    deadline_s = rules.handshake.heartbeat_deadline_s if rules.handshake is not None else 0.0
+    since_ns = state.plc.beat_ns + round(deadline_s * NS_PER_S)
+    quiet_s = (state.t_ns - state.plc.beat_ns) / NS_PER_S
+    last = f"has stood at {state.plc.heartbeat} for" if state.plc.owner_beats else "has not been written for"
+    text = f"plc_heartbeat {last} {quiet_s:.2f} s; heartbeat_deadline_s is {deadline_s:g} s"
+    return Cause(Factor.PLC_LOST, text, since_ns)
+
+
+def _in_place(state: StateVector) -> Cause:
+    visit = state.visit
+    where = "" if visit.place is None else f" at {position(visit.place)}"
+    text = f"in place{where}"
+    if visit.covered_since_ns is not None:
+        covered_s = (state.t_ns - visit.covered_since_ns) / NS_PER_S
+        text += f"; the marker has been covered for {covered_s:.1f} s, and the ranger holds it: Z {_mm(state)}"
+    return Cause(Factor.IN_PLACE, text, visit.in_place_since_ns)
+
+
+def _moved(state: StateVector, recipe: Recipe) -> str:
+    visit = state.visit
+    was = "" if visit.place is None else f"; it was in place at {position(visit.place)}, and Z is {_mm(state)} now"
+    return f"a truck that was in place moved without release: {MOVED_MEANING[visit.moved]}{was}"
+
+
+def _at_mark(state: StateVector, config: FusionConfig) -> str:
+    circle, distance_mm = state.vision.circle, state.range.distance_mm
+    if circle is None or distance_mm is None:
+        return "D = 1"
+    large, near = circle.radius_px >= config.radius_threshold_px, distance_mm <= config.distance_threshold_mm
+    now = f"R {circle.radius_px:.1f} px {'>=' if large else '<'} R_th {config.radius_threshold_px:g}, "
+    now += f"Z {distance_mm:.0f} mm {'<=' if near else '>'} Z_th {config.distance_threshold_mm:g}"
+    if large and near:
+        return f"D = 1: {now}"
+    mark = state.memory.mark
+    last = "" if mark is None else f" since {position(mark)}"
+    return f"D stays 1: {now}; both sensors have not yet shown that the truck moved away{last}"
+
+
+def _nothing(state: StateVector, config: FusionConfig) -> Cause:
+    if state.visit.released:
+        where = "it has left the mark" if state.visit.off_mark else "it may leave although D is 1 or unknown"
+        return Cause(Factor.RELEASED, f"the PLC has released the truck: {where}; {_pair(state)}")
+    text = f"nothing stops the truck: D = 0, {_pair(state)}; R_th {config.radius_threshold_px:g} px, "
+    text += f"Z_th {config.distance_threshold_mm:g} mm"
+    return Cause(Factor.CLEAR, text, state.memory.no_cause_since_ns)
+
+
+def position(place: TruckPosition) -> str:
+    return f"Z {place.distance_mm:.0f} mm, R {place.circle.radius_px:.1f} px"
+
+
+def _pair(state: StateVector) -> str:
+    circle = state.vision.circle or state.vision.wrong_size
+    return f"R {'unknown' if circle is None else f'{circle.radius_px:.1f} px'}, Z {_mm(state)}"
+
+
+def _mm(state: StateVector) -> str:
+    return "unknown" if state.range.distance_mm is None else f"{state.range.distance_mm:.0f} mm"
+
+
+def _age_s(reading: VisionReading | RangeReading, now_ns: int) -> float:
+    return (now_ns - reading.t_ns) / NS_PER_S
+
+
+def _detail(text: str) -> str:
+    return f" ({text})" if text else ""

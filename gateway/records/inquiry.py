@@ -1,0 +1,283 @@
+"""Why were the outputs of a bay as they were at some moment? Reads what was recorded, and decides it again. IO.
+
+No index is needed: the segment is found by its name, the replay begins at a complete state a minute before. How far
+back the outputs were the same is read from the recorded decisions, which costs a tenth of a replay.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gateway.config import BayConfig, GatewayConfig
+from gateway.core.interlock import Rules
+from gateway.core.shown import shown as shown_at
+from gateway.core.shown import valid
+from gateway.core.state import REASON_MEANING, Reason, StateVector
+from gateway.errors import ConfigError
+from gateway.modbus.registers.register import WordOrder
+from gateway.records import chain, names, recording
+from gateway.records.chain import Link
+from gateway.records.factors import Cause, causes
+from gateway.records.moment import unix_ns
+from gateway.records.record import AnyRecord, Checkpoint, Decision, EventRecord
+from gateway.records.recording import Item, Missing, Place
+from gateway.records.replay import Difference, Replay, Step
+from gateway.records.segment import Head
+
+NS_PER_S = 1_000_000_000
+WINDOW_S = 30.0  # shown before and after the moment
+LEAD_S = 5.0  # replayed before, so that what led to a change is known
+MOST_BACK = 100  # segments: a day
+
+Dated = tuple[int, Item | Missing]  # Unix ns; of a Missing that of the record before it
+Progress = Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """All times Unix ns.
+
+    `state`: as shown at `at_ns`; None: no complete state is known then. `silence`: why nothing was decided then, in
+    words; empty: it was. `since_ns`: `stop` and `may_move` have been so since; None: longer than was searched.
+    `chain`: the changes since then; `after`: those behind the moment. `steps`: of the whole window. `differing`: this
+    version decides otherwise than what was recorded.
+    """
+
+    at_ns: int
+    begin_ns: int
+    end_ns: int
+    head: Head
+    rules: Rules
+    state: StateVector | None
+    causes: tuple[Cause, ...]
+    silence: str
+    since_ns: int | None
+    chain: tuple[Link, ...]
+    after: tuple[Link, ...]
+    steps: tuple[Step, ...]
+    events: tuple[tuple[int, EventRecord], ...]
+    missing: tuple[str, ...]
+    differing: int
+
+
+@dataclass(slots=True)
+class Inquiry:
+    """One bay's recording. Raises ConfigError where nothing is recorded, or its configuration is refused."""
+
+    folder: Path
+    _paths: list[Path] = field(init=False)
+    _loaded: dict[Path, list[Dated]] = field(default_factory=dict)
+    _rules: dict[str, Rules] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._paths = recording.segments_of([self.folder])
+
+    def span(self) -> tuple[int, int]:
+        """The first and the last moment of the recording."""
+        first = next((items[0][0] for path in self._paths if (items := self._items(path))), 0)
+        last = next((items[-1][0] for path in reversed(self._paths) if (items := self._items(path))), 0)
+        if not first or not last:
+            raise ConfigError(f"{self.folder}: no record in it can be read")
+        return first, last
+
+    def at(self, at_ns: int, until_ns: int | None = None, progress: Progress = lambda: None) -> Answer:
+        """The answer for that moment; the window behind it is at least as long as `until_ns`."""
+        place = self._segment_at(at_ns)
+        begin_ns = at_ns - round(WINDOW_S * NS_PER_S)
+        end_ns = max(at_ns + round(WINDOW_S * NS_PER_S), until_ns or 0)
+        first, last = place, place + 1
+        items = self._items(self._paths[place])
+        while first > 0 and (not items or items[0][0] > begin_ns - LEAD_S * NS_PER_S):
+            first -= 1
+            items = [*self._items(self._paths[first]), *items]
+        while last < len(self._paths) and (not items or items[-1][0] < end_ns):
+            items = [*items, *self._items(self._paths[last])]
+            last += 1
+        steps, missing, differing = self._replayed(items, begin_ns, end_ns)
+        step = next((s for s in reversed(steps) if _unix(s) <= at_ns), None)
+        head = step.place.head if step is not None else _head_near(items, at_ns)
+        rules = self.rules_of(head)
+        silence, state, found = self._shown(steps, step, items, at_ns, rules)
+        found_links = chain.within(chain.links(steps, self.rules_of), begin_ns, end_ns)
+        since_ns, earlier = self._since(items, first, at_ns, progress)
+        split = max((n + 1 for n, link in enumerate(found_links) if link.what and link.unix_ns <= at_ns), default=0)
+        kept, after = chain.relevant(earlier, found_links[:split], since_ns), tuple(found_links[split:])
+        events = tuple(
+            (t, record) for t, item in items if begin_ns <= t <= end_ns
+            and not isinstance(item, Missing) and isinstance(record := item[1], EventRecord)
+        )  # fmt: skip
+        shown = tuple(s for s in steps if begin_ns <= _unix(s))
+        return Answer(
+            at_ns, begin_ns, end_ns, head, rules, state, found, silence, since_ns, kept, after, shown, events,
+            missing, differing,
+        )  # fmt: skip
+
+    def rules_of(self, head: Head) -> Rules:
+        return self._both(head)[0]
+
+    def _both(self, head: Head) -> tuple[Rules, WordOrder]:
+        settings = recording.config_of(head)
+        if head.config not in self._rules:
+            self._rules[head.config] = Rules.of(_bay(settings, head.bay), settings)
+        return self._rules[head.config], settings.modbus.word_order
+
+    def _segment_at(self, at_ns: int) -> int:
+        """The newest segment with that moment, or the newest that began before it."""
+        fallback: tuple[int, int] | None = None
+        for n in reversed(range(len(self._paths))):
+            name = names.parsed(self._paths[n].name)
+            assert name is not None
+            begin_ns = name.unix_s * NS_PER_S
+            if begin_ns > at_ns:
+                continue
+            if fallback is None or begin_ns > fallback[0]:
+                fallback = begin_ns, n
+            after = names.parsed(self._paths[n + 1].name) if n + 1 < len(self._paths) else None
+            ends_later = after is None or (after.unix_s + 1) * NS_PER_S >= at_ns
+            if ends_later and (items := self._items(self._paths[n])) and items[-1][0] >= at_ns:
+                return n
+        return 0 if fallback is None else fallback[1]
+
+    def _items(self, path: Path) -> list[Dated]:
+        if path not in self._loaded:
+            found: list[Dated] = []
+            t_ns = 0
+            for item in recording.records([path]):
+                t_ns = t_ns if isinstance(item, Missing) else unix_ns(item[0].head, item[1].t_ns)
+                found.append((t_ns, item))
+            first = next((t for t, _ in found if t), 0)
+            self._loaded[path] = [(t or first, item) for t, item in found]
+        return self._loaded[path]
+
+    def _replayed(self, items: Sequence[Dated], begin_ns: int, end_ns: int) -> tuple[list[Step], tuple[str, ...], int]:
+        """The steps of a window, from a complete state LEAD_S or more before it."""
+        begin = 0
+        for n, (t_ns, item) in enumerate(items):
+            if t_ns > begin_ns - LEAD_S * NS_PER_S:
+                break
+            if not isinstance(item, Missing) and isinstance(item[1], Checkpoint):
+                begin = n
+        end = next((n for n, (t_ns, _) in enumerate(items) if n > begin and t_ns > end_ns), len(items))
+        # The last item is that behind the window: whether the gateway went on is part of the answer.
+        replay = Replay(self._both)
+        steps: list[Step] = []
+        differing = 0
+        for found in replay.run(item for _, item in items[begin : end + 1]):
+            if isinstance(found, Difference):
+                differing += 1
+            else:
+                steps.append(found)
+        return steps, tuple(replay.missing), differing
+
+    def _shown(
+        self, steps: Sequence[Step], step: Step | None, items: Sequence[Dated], at_ns: int, rules: Rules
+    ) -> tuple[str, StateVector | None, tuple[Cause, ...]]:
+        """Why nothing was decided (empty: it was), what the outputs showed, and its causes."""
+        if step is None:
+            return "no complete state of that moment is recorded", None, ()
+        now_ns = step.state.t_ns + at_ns - _unix(step)
+        if valid(step.state, now_ns) and step.state.reason is not Reason.SHUTDOWN:
+            return "", step.state, causes(step.state, rules, now_ns)
+        after = next((s for s in steps if _unix(s) > at_ns), None)
+        lost = _lost(items, _unix(step), at_ns)
+        state = shown_at(step.state, now_ns)
+        found = causes(step.state, rules, now_ns)
+        silent = f"the last step before was {(at_ns - _unix(step)) / NS_PER_S:.2f} s earlier"
+        if step.state.reason is Reason.SHUTDOWN:
+            silence = "the gateway had been shut down"
+        elif after is not None and after.place.head.boot != step.place.head.boot:
+            silence = f"the gateway did not run: {silent}; it ended without shutting down"
+        elif lost:
+            return f"records are missing: {'; '.join(lost)}", None, ()
+        elif after is None:
+            silence = f"the recording ends before that moment: {silent}"
+        else:
+            silence = f"the control task did not run: {silent}"
+        if after is not None:
+            silence += f"; the next one {(_unix(after) - at_ns) / NS_PER_S:.2f} s later"
+        return silence, state, found
+
+    def _since(self, items: list[Dated], first: int, at_ns: int, progress: Progress) -> tuple[int | None, list[Link]]:
+        """Since when stop and may_move have been as at that moment, and the changes since then by the recorded
+        decisions, with the first one explained."""
+        newest_first: list[tuple[int, Decision]] = []
+        at = len(items)
+        fewest = max(0, first - MOST_BACK)
+        while True:
+            for n in reversed(range(at)):
+                t_ns, item = items[n]
+                if t_ns > at_ns:
+                    continue
+                record = None if isinstance(item, Missing) else item[1]
+                if isinstance(record, Decision):
+                    if newest_first and _pair(record) != _pair(newest_first[0][1]):
+                        return self._explained(items, newest_first)
+                    newest_first.append((t_ns, record))
+                elif newest_first and (begins := _begins(item)):
+                    # What was decided before a start or a gap is another story.
+                    since_ns, found = self._explained(items, newest_first)
+                    return since_ns, [Link(since_ns, begins), *found]
+            if first <= fewest:
+                return None, []
+            first -= 1
+            progress()
+            earlier = self._items(self._paths[first])
+            items, at = [*earlier, *items], len(earlier)
+
+    def _explained(
+        self, items: Sequence[Dated], newest_first: Sequence[tuple[int, Decision]]
+    ) -> tuple[int, list[Link]]:
+        since_ns = newest_first[-1][0]
+        steps, _, _ = self._replayed(items, since_ns, since_ns)
+        root = [link for link in chain.links(steps, self.rules_of) if link.unix_ns <= since_ns]
+        places = [n for n, link in enumerate(root) if link.what]
+        begin = places[-2] + 1 if len(places) > 1 else 0
+        between = [
+            Link(t_ns, REASON_MEANING[now.reason], chain.changed(was, now))
+            for (_, was), (t_ns, now) in zip(newest_first[:0:-1], newest_first[-2::-1], strict=True)
+            if chain.changed(was, now)
+        ]
+        return since_ns, [*root[begin:], *between]
+
+
+def _lost(items: Sequence[Dated], begin_ns: int, end_ns: int) -> list[str]:
+    """What is missing behind the last record of `begin_ns`, and before those later than `end_ns`."""
+    lost: list[str] = []
+    for t_ns, item in items:
+        if isinstance(item, Missing):
+            lost.append(item.why)
+        elif t_ns <= begin_ns:
+            lost = []
+        elif t_ns > end_ns:
+            break
+    return lost
+
+
+def _bay(settings: GatewayConfig, name: str) -> BayConfig:
+    found = next((bay for bay in settings.bays if bay.name == name), None)
+    if found is None:
+        raise ConfigError(f"the recorded configuration has no bay {name!r}")
+    return found
+
+
+def _pair(decision: Decision) -> tuple[bool, bool]:
+    return decision.stop, decision.may_move
+
+
+def _begins(item: Item | Missing) -> str:
+    """Why what follows does not come of what was before; empty: it does."""
+    if isinstance(item, Missing):
+        return f"the records before are missing: {item.why}"
+    record: AnyRecord = item[1]
+    return "the gateway started" if isinstance(record, Checkpoint) and not record.follows else ""
+
+
+def _unix(step: Step) -> int:
+    return unix_ns(step.place.head, step.state.t_ns)
+
+
+def _head_near(items: Sequence[Dated], at_ns: int) -> Head:
+    places: list[tuple[int, Place]] = [(t, item[0]) for t, item in items if not isinstance(item, Missing)]
+    if not places:
+        raise ConfigError("no record near that moment can be read")
+    return min(places, key=lambda found: abs(found[0] - at_ns))[1].head
