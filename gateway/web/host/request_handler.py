@@ -5,6 +5,7 @@ start a new vision process, whose first reading is without a value.
 """
 
 import logging
+import zlib
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from gateway.errors import GatewayError
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.net import rate_limit
+from gateway.processes.codec import record_of, record_packed
 from gateway.vision.process.service import VisionService
 from gateway.web.ipc.messages import (
     MAX_EVENTS,
@@ -50,23 +52,26 @@ MAX_REPORTED = 1000  # of what has changed
 class EventHistory:
     """The newest events of all bays with their numbers. Outlives the web process.
 
-    To be made before the first state is published, or the start events would be missed.
+    To be made before the first state is published, or the start events would be missed. They are kept packed: an event
+    has its state, some sixty objects, which would lie between all that comes and goes, and keep memory from being used
+    again.
     """
 
     def __init__(self, hub: Hub) -> None:
-        self._kept: deque[NumberedEvent] = deque(maxlen=KEPT_EVENTS)
+        self._kept: deque[bytes] = deque(maxlen=KEPT_EVENTS)
         self.newest = 0  # number of the newest event; the first is 1
         hub.listen(self._keep)
 
     def _keep(self, event: Event) -> None:
         self.newest += 1
-        self._kept.append(NumberedEvent(self.newest, event))
+        self._kept.append(zlib.compress(record_packed(NumberedEvent(self.newest, event)), 1))
 
     def after(self, number: int) -> tuple[NumberedEvent, ...]:
         """The oldest few of those kept after `number`."""
         missing = max(0, min(self.newest - number, len(self._kept)))
         first = len(self._kept) - missing
-        return tuple(islice(self._kept, first, first + MAX_EVENTS))
+        packed = islice(self._kept, first, first + MAX_EVENTS)
+        return tuple(record_of(NumberedEvent, zlib.decompress(data)) for data in packed)
 
 
 @dataclass(frozen=True, slots=True)
