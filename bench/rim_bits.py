@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ from gateway.vision.detect.robust.kernel import lab, rim_kernel
 from gateway.vision.detect.robust.refinement import DOUBT, load
 
 ROOM = Path(rim_kernel.__file__).parent
-UNITS = (Path(__file__).with_suffix(".c"), *sorted(ROOM.glob("*.c")))
 
 
 def part(data: bytes) -> bytes:
@@ -58,32 +58,41 @@ def asked(pictures: int) -> bytes:
     return b"".join(map(part, parts))
 
 
-def answers(compiler: str, run: str, flags: list[str], tasks: Path) -> list[str]:
+def answers(main: Path, compiler: str, run: str, flags: list[str], tasks: Path) -> list[str]:
+    """What the program of `main` and the kernels prints, line by line."""
     program = tasks.with_name("program")
     options = ["-O3", "-std=c11", *EXACT, *flags, f"-I{HERE}", f"-I{ROOM}"]
-    subprocess.run([*shlex.split(compiler), *options, "-o", program, *UNITS, "-lm"], check=True)
+    subprocess.run(
+        [*shlex.split(compiler), *options, "-o", program, main, *sorted(ROOM.glob("*.c")), "-lm"], check=True
+    )
     done = subprocess.run([*shlex.split(run), program, tasks], check=True, capture_output=True, text=True)
     return done.stdout.splitlines()
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def compared(main: Path, tasks_of: Callable[[int], bytes], about: str | None) -> list[str]:
+    """Compare this machine with others, as the command line says; what this machine printed."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--compiler", default="aarch64-linux-gnu-gcc -static", help="for the other processor")
     parser.add_argument("--run", default="qemu-aarch64", help="what runs its programs here")
     parser.add_argument("--pictures", type=int, default=4, help="of each kind (default 4)")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         tasks = Path(folder, "tasks")
-        tasks.write_bytes(asked(args.pictures))
-        here = answers("cc", "", [], tasks)
+        tasks.write_bytes(tasks_of(args.pictures))
+        here = answers(main, "cc", "", [], tasks)
         others = {
-            "plain loops here": answers("cc", "", ["-DGATEWAY_NARROW"], tasks),
-            args.compiler: answers(args.compiler, args.run, [], tasks),
+            "plain loops here": answers(main, "cc", "", ["-DGATEWAY_NARROW"], tasks),
+            args.compiler: answers(main, args.compiler, args.run, [], tasks),
         }
-    print(f"{len(here)} refinements, {sum(line.startswith('1 ') for line in here)} rims")
     for name, there in others.items():
         differ = sum(one != other for one, other in zip(here, there, strict=True))
-        print(f"{name}: {differ} differ from wide registers here")
+        print(f"{name}: {differ} of {len(here)} differ from wide registers here")
+    return here
+
+
+def main() -> None:
+    here = compared(Path(__file__).with_suffix(".c"), asked, __doc__)
+    print(f"{sum(line.startswith('1 ') for line in here)} rims")
 
 
 if __name__ == "__main__":

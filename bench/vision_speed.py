@@ -20,8 +20,10 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -36,7 +38,7 @@ from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact import kernel
 from gateway.vision.detect.paper.exact.search import ExactSearch
 from gateway.vision.detect.paper.exact.tracker import ExactTracker
-from gateway.vision.detect.robust import refinement
+from gateway.vision.detect.robust import candidates, measurement, refinement
 from gateway.vision.pixels import Image
 
 FRAME_NS = 33_333_333
@@ -116,11 +118,10 @@ def _no_kernel() -> None:
 
 def _without_kernel(method: Method) -> Method:
     def call(image: Image, t_ns: int) -> object:
-        kept, refinement._kernel = refinement._kernel, _no_kernel  # type: ignore[assignment]  # a function for another
-        try:
+        with ExitStack() as stack:
+            for module in (candidates, measurement, refinement):
+                stack.enter_context(patch.object(module, "_kernel", _no_kernel))
             return method(image, t_ns)
-        finally:
-            refinement._kernel = kept
 
     return call
 

@@ -9,7 +9,7 @@ import pytest
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.reference import SHARE_MEANING
-from gateway.vision.detect.robust import candidates, colours, ellipses, evidence
+from gateway.vision.detect.robust import candidates, colours, ellipses, measurement
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
 from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, failed_gate, weight
@@ -124,7 +124,7 @@ def test_evidence_tells_a_disc_from_a_tube() -> None:
     sheet.disc(70.0, 60.0, 30.0)
     sheet.box(230, 60, 28, 200)
     levels = pyramid(sheet.finished(), 1, 8)
-    disc, tube = evidence.of_ellipses(levels, [Ellipse(70, 60, 30, 30, 0), Ellipse(230, 60, 28, 28, 0)])
+    disc, tube = measurement.of_ellipses(levels, [Ellipse(70, 60, 30, 30, 0), Ellipse(230, 60, 28, 28, 0)])
     assert disc is not None
     assert tube is not None
 
@@ -138,7 +138,7 @@ def test_evidence_tells_a_disc_from_a_tube() -> None:
 def test_evidence_follows_the_seeds_from_a_quarter_of_the_radius_away() -> None:
     sheet = decoys.sheet(160, 120, "wood", 2)
     sheet.disc(80.0, 60.0, 30.0)
-    (found,) = evidence.gather(pyramid(sheet.finished(), 1, 8), [Seed(86, 56, 24, 1)])
+    (found,) = measurement.gather(pyramid(sheet.finished(), 1, 8), [Seed(86, 56, 24, 1)])
     assert found is not None
 
     e = found.ellipse

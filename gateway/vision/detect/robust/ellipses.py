@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 TRIPLES = 96
+SAME_WORTH = 1e-7  # of two equally good circles the first counts, whatever the last bits of their sums
+CIRCULAR = 1e-9  # an ellipse so nearly round has no direction: its angle would be that of the last bits
 
 
 def circles_by_consensus(points: Floats, weight: Floats, tolerance_px: Floats) -> Floats:
@@ -18,7 +20,7 @@ def circles_by_consensus(points: Floats, weight: Floats, tolerance_px: Floats) -
 
     The triples are drawn once for all, so the same points give the same circle.
     """
-    triple = _triples(points.shape[1])
+    triple = triples(points.shape[1])
     a, b, c = (points[:, triple[:, n]] for n in range(3))  # (K, T, 2)
     usable = (weight[:, triple] > 0).all(axis=2)
     ab, ac = b - a, c - a
@@ -32,7 +34,7 @@ def circles_by_consensus(points: Floats, weight: Floats, tolerance_px: Floats) -
     gap = np.hypot(points[:, None, :, 0] - u[..., None], points[:, None, :, 1] - v[..., None]) - radius[..., None]
     near = np.clip(1 - (gap / tolerance_px[:, None, None]) ** 2, 0, None)
     worth = np.where(usable, np.einsum("ktn,kn->kt", near, weight), -1.0)
-    best = worth.argmax(axis=1)
+    best = (worth >= worth.max(axis=1, keepdims=True) - SAME_WORTH).argmax(axis=1)
     row = np.arange(len(points))
     circle = np.stack([u[row, best], v[row, best], radius[row, best]], axis=1)
     circle[worth[row, best] <= 0] = np.nan
@@ -40,7 +42,7 @@ def circles_by_consensus(points: Floats, weight: Floats, tolerance_px: Floats) -
 
 
 @lru_cache(maxsize=4)
-def _triples(count: int) -> NDArray[np.intp]:
+def triples(count: int) -> NDArray[np.intp]:
     """(TRIPLES, 3) of `count` points round a circle, no two of a triple nearer than a twelfth of the way round."""
     chance = np.random.default_rng(48)
     drawn = chance.integers(0, count, (40 * TRIPLES, 3))
@@ -107,7 +109,7 @@ def _axes(solution: Floats) -> Floats:
     rest = np.where(real, rest, 1.0)
     spread = np.hypot(a - c, b)
     flat = np.maximum(1 - spread, 1e-9)
-    angle = (0.5 * np.arctan2(-b, c - a)) % np.pi
+    angle = np.where(spread > CIRCULAR, (0.5 * np.arctan2(-b, c - a)) % np.pi, 0.0)
     shapes = np.stack([u, v, np.sqrt(2 * rest / flat), np.sqrt(2 * rest / (1 + spread)), angle], axis=1)
     shapes[~real] = np.nan
     return shapes

@@ -1,6 +1,7 @@
 """The evidence for a red disc at a place: the rim by edges of redness, then what is inside and outside of it.
 
-Everything works on all candidates at once, each on the level of the pyramid where its radius is some 14 to 28 px.
+Everything works on all candidates at once, each on the level of the pyramid where its radius is some 14 to 28 px. This
+is what runs without a compiler, and what the compiled one (`measurement`) is compared with.
 """
 
 from collections.abc import Sequence
@@ -55,7 +56,7 @@ class Evidence:
     colour: tuple[float, float, float]  # median BGR inside
 
 
-def gather(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Evidence | None]:
+def gather_plain(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Evidence | None]:
     """For each seed, in order; None where no rim fits the edges round it."""
     if not seeds:
         return []
@@ -74,7 +75,7 @@ def gather(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Eviden
     return measure(levels, which, shapes)
 
 
-def of_ellipses(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list[Evidence | None]:
+def of_ellipses_plain(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list[Evidence | None]:
     """For each rim that is already known, in order."""
     if not rims:
         return []
@@ -85,8 +86,8 @@ def of_ellipses(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list
 
 
 def _levels_of(levels: Sequence[PyramidLevel], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
-    octave = np.floor(np.log2(np.maximum(radius_px / EVIDENCE_RADIUS_PX / levels[0].factor, 1e-9)))
-    return np.clip(octave, 0, len(levels) - 1).astype(np.intp)
+    _, octave = np.frexp(np.maximum(radius_px / EVIDENCE_RADIUS_PX / levels[0].factor, 1e-9))
+    return np.asarray(np.clip(octave - 1, 0, len(levels) - 1), np.intp)
 
 
 def _to_levels(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Shapes) -> Shapes:
@@ -167,8 +168,10 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     core = np.median(rays.red[..., :CORE_END], axis=(1, 2))
     # A highlight, or an over-exposed part, has no information on the colour.
     white = rays.bgr[..., :n, :].min(axis=3) >= WHITE
-    area = np.where(rays.seen[..., :n] & ~white, DISC, 0)
-    fill = (red_enough * area).sum(axis=(1, 2)) / np.maximum(area.sum(axis=(1, 2)), 1e-6)
+    counts = rays.seen[..., :n] & ~white
+    # Every sample stands for an area that grows with its share of the radius.
+    red_area, area = ((part.sum(axis=1) * np.arange(1, n + 1)).sum(axis=1) for part in (red_enough & counts, counts))
+    fill = red_area / np.maximum(area, 1)
     for row, k in enumerate(good):
         if np.count_nonzero(used[row]) < RAYS // 6 or not rays.seen[row, :, :n].any():
             continue

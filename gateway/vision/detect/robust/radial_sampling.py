@@ -32,8 +32,9 @@ def sample_rays(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes:
 
     A ray's angle is the parameter of the ellipse, so that each ray meets the rim at share 1.
     """
-    u, v, along, across, turn = (column[:, None] for column in shapes.T.astype(np.float32))
-    cos, sin = np.cos(turn), np.sin(turn)
+    u, v, along, across, _ = (column[:, None] for column in shapes.T.astype(np.float32))
+    turn = shapes[:, 4:]
+    cos, sin = np.cos(turn).astype(np.float32), np.sin(turn).astype(np.float32)
     x, y = along * COS, across * SIN
     du, dv = x * cos - y * sin, x * sin + y * cos  # (K, RAYS)
     map_u = u[..., None] + du[..., None] * shares

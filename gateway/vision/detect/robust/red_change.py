@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
+from gateway.vision.detect.robust.candidates import red_plane
 from gateway.vision.detect.robust.decision import FULL_REDNESS
-from gateway.vision.detect.robust.redness import PyramidLevel, redness
+from gateway.vision.detect.robust.redness import PyramidLevel
 from gateway.vision.detect.robust.veil import less_veil
 from gateway.vision.pixels import Pixels, grey_levels
 
@@ -41,7 +42,7 @@ def red_regions(image: Pixels, followed: Circle) -> RedRegions:
     step = max(1, min(int(np.hypot(height, width) // SPARSE_PX), height, width))
     sparse: Pixels = image[step // 2 :: step, step // 2 :: step].copy()
     (level,) = less_veil([PyramidLevel(grey_levels(sparse), step)])
-    red = cv2.blur(redness(level.bgr), (3, 3))
+    red = cv2.blur(red_plane(level), (3, 3))
     at, radius = sparse_place(followed, step)
     inside = np.zeros(red.shape, np.uint8)
     cv2.circle(inside, at, max(1, round(0.7 * radius)), 255, -1)

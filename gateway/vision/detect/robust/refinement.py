@@ -28,9 +28,9 @@ from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.detect.robust import rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import from_ellipse
-from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel, usable
+from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
 from gateway.vision.detect.robust.rim import Rim, sane
-from gateway.vision.pixels import Colours, Image
+from gateway.vision.pixels import Colours, Image, adjacent
 
 DOUBT = 4.0
 ALIKE = 1e-6  # px, and grey levels, and shares: so far the kernel may differ
@@ -51,7 +51,7 @@ def refine(
     `support.fit`. `opponent`: the rim of red against green only, see `normal_profiles.sample`.
     """
     kernel = _kernel()
-    if kernel is None or not usable(image):
+    if kernel is None or not adjacent(image):
         return refine_plain(image, seed, search_px=search_px, doubt=doubt, opponent=opponent)
     return kernel.refine(image, seed, search_px, doubt, opponent)
 

@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.geometry import same_candidate, same_ellipse
-from gateway.vision.detect.robust import candidates, evidence, proposer, veil
+from gateway.vision.detect.robust import candidates, measurement, proposer, veil
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import CLEARLY, quality
 from gateway.vision.detect.robust.decision import (
@@ -47,7 +47,7 @@ def search_frame(image: Colours, limits: Limits, timer: StageTimer) -> tuple[Can
     learned = _learned(searched[0], limits)  # the net sees through a veil by itself
     seeds = [_proposed(levels, learned, limits) for levels in searched]
     timer.ended("candidates")
-    measured = [evidence.gather(levels, some) for levels, some in zip(searched, seeds, strict=True)]
+    measured = [measurement.gather(levels, some) for levels, some in zip(searched, seeds, strict=True)]
     timer.ended("evidence")
     refined: list[Candidate] = []
     rejected: list[Rejected] = []
@@ -98,7 +98,7 @@ def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candida
     if rim is None:
         return None
     for levels in searched:
-        (found,) = evidence.of_ellipses(levels, [rim.ellipse])
+        (found,) = measurement.of_ellipses(levels, [rim.ellipse])
         if found is not None and failed_gate(Candidate(rim, found), limits) is None:
             return Candidate(rim, found, veil=share)
     return None
@@ -165,7 +165,7 @@ def _refined(
             rejected.append((priority(found), circle_of(found.ellipse), "rim"))
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
-    measured = evidence.of_ellipses(levels, [rim.ellipse for rim in rims])
+    measured = measurement.of_ellipses(levels, [rim.ellipse for rim in rims])
     return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], rejected
 
 

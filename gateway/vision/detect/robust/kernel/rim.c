@@ -1,14 +1,14 @@
 /* The refinement of a rim in one call: what `refinement.refine_plain` does with some 250 calls of NumPy and OpenCV.
  *
  * Same steps, same constants, double precision throughout but for the samples, which are OpenCV's to the last bit. One
- * source is compiled twice: here for all processors, in `rim_wide.c` for those with wide registers and fused
+ * source is compiled twice: here for all processors, in `wide_registers.c` for those with wide registers and fused
  * multiplication and addition. Only the samples are rounded differently by the two, as OpenCV's are; where `fused` is the
  * same, so is every bit.
  *
  * No allocation, no global state: the caller gives all memory, and the tables, which Python computes once.
  */
 #include "refined.h"
-#include "rim_wide.h"
+#include "wide_registers.h"
 #include "wide.h"
 
 int64_t gateway_rim_work(void) { return (int64_t)sizeof(Work); }

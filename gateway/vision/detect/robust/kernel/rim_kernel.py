@@ -2,7 +2,6 @@
 
 import ctypes
 import struct
-from typing import TypeGuard
 
 import cv2
 import numpy as np
@@ -13,10 +12,9 @@ from gateway.vision.detect.robust import normal_profiles, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
 from gateway.vision.detect.robust.kernel import lab
 from gateway.vision.detect.robust.rim import Rim
-from gateway.vision.pixels import Colours, Image
+from gateway.vision.pixels import Image
 
 NONE, FOUND, NO_PROFILE = 0, 1, 2
-_UINT8 = np.dtype(np.uint8)
 _STEPS = 13  # of a profile, at most
 _DIRECTIONS = rim_fine.MOST_RAYS // rim_fine.RAYS_STEP + 1
 _PROFILES = 64  # kept
@@ -109,7 +107,7 @@ class RimKernel:
         self._tables_at = ctypes.addressof(self.tables)
 
     def refine(self, image: Image, seed: Ellipse, search_px: float | None, doubt: float, opponent: bool) -> Rim | None:
-        """As `refinement.refine_plain`, for a picture whose pixels lie side by side (`usable`)."""
+        """As `refinement.refine_plain`, for a picture whose pixels lie side by side (`pixels.adjacent`)."""
         room = self._room()
         found = self.run(room, image, seed, search_px, doubt, opponent)
         rim = _rim_of(room.task) if found else None
@@ -170,11 +168,6 @@ def set_task(task: _Task, image: Image, seed: Ellipse, search_px: float | None, 
         rim_fine.FEW_RAYS if fine_only else rim_fine.MOST_RAYS,
         0,
     )
-
-
-def usable(image: Colours) -> TypeGuard[Image]:
-    """Whether it has 8 bits, and the pixels of each row lie side by side."""
-    return image.dtype == _UINT8 and image.strides[1:] == (3, 1)
 
 
 def opencv_fuses() -> bool:

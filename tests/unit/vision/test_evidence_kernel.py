@@ -1,0 +1,185 @@
+"""The compiled evidence gives what the Python beside it gives."""
+
+import ctypes
+import importlib
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.core.detection import Ellipse
+from gateway.vision.compiled import build
+from gateway.vision.detect.robust import measurement
+from gateway.vision.detect.robust.candidates import Seed
+from gateway.vision.detect.robust.evidence import Evidence, gather_plain, of_ellipses_plain
+from gateway.vision.detect.robust.kernel.evidence_kernel import EvidenceKernel, possible
+from gateway.vision.detect.robust.measurement import load, numbers
+from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
+from gateway.vision.detect.robust.veil import Veil, unveiled
+from tests.examples import examples
+from tests.unit.vision.test_rim_kernel import Chance, seed_near, shot
+
+Found = list[Evidence | None]
+
+
+@pytest.fixture(scope="module")
+def kernel(library: Path) -> EvidenceKernel:
+    loaded = load(library)
+    assert loaded is not None
+    return loaded
+
+
+def same(mine: Found, plain: Found) -> None:
+    for one, other in zip(mine, plain, strict=True):
+        assert (one is None) == (other is None)
+        if one is not None and other is not None:
+            assert numbers(one) == pytest.approx(numbers(other), rel=0, abs=1e-6)
+
+
+def cases(number: int) -> list[tuple[list[PyramidLevel], list[Seed], list[Ellipse]]]:
+    """Pictures of a disc as the rim's kernel is tried on, reduced; seeds and rims near it, and anywhere."""
+    chance = np.random.default_rng(77)
+    made = []
+    for _ in range(number):
+        image, disc = shot(chance)
+        levels = pyramid(image, min(int(chance.integers(1, 4)), *image.shape[:2]), 8)
+        near = [seed_near(chance, disc) for _ in range(3)]
+        wild = [anywhere(chance, image.shape) for _ in range(3)]
+        seeds = [Seed(e.u_px, e.v_px, max(e.semi_major_px, 1.0), 1.0) for e in (*near, *wild)]
+        made.append((levels, seeds, [e for e in (*near, *wild) if e.semi_minor_px > 0]))
+    return made
+
+
+def anywhere(chance: Chance, shape: tuple[int, ...]) -> Ellipse:
+    major = math.exp(chance.uniform(math.log(2), math.log(200)))
+    u, v = (float(chance.uniform(-1, 2) * side) for side in (shape[1], shape[0]))
+    return Ellipse(u, v, major, major * float(chance.uniform(0.2, 1)), float(chance.uniform(0, math.pi)))
+
+
+def test_the_same_evidence_as_without_a_compiler(kernel: EvidenceKernel) -> None:
+    found = 0
+    for levels, seeds, rims in cases(examples(250)):
+        mine = kernel.gather(levels, seeds)
+        same(mine, gather_plain(levels, seeds))
+        same(kernel.of_ellipses(levels, rims), of_ellipses_plain(levels, rims))
+        found += sum(one is not None for one in mine)
+    assert found > examples(250)
+
+
+def test_on_a_given_rim_not_a_bit_differs(kernel: EvidenceKernel) -> None:
+    for levels, _, rims in cases(examples(100)):
+        for one, other in zip(kernel.of_ellipses(levels, rims), of_ellipses_plain(levels, rims), strict=True):
+            assert one == other
+
+
+@pytest.mark.parametrize("wild", [1e300, -1e9, 0.0, 1e-300, 3.0])
+@pytest.mark.parametrize("place", range(5))
+def test_wild_rims_do_no_harm(kernel: EvidenceKernel, place: int, wild: float) -> None:
+    levels = pyramid(shot(np.random.default_rng(8))[0], 1, 8)
+    fields = [60.0, 50.0, 30.0, 28.0, 0.4]
+    fields[place] = wild
+    seed = Seed(fields[0], fields[1], max(fields[2], 1e-300), 1.0)
+    assert len(kernel.of_ellipses(levels, [Ellipse(*fields)])) == 1
+    assert len(kernel.gather(levels, [seed])) == 1
+
+
+def test_nothing_in_even_pictures_and_of_nothing(kernel: EvidenceKernel) -> None:
+    levels = pyramid(np.full((90, 80, 3), 128, np.uint8), 1, 8)
+    assert kernel.gather(levels, [Seed(40.0, 45.0, 20.0, 1.0)]) == [None]
+    assert kernel.gather(levels, []) == kernel.of_ellipses(levels, []) == []
+
+
+def test_pictures_of_a_few_pixels(kernel: EvidenceKernel) -> None:
+    chance = np.random.default_rng(3)
+    for height in range(1, 5):
+        for width in range(1, 5):
+            level = PyramidLevel(chance.integers(0, 256, (height, width, 3), np.uint8), 3)
+            rims = [Ellipse(1.0, 2.0, 5.0, 4.0, 0.3), Ellipse(4.0, 4.0, 30.0, 30.0, 0.0)]
+            same(kernel.of_ellipses([level], rims), of_ellipses_plain([level], rims))
+
+
+def test_windows_and_pictures_upside_down_are_read_where_they_lie(kernel: EvidenceKernel) -> None:
+    (levels, _, rims), *_ = cases(1)
+    picture = levels[0].bgr
+    for view in (picture[3:-4, 5:-6], picture[::-1]):
+        level = [PyramidLevel(view, levels[0].factor)]
+        assert possible(level)
+        same(kernel.of_ellipses(level, rims), of_ellipses_plain(level, rims))
+
+
+def test_less_a_veil_and_other_kinds_of_picture_are_left_to_numpy(
+    kernel: EvidenceKernel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measurement, "_kernel", lambda: kernel)
+    (level, *_), seeds, rims = cases(1)[0]
+    share = np.full((6, 8), 0.5, np.float32)
+    apart = np.asarray(np.repeat(level.bgr, 2, axis=1)[:, ::2], np.uint8)
+    for other in (
+        unveiled(level, Veil(share, (90.0, 95.0, 92.0))),
+        replace(level, bgr=apart),
+        replace(level, veil=share),
+    ):
+        assert not possible([level, other])
+        assert measurement.gather([other], seeds) == gather_plain([other], seeds)
+        assert measurement.of_ellipses([other], rims) == of_ellipses_plain([other], rims)
+
+
+def test_without_wide_registers_not_a_bit_differs(
+    kernel: EvidenceKernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "cc -DGATEWAY_NARROW")
+    assert build.build(tmp_path / "narrow.so") == ""
+    narrow = load(tmp_path / "narrow.so")
+    assert narrow is not None
+    for levels, seeds, _ in cases(examples(100)):
+        assert kernel.gather(levels, seeds) == narrow.gather(levels, seeds)
+
+
+def test_many_threads_do_not_disturb_each_other(kernel: EvidenceKernel) -> None:
+    jobs = [(levels, seeds) for levels, seeds, _ in cases(12)] * 4
+    alone = [kernel.gather(*job) for job in jobs]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(lambda job: kernel.gather(*job), jobs)) == alone
+
+
+# -- a library that must not be used ----------------------------------------------------------------------------------
+
+
+def test_without_a_library_all_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert load(tmp_path / "none.so") is None
+    monkeypatch.setattr(measurement, "_kernel", lambda: None)
+    levels, seeds, rims = cases(1)[0]
+    assert measurement.gather(levels, seeds) == gather_plain(levels, seeds)
+    assert measurement.of_ellipses(levels, rims) == of_ellipses_plain(levels, rims)
+
+
+def test_a_kernel_that_is_wrong_in_one_share_is_not_used(
+    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    unchanged = EvidenceKernel.of_ellipses
+
+    def wrong(self: EvidenceKernel, *arguments: Any) -> Found:
+        found = unchanged(self, *arguments)
+        return [one and replace(one, leak=one.leak + 0.001) for one in found]
+
+    monkeypatch.setattr(EvidenceKernel, "of_ellipses", wrong)
+    assert load(library) is None
+    assert "EvidenceKernel does not agree" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "table",
+    ["radial_sampling.COS", "radial_sampling.SIN", "redness.LOG", "evidence.WIDE", "evidence.CLOSE", "evidence.RINGS"],
+)
+def test_a_kernel_with_a_wrong_table_is_not_used(table: str, library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = f"gateway.vision.detect.robust.{table}"
+    module, _, attribute = name.rpartition(".")
+    right = getattr(importlib.import_module(module), attribute)
+    with monkeypatch.context() as patch:
+        patch.setattr(name, right * np.float32(1.01))
+        kernel = EvidenceKernel(ctypes.CDLL(str(library)))
+    assert not measurement.agrees(kernel)
