@@ -7,12 +7,17 @@ redness with the same k (`redness.DARK`) is at once relative to what the veil le
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 
+from gateway.vision.compiled import library as compiled
+from gateway.vision.compiled.build import LIBRARY
+from gateway.vision.detect.robust.kernel.air_kernel import AirKernel
 from gateway.vision.detect.robust.redness import DARK, Plane, PyramidLevel
-from gateway.vision.pixels import Colours
+from gateway.vision.pixels import Colours, adjacent
 
 SIDE_PX = 160  # longer side of the picture that the veil is estimated on, at most
 CELLS = 8  # along it
@@ -83,5 +88,26 @@ def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
     """Each level less the veil over it; in clear air the levels themselves."""
     coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= SIDE_PX), levels[-1].bgr)
     sparse = -(-max(coarse.shape[:2]) // SIDE_PX)  # of a picture without a pyramid
-    veil = estimate(coarse[::sparse, ::sparse].copy())
+    picture = coarse[::sparse, ::sparse].copy()
+    kernel = _kernel()
+    if kernel is not None and adjacent(picture) and kernel.is_clear(picture):
+        return levels
+    veil = estimate(picture)
     return levels if veil is None else [unveiled(level, veil) for level in levels]
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> AirKernel | None:
+    return load()
+
+
+def load(library: Path = LIBRARY) -> AirKernel | None:
+    """The compiled decision on clear air; None where there is none, or one that differs (logged)."""
+    return compiled.load(AirKernel, agrees, library)
+
+
+def agrees(kernel: AirKernel) -> bool:
+    """On grey noise from clear air to thick dust."""
+    chance = np.random.default_rng(9)
+    pictures = (chance.integers(2 * dark, 200, (60, 80, 3), np.uint8) for dark in range(40, 70, 3))
+    return all(kernel.is_clear(picture) == (estimate(picture) is None) for picture in pictures)

@@ -14,7 +14,7 @@ typedef struct {
     int64_t first; /* its first pixel, row by row */
 } Blob;
 
-typedef struct { /* `candidate_kernel._BlobTask` */
+typedef struct { /* `candidate_kernel.BlobTask` */
     const float *red; /* (height, width) */
     int64_t height, width, factor;
     double shares[THRESHOLDS]; /* between the median and the largest redness, growing */

@@ -1,6 +1,7 @@
-/* Where a red disc might be: the loops of `candidates.py` over pixels, edges and cells. */
+/* Where a red disc might be: the loops of `candidates.py` over pixels, edges and cells; and whether the air is clear. */
 #include "blobs.h"
 #include "bilinear.h"
+#include "clear_air.h"
 #include "votes.h"
 #include "wide.h"
 #include "wide_registers.h"
@@ -37,3 +38,5 @@ void gateway_redness(const Picture *picture, const float *log, float *red)
             *red++ = log[from[3 * x + 2]] - log[from[3 * x + 1]];
     }
 }
+
+int gateway_air_is_clear(const Picture *picture) { return air_is_clear(picture); }

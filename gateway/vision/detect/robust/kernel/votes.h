@@ -14,7 +14,7 @@
 
 enum { CELL = 2, MARGIN = 3, PEAKS = 7, FEWEST_EDGES = 8, MOST_RADII = 16 };
 
-typedef struct { /* `candidate_kernel._VoteTask` */
+typedef struct { /* `candidate_kernel.VoteTask` */
     const float *size, *largest, *gx, *gy; /* (height, width): of the gradient, the largest of it around, its parts */
     int64_t height, width;
     const float *radii;

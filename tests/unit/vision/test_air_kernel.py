@@ -1,0 +1,74 @@
+"""The compiled decision that the air is clear is that of the estimate in NumPy."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from gateway.vision.detect.robust import veil
+from gateway.vision.detect.robust.kernel.air_kernel import AirKernel
+from gateway.vision.detect.robust.redness import PyramidLevel
+from gateway.vision.detect.robust.veil import estimate, less_veil, load
+from gateway.vision.pixels import Image
+from tests.examples import examples
+
+
+@pytest.fixture(scope="module")
+def kernel(library: Path) -> AirKernel:
+    loaded = load(library)
+    assert loaded is not None
+    return loaded
+
+
+def picture(chance: np.random.Generator) -> Image:
+    """Of any size and tint, partly behind a veil of any thickness."""
+    height, width = (int(side) for side in chance.integers(1 if chance.random() < 0.1 else 8, 161, 2))
+    light = (
+        chance.uniform(10, 250, 3) if chance.random() < 0.3 else chance.uniform(10, 250) * chance.uniform(0.9, 1.1, 3)
+    )
+    clear = np.asarray(cv2.resize(chance.uniform(0, 1, (7, 9)), (width, height)))[..., None] * light
+    share = np.asarray(cv2.resize(chance.uniform(0, 1, (2, 3)) ** chance.choice([0.05, 0.3, 1]), (width, height)))[
+        ..., None
+    ]
+    seen = (1 - share) * clear + share * light + chance.normal(0, 2, (height, width, 3))
+    return np.asarray(np.clip(np.rint(seen), 0, 255), np.uint8)
+
+
+def test_clear_air_is_what_the_estimate_says(kernel: AirKernel) -> None:
+    chance = np.random.default_rng(21)
+    clear = veiled = 0
+    for _ in range(examples(1000)):
+        image = picture(chance)
+        none = estimate(image) is None
+        assert kernel.is_clear(image) == none, image.shape
+        clear, veiled = clear + none, veiled + (not none)
+    assert min(clear, veiled) > examples(1000) / 10
+
+
+def test_opencvs_mean_of_nine_is_a_whole_number_rounded() -> None:
+    for total in range(9 * 255 + 1):
+        nine = np.full(9, total // 9)
+        nine[: total % 9] += 1
+        patch = np.pad(nine.reshape(3, 3).astype(np.uint8), 2, mode="edge")
+        assert np.asarray(cv2.blur(patch, (3, 3)))[3, 3] == (2 * total + 9) // 18
+
+
+def test_levels_are_the_same_with_and_without_the_kernel(kernel: AirKernel, monkeypatch: pytest.MonkeyPatch) -> None:
+    chance = np.random.default_rng(22)
+    for _ in range(examples(40)):
+        levels = [PyramidLevel(picture(chance), 2)]
+        results = []
+        for used in (kernel, None):
+            monkeypatch.setattr(veil, "_kernel", lambda used=used: used)
+            results.append(less_veil(levels)[0])
+        assert (results[0] is levels[0]) == (results[1] is levels[0])
+        assert np.array_equal(results[0].bgr, results[1].bgr)
+
+
+def test_a_kernel_that_always_sees_clear_air_is_not_used(
+    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(AirKernel, "is_clear", lambda self, picture: True)
+    assert load(library) is None
+    assert "AirKernel does not agree" in caplog.text
