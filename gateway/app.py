@@ -213,7 +213,7 @@ async def run(
             lambda bay: controls[bay].state(),
             parts.conditions,
             clock,
-            partial(_on_alarm, recorder),
+            _log_alarm,
         )
         tasks.append(Task("alarms", alarm_monitor.run))
         hmi_url: str | None = None
@@ -258,8 +258,7 @@ def _on_range(control: BayControl, vision: VisionService, reading: RangeReading)
     vision.expect(control.marker_radii_px())
 
 
-def _on_alarm(recorder: RecorderService, change: AlarmChange) -> None:
-    recorder.on_alarm(change)
+def _log_alarm(change: AlarmChange) -> None:
     log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change)
 
 

@@ -10,6 +10,7 @@ from gateway.core import events, fusion, interlock
 from gateway.core.events import Event, EventKind
 from gateway.core.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
 from gateway.core.readings import RangeReading, VisionReading
+from gateway.core.retained import RetainedState
 from gateway.core.scale import possible_radii_px
 from gateway.core.shown import valid
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
@@ -38,7 +39,7 @@ class BayControl:
         clock: Clock,
         mirrors: tuple[Callable[[StateVector], None], ...] = (),
         gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
-        retained: interlock.RetainedState | None = None,  # from before the restart
+        retained: RetainedState | None = None,  # from before the restart
         record: Recorder | None = None,
     ) -> None:
         self.name = config.name
@@ -51,8 +52,10 @@ class BayControl:
         self._rules = interlock.Rules.of(config, gateway)
         self._buckets = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
         state = interlock.initial(self.name, clock.now_ns(), self._rules, retained)
-        check = "" if state.function_check is FunctionCheck.OFF else "with a function check on"
-        self._publish(state, [Event(EventKind.START, self.name, state.t_ns, state, detail=check)])
+        kept = {"a function check on": bool(state.function_check), "a truck that was in place": state.visit.restored}
+        detail = " and ".join(what for what, so in kept.items() if so)
+        started = Event(EventKind.START, self.name, state.t_ns, state, detail=detail and f"with {detail}")
+        self._publish(state, [started])
 
     def on_vision(self, reading: VisionReading) -> None:
         self._step(reading)
@@ -95,12 +98,6 @@ class BayControl:
         now_ns, state = self._clock.now_ns(), self.state()
         changed = Event(EventKind.SETTINGS_CHANGED, self.name, now_ns, state, detail=f"{who}: {what}")
         self._report(self._hub.state(self.name), [changed])
-
-    def mark(self, note: str, who: Writer) -> None:
-        """A person wants this moment to be looked at later: an event, with pictures where they are recorded."""
-        now_ns, state = self._clock.now_ns(), self.state()
-        marked = Event(EventKind.OPERATOR_MARK, self.name, now_ns, state, detail=f"{who}: {note}" if note else str(who))
-        self._report(self._hub.state(self.name), [marked])
 
     async def run(self) -> None:
         """Tick for ever: ages grow, the heartbeat counts."""

@@ -1,7 +1,8 @@
 """The bay files: what of a bay outlives a restart or a crash, one small JSON file a bay. IO.
 
-An active function check, because a technician works on the bay and may_move must stay off; and the visits from which
-R times Z is learned. Nothing else: no value of before the restart is ever shown as one of now.
+An active function check, because a technician works on the bay and may_move must stay off; the visits from which
+R times Z is learned; and a truck that is in place and was not released, because it must not leave unnoticed while the
+gateway starts. Nothing else: no value of before the restart is ever shown as one of now (gateway/core/retained.py).
 
 Files are read before anything starts. After that no task waits for the disk: states are noted, and a task hands changes
 to a thread. A file that is damaged or can't be read counts as one with an active function check. A missing file means
@@ -17,45 +18,19 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import NoReturn
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
+from gateway.bay_file_format import decoded, encoded
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core.interlock import RetainedState
-from gateway.core.scale import MAX_VISITS, ScaleSample
-from gateway.core.state import FunctionCheck, StateVector
+from gateway.core.retained import RetainedState
+from gateway.core.state import FunctionCheck, Reason, StateVector
 from gateway.errors import LinkError
 
 log = logging.getLogger(__name__)
 
-VERSION = 1
 MAX_BYTES = 100_000  # 60 visits take 6 kB
 SLOW_S = 5.0  # a disk that takes longer is at fault, however it ends
-STRICT = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
-Length = Annotated[float, Field(gt=0, le=1e9)]
-Pixels = Annotated[int, Field(gt=0)] | None
-
-
-class _Visit(BaseModel):
-    """One truck in place: gateway.core.scale.ScaleSample."""
-
-    model_config = STRICT
-    unix_s: int
-    recipe: Annotated[int, Field(ge=0)]
-    radius_px: Length
-    distance_mm: Length
-
-
-class _BayFile(BaseModel):
-    """The content of the file. `picture_px`: camera.width_px and height_px, the visits hold for these only."""
-
-    model_config = STRICT
-    version: Annotated[int, Field(ge=VERSION, le=VERSION)]
-    function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
-    picture_px: tuple[Pixels, Pixels]
-    visits: Annotated[tuple[_Visit, ...], Field(max_length=MAX_VISITS)]
 
 
 def default_folder() -> Path:
@@ -75,36 +50,6 @@ def path_of(config: GatewayConfig, bay: str) -> Path | None:
         return None
     folder = default_folder() if config.state_dir == "auto" else Path(config.state_dir)
     return folder / f"bay.{config.site}.{config.instance}.{bay}.json"
-
-
-def decoded(data: bytes, bay: BayConfig) -> RetainedState:
-    """The content of a bay file. Raises ValueError for one that this gateway has not written."""
-    try:
-        kept = _BayFile.model_validate_json(data)
-    except ValidationError as error:
-        wrong = error.errors(include_url=False)[0]
-        raise ValueError(f"{'.'.join(map(str, wrong['loc'])) or 'file'}: {wrong['msg']}") from None
-    visits = kept.visits if kept.picture_px == (bay.camera.width_px, bay.camera.height_px) else ()
-    if len(visits) < len(kept.visits):
-        log.warning("%s: the picture size has changed: the learned R x Z is discarded", bay.name)
-    return RetainedState(
-        FunctionCheck[kept.function_check],
-        tuple(ScaleSample(v.recipe, v.radius_px, v.distance_mm, unix_s=v.unix_s) for v in visits),
-    )
-
-
-def encoded(retained: RetainedState, bay: BayConfig, offset_ns: int) -> bytes:
-    """The file's text. `offset_ns`: Unix time minus monotonic time."""
-    kept = _BayFile(
-        version=VERSION,
-        function_check=retained.function_check.name,
-        picture_px=(bay.camera.width_px, bay.camera.height_px),
-        visits=tuple(
-            _Visit(unix_s=s.date_s(offset_ns), recipe=s.recipe, radius_px=s.radius_px, distance_mm=s.distance_mm)
-            for s in retained.scale_samples
-        ),
-    )
-    return kept.model_dump_json(indent=1).encode() + b"\n"
 
 
 def read_file(path: Path) -> bytes | None:
@@ -186,14 +131,14 @@ class BayFiles:
     def note(self, state: StateVector) -> None:
         """Called with every state that is published. Never waits."""
         bay = self._bays.get(state.bay)
-        if bay is None:
+        if bay is None or state.reason is Reason.SHUTDOWN:  # the last state has no values, but its truck is there
             return
-        known = bay.wanted
-        if state.function_check is known.function_check and state.memory.scale_samples is known.scale_samples:
+        retained = RetainedState.of(state)
+        if retained == bay.wanted:
             return
-        if state.function_check is not known.function_check:
+        if retained.function_check is not bay.wanted.function_check:
             bay.damaged = ""
-        bay.wanted = RetainedState(state.function_check, state.memory.scale_samples)
+        bay.wanted = retained
         self._changed.set()
 
     async def run(self) -> NoReturn:

@@ -20,8 +20,8 @@ from typing import Any
 from gateway.bay import BayControl
 from gateway.clock import NS_PER_S
 from gateway.core.detection import Circle, Detection
-from gateway.core.interlock import RetainedState
 from gateway.core.readings import Quality
+from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, StateVector
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Peer
@@ -273,7 +273,7 @@ class Bay:
         self.clock.wall_error_ns = round(active[Fault.WALL_JUMP].amount * NS_PER_S) if Fault.WALL_JUMP in active else 0
         if Fault.RESTARTED in active:
             if not self.down:
-                self.retained = RetainedState(self.state.function_check, self.state.memory.scale_samples)
+                self.retained = RetainedState.of(self.hub.state(self.control.name))  # as the bay file has it
                 self.down = True
             self.board.advance(self.clock.now)
             self._frames(active)

@@ -156,7 +156,7 @@ class Judge:
         if self.released is not None and truth.distance_mm > self.released.distance_mm:
             self.released = truth if truth.truck == self.released.truck else self.released
         far = truth.distance_mm > self.fusion.distance_threshold_mm + 600
-        ends_moved = far or Fault.RESTARTED in active or t_s - self.bay.reset_s < 0.3
+        ends_moved = far or t_s - self.bay.reset_s < 0.3
         another = self.place is not None and truth.truck != self.place.truck
         if ends_moved or another or self.place is None or self.released is not None:
             self.left_s = None

@@ -23,9 +23,10 @@ from gateway.config import GatewayConfig, parse
 from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
-from gateway.core.interlock import RetainedState, Rules
+from gateway.core.interlock import Rules
 from gateway.core.plc import Control, PlcConnection, PlcWrite, Writer
 from gateway.core.readings import DEAD, VISION_FINE, Quality, RangeReading, VisionReading
+from gateway.core.retained import RetainedState
 from gateway.core.shown import shown
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.modbus.registers.register_map import encode
@@ -180,9 +181,8 @@ def taken(space: Space, node: Node, move: Move) -> Node:
     now_ns += move.ms * MS
     seen = move.seen(now_ns, state)
     if seen is None:
-        kept = RetainedState(state.function_check, state.memory.scale_samples)
-        state = interlock.initial("bay1", now_ns, space.rules, kept)
-        return Node(state, space.conditions.start(now_ns, known.check), now_ns)
+        state = interlock.initial("bay1", now_ns, space.rules, RetainedState.of(state))
+        return Node(state, space.conditions.restarted(known, now_ns), now_ns)
     state = interlock.step(state, seen, now_ns, space.rules)
     return Node(state, space.conditions.after(known, seen, state, now_ns), now_ns)
 
@@ -391,6 +391,8 @@ def situations(state: StateVector) -> Iterator[str]:
         yield "PLC lost"
     if state.function_check is not FunctionCheck.OFF:
         yield "function check"
+    if state.visit.restored:
+        yield "in place before the restart"
 
 
 # -- spaces ---------------------------------------------------------------------------------------------------------
@@ -493,7 +495,7 @@ def spaces() -> dict[str, Space]:
             "latch",
             "as visit, with a latched stop",
             _config(fusion=CHECKED | {"latch_stop": True}),
-            _moves(300, "mark rolled away NO_TARGET LINK_DOWN", "mark rolled away NO_ECHO STUCK",
+            _moves(300, "mark rolled away aside lamp NO_TARGET LINK_DOWN", "mark rolled away NO_ECHO STUCK",
                    (_IDLE, _RELEASE, _RESET), "OFF MAY_MOVE_OFF"),
             300,
         ),
@@ -508,7 +510,7 @@ def spaces() -> dict[str, Space]:
             "plain",
             'decision = "plain": equation 14 at every step',
             _config(fusion=CHECKED | {"decision": "plain"}),
-            _moves(300, "mark rolled away NO_TARGET LINK_DOWN", "mark rolled away NO_ECHO STUCK",
+            _moves(300, "mark rolled away aside lamp NO_TARGET LINK_DOWN", "mark rolled away NO_ECHO STUCK",
                    (_IDLE, _RELEASE, _RESET), "OFF MAY_MOVE_OFF"),
             300,
         ),
@@ -543,4 +545,6 @@ def visits(space: Space) -> list[list[str]]:
         left = released + lasting("rolled", "rolled", "release", 0.9 * scale)
         histories += [released, left]
     histories.append(placed + lasting("rolled", "rolled", "idle", 0.6))
+    histories.append([*placed, "restart", *lasting("mark", "mark", "idle", 0.3 * scale)])
+    histories.append([*placed, "restart", *lasting("rolled", "rolled", "idle", 0.3 * scale)])
     return histories

@@ -6,6 +6,7 @@ from typing import Any
 
 from gateway.core import agreement, fusion, handshake, interlock, shown, visit
 from gateway.core.plc import PlcLink
+from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, Moved
 
 Patch = Callable[[object, str, Any], None]
@@ -61,6 +62,16 @@ def _never_moved(real: Callable[..., Any]) -> Callable[..., Any]:
     return compared
 
 
+def _without_truck(real: Callable[..., Any]) -> Callable[..., Any]:
+    """The bay file without the truck that is in place."""
+    return lambda state: replace(real(state), truck=None)
+
+
+def _as_of_now(real: Any) -> Any:
+    """The place of before the restart is taken for one that both sensors have confirmed since."""
+    return property(lambda kept: replace(real.fget(kept), restored=False))
+
+
 def _without_latch(real: Callable[..., Any]) -> Callable[..., Any]:
     def latch(*args: Any) -> Any:
         memory, plc = real(*args)
@@ -82,6 +93,8 @@ PLANTED: Mapping[str, Planted] = {
         Planted("a function check is forgotten", fusion, "step", _check_forgotten),
         Planted("a PLC is never lost", handshake, "_aged", _always_alive),
         Planted("a state is valid for ever", shown, "valid", _constant(True)),
+        Planted("a restart forgets the truck in place", RetainedState, "of", _without_truck),
+        Planted("a place of before the restart is one of now", RetainedState, "visit", _as_of_now),
         Planted("the latch does not hold", interlock, "_latch", _without_latch),
     )
 }

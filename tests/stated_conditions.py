@@ -62,7 +62,9 @@ class Known:
     stood_ns: int | None = None  # both sensors have had the truck at the mark, at one place, since
     stood_at: tuple[float, Circle] | None = None
     place: tuple[float, Circle] | None = None  # where in_place was set last
-    left: bool = False  # it has left that place without a release
+    left: bool = False  # it has surely left that place without a release
+    perhaps: bool = False  # it may have: Z has left its band, or the marker was seen elsewhere
+    kept: bool = False  # that place is of before a restart; neither in place, reset nor clear since
     watched: bool = True  # `left` is judged: no reset that may have been accepted since
     blind_ns: int | None = None  # a live ranger without a distance since
     unseen_ns: int | None = None  # the marker is not seen at its place since
@@ -87,11 +89,19 @@ class StatedConditions:
         self.hold_ns = 0 if self.plain else round(self.fusion.clear_hold_s * S)
 
     def start(self, now_ns: int, check: str = "OFF") -> Known:
-        """Nothing is known. Of an earlier run only a function check outlasts a restart, and a latch is assumed."""
+        """Nothing is known but whether a function check is on, and a latch is assumed."""
         silent = Sensor(t_ns=now_ns)
         return Known(
             silent, silent, check, beat_ns=now_ns, cause_ns=now_ns, doubt_ns=now_ns, latched=self.fusion.latch_stop
         )
+
+    def restarted(self, known: Known, now_ns: int) -> Known:
+        """After a restart: of the truck, the place where it was in place is kept, unless it was released."""
+        fresh = self.start(now_ns, known.check)
+        if known.released or known.place is None:
+            return fresh
+        fresh = replace(fresh, place=known.place, kept=known.watched, watched=known.watched)
+        return replace(fresh, left=known.left, perhaps=known.perhaps)
 
     # -- what happened -------------------------------------------------------------------------------------------
 
@@ -207,7 +217,8 @@ class StatedConditions:
         """Place, release, `moved` and latch. A sensor that is dead proves nothing."""
         if state.in_place and not known.in_place:
             at = known.stood_at
-            known = replace(known, place=at, left=False, watched=True, unseen_ns=None, blind_ns=None)
+            known = replace(known, place=at, left=False, perhaps=False, kept=False, watched=True)
+            known = replace(known, unseen_ns=None, blind_ns=None)
         known = replace(known, in_place=state.in_place)
         alive = self._alive_now(known, now_ns)
         mm = known.range.mm if self._good(known.range, now_ns, self.range_ns) else None
@@ -221,23 +232,23 @@ class StatedConditions:
             clear_ns=_since(known.clear_ns, now_ns, on=alive and self._empty(known, circle, mm)),
         )
         if known.clear_ns is not None and now_ns - known.clear_ns >= self.visit.leave_s * S:
-            known = replace(known, place=None, left=False, released=False)
+            known = replace(known, place=None, left=False, perhaps=False, kept=False, released=False)
         known = self._released(known, mm, now_ns, alive=alive, edge=release)
         d0 = self._pair(known, now_ns) is not None and known.d1 is None
         released = known.released
         fitting = known.apart_ns is None
         sure = d0 and known.contradiction_ns is None and (fitting or self.plain)
-        if released and sure and now_ns - known.doubt_ns >= self.hold_ns and self._off_mark(mm):
+        # One marker has one R x Z. Without a cross-check, where it differs, the gateway may not take both for fitting.
+        known_to_fit = self.fusion.cross_check is not None or known.place is None or self._fits(known.place, circle, mm)
+        if released and sure and known_to_fit and now_ns - known.doubt_ns >= self.hold_ns and self._off_mark(mm):
             known = replace(known, released=False, place=None)  # from here on equation 14 alone decides
-        if known.place is not None and known.watched and not known.released and mm is not None and alive:
-            away = abs(mm - known.place[0]) > self.visit.band_mm
-            fits = circle is None or 0.9 < circle.radius_px * mm / (known.place[1].radius_px * known.place[0]) < 1.1
-            known = replace(known, left=True) if away and fits else known
+        if known.place is not None and known.watched and not known.released:
+            away = mm is not None and abs(mm - known.place[0]) > self.visit.band_mm
+            left = away and alive and self._fits(known.place, circle, mm)
+            perhaps = away or (circle is not None and not seen)
+            known = replace(known, left=known.left or left, perhaps=known.perhaps or perhaps)
         if reset and d0 and fitting:
-            # Without a cross-check it is not known here whether they fit: it may have been refused.
-            refused = known.place if self.fusion.cross_check is None else None
-            place = refused if known.left else known.place
-            known = replace(known, left=False, watched=known.watched and not known.left, place=place, latched=False)
+            known = self._reset(known)
         long_absent = known.clear_ns is not None and now_ns - known.clear_ns >= self.fusion.latch_leave_s * S
         if released or long_absent:
             known = replace(known, latched=False)
@@ -246,8 +257,9 @@ class StatedConditions:
         return known
 
     def _released(self, known: Known, mm: float | None, now_ns: int, *, alive: bool, edge: bool) -> Known:
-        if edge and known.place is not None and alive and mm is not None and self._plc_alive(known, now_ns):
-            return replace(known, released=True, left=False, farthest_mm=mm)
+        placed = known.place is not None and not known.kept
+        if edge and placed and alive and mm is not None and self._plc_alive(known, now_ns):
+            return replace(known, released=True, left=False, perhaps=False, farthest_mm=mm)
         if not known.released:
             return known
         bit = known.control is not None and bool(known.control & RELEASE)
@@ -255,6 +267,22 @@ class StatedConditions:
         if not bit or not alive or nearer or not self._plc_alive(known, now_ns):
             return replace(known, released=False)
         return known if mm is None else replace(known, farthest_mm=max(mm, known.farthest_mm))
+
+    def _reset(self, known: Known) -> Known:
+        """D is 0 by both sensors: a reset ends a latched stop, and the watch of a truck that has moved, or may have
+        while the gateway was off. Where it is not known here whether that is so, the watch is not judged any more."""
+        known = replace(known, latched=False)
+        if not (known.left or known.perhaps or known.kept):
+            return known
+        # Without a cross-check it is not known here whether both fit each other: it may have been refused.
+        place = known.place if self.fusion.cross_check is None else None
+        return replace(known, left=False, perhaps=False, kept=False, watched=False, place=place)
+
+    def _fits(self, place: tuple[float, Circle], circle: Circle | None, mm: float | None) -> bool:
+        """Is R x Z that of the truck in place? Where one of the two is not known, nothing is against it."""
+        if circle is None or mm is None:
+            return True
+        return 0.9 < circle.radius_px * mm / (place[1].radius_px * place[0]) < 1.1
 
     def _empty(self, known: Known, circle: Circle | None, mm: float | None) -> bool:
         leave_mm = self.visit.leave_distance_mm or self.fusion.distance_threshold_mm + LEAVE_MM
@@ -294,8 +322,8 @@ class StatedConditions:
             yield from self._moving(known, now_ns, "may_move" if may_move else "no stop")
         if may_move:
             yield from self._permitted(known, now_ns)
-        if not stop and known.left and self.writes:
-            yield "no stop, though the truck has left its place without a release"
+        if not stop and self.writes:
+            yield from self._unreleased(known)
         if self.writes and self.handshake.heartbeat_required and now_ns - known.beat_ns > self.beat_ns:
             if may_move:
                 yield "may_move, though the PLC's heartbeat is lost"
@@ -322,6 +350,12 @@ class StatedConditions:
             yield f"{what}, though the sensors contradict each other"
         if now_ns - known.cause_ns < self.hold_ns:
             yield f"{what} {(now_ns - known.cause_ns) / S:g} s after a cause of a stop"
+
+    def _unreleased(self, known: Known) -> Iterator[str]:
+        if known.left:
+            yield "no stop, though the truck has left its place without a release"
+        if known.kept:
+            yield "no stop, though a truck was in place before the restart"
 
     def _permitted(self, known: Known, now_ns: int) -> Iterator[str]:
         if known.check == "MAY_MOVE_OFF":

@@ -16,9 +16,10 @@ from gateway.config import GatewayConfig, parse
 from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.events import Event, diff
-from gateway.core.interlock import RetainedState, Rules
+from gateway.core.interlock import Rules
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, StateVector, Tick
 from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.sim.hcsr04 import SensorErrors

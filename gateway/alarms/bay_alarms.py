@@ -62,7 +62,7 @@ def _truck_moved_detail(inputs: BayInputs) -> str:
 
 def _in_place_lost(inputs: BayInputs) -> bool:
     state, visit = inputs.state, inputs.state.visit
-    was_in_place = visit.place is not None and not visit.in_place and not visit.released and visit.moved is Moved.NO
+    was_in_place = visit.monitored and not visit.in_place and not visit.released and visit.moved is Moved.NO
     alive = not {state.vision.quality, state.range.quality} & (DEAD | {Quality.WAITING})
     return was_in_place and alive and state.d is not False and state.function_check is FunctionCheck.OFF
 
@@ -380,7 +380,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         (
             "the marker has been covered for longer than visit.hold_limit_s",
             "dust or the spout before the ranger: no distance, or one that contradicts the camera",
-            "a sensor was away for a moment while the marker was covered",
+            "a sensor was away for a moment, or the gateway restarted, while the marker was covered",
         ),
         "raise the spout until the camera sees the marker: in_place returns by itself; else look at both sensors",
         5,

@@ -176,11 +176,14 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
         FailureMode("G2", "killed, frozen, or its machine without power", "old values in the PLC",
                     "the PLC's function block: heartbeat", 500, SILENT, SILENT),
         _stops("G3", "stopped by an operator", "old values in the PLC", "the last state is stop", 50, Reason.SHUTDOWN),
-        FailureMode("G4", "restarts in any phase of a visit", "something is remembered as good",
-                    "nothing is: in_place needs both sensors, a release is gone; latch and function check stay", None,
+        FailureMode("G4", "restarts in any phase of a visit",
+                    "something is remembered as good; a truck in place is forgotten, and leaves without a release",
+                    "nothing good is: in_place needs both sensors, a release is gone; latch, function check and the "
+                    "place of a truck that was in place stay", None,
                     stop(Reason.STARTING), stop(Reason.STARTING)),
         FailureMode("G5", "the bay's file is damaged", "a function check is forgotten",
-                    "CRC; it is put aside, and the bay starts in a function check", None,
+                    "strict: what no gateway has written is refused; it is put aside, and the bay starts in a function "
+                    "check", None,
                     "stop or not as the sensors say; may_move and in_place off", "the same", "bay_file_damaged"),
         _same("G6", "the disk of the bay's file is full, slow or hangs", "what shall outlive a restart is lost",
               "an alarm; nothing waits for the disk", "bay_file_fault"),

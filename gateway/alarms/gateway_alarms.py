@@ -136,8 +136,9 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "bay_file_fault",
         "Bay file cannot be written",
         Priority.MEDIUM,
-        "the file that keeps a bay's function check and its learned R x Z cannot be written; both go on in memory",
-        "a function check that is begun or ended now would not be known after a restart",
+        "the file that keeps a bay's function check, its learned R x Z and a truck in place cannot be written; they go "
+        "on in memory",
+        "a function check that is begun or ended now, and a truck in place, would not be known after a restart",
         ("the disk is full, read-only or broken", "the folder's owner or permissions", "state_dir is wrong"),
         "look at the disk and at the file that the detail names; until it is mended, do not rely on a function check "
         "through a restart",
@@ -152,10 +153,11 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "Bay file was damaged",
         Priority.MEDIUM,
         "the file that keeps a bay's function check could not be read at the start, so the bay began with one, with "
-        "may_move off; the learned R x Z of this bay is lost",
+        "may_move off; the learned R x Z of this bay is lost, and whether a truck was in place",
         "no truck may move in this bay",
         ("a disk that fails", "a file edited by hand, or written by a newer gateway"),
-        "check that no person works on the bay, then end its function check on the technician's page; look at the disk",
+        "check that no person works on the bay, and that no truck is in place, then end its function check on the "
+        "technician's page; look at the disk",
         30,
         lambda inputs: bool(inputs.now.bay_file_damaged),
         lambda inputs: inputs.now.bay_file_damaged,

@@ -102,7 +102,8 @@ class GatewayConfig(Section):
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     state_dir: str = Field(
         "auto",
-        description="folder of the bay files, which keep what outlives a restart: a function check, the learned R x Z; "
+        description="folder of the bay files, which keep what outlives a restart: a function check, the learned R x Z, "
+        "a truck in place; "
         "auto: /var/lib/loading-gateway, or ~/.local/state/loading-gateway for other users than root; empty: nothing "
         "is kept",
     )

@@ -35,7 +35,6 @@ class EventKind(StrEnum):
     FUNCTION_CHECK_BEGUN = "function_check_begun"
     FUNCTION_CHECK_ENDED = "function_check_ended"
     SETTINGS_CHANGED = "settings_changed"
-    OPERATOR_MARK = "operator_mark"
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +138,7 @@ def _visit(old: StateVector, new: StateVector) -> list[Event]:
         found.append((EventKind.IN_PLACE_ENDED, now.ended or "the gateway can't vouch for it"))
     if now.released and not was.released:
         found.append((EventKind.RELEASED, "by the PLC"))
-    if was.place is not None and now.place is None and now.clear_since_ns is not None:
+    if was.monitored and not now.monitored and now.clear_since_ns is not None:
         found.append((EventKind.VISIT_ENDED, "the bay is clear"))
     return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in found]
 

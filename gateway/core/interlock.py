@@ -21,6 +21,7 @@ from gateway.config import (
 from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, visit
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict
 from gateway.core.readings import Quality, RangeReading
+from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, Tick, Visit
 
@@ -76,14 +77,6 @@ class Rules:
         return Rules(recipes, gateway.modbus.handshake if gateway.modbus.writes else None, bay.visit)
 
 
-@dataclass(frozen=True, slots=True)
-class RetainedState:
-    """What of a bay outlives a restart: gateway/bay_file.py."""
-
-    function_check: FunctionCheck = FunctionCheck.OFF
-    scale_samples: tuple[ScaleSample, ...] = ()
-
-
 def initial(bay: str, now_ns: int, rules: Rules, retained: RetainedState | None = None) -> StateVector:
     """The state before any observation. Whether stop was latched before the restart is not known, so it is now."""
     kept = retained or RetainedState()
@@ -95,6 +88,7 @@ def initial(bay: str, now_ns: int, rules: Rules, retained: RetainedState | None 
         memory=memory,
         plc=handshake.initial(now_ns, writes=rules.handshake is not None),
         function_check=kept.function_check,
+        visit=kept.visit,
         valid_until_ns=now_ns + rules.valid_for_ns,
     )
 
@@ -137,8 +131,10 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
 
     fail_safe = recipe.fusion.fail_safe
     released = visit.may_leave(current, fused, limits)
-    rolled = current.moved is not Moved.NO and rules.handshake is not None  # without writes no PLC could release it
-    stop = (fused.stop and not released) or memory.latched or current.in_place or rolled or (plc.missed and fail_safe)
+    # It left its place without release, or may have while the gateway was off. Without writes no PLC could release it.
+    unreleased = (current.moved is not Moved.NO or current.restored) and rules.handshake is not None
+    held = memory.latched or current.in_place or unreleased
+    stop = (fused.stop and not released) or held or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
     may_move = (fused.may_move or released) and not stop and allowed and not working
@@ -211,14 +207,15 @@ def _latch(
 
 
 def _reset_after_move(current: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
-    """A reset ends the stop after a move, too, once D is 0 by both sensors: the truck may be brought back."""
-    if current.moved is Moved.NO or not handshake.rose(before, plc, Control.RESET):
+    """A reset ends the stop after a move, too, once D is 0 by both sensors: the truck may be brought back. And that of
+    a truck that was in place before the restart."""
+    unreleased = current.moved is not Moved.NO or current.restored
+    if not unreleased or not handshake.rose(before, plc, Control.RESET):
         return current, plc
     if not _cause_gone(fused):
         return current, replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
-    return replace(current, moved=Moved.NO, moved_covered=False, place=None), replace(
-        plc, reset_verdict=ResetVerdict.DONE
-    )
+    current = replace(current, moved=Moved.NO, moved_covered=False, place=None, restored=False)
+    return current, replace(plc, reset_verdict=ResetVerdict.DONE)
 
 
 def _cause_gone(fused: StateVector) -> bool:

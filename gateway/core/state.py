@@ -100,8 +100,6 @@ class FusionMemory:
     range_failure: Failure = Failure()
     pairs: tuple[tuple[float, float], ...] = ()  # (R px, Z mm), the newest that fit each other, oldest first
     followed: tuple[float, float] | None = None  # R and Z when R was last seen to follow Z
-    others: tuple[tuple[float, float], ...] = ()  # as `pairs`, the newest that fit each other and not those
-    others_from: tuple[float, float] | None = None  # R and Z when they began
     marker_confirmed: bool = False  # of this visit: R has followed Z, or fitted what was learned
     scale_samples: tuple[ScaleSample, ...] = ()  # one a visit, oldest first; outlives restarts
     scale: MarkerScale | None = None  # learned from them, for the recipe in force
@@ -158,7 +156,7 @@ class Visit:
     """The state of the truck's visit to a bay. Only `in_place` may ever be a condition for loading.
 
     All times monotonic ns; None: not pending. `place` stays after `in_place` has ended, so that a truck that moves is
-    noticed, until the truck has left or is in place again.
+    noticed, until the truck has left or is in place again. After a restart it can only make stricter: `restored`.
     """
 
     phase: VisitPhase = VisitPhase.UNKNOWN
@@ -167,6 +165,7 @@ class Visit:
     moved_covered: bool = False  # it moved while the marker was covered: under the spout
     released: bool = False  # by the PLC, for this visit; it lets the truck go until off_mark
     place: TruckPosition | None = None
+    restored: bool = False  # that truck was in place before the restart; until it is again, a reset or a clear bay
     still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
     in_place_since_ns: int | None = None
     covered_since_ns: int | None = None  # the camera is alive, and the marker not seen at its place since
@@ -182,6 +181,11 @@ class Visit:
     def held(self) -> bool:
         """In place by the ranger only: the marker is covered."""
         return self.in_place and self.covered_since_ns is not None
+
+    @property
+    def monitored(self) -> bool:
+        """A truck is or was in place, and is not known to have left the bay."""
+        return self.place is not None or self.restored
 
     def withdrawn(self) -> "Visit":
         """For a gateway that can't vouch for it any more: it must be earned again."""

@@ -65,7 +65,7 @@ def step(
         visit = replace(visit, off_mark=True)
     if visit.released:
         visit = _leaving(visit, state, limits, released=released)
-    elif released and release and visit.place is not None and not visit.off_mark and usable(state):
+    elif released and release and _may_be_released(visit) and usable(state):
         visit = replace(_out_of_place(visit, "released"), moved=Moved.NO, moved_covered=False)
         # When the release ends, neither counts on: the truck may have been elsewhere, and its marker seen, meanwhile.
         visit = replace(visit, still_since_ns=None, candidate=None, covered_since_ns=None)
@@ -82,6 +82,11 @@ def usable(state: StateVector) -> bool:
     """Are both sensors alive, the distance known, and no contradiction? The marker may be covered."""
     alive = state.vision.quality not in NOT_MEASURING and state.range.quality is Quality.GOOD
     return alive and not state.memory.disagree
+
+
+def _may_be_released(visit: Visit) -> bool:
+    """Is or was a truck in place since the start of the gateway, and still at the mark?"""
+    return visit.place is not None and not visit.restored and not visit.off_mark
 
 
 def may_leave(visit: Visit, state: StateVector, limits: Limits) -> bool:
@@ -251,10 +256,10 @@ def _phase(visit: Visit, state: StateVector, limits: Limits) -> VisitPhase:
     elif state.vision.circle is not None and state.range.quality in NO_TRUCK_RANGE:
         phase = VisitPhase.ARRIVING
     elif state.d is False:
-        phase = VisitPhase.APPROACHING if visit.place is None else VisitPhase.LEAVING
+        phase = VisitPhase.LEAVING if visit.monitored else VisitPhase.APPROACHING
     else:
         # Where a truck was in place just now, a covered marker and a lost echo are no empty bay yet.
-        empty = visit.place is None and clear(state, limits)
+        empty = not visit.monitored and clear(state, limits)
         phase = VisitPhase.EMPTY if empty else VisitPhase.UNKNOWN
     return phase
 

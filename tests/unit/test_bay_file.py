@@ -7,7 +7,7 @@ import logging
 import os
 import random
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +17,16 @@ from hypothesis import strategies as st
 
 from gateway import bay_file
 from gateway.bay import BayControl
-from gateway.bay_file import BayFiles, decoded, default_folder, encoded, path_of, write_file
+from gateway.bay_file import BayFiles, default_folder, path_of, write_file
+from gateway.bay_file_format import decoded, encoded
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
-from gateway.core.interlock import RetainedState
 from gateway.core.plc import Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.retained import RetainedState, RetainedTruck
 from gateway.core.scale import MAX_VISITS, ScaleSample
-from gateway.core.state import FunctionCheck
+from gateway.core.state import FunctionCheck, Moved, TruckPosition
 from gateway.hub import Hub
 from gateway.supervisor import Supervisor, Task
 from tests.virtual_time import LoopClock, run
@@ -36,6 +37,8 @@ OFFSET_NS = 1_700_000_000 * S
 ANNA = Writer("10.0.0.9", "anna", "technician")
 VISITS = (ScaleSample(0, 200.5, 280.25, t_ns=7 * S), ScaleSample(3, 190.0, 295.0, unix_s=1_600_000_000))
 KNOWN = RetainedState(FunctionCheck.MAY_MOVE_KEPT, VISITS)
+PLACE = TruckPosition(280.25, Circle(320.5, 239.5, 193.0))
+OCCUPIED = RetainedState(FunctionCheck.OFF, VISITS, RetainedTruck(PLACE, Moved.DISTANCE, moved_covered=True))
 
 
 def config(folder: Path, **changes: Any) -> GatewayConfig:
@@ -61,6 +64,39 @@ class TestText:
             ],
         }
 
+    def test_a_truck_in_place_makes_it_version_2(self) -> None:
+        """An older gateway takes that for damaged and begins with a function check: it would forget the truck."""
+        text = json.loads(encoded(OCCUPIED, BAY, OFFSET_NS))
+        assert text["version"] == 2
+        assert text["truck"] == {
+            "place": {"distance_mm": 280.25, "u_px": 320.5, "v_px": 239.5, "radius_px": 193.0},
+            "moved": "DISTANCE",
+            "moved_covered": True,
+        }
+        away = replace(OCCUPIED, truck=None)
+        assert json.loads(encoded(away, BAY, OFFSET_NS)).keys() == {"version", "function_check", "picture_px", "visits"}
+
+    def test_the_file_of_an_older_gateway_is_read(self) -> None:
+        old = b"""{
+ "version": 1,
+ "function_check": "MAY_MOVE_OFF",
+ "picture_px": [
+  640,
+  480
+ ],
+ "visits": [
+  {
+   "unix_s": 1600000000,
+   "recipe": 3,
+   "radius_px": 190.0,
+   "distance_mm": 295.0
+  }
+ ]
+}
+"""
+        assert decoded(old, BAY) == RetainedState(FunctionCheck.MAY_MOVE_OFF, VISITS[1:])
+        assert encoded(decoded(old, BAY), BAY, OFFSET_NS) == old, "byte for byte, so that an older one can follow"
+
     def test_a_date_stays_what_it_was_however_often_it_is_written(self) -> None:
         """The machine's clock may have been set meanwhile."""
         once = decoded(encoded(KNOWN, BAY, OFFSET_NS), BAY)
@@ -80,9 +116,23 @@ class TestText:
             ),
             max_size=MAX_VISITS,
         ),
+        st.none()
+        | st.builds(
+            RetainedTruck,
+            st.none()
+            | st.builds(
+                TruckPosition,
+                st.floats(0.01, 1e9),
+                st.builds(Circle, st.floats(-1e9, 1e9), st.floats(-1e9, 1e9), st.floats(0.01, 1e9)),
+            ),
+            st.sampled_from(Moved),
+            st.booleans(),
+        ),
     )
-    def test_it_comes_back_as_it_went(self, check: FunctionCheck, visits: list[ScaleSample]) -> None:
-        there = RetainedState(check, tuple(visits))
+    def test_it_comes_back_as_it_went(
+        self, check: FunctionCheck, visits: list[ScaleSample], truck: RetainedTruck | None
+    ) -> None:
+        there = RetainedState(check, tuple(visits), truck)
         data = encoded(there, BAY, 0)
         assert decoded(data, BAY) == there
         assert len(data) < bay_file.MAX_BYTES
@@ -102,7 +152,9 @@ class TestText:
     @pytest.mark.parametrize(
         ("key", "value"),
         [
-            ("version", 2),
+            ("version", 0),
+            ("version", 2),  # which has a truck
+            ("version", 3),
             ("version", True),
             ("function_check", "PERMIT_OFF"),
             ("function_check", None),
@@ -123,6 +175,36 @@ class TestText:
         text = json.loads(encoded(KNOWN, BAY, OFFSET_NS)) | {key: value}
         with pytest.raises(ValueError, match=key):
             decoded(json.dumps(text).encode(), BAY)
+
+    @pytest.mark.parametrize(
+        ("key", "value"),
+        [
+            ("version", 1),
+            ("truck", None),
+            ("truck", {}),
+            ("place", {"distance_mm": 280.0, "u_px": 320.0, "v_px": 240.0}),
+            ("place", {"distance_mm": 0.0, "u_px": 320.0, "v_px": 240.0, "radius_px": 193.0}),
+            ("place", {"distance_mm": 280.0, "u_px": 320.0, "v_px": 240.0, "radius_px": -1.0}),
+            ("place", {"distance_mm": 280.0, "u_px": 2e9, "v_px": 240.0, "radius_px": 193.0}),
+            ("moved", "AWAY"),
+            ("moved", 1),
+            ("moved_covered", 1),
+            ("in_place", True),
+        ],
+    )
+    def test_no_other_truck_is_accepted(self, key: str, value: object) -> None:
+        text = json.loads(encoded(OCCUPIED, BAY, OFFSET_NS))
+        (text if key in text else text["truck"])[key] = value
+        with pytest.raises(ValueError, match="truck"):
+            decoded(json.dumps(text).encode(), BAY)
+
+    def test_a_place_in_the_picture_holds_for_one_picture_size_alone(self) -> None:
+        """That a truck was there does not: it must not leave unnoticed."""
+        other = BayConfig(camera=CameraConfig(width_px=1280, height_px=960))
+        truck = RetainedTruck(None, Moved.DISTANCE, moved_covered=True)
+        again = decoded(encoded(OCCUPIED, BAY, OFFSET_NS), other)
+        assert again == RetainedState(FunctionCheck.OFF, (), truck)
+        assert decoded(encoded(again, other, OFFSET_NS), BAY) == again, "and not again with the size of before"
 
     def test_visits_hold_for_one_picture_size_alone(self) -> None:
         """R counts pixels. A function check has nothing to do with it."""
@@ -229,7 +311,7 @@ class TestFile:
             case "huge":
                 path.write_bytes(good + b" " * bay_file.MAX_BYTES + b"x")
             case _:
-                path.write_bytes(good.replace(b'"version": 1', b'"version": 2'))
+                path.write_bytes(good.replace(b'"version": 1', b'"version": 3'))
         files = run(opened(where))
         assert files.retained("bay1") == RetainedState(FunctionCheck.MAY_MOVE_OFF, ())
         assert list(files.damaged) == ["bay1"]
@@ -294,6 +376,11 @@ class Bench:
 
     async def comes_to_stand(self, radius_px: float = 200.0) -> None:
         """A truck is in place for a moment, and leaves."""
+        await self.comes(radius_px)
+        await self.leaves()
+
+    async def comes(self, radius_px: float = 200.0) -> None:
+        """Until it is in place."""
         for n in range(70):
             self._both(600.0 - 5 * n if n < 64 else 280.0, radius_px * 280 / max(280.0, 600.0 - 5 * n))
             await asyncio.sleep(0.02)
@@ -301,6 +388,9 @@ class Bench:
             self._both(280.0, radius_px)
             await asyncio.sleep(0.02)
         assert self.hub.state("bay1").in_place
+
+    async def leaves(self) -> None:
+        """At once, and until the bay has been clear for long enough."""
         for _ in range(200):
             now_ns = self.clock.now_ns()
             self.control.on_vision(VisionReading(now_ns, Quality.NO_TARGET))
@@ -366,6 +456,41 @@ class TestWork:
                 assert (scale.px_mm, scale.visits, scale.spread, scale.jump) == (56_000.0, 3, 0.0, None)
 
         run(later())
+
+    def test_a_truck_in_place_is_on_disk_at_once_and_survives(self, tmp_path: Path) -> None:
+        """Also an orderly end of the gateway, whose last state has no values."""
+
+        async def first() -> None:
+            async with Bench(tmp_path, Disk()) as bench:
+                await bench.comes()
+                assert kept(tmp_path).truck == RetainedTruck(bench.hub.state("bay1").visit.place)
+                bench.control.shut_down()
+                await asyncio.sleep(0.1)
+
+        async def second() -> None:
+            async with Bench(tmp_path, Disk()) as bench:
+                state = bench.hub.state("bay1")
+                assert (state.in_place, state.visit.restored) == (False, True)
+                (started,) = [event for event in bench.events.drain() if event.kind is EventKind.START]
+                assert started.detail == "with a truck that was in place"
+                assert kept(tmp_path).truck is not None
+                await bench.leaves()
+                assert kept(tmp_path).truck is None
+
+        for start in (first, second):
+            run(start())
+
+    def test_a_visit_is_two_writes(self, tmp_path: Path) -> None:
+        """The disk is a flash memory in most machines."""
+        disk = Disk()
+
+        async def main() -> None:
+            async with Bench(tmp_path, disk) as bench:
+                for _ in range(3):
+                    await bench.comes_to_stand()
+
+        run(main())
+        assert len(disk.written) == 1 + 3 * 2
 
     def test_nothing_new_is_not_written(self, tmp_path: Path) -> None:
         disk = Disk()

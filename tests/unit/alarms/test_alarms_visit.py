@@ -12,9 +12,9 @@ from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig,
 from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
-from gateway.core.interlock import RetainedState
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, Moved, StateVector, Tick
 

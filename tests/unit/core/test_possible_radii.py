@@ -10,8 +10,9 @@ from gateway.bay import BayControl
 from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, VisitConfig
 from gateway.core import fusion, interlock, visit
 from gateway.core.detection import Circle
-from gateway.core.interlock import RetainedState, Rules
+from gateway.core.interlock import Rules
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.retained import RetainedState
 from gateway.core.scale import MarkerScale, ScaleSample, possible_radii_px
 from gateway.core.state import Reason, StateVector, Tick
 from gateway.hub import Hub

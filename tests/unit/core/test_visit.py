@@ -13,9 +13,9 @@ from gateway.config import GatewayConfig
 from gateway.core import interlock, visit
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
-from gateway.core.interlock import RetainedState
 from gateway.core.plc import Control, PlcWrite, ResetVerdict
 from gateway.core.readings import DEAD, Quality, RangeReading, VisionReading
+from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, Tick, TruckPosition, VisitPhase
 from gateway.sim.scenario import Scenario
