@@ -153,6 +153,7 @@ CHANGES: dict[str, Callable[[int], Image]] = {
     "covered but for the newest": lambda n: clear(PLACE if n == 3 else None),
     "covered in one between": lambda n: clear(None if n == 1 else PLACE),
     "half of it covered in the newest": lambda n: clear(PLACE, covered=0.5 if n == 3 else 0.0),
+    "a quarter of it covered in one between": lambda n: clear(PLACE, covered=0.25 if n == 1 else 0.0),
     "covered little by little": lambda n: clear(PLACE, covered=0.2 * n),
     "a smaller one in its place": lambda n: clear(PLACE if n < 2 else replace(PLACE, radius_px=22.0)),
     "a larger one in its place": lambda n: clear(PLACE if n < 3 else replace(PLACE, radius_px=42.0)),
@@ -326,7 +327,7 @@ def test_a_part_of_a_sum_that_repeats_itself_is_older_still() -> None:
 def test_a_marker_that_drives_through_thick_dust_is_in_no_sum() -> None:
     """3 px a frame across the picture; single frames may show it, a sum never does."""
     places = [Circle(90.3 + 3 * n, 119.8, 30.0) for n in range(16)]
-    results = followed(checked([dusty(clear(place), n, 0.975) for n, place in enumerate(places)]))
+    results = followed(checked([dusty(clear(place), n) for n, place in enumerate(places)]))
     assert [found.frames for found, _ in results] == [1] * 16
 
 
