@@ -9,7 +9,7 @@
 Every method sees the same frames in the same order, `--run` of them in a row, in turn with the plain pipeline, so that
 what else the machine does falls on both. The plain pipeline leaves 25 MB of its own in the caches: what comes after it
 is slower for a frame. CPU time of the one thread, so that a pause for another program does not count. Medians; the
-ratio is that of the medians. Memory is kept as the gateway's vision processes keep it (`slot.ENVIRONMENT`).
+ratio is that of the medians. Memory is kept as the gateway's vision processes keep it (`start.ENVIRONMENT`).
 """
 
 import argparse
@@ -31,7 +31,7 @@ from rich.progress import Progress
 
 from bench.speed_scenes import SCENES, SIZES, back_and_forth
 from gateway.config import VisionConfig
-from gateway.processes.slot import ENVIRONMENT
+from gateway.processes.start import ENVIRONMENT
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import Detector
 from gateway.vision.detect.paper import pipeline

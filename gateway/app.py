@@ -36,7 +36,7 @@ from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import SettingError
 from gateway.supervisor import Supervisor, Task
 from gateway.vision.detect import registry as detection_methods
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.service import VisionService, vision_template
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.vision.transport.ring import RingSpec
@@ -186,6 +186,8 @@ async def run(
             )
             for bay in config.bays
         }
+        template = vision_template(ports.camera.values(), (bay.vision for bay in config.bays))
+        tasks.append(Task("vision-template", template.run))
         visions = {
             bay.name: VisionService(
                 bay.name,
@@ -195,6 +197,7 @@ async def run(
                 clock,
                 parts.observing(bay.name, controls[bay.name].on_vision),
                 ring=rings[bay.name],
+                template=template,
             )
             for bay in config.bays
         }

@@ -2,11 +2,14 @@
 
 import socket
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from gateway.errors import ProtocolError
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec, Message
+
+MAX_FDS = 32  # with one message
 
 Out = TypeVar("Out")
 In = TypeVar("In")
@@ -45,10 +48,14 @@ class Channel(Generic[Out, In]):
         ours.setblocking(False)
         return cls(ours, codec), theirs
 
-    def offer(self, message: Out) -> bool:
-        """Send without waiting. False: the other side is gone, or has not read for hundreds of messages."""
+    def offer(self, message: Out, fds: Sequence[int] = ()) -> bool:
+        """Send without waiting, descriptors with it. False: the other side is gone, or has not read for hundreds of
+        messages."""
         try:
-            self.sock.send(self._packed(message), socket.MSG_DONTWAIT)
+            if fds:
+                socket.send_fds(self.sock, [self._packed(message)], fds, socket.MSG_DONTWAIT)
+            else:
+                self.sock.send(self._packed(message), socket.MSG_DONTWAIT)
         except (BlockingIOError, BrokenPipeError, ConnectionResetError):
             return False
         return True
@@ -92,6 +99,13 @@ class Channel(Generic[Out, In]):
         """Wait for the next message. Ends the process when the main process is gone."""
         message: In = self.codec.unpacked(self._read(0))
         return message
+
+    def receive_with_fds(self) -> tuple[In, list[int]]:
+        """As `receive`, with the descriptors that came with it; they are the caller's to close."""
+        data, fds, _, _ = socket.recv_fds(self.sock, MAX_MESSAGE_BYTES, MAX_FDS, socket.MSG_CMSG_CLOEXEC)
+        if not data:
+            sys.exit(0)
+        return self.codec.unpacked(data), fds
 
     def waiting(self) -> list[In]:
         """Everything that has arrived, without waiting for more. Ends the process when the main process is gone."""

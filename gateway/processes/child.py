@@ -1,8 +1,8 @@
 """The first lines of every child process: tie its life to the parent's, then do the job that the parent sends.
 
-Started by `slot` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS. MODULE is the
-one whose `run(channel, job)` does the work; only what it imports is loaded. Its `CODEC` defines which messages it may
-be sent, its job among them. NAME is what `top` shows.
+Started by `start.spawned` as a fresh interpreter with the arguments MODULE NAME PARENT_PID SOCKET_FD CPUS, or forked by
+`fork_server`. MODULE is the one whose `run(channel, job)` does the work; only what it imports is loaded. Its `CODEC`
+defines which messages it may be sent, its job among them. NAME is what `top` shows.
 """
 
 import ctypes
@@ -24,9 +24,14 @@ MAX_CHARACTERS = 500
 
 def main() -> None:
     name_of_module, name, parent, fd, cpus = sys.argv[1:]
-    _die_with(int(parent))
     _name(name)
-    channel: Channel[Any, Any] = Channel(socket.socket(fileno=int(fd)), Codec(Failed))
+    work(name_of_module, name, int(parent), socket.socket(fileno=int(fd)), cpus)
+
+
+def work(name_of_module: str, name: str, parent: int, sock: socket.socket, cpus: str) -> None:
+    """In the new process, until its work is done."""
+    _die_with(parent)
+    channel: Channel[Any, Any] = Channel(sock, Codec(Failed))
     _report_exceptions(channel)
     if cpus:
         try:
@@ -37,7 +42,9 @@ def main() -> None:
     try:
         module = import_module(name_of_module)
         channel.codec = module.CODEC
-        module.run(channel, channel.receive())
+        job = channel.receive()
+        _name(name)  # now: a forked process that still has its template's name has no job
+        module.run(channel, job)
     except GatewayError as error:
         channel.send(Failed(shown(str(error)), config=isinstance(error, ConfigError)))
         sys.exit(1)

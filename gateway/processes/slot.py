@@ -1,26 +1,28 @@
 """One child process at a time: start it, exchange messages, kill and reap it. Decides nothing.
 
-A child is a fresh interpreter (spawned, never forked) that runs `gateway.processes.child`. It does not import the
-parent's main module, and no helper process is needed beside it. It dies with its parent: the kernel sees to that, even
-when the parent is killed without warning.
+A child is a fresh interpreter, or forked from a template without threads (`template`); it runs
+`gateway.processes.child`. It dies with its parent: the kernel sees to that, even when the parent is killed without
+warning.
 """
 
 import asyncio
 import logging
 import os
 import signal
+import socket
 import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 from gateway.clock import Clock
 from gateway.errors import LinkError
 from gateway.processes.channel import Channel, Failed, Gone
 from gateway.processes.codec import Codec
+from gateway.processes.start import NOT_STARTED, Process, Role, spawned
 
 log = logging.getLogger(__name__)
 
@@ -28,43 +30,32 @@ GRACE_S = 0.3  # real time between SIGTERM and SIGKILL at the end
 KILL_S = 0.3  # real time for the kernel to end a killed process
 CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGSYS}
 MAX_MESSAGES = 1000  # taken at once: more than its socket holds, and an end for one that never stops
-# sys.path travels last: what the parent can import, the child can.
-BOOT = "import sys; sys.path[:] = sys.argv.pop().split(chr(10)); from gateway.processes.child import main; main()"
-ENVIRONMENT = {
-    "OPENBLAS_NUM_THREADS": "1",  # numpy's idle threads cost start-up time and memory
-    # glibc gives large blocks back to the kernel with every frame, and takes page faults to get them again: at 720p
-    # that doubled the time of the paper's pipeline. A process that does the same work for ever keeps its memory.
-    "MALLOC_MMAP_MAX_": "0",
-    "MALLOC_TRIM_THRESHOLD_": str(16 * 1024**3),
-    "MALLOC_ARENA_MAX": "1",  # frames are allocated in one thread and freed in another
-    "OPENCV_LOG_LEVEL": "ERROR",
-    "OPENCV_FFMPEG_LOGLEVEL": "-8",  # FFmpeg prints every hiccup of a stream; what matters is sent as a message
-}
 
 
 Out = TypeVar("Out")  # messages to the child
 In = TypeVar("In")  # and from it
 
 
-@dataclass(frozen=True, slots=True)
-class Role(Generic[Out]):
-    """What a child is for: `module` has `run(channel, job)` and the `CODEC` of messages to it; `name` is what `top`
-    shows; `fds` it inherits."""
-
-    module: str
-    name: str
-    job: Out
-    fds: tuple[int, ...] = ()
-    affinity: tuple[int, ...] | None = None
-
-
 @dataclass(slots=True)
 class Child(Generic[Out, In]):
-    """One running process."""
+    """One process: running, or asked for."""
 
-    process: subprocess.Popen[bytes]
+    process: Process | None  # None: the template has not answered yet
     channel: Channel[Out, In | Failed]
-    pidfd: int
+    pidfd: int = -1
+    given_up: bool = False  # before there was a process
+
+    def status(self) -> int | None:
+        """Exit code; None: it runs, or is about to."""
+        if self.process is None:
+            return NOT_STARTED if self.given_up else None
+        return self.process.poll()
+
+
+class Template(Protocol):
+    """Starts a process by forking: see `template.ProcessTemplate`."""
+
+    def start(self, role: Role[Any], theirs: socket.socket, answer: Callable[[Process | None], bool]) -> None: ...
 
 
 class ProcessSlot(Generic[Out, In]):
@@ -72,13 +63,22 @@ class ProcessSlot(Generic[Out, In]):
 
     `on_arrival` is called on the event loop as soon as something has arrived; it must take it with `messages`. Without
     it, `wait` returns. Taken in the event loop's own call, a result does not wait for a task to be scheduled.
-    `codec` reads what the child sends; a child that sends anything else is `Failed`, and killed.
+    `codec` reads what the child sends; a child that sends anything else is `Failed`, and killed. `template`: processes
+    are forked from it; None: each is a fresh interpreter.
     """
 
-    def __init__(self, label: str, clock: Clock, codec: Codec, on_arrival: Callable[[], None] | None = None) -> None:
+    def __init__(
+        self,
+        label: str,
+        clock: Clock,
+        codec: Codec,
+        on_arrival: Callable[[], None] | None = None,
+        template: Template | None = None,
+    ) -> None:
         self._codec = codec
         self._label = label
         self._clock = clock
+        self._template = template
         self._child: Child[Out, In] | None = None
         self._news = asyncio.Event()
         self._on_arrival = on_arrival or self._news.set
@@ -87,31 +87,32 @@ class ProcessSlot(Generic[Out, In]):
     def start(self, role: Role[Out]) -> None:
         """Start a process, where there is none, and send it its job. Takes a few ms. Raises LinkError."""
         channel, theirs = Channel[Out, In | Failed].pair(self._codec)
-        cpus = ",".join(map(str, role.affinity or ()))
-        arguments = [role.module, role.name, str(os.getpid()), str(theirs.fileno()), cpus]
-        with theirs, _without_ctrl_c():
-            try:
-                process = subprocess.Popen(
-                    [sys.executable, "-c", BOOT, *arguments, "\n".join(sys.path)],
-                    stdin=subprocess.DEVNULL,
-                    pass_fds=(theirs.fileno(), *role.fds),
-                    env={**ENVIRONMENT, **os.environ},
-                )
-            except OSError as error:
-                channel.close()
-                raise LinkError(f"cannot start process {role.name}: {error}") from error
-        self._watch(Child(process, channel, os.pidfd_open(process.pid)))
-        self.send(role.job)
+        child = Child[Out, In](None, channel)
+        self._watch(child)
+        try:
+            if self._template is not None:
+                self._template.start(role, theirs, partial(self._begun, child, role.job))
+                return
+            with theirs:
+                process = spawned(role, theirs)
+        except LinkError:
+            self._forget(child)
+            raise
+        self._begun(child, role.job, process)
 
-    def send(self, message: Out) -> None:
+    def send(self, message: Out, fds: Sequence[int] = ()) -> None:
         """Never waits. A child that does not take its messages is killed; without one nothing is sent."""
-        if self._child is not None and not self._child.channel.offer(message):
-            self._child.process.kill()
+        if (child := self._child) is not None and child.process is not None and not child.channel.offer(message, fds):
+            child.process.kill()
 
     def kill(self) -> None:
         """At once; `messages` reports when the process has ended."""
-        if self._child is not None:
-            self._child.process.kill()
+        if (child := self._child) is None:
+            return
+        if child.process is not None:
+            child.process.kill()
+        else:
+            self._give_up(child)
 
     def wake(self) -> None:
         """Let `wait` return."""
@@ -128,7 +129,7 @@ class ProcessSlot(Generic[Out, In]):
         if child is None:
             return []
         polled, self._ended = every or self._ended, False
-        status = child.process.poll() if polled else None  # before reading, so that the last messages are not missed
+        status = child.status() if polled else None  # before reading, so that the last messages are not missed
         limit = MAX_MESSAGES if status is not None else most if polled else 1
         arrived: list[In | Failed | Gone] = [*child.channel.received(limit)]
         if status is not None:
@@ -136,7 +137,7 @@ class ProcessSlot(Generic[Out, In]):
             arrived.append(Gone(_how(status), crashed=-status in CRASHES))
         elif child.channel.ended:
             asyncio.get_running_loop().remove_reader(child.channel.sock)
-            child.process.kill()  # closed, or no use any more: whatever it still does
+            self.kill()  # closed, or no use any more: whatever it still does
         return arrived
 
     async def wait(self, seconds: float | None) -> None:
@@ -154,6 +155,9 @@ class ProcessSlot(Generic[Out, In]):
     ) -> None:
         """SIGTERM, a short grace, SIGKILL; the process is reaped."""
         if (child := self._child) is None:
+            return
+        if child.process is None:  # what the template may still make has no job
+            self._forget(child)
             return
         self._on_arrival = self._news.set
         try:
@@ -175,9 +179,24 @@ class ProcessSlot(Generic[Out, In]):
 
     def _watch(self, child: Child[Out, In]) -> None:
         self._child, self._ended = child, False
-        loop = asyncio.get_running_loop()
-        loop.add_reader(child.channel.sock, self._arrived, False)
-        loop.add_reader(child.pidfd, self._arrived, True)
+        asyncio.get_running_loop().add_reader(child.channel.sock, self._arrived, False)
+
+    def _begun(self, child: Child[Out, In], job: Out, process: Process | None) -> bool:
+        """There is a process: it gets its job. None: there will be none. False: it is not wanted any more."""
+        if self._child is not child or child.given_up:
+            return False
+        if process is None:
+            self._give_up(child)
+            return True
+        child.process = process
+        child.pidfd = os.pidfd_open(process.pid)
+        asyncio.get_running_loop().add_reader(child.pidfd, self._arrived, True)
+        self.send(job)
+        return True
+
+    def _give_up(self, child: Child[Out, In]) -> None:
+        child.given_up = True
+        self._arrived(True)
 
     def _arrived(self, ended: bool) -> None:
         self._ended |= ended
@@ -187,23 +206,15 @@ class ProcessSlot(Generic[Out, In]):
         self._child = None
         loop = asyncio.get_running_loop()
         loop.remove_reader(child.channel.sock)
-        loop.remove_reader(child.pidfd)
         child.channel.close()
-        os.close(child.pidfd)
-
-
-@contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """A child inherits the blocked signal permanently: Ctrl-C reaches all processes of the terminal, only the parent
-    decides."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if child.pidfd >= 0:
+            loop.remove_reader(child.pidfd)
+            os.close(child.pidfd)
 
 
 def _how(status: int) -> str:
+    if status == NOT_STARTED:
+        return "could not be started"
     if status >= 0:
         return f"ended with exit code {status}"
     try:

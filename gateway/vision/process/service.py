@@ -3,7 +3,7 @@
 import logging
 import os
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from gateway.clock import NS_PER_S, Clock, SystemClock
@@ -12,7 +12,9 @@ from gateway.core.readings import VisionReading
 from gateway.errors import ConfigError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.child import shown
-from gateway.processes.slot import ProcessSlot, Role
+from gateway.processes.slot import ProcessSlot
+from gateway.processes.start import Role
+from gateway.processes.template import ProcessTemplate
 from gateway.vision.detect import registry
 from gateway.vision.detect.radii import MarkerRadii, RadiiUpdates
 from gateway.vision.process import monitor
@@ -29,6 +31,7 @@ from gateway.vision.transport.messages import (
     Ready,
     SourceLost,
     SourceRecord,
+    TemplateJob,
     ToVision,
     VisionJob,
 )
@@ -38,6 +41,7 @@ from gateway.vision.transport.ring import RingSpec
 log = logging.getLogger(__name__)
 
 MODULE = "gateway.vision.process.vision_process"
+TEMPLATE_MODULE = "gateway.vision.process.template"
 VisionSlot = ProcessSlot[ToVision, FromVision]
 
 
@@ -45,7 +49,8 @@ class VisionService:
     """Runs the vision process of one bay, and emits a reading for each processed frame, and each fault.
 
     `emit` is called on the event loop. `ring`: where frames are written for viewers; by default it makes its own.
-    `detector` defaults to the method that `vision` names.
+    `detector` defaults to the method that `vision` names. `template`: what the process is forked from; by default it is
+    a fresh interpreter.
     """
 
     def __init__(
@@ -60,6 +65,7 @@ class VisionService:
         detector: DetectorSpec | None = None,
         rng: random.Random | None = None,
         ring: RingSpec | None = None,
+        template: ProcessTemplate | None = None,
     ) -> None:
         self._bay = bay
         self._spec = spec
@@ -70,6 +76,7 @@ class VisionService:
         self._detector = detector or DetectorSpec(vision)
         self._rng = rng or random.Random()
         self._ring = ring
+        self._template = template
         self._loop: _MonitorLoop | None = None
         self._monitor: ProcessMonitor | None = None
         self._radii_updates = RadiiUpdates()
@@ -123,7 +130,8 @@ class VisionService:
                     self._monitor = self._monitor.successor(self._vision)
                 carry_out = partial(self._carry_out, ring)
                 self._loop = _MonitorLoop(self._monitor, progress, self._clock, carry_out)
-                async with VisionSlot(self._bay, self._clock, FROM_VISION, self._loop.on_arrival) as slot:
+                on_arrival = self._loop.on_arrival
+                async with VisionSlot(self._bay, self._clock, FROM_VISION, on_arrival, self._template) as slot:
                     await self._loop.run(slot)
         finally:
             self._loop = None
@@ -253,6 +261,13 @@ def _report(to: ProcessMonitor, message: FromVision | Failed | Gone, now_ns: int
             to.failed(token, shown(why), now_ns, config=config)
         case Gone(how, crashed):
             to.gone(token, how, now_ns, crashed=crashed)
+
+
+def vision_template(sources: Iterable[SourceSpec], visions: Iterable[VisionConfig]) -> ProcessTemplate:
+    """For the vision processes of several bays, which share its memory."""
+    modules = dict.fromkeys(type(spec).__module__ for spec in sources)
+    by_settings = {vision.model_dump_json(): DetectorSpec(vision) for vision in visions}
+    return ProcessTemplate(Role(TEMPLATE_MODULE, "gw-template", TemplateJob((*by_settings.values(),), (*modules,))))
 
 
 def frame_rules(camera: CameraConfig, vision: VisionConfig) -> FrameRules:

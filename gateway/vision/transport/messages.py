@@ -78,6 +78,13 @@ class VisionJob(Message, frozen=True):
     exposure: ExposureRules | None = None  # None: left to the camera
 
 
+class TemplateJob(Message, frozen=True):
+    """For the template of the vision processes: what they will need."""
+
+    detectors: tuple[DetectorSpec, ...]
+    sources: tuple[str, ...]  # modules
+
+
 # From the vision process.
 
 

@@ -17,7 +17,8 @@ from gateway.errors import ConfigError, LinkError
 from gateway.net import tls
 from gateway.net.listener import listening
 from gateway.processes.channel import Failed, Gone
-from gateway.processes.slot import ProcessSlot, Role
+from gateway.processes.slot import ProcessSlot
+from gateway.processes.start import Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.request_handler import RequestHandler
 from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
