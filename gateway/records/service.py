@@ -22,7 +22,8 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.core.events import Event, EventKind
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
-from gateway.processes.slot import ProcessSlot, Role
+from gateway.processes.slot import ProcessSlot
+from gateway.processes.start import Role
 from gateway.records.collector import Collector
 from gateway.records.messages import (
     FROM_RECORDER,

@@ -113,7 +113,7 @@ def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_the_vision_
     rights = {key: status[key].strip() for key in ("CapPrm", "CapEff", "CapAmb", "NoNewPrivs", "Seccomp")}
     assert rights == {"CapPrm": "0" * 16, "CapEff": "0" * 16, "CapAmb": "0" * 16, "NoNewPrivs": "1", "Seccomp": "2"}
     modes = {one.name().split("-")[1]: frames_open_for(one) for one in gateway.family() if one.name()[:3] == "gw-"}
-    assert modes == {"worker": {os.O_RDWR}, "hmi": {os.O_RDONLY}}
+    assert modes == {"template": set(), "worker": {os.O_RDWR}, "hmi": {os.O_RDONLY}}
     assert got(url, "/login")[0] == 200  # a file is still read
 
 

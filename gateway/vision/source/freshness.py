@@ -51,10 +51,13 @@ class FrozenFrameDetector:
             self.changed_ns = np.full(TILES, t_ns, np.int64)
             return Freshness.UNPROVEN
         changed = _by_tile(np.bitwise_or, sample ^ last, 3 * _edges(width, TILES[1])) != 0
-        if 2 * np.count_nonzero(changed) < changed.size:
-            changed = _with_flat(changed, sample, width)
-        self.changed_ns = np.where(changed, t_ns, self.changed_ns)
-        seen_ns = _half_changed_ns(self.changed_ns)
+        if changed.all():  # a live picture, nearly always
+            self.changed_ns, seen_ns = np.full(TILES, t_ns, np.int64), t_ns
+        else:
+            if 2 * np.count_nonzero(changed) < changed.size:
+                changed = _with_flat(changed, sample, width)
+            self.changed_ns = np.where(changed, t_ns, self.changed_ns)
+            seen_ns = _half_changed_ns(self.changed_ns)
         if t_ns - seen_ns > self._frozen_ns:
             return Freshness.FROZEN
         return Freshness.UNPROVEN if seen_ns == self._first_ns else Freshness.LIVE
@@ -62,6 +65,9 @@ class FrozenFrameDetector:
 
 def unchanged_since_ns(changed_ns: Changes, width_px: int, height_px: int, circle: Circle | None) -> int:
     """How new what was found is: by the tiles that the disc touches, or by all of them where there is none."""
+    one_ns = int(changed_ns[0, 0])
+    if np.equal(changed_ns, one_ns).all():
+        return one_ns  # as the rest would find
     if circle is None:
         return _half_changed_ns(changed_ns)
     du = _distance(circle.u_px, _edges(width_px, TILES[1]), width_px)
