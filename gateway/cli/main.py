@@ -20,6 +20,7 @@ VERBS = (
     "calibrate",
     "replay",
     "why",
+    "export",
     "registers",
     "state",
     "certs",

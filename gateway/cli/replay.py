@@ -7,6 +7,8 @@ examples:
   gateway replay /var/lib/loading-gateway/records/site1.gateway/bay1
   gateway replay bay1/00000042-20261123T031500Z.seg
   gateway replay bay1 --against new.toml        what would the new thresholds have decided?
+  gateway replay bay1 --frames                  what does vision find in the kept pictures now?
+  gateway replay bay1 --frames --against new.toml     and with other settings of it?
 exit code 1 when anything differs or is missing
 """
 
@@ -38,6 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", nargs="+", type=Path, metavar="RECORDING", help="folder of one bay, or segments")
     parser.add_argument("--against", type=Path, metavar="TOML", help="decide by this configuration instead")
     parser.add_argument("--bay", metavar="NAME", help="of TOML; default: the bay of the recording's name")
+    parser.add_argument("--frames", action="store_true", help="run vision anew on the kept pictures instead")
     parser.add_argument("--json", action="store_true", help="one JSON object, for programs")
 
 
@@ -52,6 +55,12 @@ def main(args: argparse.Namespace) -> int:
     if args.bay is not None and args.against is None:
         raise ConfigError("--bay names a bay of the configuration that --against gives: add --against TOML")
     other = None if args.against is None else config.load(args.against)
+
+    if args.frames:
+        from gateway.cli import replay_frames
+
+        vision_args.quiet_opencv()
+        return replay_frames.run(args, other)
 
     def rules_of(head: "Head") -> "tuple[Rules, WordOrder]":
         settings = recording.config_of(head) if other is None else other
@@ -70,7 +79,7 @@ def main(args: argparse.Namespace) -> int:
         intervals = list(otherwise(seen.steps(recording.records(each()))))
     if other is None:
         return _print_same(seen, as_json=args.json)
-    return _print_otherwise(seen, intervals, as_json=args.json)
+    return _print_otherwise(seen, intervals, folders_of(args.recording), as_json=args.json)
 
 
 def _bay(settings: "GatewayConfig", name: str) -> "BayConfig":
@@ -159,9 +168,15 @@ def _print_same(seen: _Seen, *, as_json: bool) -> int:
     return int(wrong)
 
 
-def _print_otherwise(seen: _Seen, intervals: "list[Otherwise]", *, as_json: bool) -> int:
+def folders_of(paths: Iterable[Path]) -> list[Path]:
+    """The folders that are meant, or in which the segments lie."""
+    return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths))
+
+
+def _print_otherwise(seen: _Seen, intervals: "list[Otherwise]", folders: list[Path], *, as_json: bool) -> int:
+    found = [_row(interval, folders) for interval in intervals]
     if as_json:
-        print(json.dumps({**seen.summary(), "otherwise": [_row(interval) for interval in intervals]}))
+        print(json.dumps({**seen.summary(), "otherwise": found}))
         return int(bool(intervals or seen.replay.missing))
     seen.print_summary()
     if not intervals:
@@ -170,14 +185,17 @@ def _print_otherwise(seen: _Seen, intervals: "list[Otherwise]", *, as_json: bool
     from gateway.cli import tables
     from gateway.vision.offline.reports.tables import Table
 
-    heads = ("time", "for", "output", "reason then", "reason now", "R px", "Z mm")
-    rows = [("", tuple(str(cell) for cell in _row(interval).values())[:7]) for interval in intervals]
+    heads = ("time", "for", "output", "reason then", "reason now", "R px", "Z mm", "pictures")
+    rows = [("", tuple(str(cell) for cell in row.values())) for row in found]
     tables.show(tables.console(), Table("", heads, rows))
     print(f"{len(intervals)} times, {sum(i.seconds for i in intervals):.1f} s in all, an output would have been other")
     return 1
 
 
-def _row(interval: "Otherwise") -> dict[str, object]:
+def _row(interval: "Otherwise", folders: Iterable[Path]) -> dict[str, object]:
+    from gateway.records.picture_search import files_near
+
+    files = [name for folder in folders for name in files_near(folder, interval.begin_ns, interval.end_ns)]
     circle, distance_mm = interval.state.vision.circle, interval.state.range.distance_mm
     return {
         "time": moment(interval.begin_ns),
@@ -187,4 +205,5 @@ def _row(interval: "Otherwise") -> dict[str, object]:
         "reason_now": interval.now.reason.name.lower(),
         "radius_px": "-" if circle is None else f"{circle.radius_px:.1f}",
         "distance_mm": "-" if distance_mm is None else f"{distance_mm:.0f}",
+        "pictures": ", ".join(files) or "-",
     }

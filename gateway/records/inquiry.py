@@ -8,18 +8,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gateway.config import BayConfig, GatewayConfig
 from gateway.core.interlock import Rules
 from gateway.core.shown import shown as shown_at
 from gateway.core.shown import valid
 from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.errors import ConfigError
-from gateway.modbus.registers.register import WordOrder
 from gateway.records import chain, names, recording
 from gateway.records.chain import Link
 from gateway.records.factors import Cause, causes
 from gateway.records.moment import unix_ns
 from gateway.records.record import AnyRecord, Checkpoint, Decision, EventRecord
+from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Item, Missing, Place
 from gateway.records.replay import Difference, Replay, Step
 from gateway.records.segment import Head
@@ -67,7 +66,7 @@ class Inquiry:
     folder: Path
     _paths: list[Path] = field(init=False)
     _loaded: dict[Path, list[Dated]] = field(default_factory=dict)
-    _rules: dict[str, Rules] = field(default_factory=dict)
+    _rules: RecordedRules = field(default_factory=RecordedRules)
 
     def __post_init__(self) -> None:
         self._paths = recording.segments_of([self.folder])
@@ -96,9 +95,9 @@ class Inquiry:
         steps, missing, differing = self._replayed(items, begin_ns, end_ns)
         step = next((s for s in reversed(steps) if _unix(s) <= at_ns), None)
         head = step.place.head if step is not None else _head_near(items, at_ns)
-        rules = self.rules_of(head)
+        rules = self._rules.of(head)
         silence, state, found = self._shown(steps, step, items, at_ns, rules)
-        found_links = chain.within(chain.links(steps, self.rules_of), begin_ns, end_ns)
+        found_links = chain.within(chain.links(steps, self._rules.of), begin_ns, end_ns)
         since_ns, earlier = self._since(items, first, at_ns, progress)
         split = max((n + 1 for n, link in enumerate(found_links) if link.what and link.unix_ns <= at_ns), default=0)
         kept, after = chain.relevant(earlier, found_links[:split], since_ns), tuple(found_links[split:])
@@ -111,15 +110,6 @@ class Inquiry:
             at_ns, begin_ns, end_ns, head, rules, state, found, silence, since_ns, kept, after, shown, events,
             missing, differing,
         )  # fmt: skip
-
-    def rules_of(self, head: Head) -> Rules:
-        return self._both(head)[0]
-
-    def _both(self, head: Head) -> tuple[Rules, WordOrder]:
-        settings = recording.config_of(head)
-        if head.config not in self._rules:
-            self._rules[head.config] = Rules.of(_bay(settings, head.bay), settings)
-        return self._rules[head.config], settings.modbus.word_order
 
     def _segment_at(self, at_ns: int) -> int:
         """The newest segment with that moment, or the newest that began before it."""
@@ -159,7 +149,7 @@ class Inquiry:
                 begin = n
         end = next((n for n, (t_ns, _) in enumerate(items) if n > begin and t_ns > end_ns), len(items))
         # The last item is that behind the window: whether the gateway went on is part of the answer.
-        replay = Replay(self._both)
+        replay = Replay(self._rules)
         steps: list[Step] = []
         differing = 0
         for found in replay.run(item for _, item in items[begin : end + 1]):
@@ -229,7 +219,7 @@ class Inquiry:
     ) -> tuple[int, list[Link]]:
         since_ns = newest_first[-1][0]
         steps, _, _ = self._replayed(items, since_ns, since_ns)
-        root = [link for link in chain.links(steps, self.rules_of) if link.unix_ns <= since_ns]
+        root = [link for link in chain.links(steps, self._rules.of) if link.unix_ns <= since_ns]
         places = [n for n, link in enumerate(root) if link.what]
         begin = places[-2] + 1 if len(places) > 1 else 0
         between = [
@@ -251,13 +241,6 @@ def _lost(items: Sequence[Dated], begin_ns: int, end_ns: int) -> list[str]:
         elif t_ns > end_ns:
             break
     return lost
-
-
-def _bay(settings: GatewayConfig, name: str) -> BayConfig:
-    found = next((bay for bay in settings.bays if bay.name == name), None)
-    if found is None:
-        raise ConfigError(f"the recorded configuration has no bay {name!r}")
-    return found
 
 
 def _pair(decision: Decision) -> tuple[bool, bool]:

@@ -195,7 +195,7 @@ def _pictures(answer: Answer, pictures: Sequence[Picture]) -> list[str]:
     readings = picture_search.readings(answer.steps)
     cards = []
     for picture in sorted(nearest, key=lambda p: p.head.unix_ns):
-        reading = readings.get((answer.head.boot, picture.head.frame_id))
+        reading = readings.get((picture.head.frame_id, picture.head.t_ns))
         cards.append(_card(answer, picture, reading))
     left_out = len(pictures) - len(nearest)
     more = [f"<p>{left_out} more are kept, farther from the moment.</p>"] if left_out else []

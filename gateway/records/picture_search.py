@@ -21,14 +21,29 @@ WRITTEN_S = 150  # a file is written so long after its first picture at most
 def pictures_near(folder: Path, begin_ns: int, end_ns: int) -> Iterator[Picture]:
     """Those taken in that time (Unix ns), in their order; each once. Damaged ones are left out. Raises OSError."""
     found: dict[tuple[int, int], Picture] = {}
+    for path in _files(folder, begin_ns, end_ns):
+        for picture in _pictures(path, begin_ns, end_ns):
+            found[picture.head.t_ns, picture.head.frame_id] = picture
+    yield from sorted(found.values(), key=lambda picture: picture.head.unix_ns)
+
+
+def files_near(folder: Path, begin_ns: int, end_ns: int, margin_s: float = 2.0) -> list[str]:
+    """The names of the files with a picture of that time (Unix ns), or within `margin_s` of it. Raises OSError."""
+    begin_ns, end_ns = begin_ns - round(margin_s * NS_PER_S), end_ns + round(margin_s * NS_PER_S)
+    return [path.name for path in _files(folder, begin_ns, end_ns) if any(_pictures(path, begin_ns, end_ns))]
+
+
+def _files(folder: Path, begin_ns: int, end_ns: int) -> Iterator[Path]:
     for path in recording.pictures_in(folder):
         name = names.parsed(path.name)
-        if name is None or not begin_ns / NS_PER_S - 1 <= name.unix_s <= end_ns / NS_PER_S + WRITTEN_S:
-            continue
-        for picture in recording.pictures(path):
-            if not isinstance(picture, Missing) and begin_ns <= picture.head.unix_ns <= end_ns:
-                found[picture.head.t_ns, picture.head.frame_id] = picture
-    yield from sorted(found.values(), key=lambda picture: picture.head.unix_ns)
+        if name is not None and begin_ns / NS_PER_S - 1 <= name.unix_s <= end_ns / NS_PER_S + WRITTEN_S:
+            yield path
+
+
+def _pictures(path: Path, begin_ns: int, end_ns: int) -> Iterator[Picture]:
+    for picture in recording.pictures(path):
+        if not isinstance(picture, Missing) and begin_ns <= picture.head.unix_ns <= end_ns:
+            yield picture
 
 
 def decoded(picture: Picture) -> Image:
@@ -39,10 +54,10 @@ def decoded(picture: Picture) -> Image:
     return np.asarray(image, np.uint8)
 
 
-def readings(steps: Iterable[Step]) -> dict[tuple[str, int], VisionReading]:
-    """What vision reported of each frame, by the gateway's start (`boot`) and the frame's number."""
+def readings(steps: Iterable[Step]) -> dict[tuple[int, int], VisionReading]:
+    """What vision reported of each frame, by its number and capture time (monotonic ns)."""
     found = {}
     for step in steps:
         if isinstance(step.observation, VisionReading) and step.observation.frame_id:
-            found[step.place.head.boot, step.observation.frame_id] = step.observation
+            found[step.observation.frame_id, step.observation.t_ns] = step.observation
     return found

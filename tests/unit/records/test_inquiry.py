@@ -6,11 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-import cv2
 import msgspec
-import numpy as np
 import pytest
 
 from gateway.cli.main import main
@@ -20,75 +17,16 @@ from gateway.core.plc import Control
 from gateway.core.state import FunctionCheck, Reason
 from gateway.errors import ConfigError
 from gateway.records import moment, names
-from gateway.records.collector import Collector
 from gateway.records.factors import Factor
 from gateway.records.inquiry import Answer, Inquiry
-from gateway.records.names import PICTURES, SEGMENT, FileName
-from gateway.records.segment import Head, PictureHead, head_block, picture_block, records_block
-from gateway.records.service import head_of
+from gateway.records.names import SEGMENT, FileName
+from gateway.records.segment import head_block
+from tests.recorded_bay import BEGIN_NS, CONFIG, NEAR, T0_NS, Recorded, S, recorded, unix
 from tests.self_contained import fetches_nothing
-from tests.visit_bench import Bench, Levels, gateway, truck
-
-S = 1_000_000_000
-BEGIN_NS = 1_795_400_000 * S  # 2026-11-23T02:13:20Z
-T0_NS = 996 * S  # the bench's clock at its start
-NEAR = {"distance_cm": 70, "speed_cm_s": 50, "hold_s": 600}
-CONFIG = gateway()
+from tests.visit_bench import Bench, Levels, truck
 
 
-class Folder:
-    """Segments of 20 s and their pictures, as a recorder would have written them."""
-
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / "site.gateway" / "bay1"
-        self.path.mkdir(parents=True)
-        self.collector = Collector(lambda: 0)
-        self.number = 0
-        self.batch = 0
-
-    def head(self, boot: str, t_ns: int) -> Head:
-        head = head_of(CONFIG, CONFIG.bays[0], boot)
-        return msgspec.structs.replace(head, number=self.number, t_ns=t_ns, unix_ns=unix(t_ns))
-
-    def write(self, t_ns: int, boot: str = "a") -> Path:
-        """What was collected, as one segment that begins at `t_ns`."""
-        self.number += 1
-        blocks = [head_block(self.head(boot, t_ns))]
-        while (chunk := self.collector.take()) is not None:
-            self.batch += 1
-            blocks.append(records_block(self.batch, chunk.records))
-        path = self.path / str(FileName(self.number, unix(t_ns) // S, SEGMENT))
-        path.write_bytes(b"".join(blocks))
-        return path
-
-    def picture(self, t_ns: int, frame_id: int, why: str) -> None:
-        self.number += 1
-        image = np.full((48, 64, 3), 90, np.uint8)
-        cv2.circle(image, (32, 24), 9, (0, 0, 255), -1)
-        data = cv2.imencode(".png", image)[1].tobytes()
-        head = PictureHead(frame_id, t_ns, unix(t_ns), "png", why=(why,))
-        path = self.path / str(FileName(self.number, unix(t_ns) // S + 3, PICTURES))
-        path.write_bytes(head_block(self.head("a", t_ns)) + picture_block(head, data))
-
-
-def unix(t_ns: int) -> int:
-    return BEGIN_NS + t_ns - T0_NS
-
-
-def recorded(folder: Path, *, until_s: float = 70, faults: tuple[dict[str, Any], ...] = ()) -> tuple[Folder, Bench]:
-    """A truck that waits at 70 cm, in segments of 20 s."""
-    kept = Folder(folder)
-    bench = Bench(truck(NEAR, faults=faults), CONFIG, record=kept.collector)
-    begin_ns = bench.now_ns
-    while bench.t_s < until_s:
-        bench.run(bench.t_s + 20)
-        kept.collector.begin()
-        kept.write(begin_ns)
-        begin_ns = bench.now_ns
-    return kept, bench
-
-
-def at(folder: Folder, t_s: float) -> Answer:
+def at(folder: Recorded, t_s: float) -> Answer:
     """The answer for a world time."""
     return Inquiry(folder.path).at(unix(round((t_s + 1000) * S)))
 
@@ -97,7 +35,7 @@ FREEZE = ({"kind": "camera_freeze", "at_s": 45, "for_s": 3},)
 
 
 @pytest.fixture(scope="module")
-def frozen(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+def frozen(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     """The camera freezes from 45 s to 48 s; a picture of each."""
     folder, _ = recorded(tmp_path_factory.mktemp("records"), faults=FREEZE)
     folder.picture(round(1044.9 * S), 1347, "sensor_fault")
@@ -115,7 +53,7 @@ def utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 class TestTheMoment:
-    def test_what_keeps_stop_on_and_since_when(self, frozen: Folder) -> None:
+    def test_what_keeps_stop_on_and_since_when(self, frozen: Recorded) -> None:
         answer = at(frozen, 47)
         assert answer.state is not None
         assert answer.state.reason is Reason.VISION_STALE
@@ -126,7 +64,7 @@ class TestTheMoment:
         assert (answer.silence, answer.missing, answer.differing) == ("", (), 0)
         assert any("stop 1 -> 0" in link.what for link in answer.after)
 
-    def test_the_window_is_replayed_across_segments(self, frozen: Folder) -> None:
+    def test_the_window_is_replayed_across_segments(self, frozen: Recorded) -> None:
         answer = at(frozen, 47)
         times = [moment.unix_ns(step.place.head, step.state.t_ns) for step in answer.steps]
         assert times[0] == pytest.approx(unix(1017 * S), abs=0.1 * S)
@@ -141,7 +79,7 @@ class TestTheMoment:
         assert [link.why.split(",")[0] for link in answer.chain if not link.what] == ["the newest frame"]
         assert answer.chain[-1].what == "stop 0 -> 1, may_move 1 -> 0, reason none -> vision_stale"
 
-    def test_a_start_ends_the_search(self, frozen: Folder) -> None:
+    def test_a_start_ends_the_search(self, frozen: Recorded) -> None:
         answer = at(frozen, -3.9)
         assert answer.chain[0].why == "the gateway started"
         assert answer.since_ns == pytest.approx(unix(996 * S), abs=0.02 * S)
@@ -149,7 +87,7 @@ class TestTheMoment:
 
 class TestWhatIsMissing:
     def test_a_gateway_that_was_killed_and_started_again(self, tmp_path: Path) -> None:
-        folder = Folder(tmp_path)
+        folder = Recorded(tmp_path)
         bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
         bench.run(10)
         folder.write(T0_NS)
@@ -166,7 +104,7 @@ class TestWhatIsMissing:
         assert (answer.state.reason, answer.causes[0].factor) == (Reason.GATEWAY_FAULT, Factor.GATEWAY)
 
     def test_one_that_was_shut_down(self, tmp_path: Path) -> None:
-        folder = Folder(tmp_path)
+        folder = Recorded(tmp_path)
         bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
         bench.run(10)
         folder.collector(None, forced_stop(bench.state, Reason.SHUTDOWN, bench.now_ns), [])
@@ -176,7 +114,7 @@ class TestWhatIsMissing:
         assert answer.causes[0].factor is Factor.SHUTDOWN
 
     def test_a_control_task_that_stood_still(self, tmp_path: Path) -> None:
-        folder = Folder(tmp_path)
+        folder = Recorded(tmp_path)
         bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
         bench.run(10)
         bench._ticks += 300  # three seconds without a step
@@ -188,8 +126,8 @@ class TestWhatIsMissing:
         )
         assert answer.causes[0].factor is Factor.GATEWAY
 
-    def test_damage_is_named_and_nothing_is_claimed(self, frozen: Folder, tmp_path: Path) -> None:
-        folder = Folder(tmp_path)
+    def test_damage_is_named_and_nothing_is_claimed(self, frozen: Recorded, tmp_path: Path) -> None:
+        folder = Recorded(tmp_path)
         for path in sorted(frozen.path.glob("*.seg")):
             data = bytearray(path.read_bytes())
             if path.name.startswith("00000002"):
@@ -201,16 +139,16 @@ class TestWhatIsMissing:
         assert answer.causes == ()
 
     def test_another_version_s_decision_is_not_passed_off_as_the_recorded_one(
-        self, frozen: Folder, monkeypatch: pytest.MonkeyPatch
+        self, frozen: Recorded, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         real = interlock.step
         monkeypatch.setattr(interlock, "step", lambda *of: replace(real(*of), reason=Reason.NO_ECHO))
         assert at(frozen, 40).differing > 0
 
 
-def test_a_clock_that_was_put_back_does_not_hide_what_is_recorded(frozen: Folder, tmp_path: Path) -> None:
+def test_a_clock_that_was_put_back_does_not_hide_what_is_recorded(frozen: Recorded, tmp_path: Path) -> None:
     """The newest segment with the moment counts; one from 1970 that was written later does not."""
-    folder = Folder(tmp_path)
+    folder = Recorded(tmp_path)
     for path in frozen.path.glob("*.seg"):
         (folder.path / path.name).write_bytes(path.read_bytes())
     head = msgspec.structs.replace(folder.head("z", 0), unix_ns=5 * S)
@@ -221,7 +159,7 @@ def test_a_clock_that_was_put_back_does_not_hide_what_is_recorded(frozen: Folder
 
 
 class TestTheVerb:
-    def test_words(self, frozen: Folder, capsys: pytest.CaptureFixture[str], utc: None) -> None:
+    def test_words(self, frozen: Recorded, capsys: pytest.CaptureFixture[str], utc: None) -> None:
         assert main(["why", "02:14:11", "--records", str(frozen.path.parent)]) == 0
         said = capsys.readouterr().out
         assert said.startswith("bay1, 2026-11-23 02:14:11.000+00:00 (")
@@ -232,7 +170,7 @@ class TestTheVerb:
         assert "fusion.vision_deadline_s      0.3" in said
         assert "pictures: 2, 02:14:08.900 to 02:14:12.500" in said
 
-    def test_json(self, frozen: Folder, capsys: pytest.CaptureFixture[str], utc: None) -> None:
+    def test_json(self, frozen: Recorded, capsys: pytest.CaptureFixture[str], utc: None) -> None:
         assert main(["why", "2026-11-23", "02:14:11", "--records", str(frozen.path), "--json"]) == 0
         said = json.loads(capsys.readouterr().out)
         assert said["outputs"]["stop"] == "on"
@@ -245,7 +183,7 @@ class TestTheVerb:
         assert [picture["frame_id"] for picture in said["pictures"]] == [1347, 1455]
 
     def test_the_page_is_one_file_with_its_pictures(
-        self, frozen: Folder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+        self, frozen: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         page = tmp_path / "why.html"
         asked = datetime.fromtimestamp(BEGIN_NS / S + 51).astimezone().isoformat()
@@ -270,12 +208,12 @@ class TestTheVerb:
         ],
     )
     def test_errors_say_what_is_recorded(
-        self, frozen: Folder, asked: str, words: str, capsys: pytest.CaptureFixture[str], utc: None
+        self, frozen: Recorded, asked: str, words: str, capsys: pytest.CaptureFixture[str], utc: None
     ) -> None:
         assert main(["why", asked, "--records", str(frozen.path)]) == 2
         assert words in capsys.readouterr().err
 
-    def test_which_bay(self, frozen: Folder, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_which_bay(self, frozen: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         root = tmp_path / "records" / "site.gateway"
         for bay in ("bay1", "bay2"):
             (root / bay).mkdir(parents=True)
@@ -298,7 +236,7 @@ class TestTheVerb:
 
 
 def test_who_did_what(tmp_path: Path, capsys: pytest.CaptureFixture[str], utc: None) -> None:
-    folder = Folder(tmp_path)
+    folder = Recorded(tmp_path)
     bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
     plc = Levels(bench)
     bench.run(5)
@@ -366,5 +304,5 @@ class TestTimes:
             moment.resolved(moment.parsed("02:30"), spring, spring + 6 * 3600 * S)
 
 
-def test_names_of_files_are_those_of_the_recorder(frozen: Folder) -> None:
+def test_names_of_files_are_those_of_the_recorder(frozen: Recorded) -> None:
     assert all(names.parsed(path.name) for path in frozen.path.iterdir())

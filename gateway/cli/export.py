@@ -1,0 +1,79 @@
+"""Write a recording in formats that other programs read: CSV, MCAP (Foxglove), labelled pictures.
+
+The states are decided again from what was recorded, as `gateway replay` does.
+
+examples:
+  gateway export bay1 --csv out/                        states.csv and events.csv
+  gateway export bay1 --csv out/ --hz 2 --from 03:00 --to 03:30
+  gateway export bay1 --mcap bay1.mcap                  states, events and pictures; opens in Foxglove
+  gateway export bay1 --pictures labelled/              for `gateway evaluate labelled/` and `gateway tune`
+--mcap needs the optional library: pip install 'plc-loading-gateway[mcap]'
+Labels are those of the recorded detection: look at them before you measure with them.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gateway.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gateway.records.excerpt import Excerpt
+
+NAME = "export"
+HELP = "write a recording as CSV, MCAP or labelled pictures"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of one bay")
+    parser.add_argument("--csv", type=Path, metavar="DIR", help="states.csv and events.csv")
+    parser.add_argument("--mcap", type=Path, metavar="FILE", help="one file for Foxglove")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="pictures with labels.jsonl")
+    parser.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
+    parser.add_argument("--to", dest="end", metavar="TIME", help="default: the end")
+    parser.add_argument(
+        "--hz", type=float, metavar="N", help="at most so many states a second, and every change (default: every step)"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """0: written; 1: something is missing in the recording, or this version decides otherwise. Raises ConfigError."""
+    from gateway.cli import vision_args
+
+    vision_args.quiet_opencv()
+    from gateway.records.excerpt import Excerpt
+
+    if args.csv is None and args.mcap is None and args.pictures is None:
+        raise ConfigError("nothing to write: add --csv DIR, --mcap FILE or --pictures DIR")
+    if args.hz is not None and not 0.001 <= args.hz <= 1000:
+        raise ConfigError(f"--hz {args.hz:g}: must be 0.001 to 1000")
+    excerpt = Excerpt.of(args.recording, args.begin, args.end, args.hz)
+    for line in _written(args, excerpt):
+        print(line)
+    for why in excerpt.missing:
+        print(f"missing: {why}")
+    if excerpt.differing:
+        print(f"{excerpt.differing} records were decided otherwise by the version that recorded them")
+    return int(bool(excerpt.missing or excerpt.differing))
+
+
+def _written(args: argparse.Namespace, excerpt: "Excerpt") -> Iterator[str]:
+    try:
+        if args.csv is not None:
+            from gateway.records import csv_files
+
+            states, events = csv_files.write(args.csv, excerpt)
+            yield f"{args.csv}: {states} states, {events} events"
+        if args.mcap is not None:
+            from gateway.records import mcap_file
+
+            states, events, pictures = mcap_file.write(args.mcap, excerpt)
+            yield f"{args.mcap}: {states} states, {events} events, {pictures} pictures"
+        if args.pictures is not None:
+            from gateway.records import labelled_pictures
+
+            pictures, labels = labelled_pictures.write(args.pictures, excerpt)
+            yield f"{args.pictures}: {pictures} pictures, {labels} with a label from the recorded detection: check them"
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.filename or ''}: {error.strerror}") from error

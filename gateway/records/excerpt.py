@@ -1,0 +1,184 @@
+"""Part of a recording to be written in another format: states, events and pictures from one moment to another. IO."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gateway.core.plc import PlcConnection, PlcWrite
+from gateway.core.readings import RangeReading, VisionReading
+from gateway.core.state import FunctionCheck, Tick
+from gateway.errors import ConfigError
+from gateway.records import moment, names, picture_search, recording
+from gateway.records.moment import unix_ns
+from gateway.records.record import Decision, EventRecord, FrameRecord, outputs
+from gateway.records.recorded_rules import RecordedRules
+from gateway.records.recording import Item, Missing
+from gateway.records.replay import Difference, Replay, Step
+from gateway.records.segment import Picture
+
+NS_PER_S = 1_000_000_000
+Value = str | int | float | bool | None
+Row = dict[str, Value]
+ENTERED = (
+    (VisionReading, "frame"), (RangeReading, "distance"), (PlcWrite, "write"), (PlcConnection, "connection"),
+    (FunctionCheck, "function_check"), (Tick, "tick"),
+)  # fmt: skip
+
+
+@dataclass(slots=True)
+class Excerpt:
+    """`begin_ns`, `end_ns`: Unix. `hz`: states a second at most, beside every change of the outputs; None: all.
+
+    `missing` and `differing` are complete when `moments` has ended. It may be called more than once.
+    """
+
+    folder: Path
+    paths: list[Path]
+    begin_ns: int
+    end_ns: int
+    hz: float | None = None
+    missing: list[str] = field(default_factory=list)
+    differing: int = 0
+
+    @staticmethod
+    def of(folder: Path, begin: str | None, end: str | None, hz: float | None = None) -> "Excerpt":
+        """Times as people write them (moment.py); None: the recording's own. Raises ConfigError."""
+        paths = recording.segments_of([folder])
+        first_ns, last_ns = _span(paths)
+        begin_ns, end_ns = first_ns, last_ns
+        if begin is not None:
+            begin_ns = moment.resolved(moment.parsed(begin), first_ns, last_ns)
+        if end is not None:
+            asked = moment.parsed(end)
+            end_ns = moment.resolved(asked, first_ns, last_ns)
+            end_ns += round(asked.length_s * NS_PER_S) if asked.length_s < 60 else 0  # to 03:30: its first moment
+        if end_ns < begin_ns:
+            raise ConfigError(f"--to {moment.shown(end_ns)} is before --from {moment.shown(begin_ns)}")
+        return Excerpt(folder, paths, begin_ns, end_ns, hz)
+
+    def moments(self) -> Iterator[Step | tuple[int, EventRecord]]:
+        """The steps, at most `hz` a second and those that change the outputs, and the events (with Unix ns)."""
+        self.missing, self.differing = [], 0
+        replay = Replay(RecordedRules())
+        newest_ns: int | None = None
+        last: tuple[object, ...] = ()
+        events: list[tuple[int, EventRecord]] = []
+        for found in replay.run(self._items(events)):
+            while events:
+                at_ns, event = events.pop(0)
+                if self.begin_ns <= at_ns <= self.end_ns:
+                    yield at_ns, event
+            if isinstance(found, Difference):
+                self.differing += self.begin_ns <= unix_ns(found.place.head, found.t_ns) <= self.end_ns
+                continue
+            at_ns = unix_ns(found.place.head, found.state.t_ns)
+            if not self.begin_ns <= at_ns <= self.end_ns:
+                continue
+            now = outputs(Decision.of(found.state))
+            due = self.hz is None or newest_ns is None or at_ns - newest_ns >= NS_PER_S / self.hz
+            if due or now != last:
+                newest_ns = at_ns if due else newest_ns
+                last = now
+                yield found
+        yield from ((t, e) for t, e in events if self.begin_ns <= t <= self.end_ns)
+        self.missing = replay.missing
+
+    def pictures(self) -> Iterator[Picture]:
+        """Those kept of that time, in their order."""
+        return picture_search.pictures_near(self.folder, self.begin_ns, self.end_ns)
+
+    def readings(self) -> dict[tuple[int, int], VisionReading]:
+        """What vision reported of each frame, by its number and capture time (monotonic ns)."""
+        found = {}
+        for item in self._items([]):
+            if not isinstance(item, Missing) and isinstance(record := item[1], FrameRecord):
+                found[record.reading.frame_id, record.reading.t_ns] = record.reading
+        return found
+
+    def _items(self, events: list[tuple[int, EventRecord]]) -> Iterator[Item | Missing]:
+        for item in recording.records(self._needed()):
+            if not isinstance(item, Missing):
+                place, record = item
+                at_ns = unix_ns(place.head, record.t_ns)
+                if isinstance(record, EventRecord):
+                    events.append((at_ns, record))
+                elif at_ns > self.end_ns + 60 * NS_PER_S:
+                    break
+            yield item
+
+    def _needed(self) -> list[Path]:
+        """Without the segments that end before the excerpt begins, by the names of those behind them."""
+        begins = [name.unix_s for path in self.paths if (name := names.parsed(path.name)) is not None]
+        first = max((n for n, unix_s in enumerate(begins) if (unix_s + 60) * NS_PER_S < self.begin_ns), default=0)
+        return self.paths[first:]
+
+
+def state_row(step: Step) -> Row:
+    """One state, flat: units are in the names, empty is not known."""
+    state, at_ns = step.state, unix_ns(step.place.head, step.state.t_ns)
+    vision, rng, circle = state.vision, state.range, state.vision.circle
+    entered = next((name for kind, name in ENTERED if isinstance(step.observation, kind)), "start")
+    return {
+        "time": moment.shown(at_ns),
+        "unix_s": round(at_ns / NS_PER_S, 6),
+        "seq": state.seq,
+        "heartbeat": state.heartbeat,
+        "entered": entered,
+        "stop": int(state.stop),
+        "may_move": int(state.may_move),
+        "in_place": int(state.in_place),
+        "moved": state.visit.moved.name.lower(),
+        "reason": state.reason.name.lower(),
+        "d": None if state.d is None else int(state.d),
+        "phase": state.visit.phase.name.lower(),
+        "guidance": state.guidance.code.name.lower(),
+        "vision": vision.quality.name.lower(),
+        "frame_id": vision.frame_id,
+        "frame_age_ms": _ms(state.t_ns - vision.t_ns),
+        "tracking": vision.tracking.name.lower(),
+        "radius_px": _rounded(circle and circle.radius_px),
+        "u_px": _rounded(circle and circle.u_px),
+        "v_px": _rounded(circle and circle.v_px),
+        "range": rng.quality.name.lower(),
+        "range_age_ms": _ms(state.t_ns - rng.t_ns),
+        "distance_mm": _rounded(rng.distance_mm),
+        "closing_mm_s": _rounded(state.guidance.closing_mm_s),
+        "plc": state.plc.link.name.lower(),
+        "plc_heartbeat": state.plc.heartbeat,
+        "plc_control": state.plc.control,
+        "recipe": state.plc.recipe,
+        "latched": int(state.memory.latched),
+        "function_check": state.function_check.name.lower(),
+    }
+
+
+def event_row(at_ns: int, event: EventRecord) -> Row:
+    return {
+        "time": moment.shown(at_ns),
+        "unix_s": round(at_ns / NS_PER_S, 6),
+        "kind": event.kind,
+        "sensor": event.sensor,
+        "quality": event.quality.name.lower(),
+        "detail": event.detail,
+    }
+
+
+def _span(paths: list[Path]) -> tuple[int, int]:
+    def times(path: Path) -> list[int]:
+        dated = (item for item in recording.records([path]) if not isinstance(item, Missing))
+        return [unix_ns(place.head, record.t_ns) for place, record in dated]
+
+    first = next((found[0] for path in paths if (found := times(path))), None)
+    last = next((found[-1] for path in reversed(paths) if (found := times(path))), None)
+    if first is None or last is None:
+        raise ConfigError(f"{paths[0].parent}: no record in it can be read")
+    return first, last
+
+
+def _ms(ns: int) -> float:
+    return round(ns / 1e6, 1)
+
+
+def _rounded(value: Any) -> float | None:
+    return None if value is None else round(float(value), 3)

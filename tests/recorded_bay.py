@@ -1,0 +1,74 @@
+"""A bay's recording on disk, as a recorder would have written it, of the bench's virtual time."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+
+from gateway.records.collector import Collector
+from gateway.records.names import PICTURES, SEGMENT, FileName
+from gateway.records.segment import Head, PictureHead, head_block, picture_block, records_block
+from gateway.records.service import head_of
+from gateway.vision.pixels import Image
+from tests.visit_bench import Bench, gateway, truck
+
+S = 1_000_000_000
+BEGIN_NS = 1_795_400_000 * S  # 2026-11-23T02:13:20Z
+T0_NS = 996 * S  # the bench's clock at its start
+NEAR = {"distance_cm": 70, "speed_cm_s": 50, "hold_s": 600}
+CONFIG = gateway()
+
+
+class Recorded:
+    """Segments of 20 s and their pictures, as a recorder would have written them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "site.gateway" / "bay1"
+        self.path.mkdir(parents=True)
+        self.collector = Collector(lambda: 0)
+        self.number = 0
+        self.batch = 0
+
+    def head(self, boot: str, t_ns: int) -> Head:
+        head = head_of(CONFIG, CONFIG.bays[0], boot)
+        return msgspec.structs.replace(head, number=self.number, t_ns=t_ns, unix_ns=unix(t_ns))
+
+    def write(self, t_ns: int, boot: str = "a") -> Path:
+        """What was collected, as one segment that begins at `t_ns`."""
+        self.number += 1
+        blocks = [head_block(self.head(boot, t_ns))]
+        while (chunk := self.collector.take()) is not None:
+            self.batch += 1
+            blocks.append(records_block(self.batch, chunk.records))
+        path = self.path / str(FileName(self.number, unix(t_ns) // S, SEGMENT))
+        path.write_bytes(b"".join(blocks))
+        return path
+
+    def picture(self, t_ns: int, frame_id: int, why: str, image: Image | None = None) -> None:
+        self.number += 1
+        if image is None:
+            image = np.full((48, 64, 3), 90, np.uint8)
+            cv2.circle(image, (32, 24), 9, (0, 0, 255), -1)
+        data = cv2.imencode(".png", image)[1].tobytes()
+        head = PictureHead(frame_id, t_ns, unix(t_ns), "png", why=(why,))
+        path = self.path / str(FileName(self.number, unix(t_ns) // S + 3, PICTURES))
+        path.write_bytes(head_block(self.head("a", t_ns)) + picture_block(head, data))
+
+
+def unix(t_ns: int) -> int:
+    return BEGIN_NS + t_ns - T0_NS
+
+
+def recorded(folder: Path, *, until_s: float = 70, faults: tuple[dict[str, Any], ...] = ()) -> tuple[Recorded, Bench]:
+    """A truck that waits at 70 cm, in segments of 20 s."""
+    kept = Recorded(folder)
+    bench = Bench(truck(NEAR, faults=faults), CONFIG, record=kept.collector)
+    begin_ns = bench.now_ns
+    while bench.t_s < until_s:
+        bench.run(bench.t_s + 20)
+        kept.collector.begin()
+        kept.write(begin_ns)
+        begin_ns = bench.now_ns
+    return kept, bench
