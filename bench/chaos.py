@@ -90,7 +90,8 @@ def planned(seed: int, number: int, names: str = "") -> Planned:
     faults = [first]
     if chance.random() < SECOND_FAULT_SHARE:
         second = chance.choice(there)
-        if second is not first and not (first.restart or second.restart):
+        one_broker = "roker" in first.name and "roker" in second.name  # one cannot be stopped that was killed
+        if second is not first and not (first.restart or second.restart or one_broker):
             faults.append(second)
     wait_s, lasts_s = chance.uniform(0.5, 6.0), chance.uniform(first.least_s, first.most_s)
     return Planned(number, tuple(faults), wait_s, lasts_s, chance.choice(MOMENTS), chance.uniform(0.0, 0.8))

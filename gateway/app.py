@@ -216,7 +216,7 @@ async def run(
             lambda bay: controls[bay].state(),
             parts.conditions,
             clock,
-            _log_alarm,
+            partial(_on_alarm, recorder),
         )
         tasks.append(Task("alarms", alarm_monitor.run))
         hmi_url: str | None = None
@@ -261,7 +261,8 @@ def _on_range(control: BayControl, vision: VisionService, reading: RangeReading)
     vision.expect(control.marker_radii_px())
 
 
-def _log_alarm(change: AlarmChange) -> None:
+def _on_alarm(recorder: RecorderService, change: AlarmChange) -> None:
+    recorder.on_alarm(change)
     log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change)
 
 

@@ -99,6 +99,12 @@ class BayControl:
         changed = Event(EventKind.SETTINGS_CHANGED, self.name, now_ns, state, detail=f"{who}: {what}")
         self._report(self._hub.state(self.name), [changed])
 
+    def mark(self, note: str, who: Writer) -> None:
+        """A person wants this moment to be looked at later: an event, with pictures where they are recorded."""
+        now_ns, state = self._clock.now_ns(), self.state()
+        marked = Event(EventKind.OPERATOR_MARK, self.name, now_ns, state, detail=f"{who}: {note}" if note else str(who))
+        self._report(self._hub.state(self.name), [marked])
+
     async def run(self) -> None:
         """Tick for ever: ages grow, the heartbeat counts."""
         period_ns = round(self._config.period_s * NS_PER_S)

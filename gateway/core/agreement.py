@@ -9,6 +9,13 @@ compared with the ranger's. Where it is not, three rules need no constant of the
 
 Until the first or the last of them has been confirmed in a visit, a circle far too small for D = 1 is not believed at a
 distance short enough for it: it may be a lamp, with the marker covered.
+
+What was seen before may itself have been wrong, and then the truck contradicts it. So a contradiction ends, too:
+
+- where R has followed Z before, and the newest pairs have left that R Z bit by bit: when R Z is as it was then;
+- where R has not followed Z yet, and D = 0: when R follows Z at another R Z that stays constant and is larger. What is
+  not the marker makes R Z smaller: an echo is that of something nearer, a lamp or the rest of a covered marker is a
+  smaller circle. What stays where it is follows nothing.
 """
 
 import math
@@ -28,6 +35,7 @@ MAX_PAIRS = 15  # of them are kept
 DOUBT_MM = 600.0  # a truck arrives from farther away, so that R has followed Z by then, also where Z_th is larger
 FOLLOW_Z = 1.5
 FOLLOW_R = 1.03  # far less than FOLLOW_Z, for the camera may stand two metres behind the ranger
+FOLLOW_SURELY = 1.2  # so much of FOLLOW_Z ends a contradiction: with a camera half a metre behind the ranger at most
 
 Pair = tuple[float, float]  # R in px, Z in mm
 
@@ -52,7 +60,7 @@ def without_marker(memory: FusionMemory, config: FusionConfig) -> FusionMemory:
     """No truck is there: what was seen of the last one is not that of the next."""
     if config.cross_check is not None or not (memory.pairs or memory.marker_confirmed):
         return memory
-    return _agreed(replace(memory, pairs=(), followed=None, marker_confirmed=False))
+    return _agreed(replace(_without_others(memory), pairs=(), followed=None, marker_confirmed=False))
 
 
 def _cross_check(
@@ -88,12 +96,17 @@ def _constant(
     tolerance = config.scale_tolerance
     expected_px = expected_radius_px(memory.scale, rng.distance_mm, tolerance)
     if expected_px is not None:
+        memory = _without_others(memory)
         # What was learned from visit to visit is believed before the newest pairs, which may be of something else.
         fits = expected_px[0] <= pair[0] <= expected_px[1]
         memory = replace(memory, marker_confirmed=True) if fits and not memory.marker_confirmed else memory
         restart = fits and not _alike(memory.pairs, pair, tolerance)
         memory = replace(memory, pairs=(), followed=None) if restart else memory
     else:
+        if _alike(memory.pairs, pair, tolerance):
+            memory = _without_others(memory)
+        else:
+            memory = (_returned if memory.marker_confirmed else _other)(memory, pair, tolerance)
         fits = _alike(memory.pairs, pair, tolerance) and not _implausible(memory, pair, config)
     if fits:
         memory, fits = _followed(replace(memory, pairs=(*memory.pairs, pair)[-MAX_PAIRS:]))
@@ -118,16 +131,58 @@ def _followed(memory: FusionMemory) -> tuple[FusionMemory, bool]:
     """Has R changed with Z, since Z was last judged? Of medians: a glitch is no change."""
     if len(memory.pairs) < MIN_PAIRS:
         return memory, True
-    radius_px, distance_mm = median(r for r, _ in memory.pairs), median(z for _, z in memory.pairs)
+    now = _middle(memory.pairs)
     if memory.followed is None:
-        return replace(memory, followed=(radius_px, distance_mm)), True
-    was_px, was_mm = memory.followed
-    if was_mm / FOLLOW_Z < distance_mm < was_mm * FOLLOW_Z:
+        return replace(memory, followed=now), True
+    growth = _growth(memory.followed, now)
+    if growth is None:
         return memory, True
-    growth = radius_px / was_px if distance_mm < was_mm else was_px / radius_px
     if growth < FOLLOW_R:
         return memory, False
-    return replace(memory, followed=(radius_px, distance_mm), marker_confirmed=True), True
+    return replace(memory, followed=now, marker_confirmed=True), True
+
+
+def _middle(pairs: tuple[Pair, ...]) -> Pair:
+    return median(r for r, _ in pairs), median(z for _, z in pairs)
+
+
+def _growth(was: Pair, now: Pair) -> float | None:
+    """R of the nearer one, by R of the farther one; None: Z has not changed by FOLLOW_Z."""
+    near, far = (now, was) if now[1] < was[1] else (was, now)
+    if far[1] < FOLLOW_Z * near[1]:
+        return None
+    return near[0] / far[0] if far[0] > 0 else math.inf
+
+
+def _returned(memory: FusionMemory, pair: Pair, tolerance: float) -> FusionMemory:
+    """The memory after a pair that does not fit `pairs`, where R has followed Z: is R Z as it was then?"""
+    followed = memory.followed
+    if followed is None or _alike(memory.pairs, followed, tolerance):
+        return memory
+    back = _alike((followed,) * MIN_PAIRS, pair, tolerance)
+    return replace(memory, pairs=(pair,) * MIN_PAIRS) if back else memory
+
+
+def _other(memory: FusionMemory, pair: Pair, tolerance: float) -> FusionMemory:
+    """The memory after a pair that does not fit `pairs`, which nothing has confirmed: were those of something else?"""
+    if memory.d or pair[0] * pair[1] < median(r * z for r, z in memory.pairs):
+        return _without_others(memory)
+    fits = _alike(memory.others, pair, tolerance)
+    others = (*memory.others, pair)[-MAX_PAIRS:] if fits else (pair,)
+    if len(others) < MIN_PAIRS:
+        return replace(memory, others=others, others_from=None)
+    now = _middle(others)
+    was = memory.others_from or now
+    growth = _growth(was, now)
+    if growth is None:
+        return replace(memory, others=others, others_from=was)
+    if growth < FOLLOW_SURELY or not _alike((was,) * MIN_PAIRS, now, tolerance):
+        return replace(memory, others=others, others_from=now)
+    return replace(_without_others(memory), pairs=others, followed=now, marker_confirmed=True)
+
+
+def _without_others(memory: FusionMemory) -> FusionMemory:
+    return replace(memory, others=(), others_from=None) if memory.others else memory
 
 
 def _agreed(memory: FusionMemory) -> FusionMemory:

@@ -35,6 +35,7 @@ class EventKind(StrEnum):
     FUNCTION_CHECK_BEGUN = "function_check_begun"
     FUNCTION_CHECK_ENDED = "function_check_ended"
     SETTINGS_CHANGED = "settings_changed"
+    OPERATOR_MARK = "operator_mark"
 
 
 @dataclass(frozen=True, slots=True)

@@ -142,7 +142,7 @@ def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int
     """A write to recipe_select, judged on the state before it. New thresholds must never end a stop by D."""
     if asked == plc.recipe:
         verdict = RecipeVerdict.ACTIVE
-    elif asked != 0 and asked not in known:
+    elif asked not in known:
         verdict = RecipeVerdict.UNKNOWN
     elif state.memory.d or state.memory.latched:  # memory.d outlives a sensor's fault; the cause may still be there
         verdict = RecipeVerdict.STOP_STANDS

@@ -100,6 +100,8 @@ class FusionMemory:
     range_failure: Failure = Failure()
     pairs: tuple[tuple[float, float], ...] = ()  # (R px, Z mm), the newest that fit each other, oldest first
     followed: tuple[float, float] | None = None  # R and Z when R was last seen to follow Z
+    others: tuple[tuple[float, float], ...] = ()  # as `pairs`, the newest that fit each other and not those
+    others_from: tuple[float, float] | None = None  # R and Z when they began
     marker_confirmed: bool = False  # of this visit: R has followed Z, or fitted what was learned
     scale_samples: tuple[ScaleSample, ...] = ()  # one a visit, oldest first; outlives restarts
     scale: MarkerScale | None = None  # learned from them, for the recipe in force

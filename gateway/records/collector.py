@@ -97,6 +97,11 @@ class Collector:
         if t_ns - self._checkpoint_ns >= CHECKPOINT_NS:
             self._checkpoint(state, follows=True)
 
+    def note(self, t_ns: int, kind: str, detail: str) -> None:
+        """Something that is no event of the control step."""
+        if self._bytes <= MAX_PENDING_BYTES and not self._missing:
+            self._add(EventRecord(t_ns=t_ns, kind=kind, detail=detail))
+
     @property
     def pending(self) -> bool:
         """Is there anything to be written?"""

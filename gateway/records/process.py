@@ -28,6 +28,7 @@ from gateway.records.messages import (
     ToRecorder,
     Written,
 )
+from gateway.records.privacy import blurred_outside
 from gateway.records.retention import Limits
 from gateway.records.segment import Head, PictureHead, picture_block, records_block
 from gateway.records.store import Store
@@ -135,11 +136,23 @@ class Recorder:
 
     def _keep(self, bay: _Bay, incident: Incident, now_ns: int) -> None:
         offset_ns = self._offset_ns()
-        encoded = [_png(picture.image) for picture in incident.pictures]
+        region = self._job.config.picture_region_px
+        images = [picture.image for picture in incident.pictures]
+        if region is not None:
+            images = [blurred_outside(image, region) for image in images]
+        encoded = [_png(image) for image in images]
         places = bay.pictures.allowed(incident, [len(data) for data in encoded], now_ns)
         blocks = [
             picture_block(
-                PictureHead(p.seq, p.t_capture_ns, p.t_capture_ns + offset_ns, "png", why=incident.why), encoded[n]
+                PictureHead(
+                    p.seq,
+                    p.t_capture_ns,
+                    p.t_capture_ns + offset_ns,
+                    "png",
+                    incident.why,
+                    "" if region is None else "blurred",
+                ),
+                encoded[n],
             )
             for n, p in enumerate(incident.pictures)
             if n in places

@@ -16,6 +16,8 @@ from platform import python_version
 from typing import NoReturn
 
 from gateway import __version__
+from gateway.alarms.records import AlarmChange
+from gateway.alarms.states import AlarmEvent
 from gateway.bay_file import default_folder
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import BayConfig, GatewayConfig
@@ -58,6 +60,7 @@ KEPT = frozenset(
         EventKind.PLC_LOST,
         EventKind.FUNCTION_CHECK_BEGUN,
         EventKind.FUNCTION_CHECK_ENDED,
+        EventKind.OPERATOR_MARK,
     }
 )
 
@@ -129,6 +132,15 @@ class RecorderService:
         """A listener of the hub: pictures are kept round what people may ask about. Never waits."""
         if event.kind in KEPT and self.folder is not None:
             self.keep(event.bay, event.t_ns, event.kind.value)
+
+    def on_alarm(self, change: AlarmChange) -> None:
+        """Each change of an alarm is recorded, that of the gateway itself with every bay; pictures where one occurs."""
+        bays = self.collectors if change.bay is None else [change.bay]
+        for bay in bays:
+            if bay in self.collectors and not change.by_design:
+                self.collectors[bay].note(change.t_ns, "alarm", str(change))
+                if change.event is AlarmEvent.OCCURS and change.bay is not None:
+                    self.keep(bay, change.t_ns, f"alarm {change.kind}")
 
     def keep(self, bay: str, t_ns: int, why: str) -> None:
         """Keep the pictures round that moment."""

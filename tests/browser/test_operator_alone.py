@@ -290,11 +290,22 @@ def test_acknowledging_sends_what_was_seen_and_the_token(operator: Open, client:
     assert client.posts == [("/api/alarms/bay1.camera_down/acknowledge", "token", {"occurrence": 3})]
 
 
+def test_a_moment_is_marked_with_a_note(operator: Open, client: StandInServer) -> None:
+    page = operator(live([state("bay1")]))
+    page.get_by_role("button", name="Mark this moment").click()
+    page.get_by_label("note for the mark").fill("driver complains")
+    page.get_by_role("button", name="Mark", exact=True).click()
+    until(page, lambda: client.posts)
+    assert client.posts == [("/api/bays/bay1/mark", "token", {"note": "driver complains"})]
+    expect(page.get_by_role("button", name="Mark this moment")).to_be_visible()
+
+
 def test_a_visitor_without_a_name_cannot_acknowledge_and_sees_no_tuning(operator: Open, client: StandInServer) -> None:
     client.session["role"] = "viewer"
     client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
     page = operator(live([broken("bay1")], client.alarms))
     expect(page.get_by_role("button", name="Acknowledge Camera down")).to_be_disabled()
+    expect(page.get_by_role("button", name="Mark this moment")).to_have_count(0)
     expect(page.get_by_role("link", name="Technician")).to_have_count(0)
     expect(page.get_by_role("link", name="Log in")).to_have_attribute("href", "/login?next=/")
 

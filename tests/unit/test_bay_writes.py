@@ -64,6 +64,7 @@ def test_another_master_is_refused_counted_and_reported() -> None:
     assert (plc.heartbeat, plc.control, plc.recipe_asked, plc.writes, plc.conflicts) == (1, 3, 0, 1, 1)
     (event,) = bench.events.drain()
     assert (event.kind, event.writer, event.change) == (EventKind.WRITE_REFUSED, other, None)
+    assert (event.bay, event.t_ns, event.state) == ("bay1", bench.clock.t_ns, bench.hub.state("bay1"))
     assert event.detail == (
         "10.0.0.8: 10.0.0.9 (plc1, role operator) owns the handshake block until its heartbeat is lost"
     )

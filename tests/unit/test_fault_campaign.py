@@ -19,6 +19,12 @@ def test_no_schedule_of_faults_brings_an_unsafe_permit_and_each_recovers(first: 
     assert [(o.schedule.seed, o.unsafe, o.stuck) for o in outcomes if o.failed] == []
 
 
+@pytest.mark.parametrize("seed", [2988, 5469, 8263])
+def test_a_truck_recovers_after_something_before_the_ranger_was_taken_for_it(seed: int) -> None:
+    outcome = play(schedule(seed))
+    assert (outcome.unsafe, outcome.stuck) == ([], "")
+
+
 def test_a_seed_gives_the_same_schedule_and_the_same_run() -> None:
     told: list[list[str]] = [[], []]
     for lines in told:

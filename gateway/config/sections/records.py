@@ -1,8 +1,13 @@
 """`[records]`: what is recorded of each bay, where, and for how long. Pure."""
 
+from typing import Annotated
+
 from pydantic import Field
 
 from gateway.config.strict.section import Section
+
+Pixels = Annotated[int, Field(ge=0, le=20_000)]
+Length = Annotated[int, Field(ge=1, le=20_000)]
 
 
 class RecordsConfig(Section):
@@ -21,6 +26,11 @@ class RecordsConfig(Section):
         description="of the disk, left free: the oldest files are deleted, and then nothing is recorded",
     )
     pictures: bool = Field(True, description="keep pictures round stops, faults, alarms and function checks")
+    picture_region_px: tuple[Pixels, Pixels, Length, Length] | None = Field(
+        None,
+        description="left, top, width, height: outside of it pictures are stored in coarse squares, so that no face "
+        "and no number plate is kept; absent: pictures as they are",
+    )
     picture_days: float = Field(30, ge=0, le=36_500, description="older pictures are deleted; 0: as long as records")
     picture_mb_per_day: int = Field(
         500, ge=1, le=1_000_000, description="for each bay; when it is used up, one picture a time, then none"

@@ -171,6 +171,6 @@ def unpack(kind: WireType, words: Sequence[int], scale: float, order: WordOrder)
         return None if math.isnan(number) else number
     if raw == kind.no_value:
         return None
-    if kind.low < 0 and raw > kind.high:
+    if raw > kind.high:  # a negative one
         raw -= 0x1_0000
-    return raw if scale == 1 else round(raw * scale, 9)
+    return round(raw * scale, 9)

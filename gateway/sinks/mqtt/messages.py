@@ -41,6 +41,7 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.FUNCTION_CHECK_BEGUN: "a technician works on the bay",
     EventKind.FUNCTION_CHECK_ENDED: "the technician has finished",
     EventKind.SETTINGS_CHANGED: "other settings are in force; `detail` has the user and the changes",
+    EventKind.OPERATOR_MARK: "a person wants this moment to be looked at later; `detail` has who, and the note",
 }
 SENSORS = ("vision", "range", "cross_check")
 

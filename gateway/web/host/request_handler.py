@@ -30,9 +30,11 @@ from gateway.web.ipc.messages import (
     MAX_EVENTS,
     MAX_STATES,
     ApplySettings,
+    BayAction,
     BayStatus,
     Command,
     CommandReply,
+    MarkMoment,
     NumberedEvent,
     SetFunctionCheck,
     StateReply,
@@ -129,11 +131,13 @@ class RequestHandler:
         return CommandReply(command.number, _perform(command.action, bay, _clipped(command.who)))
 
 
-def _perform(what: SetFunctionCheck | ApplySettings, bay: BayParts, who: Writer) -> str:
+def _perform(what: BayAction, bay: BayParts, who: Writer) -> str:
     """What is wrong with it; empty: it was done."""
     match what:
         case SetFunctionCheck(mode=mode):
             bay.control.check_function(mode, who)
+        case MarkMoment(note=note):
+            bay.control.mark(note[:MAX_NAME], who)
         case ApplySettings(vision=vision, over=over):
             if bay.control.state().function_check is FunctionCheck.OFF:
                 return "begin a function check first: settings never change in a bay at work"

@@ -70,12 +70,22 @@ class ApplySettings(Message, frozen=True):
     over: VisionConfig | None = None
 
 
+class MarkMoment(Message, frozen=True):
+    """This moment is to be looked at later."""
+
+    bay: str
+    note: str
+
+
+BayAction = SetFunctionCheck | ApplySettings | MarkMoment
+
+
 class Command(Message, frozen=True):
     """An action of a person. `who` has been checked; the main process reports it as an event."""
 
     number: int
     who: Writer
-    action: SetFunctionCheck | ApplySettings | OperatorAction
+    action: BayAction | OperatorAction
 
 
 class ReadFile(Message, frozen=True):

@@ -22,6 +22,7 @@ from gateway.errors import LinkError
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.ipc.messages import MarkMoment
 from gateway.web.server import health, lists, views
 from gateway.web.server.gateway_client import KEPT_EVENTS
 from gateway.web.server.metrics import text as metrics
@@ -32,6 +33,8 @@ from gateway.web.server.models import (
     BayView,
     EventsView,
     HealthView,
+    MarkBody,
+    MarkView,
     RegistersView,
     ShelveBody,
 )
@@ -111,6 +114,20 @@ def _snapshot(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
 
 _snapshot("jpg", "image/jpeg", "the newest frame")
 _snapshot("png", "image/png", "the newest frame, without loss")
+
+
+@ADDRESSES.post(
+    f"{BAY}/mark",
+    Level.VIEWER,
+    "mark this moment: an event, and the pictures round it are kept",
+    Description("mark", MarkView, errors=_NO_BAY),
+)
+async def _mark(services: WebServices, caller: RequestCaller, bay: Bay, body: MarkBody) -> MarkView:
+    try:
+        await services.client.command(MarkMoment(bay.name, body.note), caller.writer)
+    except LinkError as error:
+        raise RefusalError(503, "gateway", str(error)) from None
+    return MarkView(marked=True)
 
 
 @_get("/api/events", "events", "what happened in all bays, the oldest first", EventsView, _WRONG_QUERY)

@@ -22,7 +22,7 @@ from gateway.processes.channel import Channel, Failed
 from gateway.vision.transport.ring import Ring, Snapshot
 from gateway.web.ipc.messages import (
     MAX_STATES,
-    ApplySettings,
+    BayAction,
     BayStatus,
     ChangedOnDiskError,
     Command,
@@ -37,7 +37,6 @@ from gateway.web.ipc.messages import (
     PreviewFile,
     ReadFile,
     SaveFile,
-    SetFunctionCheck,
     StateReply,
     StateRequest,
     SystemStatus,
@@ -177,7 +176,7 @@ class GatewayClient:
         """A copy of frame `seq` of a bay's camera, or of its newest."""
         return self._rings[bay].snapshot(seq)
 
-    async def command(self, action: SetFunctionCheck | ApplySettings | OperatorAction, who: Writer) -> None:
+    async def command(self, action: BayAction | OperatorAction, who: Writer) -> None:
         """Raises RefusedError with the reason, LinkError when the main process does not answer."""
         await self._reply_to(Command(next(self._numbers), who, action))
         if isinstance(action, OperatorAction):

@@ -368,6 +368,20 @@ class AcknowledgeBody(BaseModel):
     note: str = Field("", max_length=MAX_NOTE, description="why; kept with the action")
 
 
+class MarkBody(BaseModel):
+    """A moment that somebody wants to look at later."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    note: str = Field("", max_length=MAX_NOTE, description="why; kept with the event")
+
+
+class MarkView(BaseModel):
+    """The answer to it."""
+
+    model_config = ConfigDict(frozen=True)
+    marked: bool
+
+
 class ShelveBody(AcknowledgeBody):
     """Put an alarm aside for a while."""
 

@@ -1,6 +1,7 @@
 """What a log or an MQTT subscriber gets, for each pair of states."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -10,8 +11,9 @@ from gateway.config import CrossCheck, FusionConfig
 from gateway.core.detection import Circle
 from gateway.core.events import Event, EventKind, diff
 from gateway.core.fusion import initial, step
+from gateway.core.plc import Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import FusionMemory, StateVector, Tick
+from gateway.core.state import MOVED_MEANING, FusionMemory, Moved, StateVector, Tick, TruckPosition, Visit
 from tests.examples import examples
 
 CALM = StateVector(bay="bay3", t_ns=77, stop=False, may_move=True)
@@ -26,7 +28,9 @@ def with_range(quality: Quality, detail: str = "") -> StateVector:
 
 
 def reported(old: StateVector, new: StateVector) -> list[tuple[str, str, Quality, str]]:
-    return [(e.kind.value, e.sensor, e.quality, e.detail) for e in diff(old, new)]
+    found = diff(old, new)
+    assert all((e.bay, e.t_ns, e.state) == (new.bay, new.t_ns, new) for e in found)
+    return [(e.kind.value, e.sensor, e.quality, e.detail) for e in found]
 
 
 def test_nothing_happened() -> None:
@@ -84,6 +88,100 @@ def test_a_disagreement_is_a_fault_of_its_own() -> None:
     assert reported(apart, CALM) == [("sensor_recovered", "cross_check", Quality.GOOD, "")]
     assert reported(apart, replace(apart, memory=FusionMemory())) == reported(apart, CALM)
     assert reported(apart, apart) == []
+
+
+def test_without_a_cross_check_both_values_of_a_disagreement_are_reported() -> None:
+    lamp = VisionReading(0, Quality.GOOD, Circle(40.4, 399.6, 20.04))
+    apart = replace(CALM, memory=FusionMemory(disagree=True), vision=lamp, range=RangeReading(0, Quality.GOOD, 299.6))
+    detail = "R x Z is not that of this marker: Z 300 mm, R 20.0 px at (40, 400)"
+    assert reported(CALM, apart) == [("sensor_fault", "cross_check", Quality.GOOD, detail)]
+    deaf = replace(apart, range=RangeReading(0, Quality.GOOD))
+    assert reported(CALM, deaf) == [("sensor_fault", "cross_check", Quality.GOOD, "")]
+    assert reported(apart, replace(apart, memory=FusionMemory())) == [
+        ("sensor_recovered", "cross_check", Quality.GOOD, "")
+    ]
+
+
+def with_visit(**fields: Any) -> StateVector:
+    return replace(CALM, visit=Visit(**fields))
+
+
+PLACE = TruckPosition(280.4, Circle(320.3, 239.8, 193.04))
+AT_PLACE = "Z 280 mm, R 193.0 px at (320, 240)"
+
+
+def test_a_visit_from_in_place_to_its_end() -> None:
+    placed = with_visit(in_place=True, place=PLACE)
+    released = with_visit(place=PLACE, released=True, ended="released")
+    clear = with_visit(clear_since_ns=70, ended="released")
+    assert reported(CALM, placed) == [("in_place", "", Quality.GOOD, AT_PLACE)]
+    assert reported(placed, released) == [
+        ("in_place_ended", "", Quality.GOOD, "released"),
+        ("released", "", Quality.GOOD, "by the PLC"),
+    ]
+    assert reported(released, clear) == [("visit_ended", "", Quality.GOOD, "the bay is clear")]
+    assert reported(placed, placed) == reported(released, released) == reported(clear, clear) == []
+    assert reported(placed, CALM) == [("in_place_ended", "", Quality.GOOD, "the gateway can't vouch for it")]
+    assert reported(released, CALM) == [], "nothing shows that the bay is clear"
+
+
+def test_a_move_is_reported_with_the_place_before_and_after() -> None:
+    placed = with_visit(in_place=True, place=PLACE)
+    moved = with_visit(place=PLACE, moved=Moved.DISTANCE, ended="moved")
+    now_at = replace(
+        moved,
+        vision=VisionReading(0, Quality.GOOD, Circle(300.0, 240.0, 150.0)),
+        range=RangeReading(0, Quality.GOOD, 361.5),
+    )
+    meaning = MOVED_MEANING[Moved.DISTANCE]
+    assert reported(placed, now_at) == [
+        ("moved", "", Quality.GOOD, f"{meaning}: {AT_PLACE} -> Z 362 mm, R 150.0 px at (300, 240)"),
+        ("in_place_ended", "", Quality.GOOD, "moved"),
+    ]
+    assert reported(placed, moved)[0][3] == f"{meaning}: {AT_PLACE} -> Z unknown, marker not seen"
+    assert reported(moved, moved) == []
+    assert reported(moved, with_visit(place=PLACE)) == [], "a reset ended it"
+
+
+def with_plc(link: PlcLink = PlcLink.ALIVE, **fields: Any) -> StateVector:
+    return replace(CALM, plc=Handshake(link=link, **fields))
+
+
+def of_plc(old: StateVector, new: StateVector) -> list[tuple[str, str]]:
+    return [(kind, detail) for kind, _, _, detail in reported(old, new)]
+
+
+def test_the_heartbeat_and_the_owner_of_the_handshake_block() -> None:
+    waiting, alive = with_plc(PlcLink.WAITING), with_plc(heartbeat=7)
+    lost = with_plc(PlcLink.LOST, heartbeat=7)
+    assert of_plc(waiting, alive) == of_plc(lost, alive) == [("plc_returned", "plc_heartbeat is 7")]
+    assert of_plc(alive, lost) == [("plc_lost", "plc_heartbeat stopped at 7")]
+    assert of_plc(alive, waiting) == of_plc(alive, with_plc(heartbeat=8)) == []
+    first, second = Writer("10.0.0.9", "plc1", "viewer"), Writer("10.0.0.8")
+    assert of_plc(with_plc(), with_plc(owner=first)) == of_plc(with_plc(owner=first), with_plc()) == []
+    assert of_plc(with_plc(owner=first), with_plc(owner=replace(first, role="operator"))) == []
+    assert of_plc(with_plc(owner=first), with_plc(owner=second)) == [
+        ("owner_changed", "10.0.0.9 (plc1, role viewer) -> 10.0.0.8")
+    ]
+
+
+def test_what_became_of_a_recipe() -> None:
+    none, seven = with_plc(), with_plc(recipe=7, recipe_asked=7, recipe_verdict=RecipeVerdict.ACTIVE)
+    unknown = with_plc(recipe=7, recipe_asked=9, recipe_verdict=RecipeVerdict.UNKNOWN)
+    assert of_plc(none, seven) == [("recipe_changed", "recipe 0 -> 7")]
+    assert of_plc(seven, unknown) == [("write_refused", "recipe 9: unknown")]
+    assert of_plc(unknown, seven) == of_plc(unknown, unknown) == of_plc(seven, seven) == []
+
+
+def test_the_end_of_a_latched_stop() -> None:
+    latched, free = FusionMemory(latched=True), FusionMemory()
+    before = replace(with_plc(reset_verdict=ResetVerdict.DONE, writes=4), memory=latched)
+    reset = replace(with_plc(reset_verdict=ResetVerdict.DONE, writes=5), memory=free)
+    refused = replace(with_plc(reset_verdict=ResetVerdict.CAUSE_STANDS, writes=5), memory=free)
+    assert of_plc(before, reset) == [("latch_released", "reset by the PLC")]
+    assert of_plc(before, refused) == [("latch_released", "the truck has left")]
+    assert of_plc(before, replace(before, memory=free)) == [("latch_released", "the truck has left")]
+    assert of_plc(reset, before) == of_plc(before, before) == of_plc(reset, reset) == []
 
 
 def test_causes_come_before_consequences() -> None:

@@ -155,6 +155,15 @@ def test_acknowledge_and_trigger_in_one_request() -> None:
     assert (again.phase, again.acquisition, again.overrun) == (TriggerPhase.ACQUIRING, 2, False)
 
 
+def test_an_overrun_is_reported_until_the_next_accepted_trigger() -> None:
+    valid = play((write(Control.TRIGGER), old(T0)), (write(), state(T0 + MS)))
+    both = (write(Control.RESULTS_ACK, Control.TRIGGER), state(T0 + 2 * MS))
+    ready = play(both, (write(), state(T0 + 3 * MS)), start=valid)
+    assert (ready.phase, ready.overrun) == (TriggerPhase.READY, True)
+    again = play((write(Control.TRIGGER), old(T0 + 4 * MS)), start=ready)
+    assert (again.phase, again.overrun) == (TriggerPhase.ACQUIRING, False)
+
+
 def test_an_acknowledge_that_was_on_before_the_result_does_not_count() -> None:
     plc = play((write(Control.TRIGGER, Control.RESULTS_ACK), old(T0)), (None, state(T0 + MS)))
     assert plc.phase is TriggerPhase.VALID
@@ -217,6 +226,11 @@ def test_no_echo_from_before_the_trigger_counts_in_a_median() -> None:
     result = measured(T0)
     assert result is not None
     assert result.t_ns == T0
+
+
+def test_a_gateway_that_ends_holds_no_result_and_accepts_no_trigger() -> None:
+    held = replace(FRESH, phase=TriggerPhase.VALID, acquisition=3, result=Acquired(3, T0, Outcome.IN_PLACE))
+    assert held.withdrawn() == replace(held, phase=TriggerPhase.CLEARING, result=None)
 
 
 # The heartbeat.
@@ -289,6 +303,18 @@ def test_what_a_write_changes() -> None:
         Change("plc_control", 1, 9),
         Change("recipe_select", 2, 3),
     ]
+
+
+@pytest.mark.parametrize(
+    ("writer", "text"),
+    [
+        (Writer("10.0.0.9"), "10.0.0.9"),
+        (Writer("10.0.0.9", "plc1"), "10.0.0.9 (plc1, role none)"),
+        (Writer("10.0.0.9", "plc1", "operator"), "10.0.0.9 (plc1, role operator)"),
+    ],
+)
+def test_who_wrote(writer: Writer, text: str) -> None:
+    assert str(writer) == text
 
 
 # Anything at all.

@@ -301,6 +301,15 @@ def test_without_a_required_heartbeat_one_that_connects_for_every_write_keeps_it
     assert bay.write(B, control=0)
 
 
+def test_one_that_writes_is_connected() -> None:
+    bay = Bay(heartbeat_required=False)
+    assert bay.write(A, control=TRUCK)
+    bay.step(PlcConnection(A, open=False))
+    assert bay.write(A, control=TRUCK)
+    bay.now_ns += 3600 * S
+    assert not bay.write(B, control=0)
+
+
 def test_a_heartbeat_that_is_not_required_ends_the_ownership_all_the_same() -> None:
     bay = Bay(heartbeat_required=False)
     bay.write(A, 1)

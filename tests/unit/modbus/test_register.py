@@ -7,6 +7,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from gateway.core.detection import Circle
+from gateway.core.plc import OUTCOME_MEANING, Outcome
+from gateway.core.readings import Quality, VisionReading
+from gateway.core.state import StateVector
 from gateway.modbus.registers.register import (
     FLOAT32,
     MEASURED_FLOAT32,
@@ -15,9 +19,13 @@ from gateway.modbus.registers.register import (
     UINT16,
     UINT32,
     UINT64,
+    StatusWord,
     WireType,
     WordOrder,
+    named,
     packer,
+    part,
+    percent,
     unpack,
 )
 
@@ -38,8 +46,11 @@ ORDERS: tuple[WordOrder, ...] = ("big", "little")
         (MEASURED_INT16, 3276.8, 0.1, (0x7FFF,), True),
         (MEASURED_INT16, -3276.7, 0.1, (0x8001,), False),
         (MEASURED_INT16, -3276.8, 0.1, (0x8001,), True),  # one further would be the sentinel
+        (MEASURED_INT16, -(10**400), 0.1, (0x8001,), True),
+        (MEASURED_INT16, -math.inf, 0.1, (0x8000,), False),
         (MEASURED_INT16, None, 0.1, (0x8000,), False),
         (MEASURED_INT16, math.nan, 0.1, (0x8000,), False),
+        (MEASURED_UINT16, 5, 0.1, (50,), False),
         (MEASURED_UINT16, 6553.4, 0.1, (0xFFFE,), False),
         (MEASURED_UINT16, 6553.5, 0.1, (0xFFFE,), True),  # would be the sentinel
         (MEASURED_UINT16, 1e308, 0.1, (0xFFFE,), True),  # overflows when divided by the scale
@@ -52,6 +63,7 @@ ORDERS: tuple[WordOrder, ...] = ("big", "little")
         (UINT16, None, 1, (0,), False),
         (UINT32, 0x1234_5678, 1, (0x1234, 0x5678), False),
         (UINT64, 0x0001_0002_0003_0004, 1, (1, 2, 3, 4), False),
+        (UINT64, 2**64 - 2, 1, (0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE), False),  # no float has so many digits
         (UINT64, 2**64, 1, (0xFFFF,) * 4, True),
         (FLOAT32, 123456.0, 1, (0x47F1, 0x2000), False),
         (FLOAT32, -1.5, 1, (0xBFC0, 0x0000), False),
@@ -59,6 +71,7 @@ ORDERS: tuple[WordOrder, ...] = ("big", "little")
         (MEASURED_FLOAT32, -(10**400), 1, (0xFF7F, 0xFFFF), False),
         (MEASURED_FLOAT32, None, 1, (0x7FC0, 0x0000), False),
         (MEASURED_FLOAT32, -math.inf, 1, (0x7FC0, 0x0000), False),
+        (MEASURED_FLOAT32, math.inf, 1, (0x7FC0, 0x0000), False),
     ],
 )
 def test_exact_words(kind: WireType, value: float | None, scale: float, words: tuple[int, ...], cut: bool) -> None:
@@ -106,3 +119,36 @@ def test_floats_are_the_nearest_float32(value: float, order: WordOrder) -> None:
     else:
         assert abs(back) > 3.39e38
         assert (back > 0) == (value > 0)
+
+
+SEEN = StateVector("bay1", stop=False, vision=VisionReading(0, Quality.GOOD, Circle(1.5, 2.5, 0.75), visible=0.75))
+
+
+def test_a_part_of_a_record_that_may_be_missing() -> None:
+    assert part(lambda state: state.vision.circle, "v_px")(SEEN, 7) == 2.5
+    assert percent(lambda state: state.vision, "visible")(SEEN, 7) == 75.0
+    assert percent(lambda state: state.vision, "confidence")(SEEN, 7) is None
+    blind = StateVector("bay1")
+    assert part(lambda state: state.vision.circle, "v_px")(blind, 7) is None
+    assert percent(lambda state: state.picture, "veil")(blind, 7) is None
+
+
+def test_codes_have_names_in_small_letters() -> None:
+    assert named({Outcome.NO_TARGET: "no marker"}) == {3: ("no_target", "no marker")}
+    assert list(named(OUTCOME_MEANING)) == [0, 1, 2, 3, 4]
+
+
+def test_a_status_word() -> None:
+    word = StatusWord((
+        ("stop", "it is on", lambda state: state.stop),
+        ("seen", "a circle", lambda state: state.vision.circle is not None),
+        ("known", "D", lambda state: state.d is not None),
+        ("bay", "its name", lambda state: state.bay == "bay1"),
+    ))  # fmt: skip
+    assert word.read(SEEN, 7) == 0b1010
+    assert word.names == {0: ("stop", "it is on"), 1: ("seen", "a circle"), 2: ("known", "D"), 3: ("bay", "its name")}
+    assert word.on(0b1010) == {"seen", "bay"}
+    assert word.on(0b11_0000) == set(), "bits without a name"
+    assert (word.mask("bay"), word.mask("stop", "known"), word.mask()) == (0b1000, 0b0101, 0)
+    with pytest.raises(ValueError, match="gone"):
+        word.mask("gone")

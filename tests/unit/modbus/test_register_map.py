@@ -11,7 +11,7 @@ from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import EventKind
 from gateway.core.readings import PictureHealth, Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.shown import withdrawn
-from gateway.core.state import FusionMemory, Reason, StateVector
+from gateway.core.state import FusionMemory, Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register import WordOrder
@@ -285,6 +285,18 @@ def test_no_value_without_good_quality_even_if_one_is_handed_in(quality: Quality
     assert image[12] == 1813
 
 
+def test_the_position_of_a_truck() -> None:
+    covered_ns = STATE.t_ns - 13 * S + 1
+    held = Visit(VisitPhase.HELD, in_place=True, covered_since_ns=covered_ns)
+    assert encode(replace(STATE, visit=held), UNIX_NS, "big")[35:40] == (0b00110, 1, 0, 12, 6)
+    seen = Visit(VisitPhase.IN_PLACE, in_place=True)
+    assert encode(replace(STATE, visit=seen), UNIX_NS, "big")[35:40] == (0b00010, 1, 0, 0xFFFF, 5)
+    moved = Visit(VisitPhase.UNKNOWN, moved=Moved.MARKER, covered_since_ns=covered_ns)
+    assert encode(replace(STATE, visit=moved), UNIX_NS, "big")[35:40] == (0b01000, 0, Moved.MARKER, 0xFFFF, 0)
+    released = replace(STATE, visit=Visit(VisitPhase.RELEASED, released=True), stop=False, may_move=True)
+    assert encode(released, UNIX_NS, "big")[35:40] == (0b10001, 0, 0, 0xFFFF, 7)
+
+
 def test_a_known_zero_is_a_value_and_a_missing_one_is_not() -> None:
     at_origin = replace(STATE, vision=replace(STATE.vision, circle=Circle(0.0, 0.0, 0.0)), z_vision_mm=None, d=None)
     read = values(at_origin)
@@ -304,7 +316,7 @@ def test_a_limited_value_is_reported_and_its_mirror_is_true() -> None:
     read = values(wide)
     assert read["u"] == 3276.7
     assert read["u_f32"] == 4000.5
-    assert "clamped" in bits(wide)
+    assert bits(wide) == bits(STATE) | {"clamped"}
     assert "clamped" not in bits(STATE)
     old = replace(STATE, vision=replace(STATE.vision, t_ns=STATE.t_ns - 70 * S))
     assert values(old)["vision_age"] == 65534
@@ -413,7 +425,7 @@ def test_decode_refuses_what_it_cannot_trust() -> None:
     image = encode(STATE, UNIX_NS, "big")
     for wrong, message in (
         (image[:99], "99"),
-        ((*image[:40], 0, 0, *image[42:]), "0x12345678"),
+        ((*image[:40], 0, 0, *image[42:]), "registers 40 and 41 do not hold 0x12345678"),
         ((*image[:99], image[99] ^ 2), "torn"),
         ((*image[:1], 0, *image[2:]), "map version 0"),
     ):

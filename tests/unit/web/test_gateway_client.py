@@ -13,6 +13,7 @@ from gateway.web.ipc.messages import (
     MAX_EVENTS,
     MAX_STATES,
     ApplySettings,
+    MarkMoment,
     SetFunctionCheck,
     StateRequest,
 )
@@ -124,6 +125,17 @@ async def test_a_function_check_is_executed_and_reported_with_the_name() -> None
         await asyncio.sleep(1.1)
         events = [row.event for row in made.client.events if row.event.kind is EventKind.FUNCTION_CHECK_BEGUN]
         assert [event.detail for event in events] == ["127.0.0.1 (anna, role technician)"]
+
+
+@in_virtual_time
+async def test_a_moment_is_marked_with_name_and_note() -> None:
+    async with plant() as made:
+        made.loading()
+        await made.client.command(MarkMoment("bay1", "driver complains"), ANNA)
+        await made.client.command(MarkMoment("bay1", ""), ANNA)
+        await asyncio.sleep(1.1)
+        marks = [row.event.detail for row in made.client.events if row.event.kind is EventKind.OPERATOR_MARK]
+        assert marks == ["127.0.0.1 (anna, role technician): driver complains", "127.0.0.1 (anna, role technician)"]
 
 
 @in_virtual_time

@@ -19,7 +19,15 @@ from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec
 from gateway.web.host.request_handler import MAX_NAME, MAX_REPORTED
 from gateway.web.host.service import WebProcessService
-from gateway.web.ipc.messages import FROM_WEB, ApplySettings, Command, SetFunctionCheck, StateRequest, WebSetup
+from gateway.web.ipc.messages import (
+    FROM_WEB,
+    ApplySettings,
+    Command,
+    MarkMoment,
+    SetFunctionCheck,
+    StateRequest,
+    WebSetup,
+)
 from tests.unit.web.gateway_client import Plant, plant
 from tests.virtual_time import in_virtual_time
 
@@ -74,10 +82,12 @@ async def test_long_names_are_clipped_where_they_are_kept() -> None:
         who = Writer(long, long, long)
         made.handler.execute(Command(1, who, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_KEPT)))
         made.handler.execute(Command(2, who, ApplySettings("bay1", VisionConfig(method="paper"))))
+        made.handler.execute(Command(5, who, MarkMoment("bay1", long)))
         made.handler.execute(Command(3, who, OperatorAction("bay1.camera", AlarmEvent.SHELVE, long, "", 5)))
         assert len(made.handler.execute(Command(4, who, SetFunctionCheck(long, FunctionCheck.OFF))).why) < 2 * MAX_NAME
-        details = event_details(made, EventKind.FUNCTION_CHECK_BEGUN) + event_details(made, EventKind.SETTINGS_CHANGED)
-        assert len(details) == 2
+        kinds = (EventKind.FUNCTION_CHECK_BEGUN, EventKind.SETTINGS_CHANGED, EventKind.OPERATOR_MARK)
+        details = [detail for kind in kinds for detail in event_details(made, kind)]
+        assert len(details) == 3
         assert max(map(len, details)) < 4 * MAX_NAME + MAX_REPORTED
         assert all(len(alarm.who) <= MAX_NOTE for alarm in made.monitor.summary(100).alarms)
 

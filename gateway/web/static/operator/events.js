@@ -1,8 +1,9 @@
 // What happened, newest first, with a filter.
 
 import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
-import { get, toLogin } from '../lib/api.js';
+import { get, post, toLogin } from '../lib/api.js';
 import { clock, words } from '../lib/format.js';
+import { mayAcknowledge } from '../lib/views.js';
 import { GROUP_WORDS, matches, eventText } from './eventwords.js';
 import { useKept } from './hooks.js';
 import { Notice } from './notice.js';
@@ -42,7 +43,29 @@ function useEvents(newest) {
   return [rows, wrong];
 }
 
-export function Events({ bay, newest }) {
+/** Marks this moment, with a note: an event, and the pictures round it are kept. */
+function Mark({ bay, session, setFailed }) {
+  const [note, setNote] = useState(null); // null: not asked for
+  const mark = async (event) => {
+    event.preventDefault();
+    try {
+      await post(`/api/bays/${encodeURIComponent(bay)}/mark`, { note }, session.csrf);
+      setNote(null);
+      setFailed('');
+    } catch (error) {
+      setFailed(`Not marked: ${error.message}.`);
+    }
+  };
+  if (note === null) return html`<button type="button" title="keep the pictures of this moment, and find it again" onClick=${() => setNote('')}>Mark this moment</button>`;
+  return html`<form class="row compact" onSubmit=${mark}>
+    <input type="text" maxlength="120" placeholder="note" aria-label="note for the mark" value=${note} onInput=${(event) => setNote(event.target.value)} autofocus />
+    <button type="submit">Mark</button>
+    <button type="button" onClick=${() => setNote(null)}>Cancel</button>
+  </form>`;
+}
+
+export function Events({ bay, newest, session }) {
+  const [failed, setFailed] = useState('');
   const [rows, wrong] = useEvents(newest);
   const [group, setGroup] = useKept('operator.events', 'all');
   const [text, setText] = useState('');
@@ -51,12 +74,14 @@ export function Events({ bay, newest }) {
     <header>
       <h2 id="events-title">Events</h2>
       <div class="row compact">
+        ${bay !== null && mayAcknowledge(session) && html`<${Mark} bay=${bay} session=${session} setFailed=${setFailed} />`}
         <select aria-label="kind of events" value=${group} onChange=${(event) => setGroup(event.target.value)}>
           ${Object.entries(GROUP_WORDS).map(([key, name]) => html`<option value=${key} selected=${key === group}>${name}</option>`)}
         </select>
         <input type="search" placeholder="filter" aria-label="filter events by words" value=${text} onInput=${(event) => setText(event.target.value)} />
       </div>
     </header>
+    <${Notice} kind="warn" say=${failed} />
     <${Notice} kind="warn" say=${wrong && `The list may be old: ${wrong}.`} />
     <div class="scroll" tabindex="0" role="region" aria-label="events, newest first">
       <table class="stack"><thead><tr><th scope="col">Time</th>${bay === null && html`<th scope="col">Bay</th>`}<th scope="col">Event</th><th scope="col">What</th></tr></thead><tbody>

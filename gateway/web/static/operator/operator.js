@@ -125,7 +125,7 @@ function App({ session }) {
             <h1 class="sr">${bay}</h1>
             <div class="column a"><${LivePicture} bay=${bay} aim=${one ? aimOf(one) : null} connected=${connected} fault=${cameraFault(state)} />${one && html`<${Bars} state=${state} limits=${limitsOf(one)} />`}</div>
             <div class="column b"><${Decision} state=${state} bay=${bay} />${one && html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} fresh=${known} />`}</div>
-            <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} /><${Health} state=${state} links=${known ? view?.links ?? null : null} /><${Events} bay=${bay} newest=${newest} /></div>
+            <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} /><${Health} state=${state} links=${known ? view?.links ?? null : null} /><${Events} bay=${bay} newest=${newest} session=${session} /></div>
             <div class="below"><${Registers} key=${bay} bay=${bay} known=${known} /></div>`}
     </main>`;
 }

@@ -1,0 +1,32 @@
+"""The bits of FC 1 and 2 are those of three registers."""
+
+import pytest
+
+from gateway.core.plc import Control
+from gateway.modbus.registers import bits
+from gateway.modbus.registers.bits import Bit
+from gateway.modbus.registers.position import POSITION_STATUS
+from gateway.modbus.registers.register_map import BLOCK_WORDS, STATUS
+
+
+def test_every_bit_of_the_table() -> None:
+    rows = list(bits.table())
+    assert [row.address for row in rows] == [*range(15), *range(16, 21), *range(32, 38)]
+    assert [(row.name, row.meaning) for row in rows[:15]] == [STATUS.names[n] for n in range(15)]
+    assert [row.name for row in rows[20:]] == [bit.name.lower() for bit in Control]
+    assert rows[16] == Bit(17, "in_place", "position_status", 1, POSITION_STATUS.names[1][1])
+
+
+def test_the_address_of_a_bit() -> None:
+    assert bits.coil_of("status", 14) == 14
+    assert bits.coil_of("plc_control", Control.RELEASE) == 37
+    with pytest.raises(ValueError, match="not in tuple"):
+        bits.coil_of("heartbeat", 0)
+
+
+def test_bits_of_an_image() -> None:
+    image = [0] * BLOCK_WORDS
+    image[3], image[35], image[81] = 0x8001, 0x0002, 0x0020
+    assert bits.bits_of(image) == (48, 0x0020_0002_8001)
+    assert bits.bits_of(image[:82]) == (48, 0x0020_0002_8001)
+    assert bits.bits_of(image[:81]) == (0, 0), "too short to have plc_control"

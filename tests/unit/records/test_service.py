@@ -1,0 +1,103 @@
+"""What the main process sends to the recorder, and when; without a recorder process."""
+
+from pathlib import Path
+
+import pytest
+
+from gateway.alarms.records import AlarmChange
+from gateway.alarms.states import AlarmEvent, AlarmState
+from gateway.config import GatewayConfig, parse
+from gateway.core.events import Event, EventKind
+from gateway.core.state import StateVector
+from gateway.records.record import EventRecord, array_of, unpacked
+from gateway.records.segment import Head
+from gateway.records.service import RecorderService, folder_of, head_of
+from tests.virtual_time import LoopClock, in_virtual_time
+
+CONFIG = {
+    "state_dir": "/var/lib/x",
+    "mqtt": {"url": "mqtt://user:secret@broker"},
+    "bays": [{"name": "bay1", "unit_id": 1}, {"name": "bay2", "unit_id": 2}],
+}
+
+
+def service(**more: object) -> RecorderService:
+    return RecorderService(parse(CONFIG | more), LoopClock(), {}, "boot")  # type: ignore[arg-type]
+
+
+def noted(made: RecorderService, bay: str) -> list[tuple[str, str]]:
+    found: list[tuple[str, str]] = []
+    while (chunk := made.collectors[bay].take()) is not None:
+        found += [(r.kind, r.detail) for r in unpacked(array_of(chunk.records)) if isinstance(r, EventRecord)]
+    return found
+
+
+def change(bay: str | None, event: AlarmEvent, after: AlarmState = AlarmState.UNACKNOWLEDGED) -> AlarmChange:
+    return AlarmChange(1, 5, "x.camera_down", "camera_down", bay, event, AlarmState.NORMAL, after, "no picture")
+
+
+@pytest.mark.parametrize(
+    ("config", "folder"),
+    [
+        ({"state_dir": "/var/lib/x"}, "/var/lib/x/records/site1.gateway"),
+        ({"state_dir": "/a", "records": {"folder": "/mnt/ssd"}, "site": "north"}, "/mnt/ssd/north.gateway"),
+        ({"state_dir": ""}, None),
+        ({"state_dir": "/a", "records": {"enabled": False}}, None),
+        ({"state_dir": "", "records": {"folder": "/mnt/ssd"}}, "/mnt/ssd/site1.gateway"),
+    ],
+)
+def test_where_it_is_written(config: dict[str, object], folder: str | None) -> None:
+    assert folder_of(parse(config)) == (None if folder is None else Path(folder))
+
+
+def test_a_head_has_the_configuration_of_its_bay_and_no_password() -> None:
+    head = head_of(parse(CONFIG), parse(CONFIG).bays[1], "boot")
+    assert isinstance(head, Head)
+    assert "secret" not in head.config
+    read = GatewayConfig.model_validate_json(head.config)
+    assert [bay.name for bay in read.bays] == ["bay2"]
+    assert read.bays[0] == parse(CONFIG).bays[1]
+    assert read.mqtt is None
+
+
+@in_virtual_time
+async def test_where_nothing_is_recorded_nothing_runs_and_nothing_is_kept() -> None:
+    made = service(state_dir="")
+    assert made.tasks == []
+    assert made.collectors == {}
+    made.on_event(Event(EventKind.STOP_RAISED, "bay1", 5, StateVector("bay1")))
+    made.on_alarm(change(None, AlarmEvent.OCCURS))
+    assert not made._wanted
+    await made.close(1.0)
+
+
+@in_virtual_time
+async def test_pictures_are_wanted_round_what_people_ask_about_and_alarms_that_occur() -> None:
+    made = service()
+    for kind in EventKind:
+        made.on_event(Event(kind, "bay1", 5, StateVector("bay1")))
+    made.on_alarm(change("bay2", AlarmEvent.OCCURS))
+    made.on_alarm(change("bay2", AlarmEvent.ACKNOWLEDGE))
+    made.on_alarm(change(None, AlarmEvent.OCCURS))
+    assert {(wanted.bay, wanted.why) for wanted in made._wanted} == {
+        ("bay2", "alarm camera_down"),
+        *(
+            ("bay1", why)
+            for why in (
+                "stop_raised", "in_place", "in_place_ended", "moved", "released", "sensor_fault", "plc_lost",
+                "function_check_begun", "function_check_ended", "operator_mark",
+            )
+        ),
+    }  # fmt: skip
+
+
+@in_virtual_time
+async def test_alarms_are_noted_with_their_bay_and_those_of_the_gateway_with_all() -> None:
+    made = service()
+    made.on_alarm(change("bay1", AlarmEvent.OCCURS))
+    made.on_alarm(change(None, AlarmEvent.OCCURS))
+    made.on_alarm(change("bay1", AlarmEvent.SUPPRESS, AlarmState.SUPPRESSED))  # by design: no action was needed
+    made.on_alarm(change("bay9", AlarmEvent.OCCURS))
+    text = "x.camera_down: occurs, now unacknowledged: no picture"
+    assert noted(made, "bay1") == [("alarm", text), ("alarm", text)]
+    assert noted(made, "bay2") == [("alarm", text)]
