@@ -56,6 +56,7 @@ class Summary:
     settings: Counter[str] = field(default_factory=Counter)
     phases: Counter[str] = field(default_factory=Counter)
     failed: list[Failed] = field(default_factory=list)
+    cleared: list[int] = field(default_factory=list)  # seeds after which the bay had to be clear first
     moved_ms: Counter[int] = field(default_factory=Counter)  # times to recover, in steps of 20 ms
     placed_ms: Counter[int] = field(default_factory=Counter)
 
@@ -63,6 +64,7 @@ class Summary:
         self.schedules += other.schedules
         self.simulated_s += other.simulated_s
         self.failed += other.failed
+        self.cleared += other.cleared
         for name in ("faults", "settings", "phases", "moved_ms", "placed_ms"):
             getattr(self, name).update(getattr(other, name))
 
@@ -77,6 +79,7 @@ def run(seeds: range) -> Summary:
         summary.simulated_s += outcome.simulated_s
         summary.settings[made.settings] += 1
         summary.phases[f"{made.phase}, {made.truck.split()[0]}"] += 1
+        summary.cleared += [seed] if outcome.cleared else []
         summary.faults.update(failure.fault.value for failure in made.failures)
         if outcome.failed:
             summary.failed.append(_failed(made, outcome))
@@ -121,6 +124,8 @@ def report(total: Summary, seconds: float) -> None:
     ):
         if times:
             print(f"{what}: p50 {share(times, 0.5)} ms, p99 {share(times, 0.99)} ms, longest {max(times)} ms")
+    seeds = ", ".join(map(str, total.cleared))
+    print(f"the bay had to be clear before the sensors agreed again: {len(total.cleared)} {seeds}".rstrip())
     for failed in total.failed:
         print(f"FAILED seed {failed.seed}: {failed.what}\n  {failed.fewest}\n  {failed.command}")
     if not total.failed:
@@ -144,7 +149,11 @@ def replay(seed: int, only: str | None) -> int:
     for line in outcome.unsafe:
         print(f"UNSAFE {line}")
     if not outcome.unsafe:
-        print("recovered" if outcome.recovered else f"NOT RECOVERED: {outcome.stuck}")
+        print(
+            "recovered" + ", after the bay was clear" * outcome.cleared
+            if outcome.recovered
+            else f"NOT RECOVERED: {outcome.stuck}"
+        )
     return int(outcome.failed)
 
 

@@ -10,18 +10,19 @@ loading may run. What is unsafe, from docs/visit.md and docs/reaction-time.md:
 - either permit while a sensor, the decision or the gateway is dead, later than docs/reaction-time.md guarantees.
 
 Each is unsafe from the moment on at which the gateway must have noticed: `Limits.late_s`, made of the configuration's
-deadlines. Of the documented limits one is taken into account: with the marker covered, an echo from where the truck
-stood can't be told from the truck.
+deadlines. What no sensor can tell is taken into account: with the marker covered, an echo from where the truck stood is
+that of the truck; and another truck that takes its place within no time, at the same place, is the same one.
 
 Recovery: once all faults have ended, the truck drives to WAITS_CM and may move within RECOVERY_S; then it drives to the
-mark, and is in place within RECOVERY_S.
+mark, and is in place within RECOVERY_S. Where R x Z of something else was taken for the marker's, that may need a clear
+bay first (docs/visit.md, "Limits"): the truck drives out to CLEAR_CM and comes again; `Outcome.cleared`.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from gateway.core.state import FunctionCheck
+from gateway.core.state import FunctionCheck, Reason
 from gateway.sim.ranger import faults_of
 from gateway.sim.ranger_board import RangerFault
 from gateway.sim.world import Truth
@@ -34,7 +35,7 @@ SENSOR_S = 0.24  # two ranger cycles, the line on the wire, the service's step; 
 SCAN_S = STEP_MS / 1000
 RECOVERY_S = 7.0  # a board whose protocol version was wrong says hello every 5 s; then recovery_s and clear_hold_s
 NEARER = (1, 3, 4, 5, 11)  # of register 62, guidance: forward, left, right, slow, drive up
-WAITS_CM, MARK_CM = 40.0, 28.0
+CLEAR_CM, WAITS_CM, MARK_CM = 130.0, 40.0, 28.0
 
 
 @dataclass
@@ -45,6 +46,7 @@ class Outcome:
     unsafe: list[str] = field(default_factory=list)
     recovered: bool = False
     stuck: str = ""  # why it did not recover, as the gateway reports it
+    cleared: bool = False  # the bay had to be clear before the sensors agreed again
     moved_s: float = 0.0  # from the end of the faults until a truck may move
     placed_s: float = 0.0  # from there until it is in place, its way to the mark included
     simulated_s: float = 0.0
@@ -164,10 +166,8 @@ class Judge:
             self.left_s = t_s
 
     def _away(self, truth: Truth, place: Truth) -> bool:
-        """Surely not where it stood, or another truck; as far as the sensors could tell."""
+        """Surely not where it stood, as far as the sensors can tell; of another truck at its place they can not."""
         covered = not truth.marker_visible
-        if truth.truck != place.truck:
-            return not covered or abs(self._heard_mm(truth) - place.distance_mm) > self.visit.band_mm + 2 * SENSOR_MM
         heard_mm = self._heard_mm(truth) if covered else truth.distance_mm
         if abs(heard_mm - place.distance_mm) > self.visit.band_mm + 2 * SENSOR_MM:
             return True
@@ -298,6 +298,23 @@ def _writes(made: Schedule) -> Callable[[float], int]:
 def _recover(bay: Bay, outcome: Outcome) -> None:
     """A truck waits before the bay, then drives to the mark. The PLC resets what wants to be reset."""
     bay.failures = ()
+    _comes(bay, outcome)
+    learns = bay.config.bays[0].fusion.cross_check is None
+    if outcome.stuck and learns and bay.state.reason is Reason.SENSORS_DISAGREE:
+        outcome.cleared, outcome.stuck = True, ""
+        bay.show(undisturbed(bay.truth(), CLEAR_CM))
+        if _until(bay, bay.t_s, loads=False):
+            _comes(bay, outcome)
+        else:
+            outcome.stuck = f"no may_move at {CLEAR_CM:g} cm: {_why(bay)}"
+    outcome.recovered = not outcome.stuck
+    z_mm = bay.truth().distance_mm
+    if outcome.recovered and abs(z_mm - 10 * MARK_CM) > SENSOR_MM:
+        outcome.unsafe.append(f"{bay.t_s:.2f} s: in place at {z_mm:.0f} mm, on its way")
+
+
+def _comes(bay: Bay, outcome: Outcome) -> None:
+    """To WAITS_CM, and to the mark."""
     bay.show(undisturbed(bay.truth(), WAITS_CM))
     begun_s = bay.t_s
     if not _until(bay, begun_s, loads=False):
@@ -307,14 +324,10 @@ def _recover(bay: Bay, outcome: Outcome) -> None:
     bay.plc.bits = 0
     bay.show(undisturbed(bay.truth(), MARK_CM))
     begun_s = bay.t_s
-    if not _until(bay, begun_s, loads=True):
+    if _until(bay, begun_s, loads=True):
+        outcome.placed_s = bay.t_s - begun_s
+    else:
         outcome.stuck = f"not in place at {MARK_CM:g} cm: {_why(bay)}"
-        return
-    outcome.placed_s = bay.t_s - begun_s
-    z_mm = bay.truth().distance_mm
-    if abs(z_mm - 10 * MARK_CM) > SENSOR_MM:
-        outcome.unsafe.append(f"{bay.t_s:.2f} s: in place at {z_mm:.0f} mm, on its way")
-    outcome.recovered = True
 
 
 def _until(bay: Bay, begun_s: float, *, loads: bool) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 from gateway.core import agreement, fusion, handshake, interlock, shown, visit
 from gateway.core.plc import PlcLink
 from gateway.core.retained import RetainedState
-from gateway.core.state import FunctionCheck, Moved
+from gateway.core.state import FunctionCheck, Moved, Visit
 
 Patch = Callable[[object, str, Any], None]
 """As pytest's monkeypatch.setattr."""
@@ -80,6 +80,26 @@ def _without_latch(real: Callable[..., Any]) -> Callable[..., Any]:
     return latch
 
 
+def _standing_counts_on(real: Callable[..., Visit]) -> Callable[..., Visit]:
+    def step(before: Visit, *args: Any, **keys: Any) -> Visit:
+        found = real(before, *args, **keys)
+        if before.released or not found.released:
+            return found
+        return replace(
+            found,
+            still_since_ns=before.still_since_ns,
+            candidate=before.candidate,
+            covered_since_ns=before.covered_since_ns,
+        )
+
+    return step
+
+
+def _doubt_is_no_cause(_: Callable[..., bool]) -> Callable[..., bool]:
+    """Only a contradiction that has lasted for long enough to be a fault refuses a reset."""
+    return lambda fused: fused.d is False and not fused.memory.disagree
+
+
 PLANTED: Mapping[str, Planted] = {
     each.what: each
     for each in (
@@ -96,5 +116,7 @@ PLANTED: Mapping[str, Planted] = {
         Planted("a restart forgets the truck in place", RetainedState, "of", _without_truck),
         Planted("a place of before the restart is one of now", RetainedState, "visit", _as_of_now),
         Planted("the latch does not hold", interlock, "_latch", _without_latch),
+        Planted("how long a truck has stood counts on over a release", visit, "step", _standing_counts_on),
+        Planted("a reset is accepted while the sensors do not fit", interlock, "_cause_gone", _doubt_is_no_cause),
     )
 }

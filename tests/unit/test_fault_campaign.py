@@ -22,7 +22,18 @@ def test_no_schedule_of_faults_brings_an_unsafe_permit_and_each_recovers(first: 
 @pytest.mark.parametrize("seed", [2988, 5469, 8263])
 def test_a_truck_recovers_after_something_before_the_ranger_was_taken_for_it(seed: int) -> None:
     outcome = play(schedule(seed))
-    assert (outcome.unsafe, outcome.stuck) == ([], "")
+    assert (outcome.unsafe, outcome.stuck, outcome.cleared) == ([], "", False)
+
+
+@pytest.mark.parametrize("seed", [13201, 14058])
+def test_where_r_has_not_followed_z_the_sensors_agree_again_once_the_bay_was_clear(seed: int) -> None:
+    """docs/visit.md, "Limits": the truck was heard itself between 54 and 28 cm only."""
+    outcome = play(schedule(seed))
+    assert (outcome.unsafe, outcome.stuck, outcome.cleared) == ([], "", True)
+
+
+def test_another_truck_at_the_same_place_within_no_time_is_the_same_one() -> None:
+    assert not play(schedule(13838)).failed
 
 
 def test_a_seed_gives_the_same_schedule_and_the_same_run() -> None:

@@ -62,6 +62,34 @@ def test_the_search_reports_a_planted_fault(
     assert complaint in list(complaints(chosen, played(chosen, history))), "the history replays it"
 
 
+@pytest.mark.parametrize(
+    ("what", "then", "complaint"),
+    [
+        (
+            "how long a truck has stood counts on over a release",
+            ("check:may_move_off", "check:off", "camera:mark"),
+            "in_place 0 s after the truck stood",
+        ),
+        (
+            "a reset is accepted while the sensors do not fit",
+            ("camera:rolled", "ranger:rolled", "plc:idle", "camera:away"),
+            "no stop, though the truck has left its place without a release",
+        ),
+    ],
+)
+def test_the_search_reports_a_planted_fault_from_a_truck_that_was_in_place(
+    what: str, then: tuple[str, ...], complaint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some moves alone, so that a short search comes deep enough."""
+    names = {"tick", "camera:mark", "ranger:mark", "ranger:rolled", "plc:idle", "plc:release", "plc:reset", *then}
+    space = SPACES["visit"]
+    space = replace(space, moves=tuple(move for move in space.moves if move.name in names))
+    roots = [["camera:mark", "ranger:mark", "plc:idle", "tick"] * 8 + [*then]]
+    PLANTED[what].plant(monkeypatch.setattr)
+    found = search(space, roots, transitions=20_000, most_faults=1)
+    assert [fault for fault, _ in found.faults] == [complaint]
+
+
 @pytest.mark.parametrize("name", SPACES)
 def test_no_random_walk_comes_to_a_permit_that_a_stated_condition_forbids(name: str) -> None:
     space = SPACES[name]
