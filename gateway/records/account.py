@@ -17,7 +17,9 @@ from gateway.records.segment import Picture
 
 Row = tuple[str, str]
 NS_PER_S = 1_000_000_000
-PEOPLE = frozenset({"function_check_begun", "function_check_ended", "settings_changed", "write_refused", "marked"})
+PEOPLE = frozenset(
+    {"function_check_begun", "function_check_ended", "settings_changed", "write_refused", "operator_mark"}
+)
 ALWAYS = ("fusion.radius_threshold_px", "fusion.distance_threshold_mm")
 KEYS: dict[Factor, tuple[str, ...]] = {
     Factor.CAMERA: ("fusion.vision_deadline_s", "fusion.recovery_s"),

@@ -14,7 +14,16 @@ from gateway.core.interlock import Recipe, Rules
 from gateway.core.plc import Control, PlcLink
 from gateway.core.readings import QUALITY_MEANING, Quality, RangeReading, VisionReading
 from gateway.core.shown import valid
-from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason, StateVector, TruckPosition, VisitPhase
+from gateway.core.state import (
+    MOVED_MEANING,
+    REASON_MEANING,
+    FunctionCheck,
+    Moved,
+    Reason,
+    StateVector,
+    TruckPosition,
+    VisitPhase,
+)
 
 NS_PER_S = 1_000_000_000
 
@@ -25,6 +34,7 @@ class Factor(StrEnum):
     SHUTDOWN = "shutdown"
     GATEWAY = "gateway"
     MOVED = "moved"
+    RESTORED = "restored"
     NO_TRUCK = "no_truck"
     CAMERA = "camera"
     RANGER = "ranger"
@@ -37,6 +47,7 @@ class Factor(StrEnum):
     FUNCTION_CHECK = "function_check"
     ENABLE = "enable"
     TRUCK_PRESENT = "truck_present"
+    OTHER = "other"
     RELEASED = "released"
     CLEAR = "clear"
 
@@ -63,7 +74,9 @@ def causes(state: StateVector, rules: Rules, now_ns: int | None = None) -> tuple
     if state.may_move:
         return (_nothing(state, recipe.fusion),)
     found = [*_of_stop(state, rules, recipe), *_of_may_move(state, rules)]
-    return tuple(sorted(found, key=lambda cause: _rank(cause.factor, state))) or (_nothing(state, recipe.fusion),)
+    if not found:  # a version that stops for what is not told apart here
+        found = [Cause(Factor.OTHER, REASON_MEANING[state.reason])]
+    return tuple(sorted(found, key=lambda cause: _rank(cause.factor, state)))
 
 
 def _not_valid(state: StateVector, now_ns: int) -> Cause:
@@ -95,6 +108,9 @@ def _of_stop(state: StateVector, rules: Rules, recipe: Recipe) -> Iterator[Cause
     sensors = [c for c in (vision_cause(state, recipe.fusion), range_cause(state, recipe.fusion)) if c is not None]
     if state.stop and visit.moved is not Moved.NO and rules.handshake is not None:
         yield Cause(Factor.MOVED, _moved(state, recipe))
+    elif state.stop and visit.restored and rules.handshake is not None:
+        text = "a truck was in place before the gateway's start; until it is again, the bay is clear, or a reset"
+        yield Cause(Factor.RESTORED, text)
     if visit.phase is VisitPhase.EMPTY and len(sensors) == 2:
         yield Cause(Factor.NO_TRUCK, "no truck: no marker in the picture, and no echo", visit.clear_since_ns)
     yield from sensors

@@ -27,6 +27,7 @@ NS_PER_S = 1_000_000_000
 WINDOW_S = 30.0  # shown before and after the moment
 LEAD_S = 5.0  # replayed before, so that what led to a change is known
 MOST_BACK = 100  # segments: a day
+MOST_LOADED = 6  # segments in memory; one has some 80,000 records
 
 Dated = tuple[int, Item | Missing]  # Unix ns; of a Missing that of the record before it
 Progress = Callable[[], None]
@@ -136,6 +137,8 @@ class Inquiry:
                 t_ns = t_ns if isinstance(item, Missing) else unix_ns(item[0].head, item[1].t_ns)
                 found.append((t_ns, item))
             first = next((t for t, _ in found if t), 0)
+            while len(self._loaded) >= MOST_LOADED:
+                self._loaded.pop(next(iter(self._loaded)))
             self._loaded[path] = [(t or first, item) for t, item in found]
         return self._loaded[path]
 
@@ -201,18 +204,23 @@ class Inquiry:
                 record = None if isinstance(item, Missing) else item[1]
                 if isinstance(record, Decision):
                     if newest_first and _pair(record) != _pair(newest_first[0][1]):
-                        return self._explained(items, newest_first)
+                        return self._explained(self._led(items, first), newest_first)
                     newest_first.append((t_ns, record))
                 elif newest_first and (begins := _begins(item)):
                     # What was decided before a start or a gap is another story.
-                    since_ns, found = self._explained(items, newest_first)
+                    since_ns, found = self._explained(self._led(items, first), newest_first)
                     return since_ns, [Link(since_ns, begins), *found]
             if first <= fewest:
                 return None, []
             first -= 1
             progress()
-            earlier = self._items(self._paths[first])
+            # Of what is later only the next segment may be replayed with it: a day is too much to be kept in memory.
+            items, earlier = self._items(self._paths[first + 1]), self._items(self._paths[first])
             items, at = [*earlier, *items], len(earlier)
+
+    def _led(self, items: list[Dated], first: int) -> list[Dated]:
+        """With the segment before, so that what led to a change at the begin of `items` is replayed, too."""
+        return items if first == 0 else [*self._items(self._paths[first - 1]), *items]
 
     def _explained(
         self, items: Sequence[Dated], newest_first: Sequence[tuple[int, Decision]]

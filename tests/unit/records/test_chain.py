@@ -1,7 +1,7 @@
 """Each situation of docs/visit.md: the first cause named is the right one, and the chain begins where it did."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import pytest
 
 from gateway.core.fusion import forced_stop
 from gateway.core.readings import Quality
+from gateway.core.retained import RetainedState, RetainedTruck
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.modbus.reference.situations import SITUATIONS
 from gateway.records import chain
@@ -296,6 +297,21 @@ def test_causes_are_never_empty_and_tell_a_stop_from_none() -> None:
         assert factors
         free = bool(factors & {Factor.CLEAR, Factor.RELEASED})
         assert free == step.state.may_move
+
+
+def test_a_truck_from_before_the_start() -> None:
+    story = Story(NEAR).run(3)
+    story.bench.power_on(RetainedState(truck=RetainedTruck(place=None)))
+    story.run(8)
+    assert (story.bench.state.stop, story.bench.state.reason) == (True, Reason.STOP_LATCHED)
+    assert [cause.factor for cause in story.causes] == [Factor.RESTORED]
+
+
+def test_a_stop_without_a_known_cause_is_not_said_to_be_none() -> None:
+    story = Story(NEAR).run(3)
+    state = replace(story.bench.state, stop=True, may_move=False, reason=Reason.GATEWAY_FAULT)
+    (cause,) = causes(state, story.bench.rules)
+    assert (cause.factor, cause.text) == (Factor.OTHER, "the gateway's own control task does not run")
 
 
 def test_a_tick_is_a_tick() -> None:

@@ -18,6 +18,8 @@ from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.readings import Quality, VisionReading
 from gateway.records.excerpt import Excerpt
 from gateway.records.labelled_pictures import SOURCE, label_of
+from gateway.records.record import Decision, outputs
+from gateway.records.replay import Step
 from tests.recorded_bay import Recorded, S, recorded, unix
 from tests.visit_bench import Bench
 
@@ -77,8 +79,12 @@ def test_csv_by_rate_keeps_every_change_of_the_outputs(bay: tuple[Recorded, Benc
     assert main(["export", str(folder.path), "--csv", str(tmp_path), "--hz", "2"]) == 0
     states = rows(tmp_path / "states.csv")
     assert 2 * 20 < len(states) < 2 * 20 + 60
-    stops = sum(a["stop"] != b["stop"] for a, b in pairwise(states))
-    assert stops == sum(e.kind.value in ("stop_raised", "stop_cleared") for e in bench.events)
+    every = list(Excerpt.of(folder.path, None, None).moments())
+    decided = [(f.state.seq, outputs(Decision.of(f.state))) for f in every if isinstance(f, Step)]
+    changes = {seq for (_, was), (seq, now) in pairwise(decided) if was != now}
+    assert len(changes) >= 8
+    assert changes <= {int(row["seq"]) for row in states}
+    assert bench.state.seq == decided[-1][0]
 
 
 def test_from_and_to(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:

@@ -79,6 +79,27 @@ class TestTheMoment:
         assert [link.why.split(",")[0] for link in answer.chain if not link.what] == ["the newest frame"]
         assert answer.chain[-1].what == "stop 0 -> 1, may_move 1 -> 0, reason none -> vision_stale"
 
+    def test_other_reasons_meanwhile_do_not_end_the_search(self, tmp_path: Path) -> None:
+        faults = ({"kind": "camera_freeze", "at_s": 5, "for_s": 2}, {"kind": "marker_hidden", "at_s": 6, "for_s": 600})
+        folder, _ = recorded(tmp_path, until_s=56, faults=faults)
+        answer = at(folder, 55)
+        assert answer.since_ns == pytest.approx(unix(round(1005.28 * S)), abs=0.05 * S)
+        what = [link.what for link in answer.chain if link.what]
+        assert what[0] == "stop 0 -> 1, may_move 1 -> 0, reason none -> vision_stale"
+        assert what[-1] == "reason vision_stale -> no_target"
+        assert answer.causes[0].text.startswith("camera: the frame is fine, but no marker is in it")
+
+    def test_going_back_keeps_little_in_memory(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("gateway.records.inquiry.MOST_LOADED", 4)
+        faults = ({"kind": "camera_freeze", "at_s": 16.2, "for_s": 600},)
+        folder, _ = recorded(tmp_path, until_s=150, faults=faults)
+        inquiry = Inquiry(folder.path)
+        answer = inquiry.at(unix(1140 * S))
+        assert len(inquiry._loaded) == 4
+        assert answer.since_ns == pytest.approx(unix(round(1016.48 * S)), abs=0.05 * S)
+        assert answer.chain[0].why.startswith("the newest frame, number 4")  # taken in the segment before
+        assert answer.chain[1].what == "stop 0 -> 1, may_move 1 -> 0, reason none -> vision_stale"
+
     def test_a_start_ends_the_search(self, frozen: Recorded) -> None:
         answer = at(frozen, -3.9)
         assert answer.chain[0].why == "the gateway started"
