@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core import events, fusion, interlock
+from gateway.core import events, fusion, interlock, visit_progress
 from gateway.core.events import Event, EventKind
 from gateway.core.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
 from gateway.core.readings import RangeReading, VisionReading
@@ -14,6 +14,8 @@ from gateway.core.retained import RetainedState
 from gateway.core.scale import possible_radii_px
 from gateway.core.shown import valid
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
+from gateway.core.visit_progress import VisitProgress
+from gateway.core.visit_summary import VisitSummary
 from gateway.hub import Hub
 from gateway.net import rate_limit
 
@@ -51,6 +53,7 @@ class BayControl:
         self._shut_down = False
         self._rules = interlock.Rules.of(config, gateway)
         self._buckets = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
+        self._visits = VisitProgress()  # read by nothing that decides
         state = interlock.initial(self.name, clock.now_ns(), self._rules, retained)
         kept = {"a function check on": bool(state.function_check), "a truck that was in place": state.visit.restored}
         detail = " and ".join(what for what, so in kept.items() if so)
@@ -105,6 +108,16 @@ class BayControl:
         marked = Event(EventKind.OPERATOR_MARK, self.name, now_ns, state, detail=f"{who}: {note}" if note else str(who))
         self._report(self._hub.state(self.name), [marked])
 
+    def resume_visit(self, earlier: VisitSummary) -> None:
+        """The visit that was open when the gateway ended before goes on, or has ended meanwhile."""
+        self._visits, ended = visit_progress.resumed(self._visits, earlier, self._clock.wall_ns())
+        if found := _of_visit(self.state(), ended):
+            self._report(self._hub.state(self.name), found)
+
+    def open_visit(self) -> VisitSummary | None:
+        """The visit that goes on, as far as it is known; None: there is none."""
+        return self._visits.open(self._hub.state(self.name).t_ns)
+
     async def run(self) -> None:
         """Tick for ever: ages grow, the heartbeat counts."""
         period_ns = round(self._config.period_s * NS_PER_S)
@@ -148,7 +161,10 @@ class BayControl:
         happened = events.diff(old, new)
         if by is not None:
             happened = [replace(e, detail=str(by)) if e.kind in CHECK_EVENTS else e for e in happened]
-        self._publish(new, self._rate_limited([*written, *happened]), observation)
+        self._visits, ended = visit_progress.step(
+            self._visits, old, new, self._rules.limits(new.plc.recipe), self._clock.wall_ns()
+        )
+        self._publish(new, [*self._rate_limited([*written, *happened]), *_of_visit(new, ended)], observation)
 
     def _rate_limited(self, happened: list[Event]) -> list[Event]:
         """Without those about writes that arrive too fast to be read; these are counted."""
@@ -182,3 +198,9 @@ class BayControl:
                 f" ({event.sensor} {event.quality.name.lower()})" if event.sensor else "",
                 f": {event.detail}" if event.detail else f", reason {state.reason.name.lower()}",
             )
+
+
+def _of_visit(state: StateVector, ended: VisitSummary | None) -> list[Event]:
+    if ended is None:
+        return []
+    return [Event(EventKind.VISIT, state.bay, state.t_ns, state, detail=ended.text, summary=ended)]

@@ -13,7 +13,7 @@ from typing import Any
 from gateway.bay import Recorder
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, parse
-from gateway.core import interlock
+from gateway.core import interlock, visit_progress
 from gateway.core.detection import Circle
 from gateway.core.events import Event, diff
 from gateway.core.interlock import Rules
@@ -21,6 +21,8 @@ from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, StateVector, Tick
+from gateway.core.visit_progress import VisitProgress
+from gateway.core.visit_summary import VisitSummary
 from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of
@@ -35,6 +37,7 @@ MOMENTS_HZ = 50
 LEAD_S = 4.0  # before world time 0, so that the sensors have come up
 COAST_FRAMES = 8
 LAMP_FRAMES = 3
+UNIX_NS = 1_700_000_000 * NS_PER_S  # Unix time minus the gateway's clock
 HIDDEN_SHARE = 0.2  # of R above the centre: the robust method loses a marker that is covered from above as far as that
 PLC = Writer("10.0.0.9")
 
@@ -82,6 +85,8 @@ class Bench:
         self.range_fault: Quality | None = None
         self.moments: list[Moment] = []
         self.events: list[Event] = []
+        self.visits: list[VisitSummary] = []
+        self.progress = VisitProgress()
         self.record: Recorder | None = record
         self._chance = random.Random(f"bench {seed} {scenario.seed}")
         self._origin_ns = 1000 * NS_PER_S
@@ -107,9 +112,14 @@ class Bench:
     def now_ns(self) -> int:
         return self._origin_ns + round(self.t_s * NS_PER_S)
 
+    @property
+    def unix_ns(self) -> int:
+        return self.now_ns + UNIX_NS
+
     def power_on(self, retained: RetainedState | None = None) -> None:
         """The gateway begins anew; the sensors were on all along."""
         self.state = interlock.initial("bay1", self.now_ns, self.rules, retained)
+        self.progress = VisitProgress()
         if self.record is not None:
             self.record(None, self.state, [])
         self._session = Hcsr04Session(self.config.bays[0].ranger)
@@ -120,6 +130,10 @@ class Bench:
     def step(self, observation: Any) -> StateVector:
         old, self.state = self.state, interlock.step(self.state, observation, self.now_ns, self.rules)
         happened = diff(old, self.state)
+        limits = self.rules.limits(self.state.plc.recipe)
+        self.progress, ended = visit_progress.step(self.progress, old, self.state, limits, self.unix_ns)
+        if ended is not None:
+            self.visits.append(ended)
         self.events += happened
         if self.record is not None:
             self.record(observation, self.state, happened)

@@ -7,6 +7,7 @@ from gateway.core.detection import Circle
 from gateway.core.plc import Change, Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality
 from gateway.core.state import MOVED_MEANING, Moved, StateVector
+from gateway.core.visit_summary import VisitSummary
 
 
 class EventKind(StrEnum):
@@ -23,6 +24,7 @@ class EventKind(StrEnum):
     MOVED = "moved"
     RELEASED = "released"
     VISIT_ENDED = "visit_ended"
+    VISIT = "visit"
     SENSOR_FAULT = "sensor_fault"
     SENSOR_RECOVERED = "sensor_recovered"
     PLC_LOST = "plc_lost"
@@ -51,6 +53,7 @@ class Event:
     detail: str = ""
     writer: Writer | None = None  # who wrote, for the events about writes
     change: Change | None = None  # what a write has changed
+    summary: VisitSummary | None = None  # of the visit that is over
 
 
 def diff(old: StateVector, new: StateVector) -> list[Event]:

@@ -24,6 +24,7 @@ from gateway.core.readings import Quality, RangeReading
 from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, Tick, Visit
+from gateway.core.visit import Limits
 
 NS_PER_S = 1_000_000_000
 VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
@@ -65,6 +66,10 @@ class Rules:
     def valid_for_ns(self) -> int:
         """Without a tick for so long, no decision is valid any more."""
         return int(max(VALID_MIN_S, VALID_PERIODS * self.recipes[0].fusion.period_s) * NS_PER_S)
+
+    def limits(self, recipe: int) -> Limits:
+        """The configuration of a visit with this recipe in force."""
+        return Limits(self.visit, self.recipes[recipe].fusion, self.recipes[recipe].guidance)
 
     @staticmethod
     def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
@@ -114,7 +119,7 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
 
     track = _track(fused, observation)
     speed = state.guidance.closing_mm_s if track is fused.memory.track else guidance.closing_mm_s(track)
-    limits = visit.Limits(rules.visit, recipe.fusion, recipe.guidance)
+    limits = rules.limits(plc.recipe)
     current = visit.step(
         state.visit,
         fused,
@@ -171,7 +176,7 @@ def _accepted_write(
 
 
 def _latch(
-    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, current: Visit, limits: visit.Limits
+    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, current: Visit, limits: Limits
 ) -> tuple[FusionMemory, Handshake]:
     """Set by D; ended by a reset, a release or the truck leaving, never while its cause is present or can't be
     judged."""
@@ -223,7 +228,7 @@ def _cause_gone(fused: StateVector) -> bool:
     return fused.d is False and fused.memory.disagree_since_ns is None
 
 
-def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -> int | None:
+def _absent_since(old: FusionMemory, fused: StateVector, limits: Limits) -> int | None:
     """Since when both sensors agree that no truck is there. A broken sensor proves nothing."""
     if fused.vision.quality is not Quality.NO_TARGET or not visit.clear(fused, limits):
         return None
@@ -231,7 +236,7 @@ def _absent_since(old: FusionMemory, fused: StateVector, limits: visit.Limits) -
 
 
 def _learned(
-    memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: visit.Limits, fused: StateVector
+    memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: Limits, fused: StateVector
 ) -> FusionMemory:
     """R times Z: one sample when a truck is in place; a clear bay drops that of its last truck."""
     if current.in_place and not old.visit.in_place and current.place is not None:

@@ -15,6 +15,7 @@ from gateway.core.ne107 import Ne107
 from gateway.core.plc import PlcLink
 from gateway.core.readings import ExposureState, PictureFault, Quality
 from gateway.core.state import GuidanceCode, Reason
+from gateway.sinks.mqtt.visit_payload import VisitPayload
 
 SCHEMA_VERSION = 1
 EVENT_MEANING: dict[EventKind, str] = {
@@ -29,6 +30,7 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.MOVED: "a truck that was in place has moved without release; `detail` has the values before and after",
     EventKind.RELEASED: "the PLC has released the truck: loading is over",
     EventKind.VISIT_ENDED: "the truck that was in place has left the bay",
+    EventKind.VISIT: "the visit of a truck is over; `visit` has its times, position and faults",
     EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` describe it",
     EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
     EventKind.PLC_LOST: "the PLC's heartbeat has not changed for longer than its deadline",
@@ -285,6 +287,7 @@ class EventPayload(Measured):
     )
     quality: QualityPayload | None = Field(description="of that sensor; null for cross_check and without a sensor")
     write: WritePayload | None = Field(description="for plc_write and write_refused, else null")
+    visit: VisitPayload | None = Field(None, description="for visit, else null")
     detail: str = Field(description="in words, for people; never to be parsed")
 
 

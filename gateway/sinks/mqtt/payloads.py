@@ -3,9 +3,6 @@
 Times are Unix time; `offset_ns` is what turns the monotonic clock into it (wall minus monotonic, ns).
 """
 
-import math
-from datetime import UTC, datetime, timedelta
-
 from pydantic import BaseModel
 
 from gateway.core import fusion, ne107
@@ -41,10 +38,11 @@ from gateway.sinks.mqtt.messages import (
     WritePayload,
 )
 from gateway.sinks.mqtt.topics import Gateway
+from gateway.sinks.mqtt.values import LAST_MS, iso, number
+from gateway.sinks.mqtt.visit_payload import visit_payload
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
-LAST_MS = 253_402_300_799_999  # 9999-12-31T23:59:59.999Z, the last time ISO 8601 has four digits for
 MAX_DETAIL = 500
 # A change of stop is what the plant's records are kept for: dropped last.
 DROPPED_LAST = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
@@ -64,14 +62,14 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         stale_after_ms=stale_after_ms,
         heartbeat=state.heartbeat,
         frame_id=state.vision.frame_id,
-        x_n=_number(seen.x_n, 6) if seen else None,
-        y_n=_number(seen.y_n, 6) if seen else None,
+        x_n=number(seen.x_n, 6) if seen else None,
+        y_n=number(seen.y_n, 6) if seen else None,
         tracking=state.vision.tracking.name if state.vision.quality in FRESH_FRAME else None,
-        confidence=_number(seen.confidence, 4) if seen else None,
-        visible=_number(seen.visible, 4) if seen else None,
+        confidence=number(seen.confidence, 4) if seen else None,
+        visible=number(seen.visible, 4) if seen else None,
         frames_summed=seen.frames if seen else None,
-        semi_minor_px=_number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,
-        tilt_deg=_number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
+        semi_minor_px=number(seen.ellipse.semi_minor_px, 3) if seen and seen.ellipse else None,
+        tilt_deg=number(seen.ellipse.tilt_deg, 2) if seen and seen.ellipse else None,
         predicted=_predicted(state.vision),
         in_place_ms=_since_ms(state, state.visit.in_place_since_ns if state.in_place else None),
         held_ms=_since_ms(state, state.visit.covered_since_ns if state.visit.held else None),
@@ -82,9 +80,9 @@ def state_payload(state: StateVector, gateway: Gateway, offset_ns: int, stale_af
         guidance=_guidance(state.guidance),
         plc=_plc(state),
         rates=RatesPayload(
-            vision_hz=_number(vision.rate_hz, 2),
-            range_hz=_number(rng.rate_hz, 2),
-            vision_latency_ms=_number(vision.latency_ms, 2),
+            vision_hz=number(vision.rate_hz, 2),
+            range_hz=number(rng.rate_hz, 2),
+            vision_latency_ms=number(vision.latency_ms, 2),
         ),
         counters=CountersPayload(
             frames=vision.frames,
@@ -111,6 +109,7 @@ def event_payload(event: Event, number: int, gateway: Gateway, offset_ns: int) -
         sensor=sensor,
         quality=_quality(event.quality) if sensor in ("vision", "range") else None,
         write=_write(event),
+        visit=None if event.summary is None else visit_payload(event.summary),
         detail=text(event.detail),
     )
 
@@ -131,7 +130,7 @@ def status_payload(
         boot=gateway.boot,
         bays=gateway.bays,
         timestamp_ms=None if wall_ns is None else _unix_ms(wall_ns),
-        timestamp=None if wall_ns is None else _iso(_unix_ms(wall_ns)),
+        timestamp=None if wall_ns is None else iso(_unix_ms(wall_ns)),
         delivery=delivery,
     )
 
@@ -163,7 +162,7 @@ def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -
         instance=gateway.topics.instance,
         seq=state.seq,
         timestamp_ms=timestamp_ms,
-        timestamp=_iso(timestamp_ms),
+        timestamp=iso(timestamp_ms),
         stop=state.stop,
         may_move=state.may_move,
         permit=state.may_move,
@@ -173,11 +172,11 @@ def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -
         phase=state.visit.phase.name,
         reason=ReasonPayload(name=state.reason.name, code=state.reason, text=REASON_MEANING[state.reason]),
         d=state.d,
-        u=_number(circle.u_px, 3) if circle else None,
-        v=_number(circle.v_px, 3) if circle else None,
-        radius_px=_number(circle.radius_px, 3) if circle else None,
-        distance_mm=_number(state.range.distance_mm, 2) if state.range.quality is Quality.GOOD else None,
-        z_vision_mm=_number(state.z_vision_mm, 2) if circle else None,
+        u=number(circle.u_px, 3) if circle else None,
+        v=number(circle.v_px, 3) if circle else None,
+        radius_px=number(circle.radius_px, 3) if circle else None,
+        distance_mm=number(state.range.distance_mm, 2) if state.range.quality is Quality.GOOD else None,
+        z_vision_mm=number(state.z_vision_mm, 2) if circle else None,
         vision=_sensor(state.vision, t_ns),
         range=_sensor(state.range, t_ns),
     )
@@ -187,7 +186,7 @@ def _predicted(reading: VisionReading) -> PredictedPayload | None:
     circle = reading.predicted if reading.quality is Quality.COASTED else None
     if circle is None:
         return None
-    u, v, radius = (_number(number, 3) for number in (circle.u_px, circle.v_px, circle.radius_px))
+    u, v, radius = (number(value, 3) for value in (circle.u_px, circle.v_px, circle.radius_px))
     if u is None or v is None or radius is None:
         return None
     return PredictedPayload(u=u, v=v, radius_px=radius)
@@ -201,10 +200,10 @@ def _picture(state: StateVector) -> PicturePayload | None:
         brightness=round(health.brightness, 4),
         clipped=round(health.clipped, 4),
         contrast=round(health.contrast, 4),
-        sharpness=_number(health.sharpness, 4),
-        veil=_number(health.veil, 4),
-        veil_proven=_number(health.veil_proven, 4),
-        shift_px=_number(health.shift_px, 2),
+        sharpness=number(health.sharpness, 4),
+        veil=number(health.veil, 4),
+        veil_proven=number(health.veil_proven, 4),
+        shift_px=number(health.shift_px, 2),
         faults=tuple(fault.name for fault in health.faults),
     )
 
@@ -215,8 +214,8 @@ def _exposure(state: StateVector) -> ExposurePayload | None:
         return None
     return ExposurePayload(
         state=exposure.state.name,
-        time_ms=_number(exposure.time_ms, 3),
-        gain_db=_number(exposure.gain_db, 2),
+        time_ms=number(exposure.time_ms, 3),
+        gain_db=number(exposure.gain_db, 2),
     )
 
 
@@ -237,12 +236,12 @@ def _scale(state: StateVector, offset_ns: int) -> ScalePayload | None:
     scale = state.memory.scale
     if scale is None:
         return None
-    px_mm, spread = _number(scale.px_mm, 1), _number(scale.spread, 4)
+    px_mm, spread = number(scale.px_mm, 1), number(scale.spread, 4)
     if px_mm is None or spread is None:
         return None
     newest_ms = min(max(0, scale.newest.date_s(offset_ns) * 1000), LAST_MS)
     return ScalePayload(
-        px_mm=px_mm, spread=spread, visits=scale.visits, newest_ms=newest_ms, jump=_number(scale.jump, 4)
+        px_mm=px_mm, spread=spread, visits=scale.visits, newest_ms=newest_ms, jump=number(scale.jump, 4)
     )
 
 
@@ -257,12 +256,12 @@ def _guidance(guidance: Guidance) -> GuidancePayload:
         name=guidance.code.name,
         code=guidance.code,
         text=GUIDANCE_MEANING[guidance.code],
-        amount_mm=_number(guidance.amount_mm, 1),
-        offset_u_px=_number(guidance.offset_u_px, 2),
-        offset_v_px=_number(guidance.offset_v_px, 2),
-        offset_mm=_number(guidance.offset_mm, 1),
-        closing_mm_s=_number(guidance.closing_mm_s, 1),
-        to_go_mm=_number(guidance.to_go_mm, 1),
+        amount_mm=number(guidance.amount_mm, 1),
+        offset_u_px=number(guidance.offset_u_px, 2),
+        offset_v_px=number(guidance.offset_v_px, 2),
+        offset_mm=number(guidance.offset_mm, 1),
+        closing_mm_s=number(guidance.closing_mm_s, 1),
+        to_go_mm=number(guidance.to_go_mm, 1),
     )
 
 
@@ -299,11 +298,6 @@ def _quality(quality: Quality) -> QualityPayload:
     return QualityPayload(name=quality.name, code=quality)
 
 
-def _number(value: float | None, digits: int) -> float | None:
-    """JSON has no NaN and no infinity."""
-    return None if value is None or not math.isfinite(value) else round(value, digits)
-
-
 def text(text: str) -> str:
     """At most MAX_DETAIL characters, all of which UTF-8 can carry (a file name from the system may hold others)."""
     return text[:MAX_DETAIL].encode("utf-8", "replace").decode()
@@ -311,8 +305,3 @@ def text(text: str) -> str:
 
 def _unix_ms(unix_ns: int) -> int:
     return min(max(0, unix_ns // NS_PER_MS), LAST_MS)
-
-
-def _iso(unix_ms: int) -> str:
-    time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(milliseconds=unix_ms)
-    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
