@@ -164,7 +164,6 @@ async def run(
         vectors = {bay.name: shared.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays}
         # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
         files = parts.bay_files = BayFiles.read(config, clock)
-        tasks.append(Task("bay-files", files.run))
         rings = {bay.name: RingSpec.create(bay.camera.max_megapixels) for bay in config.bays}
         readers = {bay: ring.reader() for bay, ring in rings.items()}
         for ring in rings.values():
@@ -173,7 +172,7 @@ async def run(
             shared.callback(os.close, ring.fd)
         recorder = parts.recorder = RecorderService(config, clock, readers, parts.boot)
         hub.listen(recorder.on_event)
-        tasks += recorder.tasks
+        tasks += [Task("bay-files", files.run), *recorder.tasks]
         controls = {
             bay.name: BayControl(
                 bay,
@@ -186,6 +185,7 @@ async def run(
             )
             for bay in config.bays
         }
+        recorder.follow_visits(controls)
         template = vision_template(ports.camera.values(), (bay.vision for bay in config.bays))
         tasks.append(Task("vision-template", template.run))
         visions = {

@@ -21,6 +21,7 @@ VERBS = (
     "replay",
     "why",
     "export",
+    "records",
     "registers",
     "state",
     "certs",

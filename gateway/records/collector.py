@@ -12,6 +12,7 @@ from gateway.core.events import Event
 from gateway.core.fusion import Observation
 from gateway.core.readings import VisionReading
 from gateway.core.state import StateVector
+from gateway.core.visit_summary import VisitSummary
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import encode
 from gateway.records.record import (
@@ -21,6 +22,7 @@ from gateway.records.record import (
     Gap,
     Record,
     RegisterImage,
+    VisitRecord,
     of_observation,
     outputs,
     packed,
@@ -31,6 +33,7 @@ MAX_PENDING_BYTES = 4 * 1024 * 1024  # of one bay, unpacked: some three minutes
 BATCH_BYTES = 48 * 1024  # fits into one message
 CHECKPOINT_NS = 60 * NS_PER_S
 IMAGE_NS = NS_PER_S
+VISIT_NS = 10 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,7 @@ class Collector:
 
     wall_ns: Callable[[], int]
     word_order: WordOrder = "big"
+    open_visit: Callable[[], VisitSummary | None] = lambda: None  # as it is known after the newest state
     dropped: int = 0  # records since the start
     _newest: StateVector | None = None
     _decision: tuple[object, ...] = ()
@@ -56,6 +60,7 @@ class Collector:
     _missing: int = 0  # records dropped since the last one that was taken
     _checkpoint_ns: int = 0
     _image_ns: int = 0
+    _visit_ns: int = 0
 
     def __call__(self, observation: Observation | None, state: StateVector, happened: Sequence[Event]) -> None:
         """`observation`: what `state` came of; None: the start, the end, or only events without a new state."""
@@ -88,6 +93,12 @@ class Collector:
                     t_ns=event.t_ns, kind=event.kind, sensor=event.sensor, quality=event.quality, detail=event.detail
                 )
             )
+            if event.summary is not None:
+                self._add(VisitRecord(t_ns=t_ns, visit=event.summary))
+        if t_ns - self._visit_ns >= VISIT_NS or (new and not stepped):
+            self._visit_ns = t_ns
+            if (visit := self.open_visit()) is not None:
+                self._add(VisitRecord(t_ns=t_ns, visit=visit))
         if t_ns - self._image_ns >= IMAGE_NS:
             self._image_ns = t_ns
             unix_ns = self.wall_ns()

@@ -2,6 +2,7 @@
 
 from gateway.clock import SystemClock
 from gateway.config import RecordsConfig
+from gateway.core.visit_summary import VisitSummary
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message
 from gateway.records.segment import Head
@@ -58,9 +59,17 @@ class RecorderStatus(Message, frozen=True):
     pictures: int = 0
     pictures_refused: int = 0  # picture_mb_per_day was used up
     deleted_files: int = 0
+    index_fault: str = ""  # of index.sqlite; recording goes on
+
+
+class OpenVisit(Message, frozen=True):
+    """The visit that was open when the gateway ended before, from the recording. Once, for a bay that had one."""
+
+    bay: str
+    visit: VisitSummary
 
 
 ToRecorder = Job | Records | KeepPictures
-FromRecorder = Written | RecorderStatus
+FromRecorder = Written | RecorderStatus | OpenVisit
 FROM_RECORDER = Codec(FromRecorder | Failed)
 TO_RECORDER = Codec(ToRecorder, compressed=True)

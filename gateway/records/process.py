@@ -16,13 +16,16 @@ import msgspec
 from gateway.clock import NS_PER_S, machine_ns
 from gateway.errors import LinkError
 from gateway.processes.channel import Channel
+from gateway.records import recording
 from gateway.records.incident import Incident, IncidentPictures
+from gateway.records.index import Index
 from gateway.records.messages import (
     TO_RECORDER,
     BayJob,
     FromRecorder,
     Job,
     KeepPictures,
+    OpenVisit,
     RecorderStatus,
     Records,
     ToRecorder,
@@ -40,6 +43,8 @@ MB = 1_000_000
 TIDY_S = 60.0
 RETRY_S = 1.0
 STATUS_S = 10.0
+INDEX_NS = 20_000_000  # at once; records and pictures come first
+INDEX_PAUSE_S = 0.02
 PNG_EFFORT = 1  # zlib's level: 8 ms for a VGA picture
 MAX_CLOCK_JUMP_S = 86_400.0  # a clock that jumps farther ahead makes no file old
 
@@ -69,6 +74,7 @@ class Recorder:
         self._clock = job.clock
         self._bays = {bay.head.bay: self._bay(bay) for bay in job.bays}
         self._unwritten: list[Records] = []
+        self._index = Index(Path(job.folder))
         self._fault = ""
         self._pictures = 0
         self._wall_offset_ns = self._offset_ns()
@@ -76,6 +82,7 @@ class Recorder:
 
     def run(self) -> None:
         """Until the main process has ended, which ends this process."""
+        self._find_open_visits()
         period_s = 1 / self._job.config.picture_hz / self._job.clock.speed
         next_picture = next_tidy = next_status = _now_s()
         while True:
@@ -89,7 +96,9 @@ class Recorder:
             if now >= next_status:
                 next_status = now + STATUS_S
                 self._report()
+            more = not self._unwritten and self._index.work(INDEX_NS)
             wait_s = min(next_picture, next_tidy, now + RETRY_S if self._unwritten else next_tidy) - _now_s()
+            wait_s = min(wait_s, INDEX_PAUSE_S) if more else wait_s
             select.select([self._channel.sock], [], [], max(0.0, wait_s))
             for message in self._channel.waiting():
                 match message:
@@ -98,6 +107,16 @@ class Recorder:
                     case KeepPictures():
                         self._bays[message.bay].pictures.happened(message.t_ns, message.why)
             self._write()
+
+    def _find_open_visits(self) -> None:
+        """Of the gateway before this one."""
+        for name, bay in self._bays.items():
+            try:
+                visit = recording.open_visit(bay.store.folder, bay.job.head.boot)
+            except OSError:
+                continue  # there is no recording yet, or it cannot be read
+            if visit is not None:
+                self._channel.send(OpenVisit(name, visit))
 
     def _write(self) -> None:
         """Everything that waits, to the disk. What a disk has refused waits on: the main process sends only so much."""
@@ -195,6 +214,7 @@ class Recorder:
             pictures=self._pictures,
             pictures_refused=sum(bay.pictures.refused for bay in bays),
             deleted_files=sum(bay.store.deleted_files for bay in bays),
+            index_fault=self._index.fault,
         )
         self._channel.send(status)
 

@@ -11,6 +11,7 @@ from gateway.core.fusion import Observation
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
+from gateway.core.visit_summary import VisitSummary
 from gateway.errors import ProtocolError
 
 
@@ -109,6 +110,12 @@ class EventRecord(Record, frozen=True, tag="event"):
     detail: str = ""
 
 
+class VisitRecord(Record, frozen=True, tag="visit"):
+    """A truck's visit: as it ended, and every ten seconds as far as it is known, for a gateway that starts again."""
+
+    visit: VisitSummary
+
+
 class Gap(Record, frozen=True, tag="gap"):
     """`lost` records before `t_ns` could not be written."""
 
@@ -127,6 +134,7 @@ AnyRecord = (
     | RegisterImage
     | Checkpoint
     | EventRecord
+    | VisitRecord
     | Gap
 )
 

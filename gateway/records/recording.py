@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gateway.config import GatewayConfig
+from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.errors import ConfigError, ProtocolError
 from gateway.records import names
 from gateway.records.names import PICTURES, SEGMENT
-from gateway.records.record import AnyRecord, Gap
+from gateway.records.record import AnyRecord, Gap, VisitRecord
 from gateway.records.segment import BlockKind, Damage, Head, Picture, batch_of, blocks, head_of, picture_of
 from gateway.records.store import files_in
 
@@ -88,6 +89,24 @@ def records(paths: Iterable[Path]) -> Iterator[Item | Missing]:
                 yield Missing(f"{path.name}: {error}")
         if head is None:
             yield Missing(f"{path.name}: its head is damaged")
+
+
+def open_visit(folder: Path, boot: str) -> VisitSummary | None:
+    """The visit that was open at the end of what a gateway of another start has recorded. Raises OSError."""
+    segments = [folder / str(file.name) for file in files_in(folder) if file.name.kind == SEGMENT]
+    for path in reversed(segments[-2:]):
+        found: VisitSummary | None = None
+        for item in records([path]):
+            if isinstance(item, Missing):
+                continue
+            place, record = item
+            if place.head.boot == boot:
+                return None  # only the recorder was started again
+            if isinstance(record, VisitRecord):
+                found = record.visit
+        if found is not None:
+            return found if found.end is VisitEnd.OPEN else None
+    return None
 
 
 def pictures(path: Path) -> Iterator[Picture | Missing]:

@@ -90,6 +90,11 @@ class Block:
     payload: bytes
     offset: int
 
+    @property
+    def size(self) -> int:
+        """In the file."""
+        return _HEADER.size + len(self.payload)
+
 
 _HEAD = msgspec.json.Decoder(Head)
 _BATCH = msgspec.msgpack.Decoder(Batch)
@@ -132,7 +137,7 @@ def blocks(data: bytes) -> Iterator[Block | Damage]:
         if at > good:
             yield Damage(good, at - good)
         yield found
-        at = good = at + _HEADER.size + len(found.payload)
+        at = good = at + found.size
     if good < len(data):
         yield Damage(good, len(data) - good)
 

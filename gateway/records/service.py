@@ -8,7 +8,7 @@ nothing; one that is stopped, or whose disk hangs, is sent no more than UNACKNOW
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,10 +18,12 @@ from typing import NoReturn
 from gateway import __version__
 from gateway.alarms.records import AlarmChange
 from gateway.alarms.states import AlarmEvent
+from gateway.bay import BayControl
 from gateway.bay_file import default_folder
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.events import Event, EventKind
+from gateway.core.visit_summary import VisitSummary
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.slot import ProcessSlot
@@ -33,6 +35,7 @@ from gateway.records.messages import (
     FromRecorder,
     Job,
     KeepPictures,
+    OpenVisit,
     RecorderStatus,
     Records,
     ToRecorder,
@@ -102,6 +105,7 @@ class RecorderService:
     clock: SystemClock
     rings: Mapping[str, RingSpec]
     boot: str
+    on_open_visit: Callable[[str, VisitSummary], None] = lambda _bay, _visit: None  # from before the restart
     status: RecorderStatus = field(default_factory=RecorderStatus)
     fault: str = ""  # of the process itself; empty: it runs
     folder: Path | None = field(init=False)  # of all bays' recordings; None: nothing is recorded
@@ -109,6 +113,7 @@ class RecorderService:
     _number: int = 0
     _unacknowledged: deque[tuple[Records, int]] = field(default_factory=deque)
     _bytes: int = 0
+    _resumed: set[str] = field(default_factory=set)  # bays
     _closing: bool = False
     _written: asyncio.Event = field(default_factory=asyncio.Event)
     _wanted: deque[KeepPictures] = field(default_factory=lambda: deque(maxlen=100))
@@ -127,6 +132,12 @@ class RecorderService:
     def dropped(self) -> int:
         """Records that could not be written since the start."""
         return sum(collector.dropped for collector in self.collectors.values())
+
+    def follow_visits(self, controls: Mapping[str, BayControl]) -> None:
+        """Record the visits of these bays, and hand them those from before the restart."""
+        for name, collector in self.collectors.items():
+            collector.open_visit = controls[name].open_visit
+        self.on_open_visit = lambda bay, visit: controls[bay].resume_visit(visit)
 
     def on_event(self, event: Event) -> None:
         """A listener of the hub: pictures are kept round what people may ask about. Never waits."""
@@ -189,6 +200,10 @@ class RecorderService:
                         self._acknowledged(number)
                     case RecorderStatus():
                         self._report(message)
+                    case OpenVisit(bay, visit):
+                        if bay not in self._resumed:
+                            self._resumed.add(bay)
+                            self.on_open_visit(bay, visit)
                     case Failed(why):
                         raise LinkError(why)
                     case Gone(how):
@@ -216,6 +231,8 @@ class RecorderService:
     def _report(self, status: RecorderStatus) -> None:
         if status.fault != self.fault:
             log.warning("recorder: %s", status.fault or "writes again")
+        if status.index_fault != self.status.index_fault:
+            log.warning("recorder: %s", status.index_fault or "the index is written again")
         self.status, self.fault = status, status.fault
 
     def _acknowledged(self, number: int) -> None:

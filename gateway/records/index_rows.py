@@ -1,0 +1,175 @@
+"""What the index holds of one segment: its visits, its events, and its minutes. Pure: records in, rows out.
+
+A row depends on the records of its own segment only, so that the index can be made anew from any of them.
+"""
+
+from dataclasses import dataclass, field
+
+import msgspec
+
+from gateway.core.readings import FRESH_FRAME, Quality
+from gateway.core.visit_summary import VisitEnd
+from gateway.records.record import (
+    AnyRecord,
+    Checkpoint,
+    Decision,
+    DistanceRecord,
+    EventRecord,
+    FrameRecord,
+    Gap,
+    RegisterImage,
+    VisitRecord,
+)
+from gateway.records.segment import Head
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+MINUTE_NS = 60 * NS_PER_S
+MAX_EVENTS = 1000  # of one segment; what flickers is in the segment itself, and counted here
+LONGEST_STEP_NS = NS_PER_S  # records that are farther apart: nothing is known of the time between them
+
+VisitRow = tuple[int, int, str]  # begun_ms, ended_ms, VisitSummary as JSON
+EventRow = tuple[int, str, str, str, str]  # t_ms, kind, sensor, quality, detail
+MinuteRow = tuple[int | float | str | None, ...]  # as MINUTE_COLUMNS
+MINUTE_COLUMNS = (
+    "minute", "recorded_s", "may_move_s", "in_place_s", "stop_s", "frames", "faults",
+    "r_min", "r_mean", "r_max", "z_min", "z_mean", "z_max",
+)  # fmt: skip
+
+
+@dataclass(slots=True)
+class Spread:
+    """Least, mean and largest of what was measured."""
+
+    count: int = 0
+    total: float = 0.0
+    least: float = 0.0
+    most: float = 0.0
+
+    def add(self, value: float) -> None:
+        self.least = value if not self.count else min(self.least, value)
+        self.most = value if not self.count else max(self.most, value)
+        self.count += 1
+        self.total += value
+
+    @property
+    def row(self) -> tuple[float | None, float | None, float | None]:
+        if not self.count:
+            return None, None, None
+        return round(self.least, 2), round(self.total / self.count, 2), round(self.most, 2)
+
+
+@dataclass(slots=True)
+class Minute:
+    """One minute of Unix time, as far as it was recorded. Times in ns; `stop_ns` by reason."""
+
+    number: int  # since 1970
+    recorded_ns: int = 0
+    may_move_ns: int = 0
+    in_place_ns: int = 0
+    stop_ns: dict[str, int] = field(default_factory=dict)
+    frames: int = 0
+    faults: int = 0
+    radius_px: Spread = field(default_factory=Spread)
+    distance_mm: Spread = field(default_factory=Spread)
+
+    @property
+    def row(self) -> MinuteRow:
+        stop_s = {reason: _s(ns) for reason, ns in sorted(self.stop_ns.items())}
+        return (
+            self.number, _s(self.recorded_ns), _s(self.may_move_ns), _s(self.in_place_ns),
+            msgspec.json.encode(stop_s).decode(), self.frames, self.faults,
+            *self.radius_px.row, *self.distance_mm.row,
+        )  # fmt: skip
+
+
+@dataclass(slots=True)
+class SegmentRows:
+    """The rows of one segment, in the order of its records."""
+
+    head: Head
+    visits: list[VisitRow] = field(default_factory=list)
+    events: list[EventRow] = field(default_factory=list)
+    minutes: list[MinuteRow] = field(default_factory=list)  # those that are over
+    events_left_out: int = 0
+    lost: int = 0  # records that could not be written
+    end_ms: int = 0
+    _offset_ns: int = 0  # Unix time minus monotonic time
+    _minute: Minute | None = None
+    _decision: Decision | None = None
+    _before_ns: int | None = None
+    _event_count: int = 0
+
+    def __post_init__(self) -> None:
+        self._offset_ns = self.head.unix_ns - self.head.t_ns
+        self.end_ms = self.head.unix_ns // NS_PER_MS
+
+    def add(self, record: AnyRecord) -> None:
+        """The next record."""
+        if isinstance(record, RegisterImage):
+            self._offset_ns = record.unix_ns - record.t_ns
+        minute = self._at(record.t_ns)
+        match record:
+            case Decision():
+                self._decision = record
+            case Checkpoint():
+                self._decision = Decision.of(record.state)
+            case Gap():
+                self._decision = None
+                self.lost += record.lost
+            case FrameRecord():
+                minute.frames += record.reading.quality in FRESH_FRAME
+                if record.reading.quality is Quality.GOOD and record.reading.circle is not None:
+                    minute.radius_px.add(record.reading.circle.radius_px)
+            case DistanceRecord():
+                if record.reading.quality is Quality.GOOD and record.reading.distance_mm is not None:
+                    minute.distance_mm.add(record.reading.distance_mm)
+            case EventRecord():
+                minute.faults += record.kind == "sensor_fault"
+                self._event(record)
+            case VisitRecord():
+                if record.visit.end is not VisitEnd.OPEN:
+                    text = msgspec.json.encode(record.visit).decode()
+                    self.visits.append((record.visit.begun_ms, record.visit.last_seen_ms, text))
+            case _:
+                pass
+
+    def finish(self) -> None:
+        """The segment has ended: so has its last minute."""
+        if self._minute is not None:
+            self.minutes.append(self._minute.row)
+            self._minute = None
+
+    def _event(self, record: EventRecord) -> None:
+        self._event_count += 1
+        if self._event_count > MAX_EVENTS:
+            self.events_left_out += 1
+            return
+        quality = record.quality.name if record.sensor in ("vision", "range") else ""
+        t_ms = (record.t_ns + self._offset_ns) // NS_PER_MS
+        self.events.append((t_ms, record.kind, record.sensor, quality, record.detail))
+
+    def _at(self, t_ns: int) -> Minute:
+        """The minute of that moment; the time until then counts as what was decided before."""
+        unix_ns = t_ns + self._offset_ns
+        self.end_ms = max(self.end_ms, unix_ns // NS_PER_MS)
+        number = unix_ns // MINUTE_NS
+        if self._minute is not None and number != self._minute.number:
+            self.minutes.append(self._minute.row)
+            self._minute = None
+        if self._minute is None:
+            self._minute = Minute(number)
+        decision, before_ns, self._before_ns = self._decision, self._before_ns, t_ns
+        if decision is not None and before_ns is not None and 0 < (step_ns := t_ns - before_ns) <= LONGEST_STEP_NS:
+            minute = self._minute
+            minute.recorded_ns += step_ns
+            minute.may_move_ns += step_ns * decision.may_move
+            minute.in_place_ns += step_ns * decision.in_place
+            if decision.stop:
+                reason = decision.reason.name.lower()
+                minute.stop_ns[reason] = minute.stop_ns.get(reason, 0) + step_ns
+        return self._minute
+
+
+def _s(ns: int) -> float:
+    return round(ns / NS_PER_S, 3)

@@ -1,0 +1,40 @@
+"""A bay reports each visit as an event, goes on with one from before a restart, and decides by neither."""
+
+from dataclasses import replace
+
+from gateway.core.events import EventKind
+from gateway.core.visit_summary import VisitEnd, VisitSummary
+from tests.unit.test_bay import Bench
+
+WALL_MS = 1_700_000_010_000  # of the bench's first moment, less its length so far
+OPEN = VisitSummary(WALL_MS - 90_000, 60.0, times_in_place=1, in_place_s=30.0, radius_px=190.0, distance_mm=280.0)
+
+
+def test_a_visit_from_before_the_restart_goes_on_and_changes_no_output() -> None:
+    bench, without = Bench(), Bench()
+    bench.at(0)
+    bench.bay.resume_visit(OPEN)
+    assert bench.bay.open_visit() == OPEN
+    for one in (bench, without):
+        for n in range(30):
+            one.go(n * 50, radius_px=190.0, distance_mm=280.0)
+    assert bench.state == without.state
+    visit = bench.bay.open_visit()
+    assert visit is not None
+    assert (visit.begun_ms, visit.interruptions, visit.radius_px) == (OPEN.begun_ms, 1, 190.0)
+    alone = without.bay.open_visit()
+    assert alone is not None
+    assert (alone.begun_ms, alone.interruptions) == (WALL_MS, 0)
+    assert EventKind.VISIT not in bench.kinds()
+
+
+def test_one_that_can_not_go_on_is_reported_at_once() -> None:
+    bench = Bench()
+    old = replace(OPEN, begun_ms=OPEN.begun_ms - 10**8)
+    bench.kinds()
+    bench.bay.resume_visit(old)
+    (event,) = bench.events.drain()
+    assert event.kind is EventKind.VISIT
+    assert event.summary == replace(old, end=VisitEnd.GATEWAY_OFF, interruptions=1)
+    assert event.detail == old.text + ", interrupted by a restart"
+    assert bench.bay.open_visit() is None
