@@ -1,8 +1,10 @@
 """R x Z without a constant of the lens: what is a contradiction, and what must not be one."""
 
+import math
 from dataclasses import replace
 from operator import itemgetter
 from statistics import median
+from typing import Any
 
 import pytest
 from hypothesis import event, given, settings
@@ -163,6 +165,26 @@ def test_a_bay_that_is_clear_forgets_what_it_saw() -> None:
     assert (memory.others, memory.others_from) == ((), None)
     checked_by_lens = CONFIG.model_copy(update={"cross_check": CrossCheck(focal_px=600, marker_radius_mm=90)})
     assert without_marker(pairs.memory, checked_by_lens) is pairs.memory, "that verdict is the lens's"
+
+
+@pytest.mark.parametrize("left", [{"marker_confirmed": True}, {"pairs": ((20.0, 900.0),)}])
+def test_neither_a_confirmed_marker_nor_a_pair_outlives_its_truck(left: dict[str, Any]) -> None:
+    assert without_marker(FusionMemory(**left), CONFIG) == FusionMemory()
+
+
+@pytest.mark.parametrize(("radius_px", "fits"), [(199.9, False), (200.0, True), (312.5, True), (312.6, False)])
+def test_the_limits_of_what_was_learned_belong_to_it(radius_px: float, fits: bool) -> None:
+    learned = MarkerScale(50_000.0, 200.0, 0.02, 5, ScaleSample(0, 250.0, 200.0))
+    pairs = Pairs(FusionMemory(scale=learned), FusionConfig(scale_tolerance=0.25))
+    pairs.see(radius_px, 200)
+    assert (pairs.memory.disagree_since_ns is None) is fits
+
+
+@pytest.mark.parametrize(
+    ("number", "is_one"), [(1e9, True), (-1e9, True), (1.1e9, False), (-1.1e9, False), (math.nan, False)]
+)
+def test_a_measurement_is_at_most_a_thousand_million(number: float, is_one: bool) -> None:
+    assert agreement.in_range(number) is is_one
 
 
 def _by_an_echo(scale: MarkerScale | None = None) -> Pairs:

@@ -14,7 +14,7 @@ from gateway.core.agreement import LARGEST
 from gateway.core.detection import Circle
 from gateway.core.fusion import RANGE_REASON, VISION_REASON, Observation, forced_stop, initial, step
 from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
-from gateway.core.state import Guidance, GuidanceCode, Reason, StateVector, Tick
+from gateway.core.state import Guidance, GuidanceCode, Moved, Reason, StateVector, Tick, Visit, VisitPhase
 from tests.examples import examples
 
 MS = 1_000_000
@@ -736,6 +736,12 @@ def test_forced_stop_withdraws_every_value(reason: Reason) -> None:
         plc=state.plc.withdrawn(),
         guidance=Guidance(GuidanceCode.FAULT),
     )
+
+
+def test_forced_stop_keeps_of_a_visit_that_its_truck_has_moved_and_nothing_else() -> None:
+    visit = Visit(VisitPhase.AT_MARK, moved=Moved.MARKER, moved_covered=True, released=True, still_since_ns=T0)
+    forced = forced_stop(replace(both(90.0, 600.0), visit=visit), Reason.GATEWAY_FAULT, T0)
+    assert forced.visit == Visit(moved=Moved.MARKER, moved_covered=True)
 
 
 def test_forced_stop_keeps_the_faults_it_finds() -> None:
