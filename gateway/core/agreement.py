@@ -147,11 +147,11 @@ def _middle(pairs: tuple[Pair, ...]) -> Pair:
 
 
 def _growth(was: Pair, now: Pair) -> float | None:
-    """R of the nearer one, by R of the farther one; None: Z has not changed by FOLLOW_Z."""
+    """R of the nearer one, by R of the farther one, 0 where that is 0; None: Z has not changed by FOLLOW_Z."""
     near, far = (now, was) if now[1] < was[1] else (was, now)
     if far[1] < FOLLOW_Z * near[1]:
         return None
-    return near[0] / far[0] if far[0] > 0 else math.inf
+    return near[0] / far[0] if far[0] > 0 else 0.0
 
 
 def _returned(memory: FusionMemory, pair: Pair, tolerance: float) -> FusionMemory:

@@ -117,6 +117,14 @@ def test_a_lamp_whose_r_does_not_follow_z_is_found_out_at_two_thirds_of_the_way(
     assert pairs.see(20, z_mm, 20)
 
 
+def test_a_circle_without_a_size_follows_nothing() -> None:
+    pairs = Pairs()
+    for z_mm in range(1500, 900, -6):
+        pairs.see(0, z_mm)
+    assert pairs.see(0, 900, 20)
+    assert not pairs.memory.marker_confirmed
+
+
 def test_a_truck_that_goes_while_r_does_not_shrink_is_found_out_as_well() -> None:
     pairs = Pairs()
     pairs.see(193, 280, 20)
@@ -131,6 +139,7 @@ def test_a_small_circle_at_the_mark_is_not_believed_unless_r_has_followed_z() ->
     assert Pairs().see(80, 290, 17)
     assert not Pairs().see(95, 290, 17), "R of a truck a little short: R_th and Z_th need not fit each other"
     assert not Pairs().see(20, 310, 17), "D = 0 by Z alone"
+    assert not Pairs().see(90, 290, 17), "half of R_th is not smaller than that"
     proven = Pairs()
     proven.approach(1200, 320)
     assert proven.memory.marker_confirmed
@@ -144,7 +153,8 @@ def test_a_z_th_that_is_meant_to_be_far_stops_nobody() -> None:
 
 def test_what_was_learned_is_believed_before_the_newest_pairs() -> None:
     pairs = Pairs(FusionMemory(scale=LEARNED))
-    assert pairs.see(20, 350, 20), "a lamp, and nothing else seen yet"
+    lamp = pairs.see(20, 350, 20), pairs.memory.marker_confirmed
+    assert lamp == (True, False), "and nothing else seen yet"
     assert not pairs.see(PX_MM / 350, 350)
     assert pairs.memory.marker_confirmed
     far = Pairs(FusionMemory(scale=LEARNED))

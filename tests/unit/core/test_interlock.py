@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.config import GatewayConfig, parse
+from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisitConfig, parse
 from gateway.core import fusion, interlock
 from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
@@ -109,6 +109,13 @@ def test_by_default_it_decides_exactly_as_fusion_does() -> None:
         for name in ("stop", "may_move", "reason", "d", "seq", "heartbeat"):
             assert getattr(plain, name) == getattr(interlocked, name), (n, name)
     assert interlocked.plc.writes == 0, "writes are off"
+
+
+def test_without_the_gateways_configuration_a_bay_has_its_own_and_no_writes() -> None:
+    bay = BayConfig(name="north", visit=VisitConfig(settle_s=2.5), fusion=FusionConfig(distance_threshold_mm=250))
+    under = Rules.of(bay)
+    assert (under.visit, under.handshake, list(under.recipes)) == (bay.visit, None, [0])
+    assert (under.recipes[0].fusion, under.recipes[0].guidance) == (bay.fusion, bay.guidance)
 
 
 # The latch.

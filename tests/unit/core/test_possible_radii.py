@@ -126,6 +126,13 @@ def test_a_dead_control_task_gives_no_radii() -> None:
     assert bay.hears(Quality.GOOD, 280.0) is None  # 300 ms without a tick
 
 
+def test_a_truck_in_place_is_one_visit() -> None:
+    bay = Visit()
+    state = bay.for_s(1.5, Quality.GOOD, circle=MARKER)
+    assert state.visit.in_place_since_ns is not None
+    assert state.memory.scale_samples == (ScaleSample(0, 193.0, 280.0, state.visit.in_place_since_ns),)
+
+
 # -- what a refused disc means -----------------------------------------------------------------------------------------
 
 
