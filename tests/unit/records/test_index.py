@@ -21,7 +21,7 @@ from gateway.records.collector import Collector
 from gateway.records.index import NAME, TABLES, Index
 from gateway.records.index_reader import IndexReader
 from gateway.records.index_rows import MAX_EVENTS, SegmentRows
-from gateway.records.record import EventRecord, Gap, TickRecord, VisitRecord, packed
+from gateway.records.record import EventRecord, Gap, RegisterImage, TickRecord, VisitRecord, packed
 from gateway.records.retention import Limits
 from gateway.records.segment import Head, records_block
 from gateway.records.store import SEGMENT_NS, Store
@@ -292,6 +292,13 @@ def test_what_flickers_does_not_fill_it() -> None:
     rows.finish()
     assert (len(rows.events), rows.events_left_out) == (MAX_EVENTS, 5)
     assert rows.minutes[0][6] == MAX_EVENTS + 5
+
+
+def test_a_clock_that_was_set_dates_what_follows() -> None:
+    rows = SegmentRows(HEAD)
+    rows.add(RegisterImage(t_ns=HEAD.t_ns + S, unix_ns=HEAD.unix_ns + 3600 * S, words=b""))
+    rows.add(EventRecord(t_ns=HEAD.t_ns + 2 * S, kind="start"))
+    assert rows.events[0][0] == (HEAD.unix_ns + 3601 * S) // 10**6
 
 
 def test_time_of_which_nothing_is_known_is_of_no_output() -> None:
