@@ -86,7 +86,7 @@ def test_a_killed_recorder_loses_nothing_and_the_plc_notices_nothing(tmp_path: P
         assert gateway.end() == 0
     code, said = replay(tmp_path)
     assert (code, said["same"], said["missing"]) == (0, True, [])
-    assert said["steps"] > 700
+    assert said["steps"] > 400  # the ticks alone; frames and distances come as fast as the machine gives them
 
 
 def test_what_was_recorded_up_to_a_second_before_a_crash_is_there(tmp_path: Path) -> None:
