@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.config import GatewayConfig
+from gateway.config import FusionConfig, GatewayConfig, GuidanceConfig, VisitConfig
 from gateway.core import interlock, visit
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
@@ -17,7 +17,17 @@ from gateway.core.plc import Control, PlcWrite, ResetVerdict
 from gateway.core.readings import DEAD, Quality, RangeReading, VisionReading
 from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
-from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, Tick, TruckPosition, VisitPhase
+from gateway.core.state import (
+    FunctionCheck,
+    GuidanceCode,
+    Moved,
+    Reason,
+    StateVector,
+    Tick,
+    TruckPosition,
+    Visit,
+    VisitPhase,
+)
 from gateway.sim.scenario import Scenario
 from tests.examples import examples
 from tests.visit_bench import MOMENTS_HZ, PLC, Bench, Levels, gateway, truck
@@ -1099,3 +1109,50 @@ def test_the_place_is_where_the_truck_was_when_in_place_began() -> None:
     assert place.distance_mm == pytest.approx(280, abs=8)
     bench.run(5)
     assert bench.state.visit.place == place
+
+
+class TestOneStep:
+    """The pure step by itself, at its limits. Times from 100 s on."""
+
+    T_NS = 100_000_000_000
+    LIMITS = visit.Limits(VisitConfig(), FusionConfig(), GuidanceConfig())
+    PLACE = TruckPosition(280.0, Circle(320.0, 240.0, 193.0))
+
+    def state(self, circle: Circle | None, distance_mm: float | None, **more: Any) -> StateVector:
+        vision = VisionReading(self.T_NS, Quality.NO_TARGET if circle is None else Quality.GOOD, circle)
+        range_ = RangeReading(self.T_NS, Quality.NO_ECHO if distance_mm is None else Quality.GOOD, distance_mm)
+        return StateVector("bay1", t_ns=self.T_NS, vision=vision, range=range_, **more)
+
+    def step(self, before: Visit, state: StateVector, *, release: bool = False) -> Visit:
+        return visit.step(before, state, 0.0, self.LIMITS, released=release, release=release)
+
+    def test_a_truck_has_left_only_beyond_the_leave_distance(self) -> None:
+        leave_mm = self.LIMITS.leave_mm
+        assert leave_mm == 1000.0
+        assert not visit.clear(self.state(None, leave_mm), self.LIMITS)
+        assert visit.clear(self.state(None, leave_mm + 1), self.LIMITS)
+
+    def test_a_release_permits_nothing_beyond_the_mark(self) -> None:
+        usable = Visit(released=True, usable_since_ns=0)
+        seen = self.state(self.PLACE.circle, 280.0)
+        assert visit.may_leave(usable, seen, self.LIMITS)
+        assert not visit.may_leave(replace(usable, off_mark=True), seen, self.LIMITS)
+
+    def test_a_clear_bay_is_empty_and_one_in_which_a_truck_is_watched_is_not(self) -> None:
+        assert self.step(Visit(), self.state(None, None)).phase is VisitPhase.EMPTY
+        watched = Visit(place=self.PLACE, clear_since_ns=self.T_NS)
+        assert self.step(watched, self.state(None, None)).phase is VisitPhase.UNKNOWN
+
+    def test_a_circle_of_half_the_size_where_the_marker_was_is_doubted(self) -> None:
+        placed = Visit(in_place=True, place=self.PLACE)
+        half = self.step(placed, self.state(Circle(320.0, 240.0, 96.5), 280.0, d=True))
+        assert half.in_place
+        assert half.unconfirmed_since_ns == self.T_NS
+        whole = self.step(placed, self.state(Circle(320.0, 240.0, 190.0), 280.0, d=True))
+        assert whole.unconfirmed_since_ns is None
+
+    def test_what_was_covered_before_a_release_does_not_count_after_it(self) -> None:
+        covered = Visit(in_place=True, place=self.PLACE, covered_since_ns=1, still_since_ns=1, candidate=self.PLACE)
+        released = self.step(covered, self.state(self.PLACE.circle, 280.0, d=True), release=True)
+        assert released.released
+        assert (released.covered_since_ns, released.still_since_ns, released.candidate) == (None, None, None)

@@ -11,6 +11,7 @@ from gateway.config import Intrinsics, VisionConfig
 from gateway.core.detection import Circle, Detection
 from gateway.vision.detect.robust.decision import GATES
 from gateway.vision.detect.robust.detect import detect
+from gateway.vision.detect.robust.frame_sum import MOVED
 from gateway.vision.detect.robust.method import REJECTIONS, STAGES
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import WEAKER
@@ -238,7 +239,7 @@ def test_the_same_picture_gives_the_same_answer_bit_for_bit() -> None:
 
 
 def test_every_code_of_a_rejection_is_explained() -> None:
-    codes = {code for code, _ in GATES} | {"rim", WEAKER, JUMP}
+    codes = {code for code, _ in GATES} | {"rim", WEAKER, JUMP, MOVED}
 
     assert codes == set(REJECTIONS)
 
