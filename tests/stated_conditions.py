@@ -274,8 +274,9 @@ class StatedConditions:
         known = replace(known, latched=False)
         if not (known.left or known.perhaps or known.kept):
             return known
-        # Without a cross-check it is not known here whether both fit each other: it may have been refused.
-        place = known.place if self.fusion.cross_check is None else None
+        # Without a cross-check it is not known here whether both fit each other, so it may have been refused; and a
+        # truck that may not have left has still the place that a release is for.
+        place = None if known.left and self.fusion.cross_check is not None else known.place
         return replace(known, left=False, perhaps=False, kept=False, watched=False, place=place)
 
     def _fits(self, place: tuple[float, Circle], circle: Circle | None, mm: float | None) -> bool:

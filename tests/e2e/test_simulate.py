@@ -179,7 +179,7 @@ def test_nothing_survives_a_sigkill_and_the_next_start_is_clean(tmp_path: Path) 
     with Gateway(*args) as gateway:
         gateway.wait_for(lambda row: row["type"] == "state" and row["may_move"])
         family = gateway.family()
-        assert len(family) == 1  # the vision process
+        assert {process.name() for process in family} == {"gw-template", "gw-worker-bay1"}
         left = shared_files()  # read before the kill: any gateway that starts removes what dead ones left
         assert len(left) == 1
         os.kill(gateway.process.pid, signal.SIGKILL)
@@ -199,13 +199,13 @@ def test_a_killed_vision_process_is_replaced_and_meanwhile_stop_is_on(tmp_path: 
         port = gateway.started()["modbus_port"]
         with Plc(port, period_s=0.005) as plc:
             plc.wait_for(lambda image: image["may_move"] == 1)
-            victim = next(p for p in gateway.family() if "worker" in " ".join(p.cmdline()))
+            victim = next(p for p in gateway.family() if p.name().startswith("gw-worker"))
             victim.send_signal(signal.SIGSTOP)  # hangs; the deadline must notice
             hung = plc.wait_for(lambda image: image["stop"] == 1)
             assert hung.image["reason"] in (Reason.VISION_STALE, Reason.VISION_FAULT)
             assert hung.image["radius"] is None
             plc.wait_for(lambda image: image["may_move"] == 1)
-            again = next(p for p in gateway.family() if "worker" in " ".join(p.cmdline()))
+            again = next(p for p in gateway.family() if p.name().startswith("gw-worker"))
             assert again.pid != victim.pid
             again.kill()
             plc.wait_for(lambda image: image["stop"] == 1)
