@@ -30,11 +30,8 @@ from tests.e2e.processes import survivors
 ROOT = Path(__file__).resolve().parents[2]
 STATE_MB = 64
 STARTED_S = 60.0
-ROLES = {
-    "gw-worker": "vision",
-    "gw-hmi": "web",
-    "gw-recorder": "recorder",
-}  # by the beginning of the process's name, as `top` shows it
+# By the beginning of the process's name, as `top` shows it.
+ROLES = {"gw-worker": "vision", "gw-hmi": "web", "gw-recorder": "recorder", "gw-template": "template"}
 CONFIG = f"""
 instance = "{{instance}}"
 log_level = "{{log_level}}"
