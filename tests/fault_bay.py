@@ -159,7 +159,10 @@ class Bay:
         self.world = World(scenario)
         self.scenario = scenario
         self.world_zero_ns = 0  # real time at which world time is 0
+        self._truth: Truth | None = None  # the newest that was asked for
         self.steps = 0
+        self.real_ns = 0  # since the bay was made; no fault touches it
+        self.t_s = -WARM_S
         self.failures: tuple[Failure, ...] = ()
         self.chance = random.Random(f"{settings} warm")
         self.plc = Plc(writes=self.config.modbus.writes)
@@ -167,6 +170,8 @@ class Bay:
         self.cycle_steps = 5
         self.rose_s = -math.inf  # a writer's release bit last rose
         self.reset_s = -math.inf
+        self.beat_s = -math.inf  # a heartbeat that counts was last accepted: a changed number, or a new writer
+        self._beaten = ("", -1)  # its writer, its number
         self.errors: list[str] = []
         sensor = scenario.ranger
         self.board = Board(
@@ -186,15 +191,6 @@ class Bay:
 
     # -- time ------------------------------------------------------------------------------------------------------
 
-    @property
-    def real_ns(self) -> int:
-        """Since the bay was made; no fault touches it."""
-        return self.steps * STEP_MS * MS
-
-    @property
-    def t_s(self) -> float:
-        return self.real_ns / NS_PER_S - WARM_S
-
     def world_s(self, real_ns: int | None = None) -> float:
         return ((self.real_ns if real_ns is None else real_ns) - self.world_zero_ns) / NS_PER_S
 
@@ -203,11 +199,14 @@ class Bay:
         return self.world.distance_mm(self.world_s(clock_ns - ORIGIN_NS))
 
     def truth(self) -> Truth:
-        return self.world.truth(self.world_s(), image_speed=False)
+        t_s = self.world_s()
+        if self._truth is None or self._truth.t_s != t_s:  # asked for several times in a step
+            self._truth = self.world.truth(t_s, image_speed=False)
+        return self._truth
 
     def show(self, world: World) -> None:
         """Another world from now on, with its time at 0, and no fault any more."""
-        self.world, self.scenario, self.world_zero_ns = world, world.scenario, self.real_ns
+        self.world, self.scenario, self.world_zero_ns, self._truth = world, world.scenario, self.real_ns, None
         self.sight.scenario = world.scenario
         self.failures = ()
 
@@ -241,7 +240,7 @@ class Bay:
         """From a warm bay into a schedule."""
         self.config = SETTINGS[self.settings]
         self.scenario = scenario_of(made)
-        self.world = World(self.scenario)
+        self.world, self._truth = World(self.scenario), None
         self.chance = random.Random(f"bay {made.seed}")
         self.sight = MarkerSight(self.scenario, self.chance)
         self.sight.unseen = 100 if made.phase == "held" else 0
@@ -265,7 +264,9 @@ class Bay:
 
     def _step(self) -> None:
         self.steps += 1
-        active = {failure.fault: failure for failure in self.failures if failure.at_s <= self.t_s < failure.end_s}
+        self.real_ns = self.steps * STEP_MS * MS
+        self.t_s = t_s = self.real_ns / NS_PER_S - WARM_S
+        active = {failure.fault: failure for failure in self.failures if failure.at_s <= t_s < failure.end_s}
         if Fault.SUSPENDED in active:
             self.plc_cycle(active, answering=False)
             return
@@ -446,6 +447,8 @@ class Bay:
             answer = self.answered(pdu, peer)
             if answer[0] == 23:
                 read = answer
+                if self._beaten != (address, plc.beat):
+                    self._beaten, self.beat_s = (address, plc.beat), self.t_s
                 rose = bits & ~plc.bits_written if plc.bits_written is not None else 0
                 if rose & RELEASE:
                     self.rose_s = self.t_s

@@ -13,6 +13,12 @@ Each is unsafe from the moment on at which the gateway must have noticed: `Limit
 deadlines. What no sensor can tell is taken into account: with the marker covered, an echo from where the truck stood is
 that of the truck; and another truck that takes its place within no time, at the same place, is the same one.
 
+A PLC whose program stands still is judged by docs/handshake.md, "Heartbeat": its deadline begins when the gateway
+accepted the last heartbeat that counts, `Bay.beat_s`. That can be later than the program stopped. While the control
+task is dead, writes are refused; the program's last number is then written again and again, and is a change when the
+first of these writes is accepted: the gateway cannot know how old it is. And once the PLC is lost, the block may be
+another's, whose heartbeat is the one that counts ("One writer at a time").
+
 Recovery: once all faults have ended, the truck drives to WAITS_CM and may move within RECOVERY_S; then it drives to the
 mark, and is in place within RECOVERY_S. Where R x Z of something else was taken for the marker's, that may need a clear
 bay first (docs/visit.md, "Limits"): the truck drives out to CLEAR_CM and comes again; `Outcome.cleared`.
@@ -223,8 +229,9 @@ class Judge:
             if bound_s is not None and on and t_s - failure.at_s > bound_s + self._stalled_s(failure.at_s, t_s):
                 yield f"{what} {t_s - failure.at_s:.2f} s after {failure.fault}"
             stopped = failure.fault is Fault.PLC_STOPPED and on and self.limits.beat_s is not None
-            if stopped and move and t_s - failure.at_s > (self.limits.beat_s or 0) + self._stalled_s(failure.at_s, t_s):
-                yield f"may move {t_s - failure.at_s:.2f} s after the PLC's program stopped"
+            since_s = max(failure.at_s, self.bay.beat_s)
+            if stopped and move and t_s - since_s > (self.limits.beat_s or 0) + self._stalled_s(since_s, t_s):
+                yield f"may move {t_s - since_s:.2f} s after the PLC's last heartbeat, its program stopped"
 
     def _stalled_s(self, from_s: float, to_s: float) -> float:
         """For so long the gateway did not run meanwhile."""

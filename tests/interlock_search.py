@@ -398,15 +398,16 @@ def situations(state: StateVector) -> Iterator[str]:
 # -- spaces ---------------------------------------------------------------------------------------------------------
 
 PX_MM = 54_000.0  # R Z of the simulated marker: 180 px at 300 mm
-MARK_MM, ROLLED_MM, AWAY_MM = 280.0, 340.0, 1100.0
+MARK_MM, BACK_MM, ROLLED_MM, AWAY_MM = 280.0, 310.0, 340.0, 1100.0  # `back`: off the mark, within its band
 _CIRCLES: Mapping[str, Circle] = {
     "mark": Circle(320.0, 240.0, 193.0),
+    "back": Circle(320.0, 240.0, 174.0),
     "rolled": Circle(320.0, 240.0, 159.0),
     "away": Circle(320.0, 240.0, 49.0),
     "aside": Circle(430.0, 240.0, 193.0),
     "lamp": Circle(410.0, 180.0, 20.0),
 }
-_DISTANCES = {"mark": MARK_MM, "rolled": ROLLED_MM, "away": AWAY_MM}
+_DISTANCES = {"mark": MARK_MM, "back": BACK_MM, "rolled": ROLLED_MM, "away": AWAY_MM}
 
 
 def _camera(name: str) -> Move:
@@ -473,6 +474,13 @@ def spaces() -> dict[str, Space]:
             "the least that has every phase of a visit; searched to its end",
             _config(fusion=CHECKED),
             _moves(300, "mark rolled NO_TARGET LINK_DOWN", "mark rolled STUCK", (_IDLE, _RELEASE), ""),
+            300,
+        ),
+        Space(
+            "band",
+            "a truck that leaves the mark, but not its band; release, reset, restart",
+            _config(fusion=CHECKED),
+            _moves(300, "mark back rolled NO_TARGET", "mark back rolled", (_IDLE, _RELEASE, _RESET), ""),
             300,
         ),
         Space(
@@ -545,6 +553,8 @@ def visits(space: Space) -> list[list[str]]:
         left = released + lasting("rolled", "rolled", "release", 0.9 * scale)
         histories += [released, left]
     histories.append(placed + lasting("rolled", "rolled", "idle", 0.6))
+    if "camera:back" in names:
+        histories.append(placed + lasting("back", "back", "idle", 0.9))
     histories.append([*placed, "restart", *lasting("mark", "mark", "idle", 0.3 * scale)])
     histories.append([*placed, "restart", *lasting("rolled", "rolled", "idle", 0.3 * scale)])
     return histories

@@ -55,6 +55,16 @@ def _always_alive(real: Callable[..., Any]) -> Callable[..., Any]:
     return aged
 
 
+def _same_number_counts(real: Callable[..., Any]) -> Callable[..., Any]:
+    """Any heartbeat that is written counts, also the same number again."""
+
+    def written(plc: Any, write: Any, now_ns: int) -> Any:
+        found = real(plc, write, now_ns)
+        return found if write.heartbeat is None else replace(found, link=PlcLink.ALIVE, beat_ns=now_ns)
+
+    return written
+
+
 def _never_moved(real: Callable[..., Any]) -> Callable[..., Any]:
     def compared(*args: Any) -> tuple[Moved, bool]:
         return Moved.NO, real(*args)[1]
@@ -70,6 +80,11 @@ def _without_truck(real: Callable[..., Any]) -> Callable[..., Any]:
 def _as_of_now(real: Any) -> Any:
     """The place of before the restart is taken for one that both sensors have confirmed since."""
     return property(lambda kept: replace(real.fget(kept), restored=False))
+
+
+def _moved_only(_: Any) -> Any:
+    """A truck that has left the mark, but not its band, may leave without a release."""
+    return property(lambda found: not found.released and (found.restored or found.moved is not Moved.NO))
 
 
 def _without_latch(real: Callable[..., Any]) -> Callable[..., Any]:
@@ -112,9 +127,11 @@ PLANTED: Mapping[str, Planted] = {
         Planted("a release needs no edge", visit, "step", _without_edge),
         Planted("a function check is forgotten", fusion, "step", _check_forgotten),
         Planted("a PLC is never lost", handshake, "_aged", _always_alive),
+        Planted("a heartbeat that stands still counts", handshake, "_written", _same_number_counts),
         Planted("a state is valid for ever", shown, "valid", _constant(True)),
         Planted("a restart forgets the truck in place", RetainedState, "of", _without_truck),
         Planted("a place of before the restart is one of now", RetainedState, "visit", _as_of_now),
+        Planted("off the mark is as good as released", Visit, "unreleased", _moved_only),
         Planted("the latch does not hold", interlock, "_latch", _without_latch),
         Planted("how long a truck has stood counts on over a release", visit, "step", _standing_counts_on),
         Planted("a reset is accepted while the sensors do not fit", interlock, "_cause_gone", _doubt_is_no_cause),

@@ -216,8 +216,10 @@ class StatedConditions:
     def _visited(self, known: Known, state: StateVector, now_ns: int, *, reset: bool, release: bool) -> Known:
         """Place, release, `moved` and latch. A sensor that is dead proves nothing."""
         if state.in_place and not known.in_place:
-            at = known.stood_at
-            known = replace(known, place=at, left=False, perhaps=False, kept=False, watched=True)
+            at, pair = known.stood_at, self._pair(known, now_ns)
+            if at is not None and pair is not None:
+                at = (pair[1], pair[0])  # its band is that of the values when in_place began
+            known = replace(known, place=at, stood_at=at, left=False, perhaps=False, kept=False, watched=True)
             known = replace(known, unseen_ns=None, blind_ns=None)
         known = replace(known, in_place=state.in_place)
         alive = self._alive_now(known, now_ns)
@@ -269,11 +271,9 @@ class StatedConditions:
         return known if mm is None else replace(known, farthest_mm=max(mm, known.farthest_mm))
 
     def _reset(self, known: Known) -> Known:
-        """D is 0 by both sensors: a reset ends a latched stop, and the watch of a truck that has moved, or may have
-        while the gateway was off. Where it is not known here whether that is so, the watch is not judged any more."""
+        """D is 0 by both sensors: a reset ends a latched stop, and the watch of a truck that was in place. Where it is
+        not known here whether it did, the watch is not judged any more."""
         known = replace(known, latched=False)
-        if not (known.left or known.perhaps or known.kept):
-            return known
         # Without a cross-check it is not known here whether both fit each other, so it may have been refused; and a
         # truck that may not have left has still the place that a release is for.
         place = None if known.left and self.fusion.cross_check is not None else known.place
@@ -323,8 +323,8 @@ class StatedConditions:
             yield from self._moving(known, now_ns, "may_move" if may_move else "no stop")
         if may_move:
             yield from self._permitted(known, now_ns)
-        if not stop and self.writes:
-            yield from self._unreleased(known)
+        if self.writes:
+            yield from self._unreleased(known, state)
         if self.writes and self.handshake.heartbeat_required and now_ns - known.beat_ns > self.beat_ns:
             if may_move:
                 yield "may_move, though the PLC's heartbeat is lost"
@@ -352,11 +352,17 @@ class StatedConditions:
         if now_ns - known.cause_ns < self.hold_ns:
             yield f"{what} {(now_ns - known.cause_ns) / S:g} s after a cause of a stop"
 
-    def _unreleased(self, known: Known) -> Iterator[str]:
+    def _unreleased(self, known: Known, state: StateVector) -> Iterator[str]:
+        if known.left and not state.visit.moved:
+            yield "moved is not reported, though the truck has left its place"
+        if state.stop:
+            return
         if known.left:
             yield "no stop, though the truck has left its place without a release"
         if known.kept:
             yield "no stop, though a truck was in place before the restart"
+        elif known.place is not None and known.watched and not known.released:
+            yield "no stop, though a truck was in place and has not been released"
 
     def _permitted(self, known: Known, now_ns: int) -> Iterator[str]:
         if known.check == "MAY_MOVE_OFF":

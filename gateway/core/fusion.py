@@ -303,7 +303,8 @@ def _held(
     A red lamp for the covered marker, or an echo from the spout, changes only one of them.
     """
     if circle.radius_px >= config.radius_threshold_px and distance_mm <= config.distance_threshold_mm:
-        return replace(memory, mark=TruckPosition(distance_mm, circle)), raw
+        mark = TruckPosition(distance_mm, circle)
+        return memory if mark == memory.mark else replace(memory, mark=mark), raw
     if raw or not memory.d or memory.mark is None:
         return memory, raw
     away = distance_mm >= memory.mark.distance_mm + config.away_mm

@@ -10,6 +10,7 @@ Closing speed: the Theil-Sen slope (median over all pairs) of the newest distanc
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 from statistics import median
 
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
@@ -58,10 +59,9 @@ def closing_mm_s(track: Sequence[tuple[int, float]]) -> float | None:
     if len(track) < TRACK_MIN or track[-1][0] - track[0][0] < TRACK_MIN_NS:
         return None
     slopes = [
-        (later[1] - earlier[1]) / (later[0] - earlier[0])
-        for n, later in enumerate(track)
-        for earlier in track[:n]
-        if later[0] > earlier[0]
+        (later_mm - earlier_mm) / (later_ns - earlier_ns)
+        for (earlier_ns, earlier_mm), (later_ns, later_mm) in combinations(track, 2)
+        if later_ns > earlier_ns
     ]
     return -median(slopes) * NS_PER_S
 

@@ -199,26 +199,36 @@ def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
 
 
 def _signalled(plc: Handshake, signal: Signal, state: StateVector) -> Handshake:
-    phase, work = TRANSITIONS.get((plc.phase, signal), (plc.phase, _nothing))
+    found = TRANSITIONS.get((plc.phase, signal))
+    if found is None:  # nearly every step: the same block then, so that the state need not be copied for it
+        return plc
+    phase, work = found
     return replace(work(plc, state), phase=phase)
 
 
 def _written(plc: Handshake, write: PlcWrite, now_ns: int) -> Handshake:
-    plc = replace(plc, writes=plc.writes + 1)
+    link, beat_ns, beat = plc.link, plc.beat_ns, plc.heartbeat
     if write.heartbeat is not None:
-        beat = merged(plc.heartbeat, write.heartbeat, write.mask)
+        beat = merged(beat, write.heartbeat, write.mask)
         # An owner's first one counts whatever its number is; after that only a change shows that its program runs.
         if not plc.owner_beats or beat != plc.heartbeat:
-            plc = replace(plc, link=PlcLink.ALIVE, beat_ns=now_ns)
-        plc = replace(plc, heartbeat=beat, owner_beats=True)
-    if write.control is not None:
-        control = merged(plc.control, write.control, write.mask)
-        was_there, plc = plc.on(Control.TRUCK_PRESENT), replace(plc, control=control, control_known=True)
-        if plc.on(Control.TRUCK_PRESENT) != was_there:
-            plc = replace(plc, truck_left=was_there)
-        if not plc.on(Control.TRIGGER):
-            plc = replace(plc, trigger_ack=False)
-    return plc
+            link, beat_ns = PlcLink.ALIVE, now_ns
+    written = replace(
+        plc,
+        writes=plc.writes + 1,
+        heartbeat=beat,
+        link=link,
+        beat_ns=beat_ns,
+        owner_beats=plc.owner_beats or write.heartbeat is not None,
+        control=plc.control if write.control is None else merged(plc.control, write.control, write.mask),
+        control_known=plc.control_known or write.control is not None,
+    )
+    was_there = plc.on(Control.TRUCK_PRESENT)
+    if written.on(Control.TRUCK_PRESENT) != was_there:
+        written = replace(written, truck_left=was_there)
+    if write.control is not None and written.trigger_ack and not written.on(Control.TRIGGER):
+        written = replace(written, trigger_ack=False)
+    return written
 
 
 def _aged(plc: Handshake, now_ns: int, config: HandshakeConfig) -> Handshake:

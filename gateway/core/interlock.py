@@ -129,16 +129,15 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
         release=handshake.rose(before, plc, Control.RELEASE),
     )
     memory, plc = _latch(state.memory, before, plc, fused, current, limits)
-    current, plc = _reset_after_move(current, before, plc, fused)
+    current, plc = _reset_unreleased(current, before, plc, fused)
     memory = _learned(_count_restarts(memory, fused), state, current, plc.recipe, limits, fused)
     if track is not memory.track:
         memory = replace(memory, track=track)
 
     fail_safe = recipe.fusion.fail_safe
     released = visit.may_leave(current, fused, limits)
-    # It left its place without release, or may have while the gateway was off. Without writes no PLC could release it.
-    unreleased = (current.moved is not Moved.NO or current.restored) and rules.handshake is not None
-    held = memory.latched or current.in_place or unreleased
+    # Without writes no PLC could release it, and D decides.
+    held = memory.latched or current.in_place or (current.unreleased and rules.handshake is not None)
     stop = (fused.stop and not released) or held or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
@@ -186,7 +185,9 @@ def _latch(
         if reset:
             plc = replace(plc, reset_verdict=ResetVerdict.NOTHING_LATCHED)
         return fused.memory, plc
-    memory = replace(fused.memory, absent_since_ns=_absent_since(old, fused, limits))
+    memory, absent_since_ns = fused.memory, _absent_since(old, fused, limits)
+    if absent_since_ns != memory.absent_since_ns:
+        memory = replace(memory, absent_since_ns=absent_since_ns)
     if current.released:
         return replace(memory, latched=False), plc
     if fused.d is True:
@@ -194,7 +195,7 @@ def _latch(
             plc = replace(plc, truck_left=False)  # that was another truck
         if reset:
             plc = replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)
-        return replace(memory, latched=True), plc
+        return memory if memory.latched else replace(memory, latched=True), plc
     if not old.latched:
         if reset:
             plc = replace(plc, reset_verdict=ResetVerdict.NOTHING_LATCHED)
@@ -211,11 +212,10 @@ def _latch(
     return memory, plc
 
 
-def _reset_after_move(current: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
-    """A reset ends the stop after a move, too, once D is 0 by both sensors: the truck may be brought back. And that of
-    a truck that was in place before the restart."""
-    unreleased = current.moved is not Moved.NO or current.restored
-    if not unreleased or not handshake.rose(before, plc, Control.RESET):
+def _reset_unreleased(current: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
+    """A reset ends the stop of a truck that was in place and has not been released, too, once D is 0 by both sensors:
+    it may be brought back, or leave."""
+    if current.in_place or not current.unreleased or not handshake.rose(before, plc, Control.RESET):
         return current, plc
     if not _cause_gone(fused):
         return current, replace(plc, reset_verdict=ResetVerdict.CAUSE_STANDS)

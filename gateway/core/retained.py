@@ -34,7 +34,7 @@ class RetainedState:
     def of(state: StateVector) -> "RetainedState":
         """`state`: as it was published, not as it is shown without a control task."""
         visit, truck = state.visit, None
-        if visit.monitored and not visit.released:
+        if visit.unreleased:
             truck = RetainedTruck(visit.place, visit.moved, visit.moved_covered)
         return RetainedState(state.function_check, state.memory.scale_samples, truck)
 

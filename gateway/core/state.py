@@ -189,6 +189,11 @@ class Visit:
         """A truck is or was in place, and is not known to have left the bay."""
         return self.place is not None or self.restored
 
+    @property
+    def unreleased(self) -> bool:
+        """A truck is or was in place, and nobody has released it. It may have left its place since."""
+        return not self.released and (self.monitored or self.moved is not Moved.NO)
+
     def withdrawn(self) -> "Visit":
         """For a gateway that can't vouch for it any more: it must be earned again."""
         return Visit(moved=self.moved, moved_covered=self.moved_covered)

@@ -241,7 +241,7 @@ def _compared(place: TruckPosition, state: StateVector, config: VisitConfig) -> 
     chord = circle.radius_px**2 + shift_px**2 <= fitting_px**2 * (1 + share**2 / 2)
     if same_size and not chord:
         return Moved.MARKER, False
-    return Moved.NO, distance_mm is not None  # covered from one side, or something else red and round
+    return Moved.NO, True  # covered from one side, or something else red and round
 
 
 def _phase(visit: Visit, state: StateVector, limits: Limits) -> VisitPhase:

@@ -1,10 +1,12 @@
 """A short share of bench/fault_campaign.py: a thousand schedules, judged by the simulator's truth."""
 
+from dataclasses import replace
+
 import pytest
 
 from tests import fault_bay
 from tests.fault_judge import play, shrunk
-from tests.fault_schedules import Fault, schedule
+from tests.fault_schedules import Failure, Fault, schedule
 from tests.planted_faults import PLANTED
 
 pytestmark = pytest.mark.one_interpreter
@@ -36,6 +38,20 @@ def test_another_truck_at_the_same_place_within_no_time_is_the_same_one() -> Non
     assert not play(schedule(13838)).failed
 
 
+def test_a_number_that_the_gateway_could_not_accept_before_is_a_heartbeat_though_the_plc_stopped_meanwhile() -> None:
+    """docs/handshake.md, "Heartbeat": the next change ends the loss. The control task was dead, writes were refused."""
+    assert not play(schedule(26580)).failed
+
+
+def test_the_heartbeat_of_the_next_owner_counts_while_the_first_one_stands_still() -> None:
+    """docs/handshake.md, "One writer at a time"."""
+    failures = (Failure(Fault.PLC_STOPPED, 0.1, 1.8), Failure(Fault.OTHER_MASTER, 0.1, 1.8))
+    made = replace(schedule(204), truck="stays", legs=(), failures=failures)
+    told: list[str] = []
+    assert not play(made, told.append).failed
+    assert any("plc_lost" in line for line in told)
+
+
 def test_a_seed_gives_the_same_schedule_and_the_same_run() -> None:
     told: list[list[str]] = [[], []]
     for lines in told:
@@ -57,6 +73,8 @@ def test_every_fault_occurs() -> None:
         ("a dead camera does not end in_place", 5, [Fault.CAMERA_STUCK]),
         ("a state is valid for ever", 56, [Fault.CONTROL_DEAD]),
         ("a function check is forgotten", 10, [Fault.FUNCTION_CHECK]),
+        ("a PLC is never lost", 204, [Fault.PLC_STOPPED, Fault.PLC_RELEASES]),
+        ("a heartbeat that stands still counts", 204, [Fault.PLC_STOPPED, Fault.PLC_RELEASES]),
         ("a restart forgets the truck in place", 11087, [Fault.RESTARTED, Fault.PLC_SLOW]),
         ("a restart forgets the truck in place", 11224, [Fault.RESTARTED, Fault.OTHER_MASTER]),
     ],

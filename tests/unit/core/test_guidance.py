@@ -12,7 +12,7 @@ from gateway.core import guidance
 from gateway.core.detection import Circle
 from gateway.core.guidance import TRACK_MAX, closing_mm_s, to_go_mm, tracked
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import FusionMemory, Guidance, GuidanceCode, StateVector
+from gateway.core.state import FunctionCheck, FusionMemory, Guidance, GuidanceCode, StateVector, Visit, VisitPhase
 
 MS = 1_000_000
 S = 1000 * MS
@@ -31,6 +31,9 @@ def advise(
     d: bool | None = False,
     stop: bool = False,
     memory: FusionMemory | None = None,
+    visit: Visit | None = None,
+    may_move: bool = False,
+    check: FunctionCheck = FunctionCheck.OFF,
     config: GuidanceConfig = AIM,
     fusion: FusionConfig = PAPER,
     **how: Any,
@@ -42,7 +45,10 @@ def advise(
         range=RangeReading(T0, rng, distance_mm if rng is Quality.GOOD else None),
         d=d if vision is rng is Quality.GOOD else None,
         stop=stop or vision is not Quality.GOOD or rng is not Quality.GOOD,
+        may_move=may_move,
         memory=memory or FusionMemory(),
+        visit=visit or Visit(),
+        function_check=check,
     )
     return guidance.advise(state, fusion, config, **({"in_use": True, "broken": False, "speed": 0.0} | how))
 
@@ -92,6 +98,18 @@ def test_to_the_side(u_px: float, mirrored: bool, code: GuidanceCode) -> None:
         assert advice.amount_mm == pytest.approx(21 * 100 / 60)
 
 
+def test_a_marker_of_no_size_has_pixels_to_the_side_and_no_mm() -> None:
+    point, dot = advise(0.0, u_px=400.0), advise(1.0, u_px=400.0)
+    assert (point.offset_u_px, point.offset_mm) == (80.0, None)
+    assert (dot.offset_u_px, dot.offset_mm) == (80.0, 8000.0)
+
+
+def test_to_the_side_by_less_than_a_pixel() -> None:
+    narrow = AIM.model_copy(update={"tolerance_px": 0.5})
+    assert advise(u_px=320.75, config=narrow).code is GuidanceCode.LEFT
+    assert advise(u_px=319.25, config=narrow).code is GuidanceCode.RIGHT
+
+
 def test_mm_to_the_side_need_the_markers_size() -> None:
     bare = GuidanceConfig(aim_u_px=320.0)
     assert (advise(u_px=400.0, config=bare).amount_mm, advise(u_px=400.0, config=bare).offset_u_px) == (None, 80.0)
@@ -116,6 +134,12 @@ def test_slow(distance_mm: float, speed: float | None, code: GuidanceCode) -> No
     assert advise(180.0, distance_mm, speed=speed).code is code
 
 
+def test_slow_for_a_truck_that_creeps() -> None:
+    near = AIM.model_copy(update={"slow_mm": 0.0})  # so that only the time to go counts
+    assert advise(180.0, 301.0, speed=0.75, config=near).code is GuidanceCode.SLOW, "1 mm within 2 s"
+    assert advise(180.0, 302.0, speed=0.75, config=near).code is GuidanceCode.FORWARD
+
+
 @pytest.mark.parametrize(
     ("distance_mm", "u_px", "speed", "code", "amount"),
     [
@@ -135,6 +159,45 @@ def test_at_the_mark_and_past_it(
 ) -> None:
     advice = advise(900.0, distance_mm, u_px=u_px, d=True, stop=True, speed=speed)
     assert (advice.code, advice.amount_mm) == (code, amount)
+
+
+def test_past_the_mark_is_stop_while_d_is_0() -> None:
+    assert advise(900.0, 150.0, d=False, stop=True).code is GuidanceCode.STOP
+
+
+@pytest.mark.parametrize(
+    ("phase", "released", "speed", "code"),
+    [
+        (VisitPhase.ARRIVING, False, 0.0, GuidanceCode.DRIVE_UP),
+        (VisitPhase.APPROACHING, False, -100.0, GuidanceCode.FORWARD),
+        (VisitPhase.APPROACHING, True, 0.0, GuidanceCode.FORWARD),
+        (VisitPhase.RELEASED, True, 0.0, GuidanceCode.LEAVE),
+        (VisitPhase.RELEASED, False, None, GuidanceCode.LEAVE),
+        (VisitPhase.LEAVING, True, 0.0, GuidanceCode.LEAVE),
+        (VisitPhase.LEAVING, True, None, GuidanceCode.LEAVE),
+        (VisitPhase.LEAVING, False, -20.5, GuidanceCode.LEAVE),  # it drives out
+        (VisitPhase.LEAVING, False, -20.0, GuidanceCode.FORWARD),  # still_mm_s is not yet driving
+        (VisitPhase.LEAVING, False, 0.0, GuidanceCode.FORWARD),
+        (VisitPhase.LEAVING, False, None, GuidanceCode.FORWARD),
+    ],
+)
+def test_a_truck_that_may_move_is_directed_by_its_visit(
+    phase: VisitPhase, released: bool, speed: float | None, code: GuidanceCode
+) -> None:
+    visit = Visit(phase=phase, released=released)
+    assert advise(visit=visit, may_move=True, speed=speed).code is code
+    if code is not GuidanceCode.FORWARD:
+        assert advise(visit=visit, may_move=False, speed=speed).code is GuidanceCode.FORWARD, "it may not move"
+
+
+@pytest.mark.parametrize("in_place", [True, False])
+def test_a_fault_and_a_function_check_precede_the_visit(in_place: bool) -> None:
+    visit = Visit(phase=VisitPhase.IN_PLACE if in_place else VisitPhase.RELEASED, in_place=in_place)
+    well = GuidanceCode.OK if in_place else GuidanceCode.LEAVE
+    assert advise(visit=visit, may_move=True, in_use=False).code is well
+    assert advise(visit=visit, may_move=True, broken=True).code is GuidanceCode.FAULT
+    for check in (FunctionCheck.MAY_MOVE_OFF, FunctionCheck.MAY_MOVE_KEPT):
+        assert advise(visit=visit, may_move=True, in_use=False, check=check).code is GuidanceCode.WAIT
 
 
 @pytest.mark.parametrize(
@@ -208,6 +271,9 @@ def test_too_little_is_no_speed() -> None:
     assert closing_mm_s(follow(approach(100.0, count=3))) is None
     assert closing_mm_s(follow(approach(100.0, count=10, period_ms=10))) is None, "over 90 ms"
     assert closing_mm_s(follow(approach(100.0, count=4))) == pytest.approx(100.0, abs=15)
+    assert closing_mm_s([(T0 + n * 50 * MS, 100.0 - n) for n in range(4)]) == pytest.approx(20.0), "over 150 ms"
+    twice = [(0, 0.0), (0, 5.0), (0, 9.0), (200 * MS, 9.0)]
+    assert closing_mm_s(twice) == pytest.approx(-20.0), "no speed between two readings of one time"
     stamp = [RangeReading(T0, Quality.GOOD, 5.0)] * 9
     assert closing_mm_s(follow(stamp)) is None
 
@@ -221,6 +287,13 @@ def test_the_track_ends_with_its_sensor_and_forgets() -> None:
     assert tracked(track, later, later.t_ns) == ((later.t_ns, 5.0),)
     assert tracked(track, RangeReading(later.t_ns, Quality.NO_ECHO), later.t_ns) == ()
     assert tracked(track, readings[-1], readings[-1].t_ns) == track, "the same reading again"
+    assert tracked(track, RangeReading(later.t_ns, Quality.GOOD), later.t_ns) == (), "good, and without a value"
+    assert tracked(track, RangeReading(later.t_ns, Quality.UNSTABLE, 5.0), later.t_ns) == (), "not good"
+
+
+def test_a_reading_of_a_second_ago_is_kept_and_older_ones_are_not() -> None:
+    track = ((T0 - 1, 9.0), (T0, 8.0), (T0 + 1, 7.0))
+    assert tracked(track, RangeReading(T0 + S, Quality.GOOD, 5.0), T0 + S) == (*track[1:], (T0 + S, 5.0))
 
 
 @given(st.lists(st.tuples(st.integers(0, 10**10), st.floats(-1e9, 1e9)), max_size=16))

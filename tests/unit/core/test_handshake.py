@@ -58,6 +58,21 @@ def state(
     )
 
 
+def test_a_step_in_which_nothing_happens_keeps_the_block_itself() -> None:
+    """So that the state, which holds it, need not be copied for it."""
+    assert handshake.step(START, None, state(T0 + 20 * MS), CONFIG) is START
+    assert handshake.step(FRESH, None, state(T0 + 20 * MS), CONFIG) is FRESH
+
+
+def test_a_write_to_one_register_leaves_what_belongs_to_the_others() -> None:
+    held = replace(FRESH, heartbeat=5, control=1 << Control.TRIGGER, trigger_ack=True, writes=7, beat_ns=T0 - S)
+    beaten = handshake.step(held, PlcWrite(PLC, heartbeat=6), state(T0), CONFIG)
+    assert beaten == replace(held, heartbeat=6, writes=8, owner_beats=True, link=PlcLink.ALIVE, beat_ns=T0)
+    set_bit = handshake.step(held, write(Control.TRIGGER, Control.ENABLE), state(T0), CONFIG)
+    assert set_bit == replace(held, control=1 << Control.TRIGGER | 1 << Control.ENABLE, writes=8)
+    assert not handshake.step(held, write(), state(T0), CONFIG).trigger_ack
+
+
 def old(now_ns: int) -> StateVector:
     """Nothing new from either sensor since T0."""
     return state(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.core.state import VisitPhase
-from tests.interlock_search import OUTPUTS_ONLY, TIMES, VALUES, complaints, key, root, search, spaces, visits
+from tests.interlock_search import OUTPUTS_ONLY, TIMES, VALUES, complaints, key, root, search, spaces, taken, visits
 from tests.interlock_walks import ROUND, played, walk
 from tests.planted_faults import PLANTED
 
@@ -15,6 +15,7 @@ pytestmark = pytest.mark.one_interpreter
 SPACES = spaces()
 TRANSITIONS: Mapping[str, int] = {
     "core": 2_000,
+    "band": 2_000,
     "visit": 6_000,
     "learned": 4_000,
     "latch": 3_000,
@@ -43,8 +44,10 @@ def test_no_state_next_to_a_visit_permits_what_a_stated_condition_forbids(name: 
         ("stop ends without clear_hold_s", "visit", 500),
         ("a dead camera does not end in_place", "visit", 1500),
         ("a truck that leaves its place has not moved", "visit", 500),
+        ("off the mark is as good as released", "band", 500),
         ("a function check is forgotten", "visit", 500),
         ("a PLC is never lost", "visit", 500),
+        ("a heartbeat that stands still counts", "owners", 2000),
         ("a state is valid for ever", "visit", 10),
         ("a restart forgets the truck in place", "visit", 500),
         ("a place of before the restart is one of now", "visit", 2000),
@@ -73,7 +76,7 @@ def test_the_search_reports_a_planted_fault(
         (
             "a reset is accepted while the sensors do not fit",
             ("camera:rolled", "ranger:rolled", "plc:idle", "camera:away"),
-            "no stop, though the truck has left its place without a release",
+            "moved is not reported, though the truck has left its place",
         ),
     ],
 )
@@ -142,3 +145,16 @@ def test_each_time_of_the_state_has_the_age_beyond_which_nothing_distinguishes_i
     assert limits_ns["visit.covered_since_ns"] == 600_000_000, "hold_limit_s, not an age of it more"
     assert limits_ns["vision.t_ns"] == 300_000_001, "a reading is stale when it is older than that"
     assert max(limits_ns.values()) == 600_000_000
+
+
+def test_something_red_while_there_is_no_distance_does_not_prolong_how_long_in_place_is_held() -> None:
+    """Found by twenty minutes of `visit`: the marker is covered, and a lamp is seen for a moment without a distance."""
+    space = SPACES["visit"]
+    placed = ["camera:mark", "ranger:mark", "plc:idle", "tick"] * 8
+    covered = ["camera:no_target", "ranger:mark", "plc:idle", "tick"]
+    node = root(space)
+    for name in [*placed, *covered, "camera:lamp", "ranger:no_echo", "camera:no_target", "ranger:mark", "tick"]:
+        node = taken(space, node, space.moves[space.named(name)])
+    assert list(complaints(space, node)) == []
+    assert not node.state.in_place
+    assert node.state.visit.ended == "held for too long"
