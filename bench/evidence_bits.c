@@ -1,30 +1,18 @@
 /* Runs the kernels of the evidence and the candidates on tasks from a file, and prints each result in full:
  * `bench/evidence_bits.py` has both ends of it. */
-#include <stdio.h>
-#include <stdlib.h>
-
 #include "blobs.h"
 #include "evidence.h"
+#include "regions.h"
+#include "task_file.h"
 #include "votes.h"
 
-enum { EVIDENCE, VOTES, BLOB_TASK };
+enum { EVIDENCE, VOTES, BLOB_TASK, REGIONS };
 
 void gateway_evidence(const Level *levels, int64_t level_count, EvidenceRow *rows, int64_t count, int64_t seeds,
                       const EvidenceTables *tables, EvidenceWork *work);
 int gateway_votes(VoteTask *task, void *work);
 void gateway_blobs(BlobTask *task, void *work);
-
-/* The next part of the file: its length in bytes (int64), then the bytes. */
-static void *part(FILE *file)
-{
-    int64_t size;
-    if (fread(&size, sizeof size, 1, file) != 1)
-        return NULL;
-    void *bytes = malloc((size_t)size + 1);
-    if (!bytes || fread(bytes, 1, (size_t)size, file) != (size_t)size)
-        exit(2);
-    return bytes;
-}
+int64_t gateway_red_regions(RegionTask *task, void *work);
 
 static void evidence(FILE *file, const int64_t *head, const EvidenceTables *tables, EvidenceWork *work)
 {
@@ -67,6 +55,18 @@ static void blobs(FILE *file)
     printf("\n");
 }
 
+static void regions(FILE *file)
+{
+    RegionTask *task = part(file);
+    task->picture.pixels = part(file), task->log = part(file);
+    const Box *boxes = calloc(1, (size_t)region_room(task));
+    int64_t count = gateway_red_regions(task, (void *)boxes);
+    printf("regions %d %d", (int)count, (int)task->faint);
+    for (int64_t n = 0; n < count; n++)
+        printf(" %d %d %d %d", boxes[n].x0, boxes[n].y0, boxes[n].x1, boxes[n].y1);
+    printf("\n");
+}
+
 int main(int count, char **words)
 {
     FILE *file = count == 2 ? fopen(words[1], "rb") : NULL;
@@ -81,8 +81,10 @@ int main(int count, char **words)
             evidence(file, head, tables, work);
         else if (head[0] == VOTES)
             votes(file);
-        else
+        else if (head[0] == BLOB_TASK)
             blobs(file);
+        else
+            regions(file);
     }
     return 0;
 }

@@ -1,4 +1,4 @@
-"""Are evidence, votes and blobs the same to the last bit on another processor? `python -m bench.evidence_bits`
+"""Are evidence, votes, blobs and red regions the same on another processor, every bit? `python -m bench.evidence_bits`
 
 As `bench.rim_bits`, whose options it takes.
 """
@@ -15,12 +15,15 @@ import numpy as np
 
 from bench.rim_bits import compared, part
 from bench.scene import BEYOND, RECIPES, draw
-from gateway.vision.detect.robust import candidates, measurement
+from gateway.core.detection import Circle
+from gateway.vision.detect.robust import candidates, measurement, red_change
 from gateway.vision.detect.robust.kernel import candidate_kernel
-from gateway.vision.detect.robust.redness import PyramidLevel, pyramid, redness
+from gateway.vision.detect.robust.kernel.region_kernel import RegionTask
+from gateway.vision.detect.robust.redness import LOG, PyramidLevel, pyramid, redness
+from gateway.vision.pixels import Colours
 
 SHAPE = struct.Struct("=20d")
-EVIDENCE, VOTES, BLOBS = range(3)
+EVIDENCE, VOTES, BLOBS, REGIONS = range(4)
 
 
 def asked(pictures: int) -> bytes:
@@ -49,6 +52,7 @@ def asked(pictures: int) -> bytes:
             parts += of_evidence(levels, [(u, v, a, a, 1.0, 0.0) for u, v, a, *_ in shapes], seeds=True)
             for level in levels[:2]:
                 parts += of_candidates(level)
+            parts += of_regions(levels[0].bgr, Circle(truth.u, truth.v, truth.major))
     return b"".join(map(part, parts))
 
 
@@ -78,9 +82,16 @@ def of_candidates(level: PyramidLevel) -> list[bytes]:
     ]  # fmt: skip
 
 
+def of_regions(picture: Colours, followed: Circle) -> list[bytes]:
+    step = red_change.sparse_step(picture)
+    at, inner_px, outer_px = red_change.disc_of(followed, step)
+    task = RegionTask(0, 3 * picture.shape[1], *picture.shape[:2], step, *at, inner_px, outer_px)
+    return [struct.pack("<q", REGIONS), bytes(task), picture.tobytes(), LOG.tobytes()]
+
+
 def main() -> None:
     here = compared(Path(__file__).with_suffix(".c"), asked, __doc__)
-    for kind in ("evidence", "votes", "blobs"):
+    for kind in ("evidence", "votes", "blobs", "regions"):
         print(f"{sum(line.startswith(kind + ' ') for line in here)} with {kind}")
 
 

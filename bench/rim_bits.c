@@ -1,22 +1,9 @@
 /* Runs the refinement on tasks from a file, and prints each result in full: `bench/rim_bits.py` has both ends of it. */
-#include <stdio.h>
-#include <stdlib.h>
-
-#include "refined.h"
+#include "fall.h"
+#include "task_file.h"
 
 int gateway_rim(Task *task, const Tables *tables, Work *work);
-
-/* The next part of the file: its length in bytes (int64), then the bytes. */
-static void *part(FILE *file)
-{
-    int64_t size;
-    if (fread(&size, sizeof size, 1, file) != 1)
-        return NULL;
-    void *bytes = malloc((size_t)size + 1);
-    if (!bytes || fread(bytes, 1, (size_t)size, file) != (size_t)size)
-        exit(2);
-    return bytes;
-}
+double gateway_fall(const Task *task, const Tables *tables, Work *work);
 
 int main(int count, char **words)
 {
@@ -26,6 +13,7 @@ int main(int count, char **words)
     Work *work = malloc(sizeof *work);
     Tables *tables = part(file);
     tables->coarse = part(file);
+    tables->directions[FALL_RAYS / RAYS_STEP] = part(file);
     for (int n = LEAST_RAYS / RAYS_STEP; n < DIRECTIONS; n++)
         tables->directions[n] = part(file);
     tables->filter = part(file);
@@ -46,7 +34,8 @@ int main(int count, char **words)
         printf("%d %d", result, result == FOUND ? (int)task->inliers : 0);
         for (int n = 0; result == FOUND && n < 9; n++)
             printf(" %a", results[n]);
-        printf("\n");
+        task->search_px = 0.25 * minor_of(&task->outline);
+        printf(" %a\n", gateway_fall(task, tables, work));
     }
     return 0;
 }

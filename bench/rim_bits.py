@@ -36,7 +36,7 @@ def asked(pictures: int) -> bytes:
         sys.exit("the vision kernels are not built: ./dev kernel")
     room = rim_kernel.Room(kernel.work_size)
     parts = [bytes(kernel.tables), rim_kernel.directions_of(rim_coarse.COARSE_RAYS).tobytes()]
-    counts = range(rim_fine.LEAST_RAYS, rim_fine.MOST_RAYS + 1, rim_fine.RAYS_STEP)
+    counts = (rim_kernel.FALL_RAYS, *range(rim_fine.LEAST_RAYS, rim_fine.MOST_RAYS + 1, rim_fine.RAYS_STEP))
     parts += [rim_kernel.directions_of(count).tobytes() for count in counts]
     parts.append(rim_coarse.edge_filter().tobytes())
     for rays, inverses in rim_coarse.subsets():

@@ -4,7 +4,9 @@
   logarithm and 0.7 of what is missing, so that a camera whose brightness does not grow in proportion (a gamma curve, a
   gain of another scale) settles as well. Within `DEAD_BAND` nothing is changed. Where it is clipped the level is
   unknown: the more pixels are, the larger the step. Highlights on less than a tenth of the disc do not count. After a
-  step that made it darker the light may still be rising: a marker that is a little too dark can wait.
+  step that made it darker the light may still be rising: a marker that is a little too dark can wait. A brighter step
+  needs 0.3 s that were too dark, and is measured by the brightest frame of 0.7 s, so that the exposure does not follow
+  lamps that flicker on the mains.
 - **The marker just lost:** it may be clipped or black, so the place where it was is kept from both; nothing else is
   changed, for it may be covered.
 - **No marker:** the median of the bay is brought to what it had while the marker was well exposed, so that nothing
@@ -14,6 +16,7 @@
 """
 
 import math
+from collections import deque
 
 from gateway.core.readings import ExposureState
 from gateway.vision.exposure.effect import TELLING, EffectJudge
@@ -27,7 +30,27 @@ DEAD_BAND, BAY_BAND = math.log(1.2), math.log(1.6)
 SHARE = 0.7  # of what is missing, a step
 MOST_UP, MOST_DOWN = 4.0, 8.0  # factors of one step
 RISING_NS, RISING_LEVEL = 700_000_000, 40.0  # after a darker step none brighter for so long, unless it is below this
+BRIGHTER_NS = 300_000_000  # for so long the frames must have been too dark
+FLICKER_NS = 700_000_000  # a beat of lamp and frames that is no slower than this is not followed
 LOST_DARK = 25.0  # grey level at the place of a marker that is not found any more
+
+
+class _Recent:
+    """Levels of the settled frames of the last FLICKER_NS."""
+
+    def __init__(self) -> None:
+        self._levels: deque[tuple[int, float]] = deque()
+
+    @property
+    def span_ns(self) -> int:
+        return self._levels[-1][0] - self._levels[0][0] if self._levels else 0
+
+    def brightest(self, level: float, t_ns: int) -> float:
+        """Of these and the newest frame, which is of `t_ns`."""
+        self._levels.append((t_ns, level))
+        while not 0 <= t_ns - self._levels[0][0] < FLICKER_NS:
+            self._levels.popleft()
+        return max(level for _, level in self._levels)
 
 
 class ExposureController:
@@ -41,6 +64,7 @@ class ExposureController:
         self._unsettled = 0  # frames taken after the last change that are still to be left out
         self._first_seq = 0  # the first frame that shows the last change
         self._darker_ns: int | None = None  # frame that led to the last darker step
+        self._marker, self._bay = _Recent(), _Recent()  # frames since the last change
         self._bay_level = BAY_LEVEL
         self._effect = EffectJudge(limits)
         self.state = ExposureState.CONTROLLED
@@ -76,6 +100,7 @@ class ExposureController:
         self._effect.changed(self._now, exposure, light)
         if exposure.amount < self._now.amount:
             self._darker_ns = light.t_ns
+        self._marker, self._bay = _Recent(), _Recent()
         self._now, self._set_ns, self._unsettled = exposure, now_ns, SETTLE_FRAMES
 
     def refused(self) -> None:
@@ -85,23 +110,26 @@ class ExposureController:
     def _wanted(self, light: FrameLight) -> Exposure:
         if light.marker is not None and light.seen:
             self._learn(light.bay, light.marker)
-            return self._towards(light.marker, MARKER_LEVEL, DEAD_BAND, light.t_ns)
+            return self._towards(light.marker, MARKER_LEVEL, DEAD_BAND, light.t_ns, self._marker)
         if light.marker is None:
-            return self._towards(light.bay, self._bay_level, BAY_BAND, light.t_ns)
+            return self._towards(light.bay, self._bay_level, BAY_BAND, light.t_ns, self._bay)
         if light.marker.level >= CLIPPED or light.marker.level < LOST_DARK:
-            return self._towards(light.marker, MARKER_LEVEL, DEAD_BAND, light.t_ns)
+            return self._towards(light.marker, MARKER_LEVEL, DEAD_BAND, light.t_ns, self._marker)
         return self._now
 
-    def _towards(self, light: Light, level: float, band: float, t_ns: int) -> Exposure:
-        missing = math.log(level / max(light.level, 1.0))
+    def _towards(self, light: Light, level: float, band: float, t_ns: int, recent: "_Recent") -> Exposure:
         clipped = light.level >= CLIPPED
+        brightest = recent.brightest(light.level, t_ns)
+        missing = math.log(level / max(light.level, 1.0))
+        if missing > 0 and light.level >= RISING_LEVEL:
+            missing = max(0.0, math.log(level / brightest))
         self.state = ExposureState.CONTROLLED
         if clipped:
             step = min(SHARE * missing, -math.log(2) * (1 + 2 * light.clipped))
         elif abs(missing) <= band:
             self._effect.reached()
             return self._now
-        elif missing > 0 and light.level >= RISING_LEVEL and self._rising(t_ns):
+        elif missing > 0 and light.level >= RISING_LEVEL and (self._rising(t_ns) or recent.span_ns < BRIGHTER_NS):
             return self._now
         else:
             step = SHARE * missing

@@ -44,6 +44,9 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
     progress.begin(job.token, clock.now_ns())
     ring = Ring(job.ring, writable=True)
     detect = job.detector.build(clock.now_ns)
+    # Asked once: `isinstance` of a protocol takes 0.05 ms.
+    limited = detect if isinstance(detect, RadiusLimited) else None
+    sums = detect if isinstance(detect, Summing) else None
     meter = PictureMeter()
     channel.send(Ready())
     newest, recent = NewestFrame(), RecentFrames()
@@ -55,12 +58,12 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
         frame = newest.take(job.detector_beat_s / clock.speed)
         progress.detector_runs(clock.now_ns())
         for radii in channel.waiting():
-            if isinstance(detect, RadiusLimited):
-                detect.expect(radii)
+            if limited is not None:
+                limited.expect(radii)
         if frame is None:
             continue
         progress.work_begins(frame.seq, frame.t_capture_ns, clock.now_ns())
-        detection, since_ns = detected(detect, job.detector.vision, frame, recent)
+        detection, since_ns = detected(detect, sums, job.detector.vision, frame, recent)
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
         settings = None if exposure is None else exposure.state
@@ -143,16 +146,19 @@ class RecentFrames:
 
 
 def detected(
-    detect: Detector, params: VisionConfig, frame: CheckedFrame, recent: RecentFrames
+    detect: Detector, sums: Summing | None, params: VisionConfig, frame: CheckedFrame, recent: RecentFrames
 ) -> tuple[Detection, int]:
-    """What is found in a frame, or in the sum of it and those before, and how old that is: capture time, ns."""
+    """What is found in a frame, or in the sum of it and those before, and how old that is: capture time, ns.
+
+    `sums`: the detector, where it is `Summing`.
+    """
     kept = [frame]
-    if isinstance(detect, Summing):
+    if sums is not None:
         kept = recent.until(frame)
-        detect.recent([TimedPicture(registry.given(params, f.image, f.deep), f.t_capture_ns) for f in kept])
+        sums.recent([TimedPicture(registry.given(params, f.image, f.deep), f.t_capture_ns) for f in kept])
     detection = detect(registry.given(params, frame.image, frame.deep), frame.t_capture_ns)
-    if isinstance(detect, Summing):
-        recent.keep(detect.keeps(frame.t_capture_ns))
+    if sums is not None:
+        recent.keep(sums.keeps(frame.t_capture_ns))
     oldest = kept[-min(detection.frames, len(kept))]
     height, width = frame.image.shape[:2]
     since_ns = unchanged_since_ns(oldest.changed_ns, width, height, detection.circle)

@@ -7,6 +7,7 @@ tiles have changed.
 """
 
 from enum import Enum, auto
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +31,15 @@ class Freshness(Enum):
 
 
 class FrozenFrameDetector:
-    """One opened source, whose frames are in order and have one size. `frozen_s`: unchanged for so long is frozen."""
+    """One opened source, whose frames are in order and have one size. `frozen_s`: unchanged for so long is frozen.
+
+    It keeps the newest frame, which its source does not write into.
+    """
 
     def __init__(self, frozen_s: float) -> None:
         self._frozen_ns = round(frozen_s * NS_PER_S)
-        self._sample: Samples | None = None  # the rows compared, (12 * ROWS, 3 * width)
+        self._last: Image | DeepImage | None = None
+        self._sparse: Samples | None = None  # one row of each row of tiles of it, (12, 3 * width)
         self._first_ns = 0
         self.changed_ns: Changes = np.zeros(TILES, np.int64)
 
@@ -44,16 +49,18 @@ class FrozenFrameDetector:
         A source opened again must change once before it is believed.
         """
         height, width = image.shape[:2]
-        last, sample = self._sample, image.reshape(height, -1).take(_edges(height, TILES[0] * ROWS), axis=0)
-        self._sample = sample
-        if last is None:
+        last, sparse_before, self._last = self._last, self._sparse, image
+        self._sparse = sparse = image.reshape(height, -1)[_middles(height)]
+        if last is None or sparse_before is None:
             self._first_ns = t_ns
             self.changed_ns = np.full(TILES, t_ns, np.int64)
             return Freshness.UNPROVEN
-        changed = _by_tile(np.bitwise_or, sample ^ last, 3 * _edges(width, TILES[1])) != 0
-        if changed.all():  # a live picture, nearly always
+        # A live picture changes everywhere, and one row of each tile shows it, nearly always.
+        if np.bitwise_or.reduceat(sparse ^ sparse_before, _columns(width), axis=1).all():
             self.changed_ns, seen_ns = np.full(TILES, t_ns, np.int64), t_ns
         else:
+            sample = _sampled(image)
+            changed = _by_tile(np.bitwise_or, sample ^ _sampled(last), _columns(width)) != 0
             if 2 * np.count_nonzero(changed) < changed.size:
                 changed = _with_flat(changed, sample, width)
             self.changed_ns = np.where(changed, t_ns, self.changed_ns)
@@ -99,6 +106,24 @@ def _by_tile(ufunc: np.ufunc, sample: Samples, columns: NDArray[np.intp]) -> Sam
     """`ufunc` over the sampled rows and the columns of each tile."""
     rows = ufunc.reduce(sample.reshape(TILES[0], ROWS, *sample.shape[1:]), axis=1)
     return np.asarray(ufunc.reduceat(rows, columns, axis=1))
+
+
+def _sampled(image: Image | DeepImage) -> Samples:
+    """(12 * ROWS, 3 * width): the rows that are compared."""
+    height = image.shape[0]
+    return image.reshape(height, -1).take(_edges(height, TILES[0] * ROWS), axis=0)
+
+
+@lru_cache(maxsize=4)
+def _middles(height: int) -> NDArray[np.intp]:
+    """One of the rows that are compared of each row of tiles."""
+    return _edges(height, TILES[0] * ROWS)[ROWS // 2 :: ROWS]
+
+
+@lru_cache(maxsize=4)
+def _columns(width: int) -> NDArray[np.intp]:
+    """Where the columns of tiles begin in a row of samples."""
+    return 3 * _edges(width, TILES[1])
 
 
 def _edges(length: int, parts: int) -> NDArray[np.intp]:

@@ -41,6 +41,7 @@ class Follower:
 
     def __init__(self, search: Search, coast_s: float) -> None:
         self._search = search
+        self._summing = search if isinstance(search, Summing) else None  # once: it takes long
         self._coast_ns = round(coast_s * NS_PER_S)
         self._track: Track | None = None
         self._tentative: Track | None = None  # after a jump: may be another object than the tracked one
@@ -51,11 +52,11 @@ class Follower:
         self._radii = radii
 
     def recent(self, frames: Sequence[TimedPicture]) -> None:
-        if isinstance(self._search, Summing):
-            self._search.recent(frames)
+        if self._summing is not None:
+            self._summing.recent(frames)
 
     def keeps(self, t_ns: int) -> int:
-        return self._search.keeps(t_ns) if isinstance(self._search, Summing) else 1
+        return 1 if self._summing is None else self._summing.keeps(t_ns)
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         track = self._track

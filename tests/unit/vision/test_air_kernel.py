@@ -46,6 +46,16 @@ def test_clear_air_is_what_the_estimate_says(kernel: AirKernel) -> None:
     assert min(clear, veiled) > examples(1000) / 10
 
 
+def test_every_so_many_pixels_are_a_picture_too(kernel: AirKernel) -> None:
+    chance = np.random.default_rng(23)
+    for every in (1, 2, 3, 5):
+        for _ in range(examples(40)):
+            image = np.repeat(np.repeat(picture(chance)[:, ::-1], every, axis=0), every, axis=1)
+            image[1::every, 1::every] = 0  # none of those that count, unless all do
+            cut = image[: image.shape[0] - every // 2, : image.shape[1] - every // 2]
+            assert kernel.is_clear(cut, every) == (estimate(cut[::every, ::every].copy()) is None), (every, cut.shape)
+
+
 def test_opencvs_mean_of_nine_is_a_whole_number_rounded() -> None:
     for total in range(9 * 255 + 1):
         nine = np.full(9, total // 9)
@@ -69,6 +79,6 @@ def test_levels_are_the_same_with_and_without_the_kernel(kernel: AirKernel, monk
 def test_a_kernel_that_always_sees_clear_air_is_not_used(
     library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(AirKernel, "is_clear", lambda self, picture: True)
+    monkeypatch.setattr(AirKernel, "is_clear", lambda self, picture, every=1: True)
     assert load(library) is None
     assert "AirKernel does not agree" in caplog.text

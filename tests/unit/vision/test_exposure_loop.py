@@ -129,6 +129,17 @@ def test_the_light_fails() -> None:
     assert gain_db > 10
 
 
+@pytest.mark.parametrize("flicker", [0.25, 0.45])
+@pytest.mark.parametrize("hz", [100.0, 97.0, 118.0])
+def test_lamps_that_flicker_do_not_make_it_hunt(flicker: float, hz: float) -> None:
+    """On the mains, other phases of the lamp in every frame: the beat is seen, 10, 7 and 2 Hz."""
+    run = played(6, {"light": {"drift": 0.0, "flicker": flicker, "flicker_hz": hz}}, method="robust")
+    assert run.changes(2.0) == []
+    assert run.turns() <= 3
+    assert run.longest_clipped_s() <= 0.5
+    assert run.found(1.0) == 1.0
+
+
 def test_the_sun_beside_the_marker_does_not_darken_it() -> None:
     sun = {"at_s": 1.5, "u_px": 250, "v_px": 40, "radius_px": 25, "level": 300, "scatter": 0.001}
     run = played(4, {"glare": [sun]})

@@ -78,6 +78,16 @@ def in_sum(images: Sequence[Image], period_ns: int = PERIOD_NS) -> Detection:
 STANDING = [dusty(clear(PLACE), n) for n in range(4)]
 
 
+class Nothing:
+    """A search that never finds anything."""
+
+    calls = 0
+
+    def __call__(self, *_: Any) -> Detection:
+        self.calls += 1
+        return Detection(None)
+
+
 def test_the_sum_shows_what_no_frame_does() -> None:
     for image in STANDING:
         assert in_sum([image]).circle is None
@@ -95,13 +105,6 @@ def test_one_frame_that_shows_the_marker_is_not_summed() -> None:
 
 
 def test_clear_air_is_not_summed() -> None:
-    class Nothing:
-        calls = 0
-
-        def __call__(self, *_: Any) -> Detection:
-            self.calls += 1
-            return Detection(None)
-
     nothing = Nothing()
     search = SummingSearch(nothing, 4)  # type: ignore[arg-type]
     frames = timed([clear(None)] * 4)
@@ -245,13 +248,6 @@ def test_frames_of_another_moment_are_not_summed() -> None:
 
 
 def test_a_bay_without_marker_costs_one_sum_in_an_eighth_of_a_second() -> None:
-    class Nothing:
-        calls = 0
-
-        def __call__(self, *_: Any) -> Detection:
-            self.calls += 1
-            return Detection(None)
-
     nothing = Nothing()
     search = SummingSearch(nothing, 4)  # type: ignore[arg-type]
     frames = timed([dusty(clear(None), n) for n in range(4)] * 15)
@@ -295,7 +291,7 @@ def followed(frames: Sequence[CheckedFrame]) -> list[tuple[Detection, int]]:
     assert isinstance(detect, Summing)
     for frame in frames:
         recent.add(frame)
-        found.append(detected(detect, PARAMS, frame, recent))
+        found.append(detected(detect, detect, PARAMS, frame, recent))
     return found
 
 
@@ -317,10 +313,11 @@ def test_a_part_of_a_sum_that_repeats_itself_is_older_still() -> None:
     frames = checked(STANDING)
     frames[0] = replace(frames[0], changed_ns=np.full(TILES, 7, np.int64))
     detect, recent = registry.detector(PARAMS), RecentFrames()
+    assert isinstance(detect, Summing)
     recent.keep(4)
     for frame in frames:
         recent.add(frame)
-    found, since_ns = detected(detect, PARAMS, frames[-1], recent)
+    found, since_ns = detected(detect, detect, PARAMS, frames[-1], recent)
     assert (found.frames, since_ns) == (4, 7)
 
 

@@ -100,6 +100,23 @@ def test_a_clock_burnt_into_the_picture_hides_no_freeze(clock: Area, circle: Cir
     assert looks == [Freshness.LIVE] * 50 + [Freshness.FROZEN]
 
 
+def test_a_tile_that_differs_in_any_of_its_compared_rows_has_changed() -> None:
+    """Of 10 rows of a tile here, every second is compared; one row of all tiles is looked at first."""
+    still = Camera().frame()[0]
+    for row in range(10):
+        detector = FrozenFrameDetector(2.0)
+        detector.judge(still, S)
+        moved = still.copy()
+        moved[30 + row, :10] ^= 1  # the first tile of the fourth row of tiles
+        moved[35, 150:] ^= 1  # the last one, outside the rows that are looked at first
+        detector.judge(moved, 2 * S)
+        expected = np.full((12, 16), S)
+        if row % 2 == 0:
+            expected[3, 0] = 2 * S
+        expected[3, 15] = S
+        assert detector.changed_ns.tolist() == expected.tolist(), row
+
+
 def test_a_marker_in_a_dead_part_of_a_live_picture_is_old() -> None:
     """A decoder that lost a slice: the upper half stands still, the lower goes on."""
     camera = Camera()

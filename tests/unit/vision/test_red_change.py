@@ -1,4 +1,6 @@
-"""The cheap check for red things: what is new and what is not."""
+"""The cheap check for red things: what is new and what is not, compiled and not."""
+
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -7,8 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.core.detection import Circle
-from gateway.vision.detect.robust.red_change import SPARSE_PX, RedRegions, red_regions, sparse_place
+from gateway.vision.detect.robust import red_change
+from gateway.vision.detect.robust.kernel.region_kernel import RegionKernel
+from gateway.vision.detect.robust.red_change import (
+    SPARSE_PX,
+    RedRegions,
+    alike,
+    load,
+    red_regions,
+    red_regions_plain,
+    sparse_place,
+)
 from gateway.vision.pixels import Image
+from tests.examples import examples
 
 OWN = Circle(300.0, 240.0, 60.0)
 RED, WOOD, DUSTY = (40, 40, 200), (60, 95, 140), (150, 150, 190)
@@ -72,3 +85,66 @@ def test_no_circle_and_no_size_breaks_it(u: float, v: float, r: float, height: i
 
 def test_places_of_the_sparse_picture() -> None:
     assert sparse_place(Circle(2.0, 7.0, 10.0), 5) == ((0, 1), 2.0)
+
+
+# -- the compiled one --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def compiled(library: Path) -> RegionKernel:
+    loaded = load(library)
+    assert loaded is not None
+    return loaded
+
+
+def speckled(chance: np.random.Generator) -> tuple[Image, Circle]:
+    """Colours of all kinds in a picture of any size, something followed anywhere, of any size."""
+    height, width = (int(side) for side in chance.integers(1, 30 if chance.random() < 0.3 else 900, 2))
+    coarse = chance.integers(0, 256, (max(1, height // 7), max(1, width // 7), 3), np.uint8)
+    smooth = np.asarray(cv2.resize(coarse, (width, height))).reshape(height, width, 3)
+    image = np.clip(smooth + chance.normal(0, 10, smooth.shape), 0, 255).astype(np.uint8)
+    u, v = (float(at) for at in chance.normal(0, 1, 2) * (width, height))
+    return image, Circle(u, v, float(np.exp(chance.uniform(-5, 7))))
+
+
+def test_the_same_regions_as_without_a_compiler(compiled: RegionKernel, monkeypatch: pytest.MonkeyPatch) -> None:
+    chance = np.random.default_rng(31)
+    monkeypatch.setattr(red_change, "_kernel", lambda: compiled)
+    boxes = faint = 0
+    for _ in range(examples(150)):
+        image, followed = speckled(chance)
+        for view in (image, image[::-1], image[:, 1:] if image.shape[1] > 1 else image):
+            found = red_regions(view, followed)
+            assert alike(found, red_regions_plain(view, followed)), (image.shape, followed)
+            boxes, faint = boxes + len(found.boxes), faint + found.faint
+    assert boxes > 5 * examples(150)
+    assert faint > examples(150)
+
+
+def test_a_veil_is_left_to_numpy(compiled: RegionKernel) -> None:
+    dusty = np.full((480, 640, 3), 150, np.uint8)
+    assert compiled.regions(dusty, 2, (150, 120), 20, 40) is None
+    assert compiled.regions(dusty // 8, 2, (150, 120), 20, 40) is not None  # dark: no airlight
+
+
+def test_a_picture_half_of_which_is_red_has_one_region(compiled: RegionKernel) -> None:
+    red = np.full((480, 640, 3), RED, np.uint8)
+    red[:, 320:] = 5
+    found = compiled.regions(red, 2, (-500, -500), 1, 1)
+    assert found is not None
+    boxes, faint = found
+    assert (boxes.tolist(), faint) == ([[0, 0, 161, 240]], True)  # the blur's pixel with it
+
+
+def test_a_kernel_that_misses_a_region_is_not_used(
+    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    unchanged = RegionKernel.regions
+
+    def wrong(self: RegionKernel, *arguments: object) -> object:
+        found = unchanged(self, *arguments)  # type: ignore[arg-type]
+        return found and (found[0][1:], found[1])
+
+    monkeypatch.setattr(RegionKernel, "regions", wrong)
+    assert load(library) is None
+    assert "RegionKernel does not agree" in caplog.text

@@ -17,7 +17,7 @@ from gateway.vision.compiled import build
 from gateway.vision.detect.robust import refinement
 from gateway.vision.detect.robust.kernel import lab
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
-from gateway.vision.detect.robust.refinement import DOUBT, load, refine, refine_plain
+from gateway.vision.detect.robust.refinement import DOUBT, fall, fall_plain, load, refine, refine_plain
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.pixels import Image
 from tests.examples import examples
@@ -103,6 +103,30 @@ def test_the_same_rims_as_without_a_compiler(kernel: RimKernel) -> None:
     assert rims > examples(500) / 3
 
 
+def test_the_same_fall_of_redness_as_without_a_compiler(kernel: RimKernel) -> None:
+    """To the last bit, also where the rim is cut by the picture's edge."""
+    falls = []
+    for image, seed, reach, opponent in cases(examples(200)):
+        rim = refine_plain(image, seed, search_px=reach, opponent=opponent)
+        if rim is not None:
+            for share in (0.1, 0.25, 0.9):
+                falls.append(fall_plain(image, rim.ellipse, share))
+                assert kernel.fall(image, rim.ellipse, share) == falls[-1], (rim, share)
+    assert len({*falls}) > examples(200) / 2
+
+
+def test_a_red_disc_falls_by_the_redness_of_its_paint(kernel: RimKernel) -> None:
+    image, seed = disc_picture()
+    lab_of = [
+        cv2.cvtColor(np.array([[colour]], np.uint8), cv2.COLOR_BGR2Lab) for colour in ((40, 45, 190), (120, 128, 122))
+    ]
+    inside, outside = (int(np.asarray(one)[0, 0, 1]) for one in lab_of)
+    assert kernel.fall(image, seed, 0.25) == 1.5 * (inside - outside)
+    assert (
+        kernel.fall(image, replace(seed, u_px=-40.0, v_px=-30.0, semi_major_px=46.0, semi_minor_px=40.0), 0.25) == 0.0
+    )
+
+
 def test_samples_are_rounded_as_opencv_rounds_them(kernel: RimKernel) -> None:
     """One in a million of strong noise is another grey level where a processor rounds once more or less in between."""
     chance = np.random.default_rng(5)
@@ -157,6 +181,7 @@ def test_a_picture_whose_pixels_lie_apart_is_left_to_numpy(kernel: RimKernel, mo
     apart = np.repeat(image, 2, axis=1)[:, ::2]
     monkeypatch.setattr(refinement, "_kernel", lambda: kernel)
     assert refine(apart, seed) == refine_plain(image, seed)
+    assert fall(apart, seed, 0.25) == fall_plain(image, seed, 0.25)
 
 
 def test_without_wide_registers_not_a_bit_differs(
@@ -168,7 +193,10 @@ def test_without_wide_registers_not_a_bit_differs(
     assert narrow is not None
     for image, seed, reach, opponent in cases(examples(150)):
         arguments = (image, seed, reach, DOUBT, opponent)
-        assert kernel.refine(*arguments) == narrow.refine(*arguments)
+        rim = kernel.refine(*arguments)
+        assert rim == narrow.refine(*arguments)
+        if rim is not None:
+            assert kernel.fall(image, rim.ellipse, 0.25) == narrow.fall(image, rim.ellipse, 0.25)
 
 
 def test_many_threads_do_not_disturb_each_other(kernel: RimKernel) -> None:
@@ -229,6 +257,15 @@ def test_a_kernel_that_is_wrong_by_a_thousandth_of_a_pixel_is_not_used(
         return rim and replace(rim, ellipse=replace(rim.ellipse, u_px=rim.ellipse.u_px + 1e-3))
 
     monkeypatch.setattr(RimKernel, "refine", wrong)
+    assert load(library) is None
+    assert "RimKernel does not agree" in caplog.text
+
+
+def test_a_kernel_with_another_fall_is_not_used(
+    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    unchanged = RimKernel.fall
+    monkeypatch.setattr(RimKernel, "fall", lambda self, *arguments: unchanged(self, *arguments) + 1.5)
     assert load(library) is None
     assert "RimKernel does not agree" in caplog.text
 

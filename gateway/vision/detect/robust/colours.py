@@ -2,12 +2,8 @@
 
 import math
 
-import numpy as np
-
 from gateway.core.detection import Ellipse
-from gateway.vision.detect.robust.conic import from_ellipse
-from gateway.vision.detect.robust.normal_profiles import sample
-from gateway.vision.detect.robust.refinement import refine
+from gateway.vision.detect.robust.refinement import fall, refine
 from gateway.vision.detect.robust.rim import SECTORS, Rim
 from gateway.vision.pixels import Colours
 
@@ -50,20 +46,10 @@ def clearest_rim(image: Colours, seed: Ellipse, reach_px: float = 0.0) -> Rim | 
     if rim is not None and quality(rim) >= GOOD and even(rim):
         return rim
     other = refine(image, seed, search_px=search_px, opponent=True)
-    if other is None or other.contrast < MOST * _fall(image, other.ellipse):
+    if other is None or other.contrast < MOST * fall(image, other.ellipse, WELL):
         return rim
     if rim is None:
         return other
     # Half hidden, but even: both see the same. Colours mixed by a lens weigh a little more in a* than in truth.
     better_by = CLEARLY if even(rim) else 0.0
     return other if quality(other) > quality(rim) + better_by else rim
-
-
-def _fall(image: Colours, rim: Ellipse) -> float:
-    """Of red against green, from well inside the rim to well outside, median over the rays in the picture."""
-    apart = np.array((-WELL, WELL), np.float32) * np.float32(rim.semi_minor_px)
-    rays = sample(image, from_ellipse(rim), 32, apart, WELL * rim.semi_minor_px, opponent=True)
-    if rays is None or not rays.inside.any():
-        return 0.0
-    within, beyond = rays.colours[:, rays.inside]
-    return float(np.median(within - beyond))

@@ -1,17 +1,22 @@
 """Is there something red in the picture that wasn't there a moment ago? A cheap check of a sparse picture. Pure."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
+from gateway.vision.compiled import library as compiled
+from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.detect.robust.candidates import red_plane
 from gateway.vision.detect.robust.decision import FULL_REDNESS
+from gateway.vision.detect.robust.kernel.region_kernel import RegionKernel
 from gateway.vision.detect.robust.redness import PyramidLevel
 from gateway.vision.detect.robust.veil import less_veil
-from gateway.vision.pixels import Pixels, grey_levels
+from gateway.vision.pixels import Pixels, adjacent, grey_levels
 
 SPARSE_PX = 400  # diagonal of the sparse picture
 LEAST_RED = 0.15  # log(R/G): a marker behind much dust still has this
@@ -38,16 +43,25 @@ class RedRegions:
 
 def red_regions(image: Pixels, followed: Circle) -> RedRegions:
     """The red spots of a (H, W, 3) BGR picture that are not `followed` itself."""
-    height, width = image.shape[:2]
-    step = max(1, min(int(np.hypot(height, width) // SPARSE_PX), height, width))
+    kernel = _kernel()
+    if kernel is None or not adjacent(image):
+        return red_regions_plain(image, followed)
+    step = sparse_step(image)
+    found = kernel.regions(image, step, *disc_of(followed, step))
+    return red_regions_plain(image, followed) if found is None else RedRegions(*found)
+
+
+def red_regions_plain(image: Pixels, followed: Circle) -> RedRegions:
+    """`red_regions` by NumPy and OpenCV."""
+    step = sparse_step(image)
     sparse: Pixels = image[step // 2 :: step, step // 2 :: step].copy()
     (level,) = less_veil([PyramidLevel(grey_levels(sparse), step)])
     red = cv2.blur(red_plane(level), (3, 3))
-    at, radius = sparse_place(followed, step)
-    inside = np.zeros(red.shape, np.uint8)
-    cv2.circle(inside, at, max(1, round(0.7 * radius)), 255, -1)
-    redness_of_it = float(cv2.mean(red, inside)[0])
-    cv2.circle(red, at, round(OWN * radius) + 1, 0.0, -1)
+    (u, v), inner_px, outer_px = disc_of(followed, step)
+    y, x = np.ogrid[: red.shape[0], : red.shape[1]]
+    distance2 = (x - u) ** 2 + (y - v) ** 2
+    redness_of_it = float(cv2.mean(red, (distance2 <= inner_px * (inner_px + 1)).astype(np.uint8))[0])
+    red[distance2 <= outer_px * (outer_px + 1)] = 0.0
     # Paint redder than FULL_REDNESS is no better evidence for a marker, so it sets no higher bar for others either.
     mask = (red > max(LEAST_RED, AS_RED * min(FULL_REDNESS, redness_of_it))).astype(np.uint8)
     faint = int(np.count_nonzero(red > LEAST_RED)) >= SMALLEST_PX
@@ -57,8 +71,51 @@ def red_regions(image: Pixels, followed: Circle) -> RedRegions:
     return RedRegions(boxes.astype(np.int32), faint)
 
 
+def sparse_step(image: Pixels) -> int:
+    """Every so many pixels of each row and column are looked at."""
+    height, width = (int(side) for side in image.shape[:2])
+    return max(1, min(int(np.hypot(height, width) // SPARSE_PX), height, width))
+
+
+def disc_of(followed: Circle, step: int) -> tuple[tuple[int, int], int, int]:
+    """Its centre in the sparse picture, a radius that is surely it, and one beyond which nothing of it is."""
+    at, radius = sparse_place(followed, step)
+    return at, max(1, round(0.7 * radius)), round(OWN * radius) + 1
+
+
 def sparse_place(circle: Circle, step: int) -> tuple[tuple[int, int], float]:
     """Centre and radius in a picture of every `step`-th pixel from the middle of the first step on."""
     far = 1e6  # OpenCV draws with 32 bit
     u, v = (min(max((at - step // 2) / step, -far), far) for at in (circle.u_px, circle.v_px))
     return (round(u), round(v)), min(circle.radius_px / step, far)
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> RegionKernel | None:
+    return load()
+
+
+def load(library: Path = LIBRARY) -> RegionKernel | None:
+    """The compiled check; None where there is none, or one that differs (logged)."""
+    return compiled.load(RegionKernel, agrees, library)
+
+
+def agrees(kernel: RegionKernel) -> bool:
+    """On red spots of all sizes in noise, for something followed inside the picture, at its edge and out of it."""
+    chance = np.random.default_rng(12)
+    for size in ((300, 420, 3), (500, 700, 3)):
+        picture = chance.integers(0, 140, size, np.uint8)
+        for n in range(40):
+            u, v = (int(at) for at in chance.integers(0, 500, 2))
+            cv2.circle(picture, (u, v), 2 + n % 9, (45.0, 40.0, 90.0 + 3 * n), -1)
+        for followed in (Circle(200.0, 150.0, 40.0), Circle(415.0, 3.0, 25.0), Circle(-900.0, 40.0, 3.0)):
+            step = sparse_step(picture)
+            found = kernel.regions(picture, step, *disc_of(followed, step))
+            if found is None or not alike(RedRegions(*found), red_regions_plain(picture, followed)):
+                return False
+    return True
+
+
+def alike(some: RedRegions, others: RedRegions) -> bool:
+    """The same boxes in any order, and the same faintness."""
+    return sorted(some.boxes.tolist()) == sorted(others.boxes.tolist()) and some.faint == others.faint

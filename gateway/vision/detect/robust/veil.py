@@ -88,11 +88,10 @@ def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
     """Each level less the veil over it; in clear air the levels themselves."""
     coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= SIDE_PX), levels[-1].bgr)
     sparse = -(-max(coarse.shape[:2]) // SIDE_PX)  # of a picture without a pyramid
-    picture = coarse[::sparse, ::sparse].copy()
     kernel = _kernel()
-    if kernel is not None and adjacent(picture) and kernel.is_clear(picture):
+    if kernel is not None and adjacent(coarse) and kernel.is_clear(coarse, sparse):
         return levels
-    veil = estimate(picture)
+    veil = estimate(coarse[::sparse, ::sparse].copy())
     return levels if veil is None else [unveiled(level, veil) for level in levels]
 
 

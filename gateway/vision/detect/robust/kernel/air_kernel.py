@@ -5,7 +5,7 @@ import struct
 
 from gateway.vision.pixels import Image
 
-_PICTURE = struct.Struct("=4q")
+_PICTURE = struct.Struct("=5q")
 
 
 class AirKernel:
@@ -16,7 +16,13 @@ class AirKernel:
         self._call.argtypes = [ctypes.c_char_p]
         self._call.restype = ctypes.c_int
 
-    def is_clear(self, picture: Image) -> bool:
-        """Whether `veil.estimate` finds no veil in a picture whose pixels lie side by side."""
+    def is_clear(self, picture: Image, every: int = 1) -> bool:
+        """Whether `veil.estimate` finds no veil in every so many pixels of a picture whose pixels lie side by side.
+
+        These make a picture of `veil.SIDE_PX` at most.
+        """
+        height, width = picture.shape[:2]
+        stride = picture.strides[0]
         at = picture.__array_interface__["data"][0]
-        return bool(self._call(_PICTURE.pack(at, picture.strides[0], *picture.shape[:2])))
+        described = _PICTURE.pack(at, every * stride, 3 * every, -(-height // every), -(-width // every))
+        return bool(self._call(described))

@@ -1,7 +1,9 @@
-/* Where a red disc might be: the loops of `candidates.py` over pixels, edges and cells; and whether the air is clear. */
+/* Where a red disc might be: the loops of `candidates.py` over pixels, edges and cells; whether the air is clear, and what
+ * else is red. */
 #include "blobs.h"
 #include "bilinear.h"
 #include "clear_air.h"
+#include "regions.h"
 #include "votes.h"
 #include "wide.h"
 #include "wide_registers.h"
@@ -39,4 +41,8 @@ void gateway_redness(const Picture *picture, const float *log, float *red)
     }
 }
 
-int gateway_air_is_clear(const Picture *picture) { return air_is_clear(picture); }
+int gateway_air_is_clear(const Sparse *picture) { return air_is_clear(picture); }
+
+int64_t gateway_region_room(const RegionTask *task) { return region_room(task); }
+
+int64_t gateway_red_regions(RegionTask *task, void *work) { return red_regions(task, work); }

@@ -11,20 +11,50 @@
 
 enum { VEIL_CELLS = 8, MOST_VEIL_SIDE = 160 };
 
+typedef struct { /* `air_kernel._PICTURE`: pixels that lie so many bytes apart */
+    const uint8_t *pixels;
+    int64_t down, right, height, width;
+} Sparse;
+
 INLINE int64_t inner(int64_t i, int64_t n) { return i < 0 ? -i : i >= n ? 2 * n - 2 - i : i; }
 
-/* 1: `veil.estimate` finds none; 0: it has to be asked. For 8 to MOST_VEIL_SIDE px a side. */
-static int air_is_clear(const Picture *p)
+/* The least sum of 3 x 3 samples in every column of the rows from `top` to `bottom` of one channel. */
+INLINE void least_sums(const uint8_t *plane, int64_t h, int64_t w, int64_t top, int64_t bottom, int16_t *sums)
 {
+    int16_t down[MOST_VEIL_SIDE + 2];
+    for (int64_t x = 0; x < w; x++)
+        sums[x] = INT16_MAX;
+    for (int64_t y = top; y < bottom; y++) {
+        const uint8_t *above = plane + inner(y - 1, h) * w, *at = plane + y * w, *below = plane + inner(y + 1, h) * w;
+        for (int64_t x = 0; x < w; x++)
+            down[x + 1] = (int16_t)(above[x] + at[x] + below[x]);
+        down[0] = down[2], down[w + 1] = down[w - 1];
+        for (int64_t x = 0; x < w; x++) {
+            int16_t sum = (int16_t)(down[x] + down[x + 1] + down[x + 2]);
+            sums[x] = sum < sums[x] ? sum : sums[x];
+        }
+    }
+}
+
+/* 1: `veil.estimate` finds none; 0: it has to be asked. For MOST_VEIL_SIDE px a side at most. */
+static int air_is_clear(const Sparse *p)
+{
+    uint8_t planes[CHANNELS][MOST_VEIL_SIDE * MOST_VEIL_SIDE];
     int counts[CHANNELS][256] = {{0}};
-    float air[CHANNELS], share[CHANNELS][256], local[VEIL_CELLS][VEIL_CELLS];
+    int16_t sums[CHANNELS][MOST_VEIL_SIDE];
+    float air[CHANNELS], local[VEIL_CELLS][VEIL_CELLS];
     int64_t h = p->height, w = p->width, longer = h > w ? h : w;
     if (h < 8 || w < 8)
         return 1;
+    if (longer > MOST_VEIL_SIDE)
+        return 0;
     for (int64_t y = 0; y < h; y++)
-        for (int64_t x = 0; x < 3 * w; x += 3)
-            for (int c = 0; c < CHANNELS; c++)
-                counts[c][p->pixels[y * p->stride + x + c]]++;
+        for (int64_t x = 0; x < w; x++)
+            for (int c = 0; c < CHANNELS; c++) {
+                uint8_t value = p->pixels[y * p->down + x * p->right + c];
+                planes[c][y * w + x] = value;
+                counts[c][value]++;
+            }
     for (int c = 0; c < CHANNELS; c++) {
         float wanted = AIRLIGHT_QUANTILE * (float)(h * w);
         int level = 0;
@@ -35,32 +65,25 @@ static int air_is_clear(const Picture *p)
     float other = air[0] > air[2] ? air[0] : air[2];
     if (air[0] < DARKEST_AIRLIGHT || air[1] < DARKEST_AIRLIGHT || air[2] < DARKEST_AIRLIGHT || air[1] > MOST_GREEN * other)
         return 1;
-    for (int c = 0; c < CHANNELS; c++)
-        for (int v = 0; v < 256; v++)
-            share[c][v] = (float)v / air[c];
     double cell = most(1, (double)longer / VEIL_CELLS);
     int rows = (int)most(1, nearbyint((double)h / cell)), columns = (int)most(1, nearbyint((double)w / cell));
     double high = (double)h / rows, wide = (double)w / columns;
-    for (int r = 0; r < rows; r++)
+    for (int r = 0; r < rows; r++) {
+        for (int k = 0; k < CHANNELS; k++)
+            least_sums(planes[k], h, w, (int64_t)(r * high), r + 1 < rows ? (int64_t)((r + 1) * high) : h, sums[k]);
         for (int c = 0; c < columns; c++) {
-            int64_t top = (int64_t)(r * high), bottom = r + 1 < rows ? (int64_t)((r + 1) * high) : h;
             int64_t left = (int64_t)(c * wide), right = c + 1 < columns ? (int64_t)((c + 1) * wide) : w;
             float darkest = 1e30f;
-            for (int64_t y = top; y < bottom; y++) {
-                const uint8_t *lines[3] = {p->pixels + inner(y - 1, h) * p->stride, p->pixels + y * p->stride, p->pixels + inner(y + 1, h) * p->stride};
-                for (int64_t x = left; x < right; x++) {
-                    int64_t before = 3 * inner(x - 1, w), at = 3 * x, after = 3 * inner(x + 1, w);
-                    for (int k = 0; k < CHANNELS; k++) {
-                        int sum = 0;
-                        for (int n = 0; n < 3; n++)
-                            sum += lines[n][before + k] + lines[n][at + k] + lines[n][after + k];
-                        float value = share[k][(2 * sum + 9) / 18]; /* a ninth, rounded */
-                        darkest = value < darkest ? value : darkest;
-                    }
-                }
+            for (int k = 0; k < CHANNELS; k++) {
+                int least_sum = INT16_MAX;
+                for (int64_t x = left; x < right; x++)
+                    least_sum = sums[k][x] < least_sum ? sums[k][x] : least_sum;
+                float value = (float)((2 * least_sum + 9) / 18) / air[k]; /* a ninth, rounded: it grows with the sum */
+                darkest = value < darkest ? value : darkest;
             }
             local[r][c] = darkest;
         }
+    }
     int veiled = 0;
     for (int r = 0; r < rows; r++)
         for (int c = 0; c < columns; c++) {

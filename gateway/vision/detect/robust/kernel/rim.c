@@ -7,7 +7,7 @@
  *
  * No allocation, no global state: the caller gives all memory, and the tables, which Python computes once.
  */
-#include "refined.h"
+#include "fall.h"
 #include "wide_registers.h"
 #include "wide.h"
 
@@ -22,5 +22,17 @@ int gateway_rim(Task *task, const Tables *tables, Work *work)
     return refined(task, tables, work, 0);
 #else
     return refined(task, tables, work, tables->fused != 0);
+#endif
+}
+
+/* `refinement.fall_plain` of the task's outline, its reach `search_px`. */
+double gateway_fall(const Task *task, const Tables *tables, Work *work)
+{
+#if HAS_WIDE
+    if (tables->fused && has_wide() && __builtin_cpu_supports("fma"))
+        return gateway_fall_wide(task, tables, work);
+    return fall(task, tables, work, 0);
+#else
+    return fall(task, tables, work, tables->fused != 0);
 #endif
 }

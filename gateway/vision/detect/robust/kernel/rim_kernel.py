@@ -15,6 +15,7 @@ from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.pixels import Image
 
 NONE, FOUND, NO_PROFILE = 0, 1, 2
+FALL_RAYS = 32  # a step of the rays of the fine stage, whose tables it shares
 _STEPS = 13  # of a profile, at most
 _DIRECTIONS = rim_fine.MOST_RAYS // rim_fine.RAYS_STEP + 1
 _PROFILES = 64  # kept
@@ -99,6 +100,9 @@ class RimKernel:
         self._call = library.gateway_rim
         self._call.argtypes = [_Pointer, _Pointer, _Pointer]
         self._call.restype = ctypes.c_int
+        self._fall = library.gateway_fall
+        self._fall.argtypes = [_Pointer, _Pointer, _Pointer]
+        self._fall.restype = _Real
         library.gateway_rim_work.restype = _Int
         self.work_size = int(library.gateway_rim_work())
         self._rooms: list[Room] = []
@@ -113,6 +117,14 @@ class RimKernel:
         rim = _rim_of(room.task) if found else None
         self._rooms.append(room)
         return rim
+
+    def fall(self, image: Image, rim: Ellipse, share: float) -> float:
+        """As `refinement.fall_plain`, for a picture whose pixels lie side by side."""
+        room = self._room()
+        set_task(room.task, image, rim, share * rim.semi_minor_px, 0.0, True)
+        found = float(self._fall(room.task_at, self._tables_at, room.work_at))
+        self._rooms.append(room)
+        return found
 
     def run(
         self, room: Room, image: Image, seed: Ellipse, search_px: float | None, doubt: float, opponent: bool
@@ -133,7 +145,7 @@ class RimKernel:
         tables = _Tables()
         coarse_rays = rim_coarse.COARSE_RAYS
         tables.coarse = self._at(directions_of(coarse_rays))
-        for count in range(rim_fine.LEAST_RAYS, rim_fine.MOST_RAYS + 1, rim_fine.RAYS_STEP):
+        for count in (FALL_RAYS, *range(rim_fine.LEAST_RAYS, rim_fine.MOST_RAYS + 1, rim_fine.RAYS_STEP)):
             tables.directions[count // rim_fine.RAYS_STEP] = self._at(directions_of(count))
         tables.filter = self._at(rim_coarse.edge_filter())
         for n, (rays, inverses) in enumerate(rim_coarse.subsets()):

@@ -7,11 +7,13 @@
 #endif
 #include "blobs.h"
 #include "evidence.h"
-#include "refined.h"
+#include "fall.h"
 #include "votes.h"
 #include "wide_registers.h"
 
 int gateway_rim_wide(void *task, const void *tables, void *work) { return refined(task, tables, work, 1); }
+
+double gateway_fall_wide(const void *task, const void *tables, void *work) { return fall(task, tables, work, 1); }
 
 void gateway_evidence_wide(const void *levels, int64_t level_count, void *rows, int64_t count, int64_t seeds, const void *tables, void *work)
 {
