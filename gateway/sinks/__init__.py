@@ -1,1 +1,1 @@
-"""Where states and events are published to, besides Modbus: MQTT and Sparkplug B."""
+"""Where states and events are published to, besides Modbus: MQTT, Sparkplug B and PostgreSQL."""

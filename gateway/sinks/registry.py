@@ -1,9 +1,10 @@
 """The registered sinks, and the configured ones of them.
 
-MQTT and Sparkplug have their own sections; any other sink is configured by a table `[sinks.<name>]`, and is
-found in the list below or from an entry point of the group `gateway.sinks` in another distribution.
+MQTT and Sparkplug have their own sections; any other sink is configured by a table `[sinks.<name>]`. It is loaded only
+then, and is found in the list below or from an entry point of the group `gateway.sinks` in another distribution.
 """
 
+import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
@@ -12,6 +13,8 @@ from pydantic import ValidationError
 
 from gateway.clock import Clock
 from gateway.config import GatewayConfig
+from gateway.config.strict.errors import explain
+from gateway.config.strict.section import Section
 from gateway.errors import ConfigError
 from gateway.registry import Registry
 from gateway.sinks.contract import Bays, SettingError, Sink, SinkContext, SinkType
@@ -20,7 +23,8 @@ from gateway.sinks.sparkplug.publisher import SPARKPLUG
 
 TYPES: tuple[SinkType, ...] = (MQTT, SPARKPLUG)
 GROUP = "gateway.sinks"
-OTHERS = Registry("sink", GROUP, {})
+OWN = {"postgresql": "gateway.sinks.postgresql.sink:POSTGRESQL"}
+OTHERS = Registry("sink", GROUP, OWN)
 
 
 def opened(config: GatewayConfig, bays: Bays, clock: Clock, boot: str, resources: ExitStack) -> list[Sink]:
@@ -35,6 +39,22 @@ def checks(config: GatewayConfig) -> Iterator[Callable[[], object]]:
     yield from (partial(_settings, config, name) for name in config.sinks)
     for kind in TYPES:
         yield from kind.checks(config)
+    for name in config.sinks:
+        with contextlib.suppress(SettingError):  # which the first of these reports
+            yield from _settings(config, name)[0].checks(config)
+
+
+def sections() -> Iterator[tuple[str, type[Section]]]:
+    """The tables `[sinks.<name>]` of the gateway's own sinks: title and model."""
+    for name in OWN:
+        if (section := _named(name).section) is not None:
+            yield f"[sinks.{name}]", section
+
+
+def settings_of(config: GatewayConfig) -> Iterator[tuple[str, Section]]:
+    """What the tables `[sinks.<name>]` set, by the name of the table. Raises SettingError."""
+    for name in config.sinks:
+        yield f"sinks.{name}", _settings(config, name)[1]
 
 
 def _configured(config: GatewayConfig) -> Iterator[tuple[SinkType, object]]:
@@ -45,7 +65,7 @@ def _configured(config: GatewayConfig) -> Iterator[tuple[SinkType, object]]:
         yield _settings(config, name)
 
 
-def _settings(config: GatewayConfig, name: str) -> tuple[SinkType, object]:
+def _settings(config: GatewayConfig, name: str) -> tuple[SinkType, Section]:
     """The type of sink that `[sinks.<name>]` configures, and its settings."""
     kind = _named(name)
     if kind.section is None:
@@ -53,9 +73,8 @@ def _settings(config: GatewayConfig, name: str) -> tuple[SinkType, object]:
     try:
         return kind, kind.section.model_validate(config.sinks[name])
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        fault = SettingError(f"sinks.{name}", f"{key}: {first['msg'].removeprefix('Value error, ')}")
+        faults = [line.removeprefix(": ") for line in explain(error, source="", text="", model=kind.section)]
+        fault = SettingError(f"sinks.{name}", "; ".join(faults))
     raise fault  # outside `except`: the checker's error quotes values, which may be passwords
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import resource
 import signal
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,26 +21,22 @@ from tests.permitted import FOREVER_NS
 QUICK = Reconnect(min_s=0.05, max_s=0.2)
 
 
-class Plant(Supervised):
+class ComputedBays(Supervised):
+    """Bays without sensors, and a task `deliver`, which whoever derives from it gives to `supervise`."""
+
     watched = "deliver"
 
-    def __init__(self, url: str, *bays: str, instance: str = "gw", **settings: Any) -> None:
+    def __init__(self, *bays: str) -> None:
         self.clock = SystemClock()
         self.hub = Hub(bays or ("bay1",))
         self.waits: list[int] = []  # how often the control path had to wait for anything in each Hub.publish
         self.ticks = 0
         for bay in self.hub.bays:
             self._publish(fusion.initial(bay, self.clock.now_ns()))
-        config = MqttConfig(url=url, root="loading", **settings)
-        self.publisher = MqttPublisher(config, "site1", instance, self.hub, self.clock, "1.0")
-        self.supervisor = Supervisor(
-            [
-                Task("compute", self.compute),
-                Task("deliver", self.publisher.deliver, QUICK),
-            ],
-            self.clock,
-        )
         self.happened: list[str] = []
+
+    def supervise(self, deliver: Callable[[], Awaitable[None]]) -> None:
+        self.supervisor = Supervisor([Task("compute", self.compute), Task("deliver", deliver, QUICK)], self.clock)
 
     @property
     def link_errors(self) -> int:
@@ -52,6 +48,10 @@ class Plant(Supervised):
         self._publish(state, [Event(kind, bay, state.t_ns, state)])
         self.happened.append(kind.value)
         return state
+
+    def report(self, kind: EventKind, state: StateVector, **more: Any) -> None:
+        """An event with all that it may carry, of a given state."""
+        self._publish(state, [Event(kind, state.bay, state.t_ns, state, **more)])
 
     async def compute(self) -> None:
         config = FusionConfig()
@@ -76,6 +76,14 @@ class Plant(Supervised):
         before = _waits()
         self.hub.publish(state, events)
         self.waits.append(_waits() - before)
+
+
+class Plant(ComputedBays):
+    def __init__(self, url: str, *bays: str, instance: str = "gw", **settings: Any) -> None:
+        super().__init__(*bays)
+        config = MqttConfig(url=url, root="loading", **settings)
+        self.publisher = MqttPublisher(config, "site1", instance, self.hub, self.clock, "1.0")
+        self.supervise(self.publisher.deliver)
 
 
 def _waits() -> int:

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,8 @@ from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
-from gateway.sinks.outbox.durable import DurableOutbox, limits
-from gateway.sinks.outbox.outbox import Entry
+from gateway.sinks.outbox.durable import DurableOutbox
+from gateway.sinks.outbox.outbox import Entry, Limits, Outbox
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Stream
@@ -61,13 +61,15 @@ class ReportingOutbox(DurableOutbox):
         os.write(1, f"{entry.id} {entry.topic.split('/')[2]} {int(entry.drop_last)}\n".encode())
 
 
-async def child(url: str, name: str, file: str, per_s: float) -> None:
-    clock, hub = SystemClock(), Hub(BAYS)
-    config = MqttConfig(url=url, keepalive_s=4, outbox_events=100_000, reconnect=Reconnect(min_s=0.02, max_s=0.1))
+SinkOf = Callable[[Hub, SystemClock, Outbox, Reconnect], Callable[[], Awaitable[None]]]
+
+
+async def child(deliver_of: SinkOf, name: str, file: str, per_s: float) -> None:
+    clock, hub, reconnect = SystemClock(), Hub(BAYS), Reconnect(min_s=0.02, max_s=0.1)
     plain = FusionConfig(decision="plain")  # a stop at every step
     whole = GatewayConfig(bays=tuple(BayConfig(name=bay, unit_id=n + 1, fusion=plain) for n, bay in enumerate(BAYS)))
-    with ReportingOutbox(name, Path(file), limits(config)) as outbox:
-        publisher = MqttPublisher(config, "site1", "gw", hub, clock, outbox=outbox)
+    with ReportingOutbox(name, Path(file), Limits(100_000)) as outbox:
+        deliver = deliver_of(hub, clock, outbox, reconnect)
         controls = [BayControl(bay, hub, clock, (), whole) for bay in whole.bays]
 
         async def flip() -> None:
@@ -81,8 +83,16 @@ async def child(url: str, name: str, file: str, per_s: float) -> None:
                 await clock.sleep(len(controls) / per_s)
 
         tasks = [Task(f"{control.name}.control", control.run, vital=True) for control in controls]
-        tasks += [Task("flip", flip), Task("mqtt.deliver", publisher.deliver, config.reconnect)]
+        tasks += [Task("flip", flip), Task("deliver", deliver, reconnect)]
         await Supervisor(tasks, clock).run()
+
+
+def to_broker(url: str) -> SinkOf:
+    def deliver_of(hub: Hub, clock: SystemClock, outbox: Outbox, reconnect: Reconnect) -> Callable[[], Awaitable[None]]:
+        config = MqttConfig(url=url, keepalive_s=4, reconnect=reconnect)
+        return MqttPublisher(config, "site1", "gw", hub, clock, outbox=outbox).deliver
+
+    return deliver_of
 
 
 # The parent.
@@ -186,13 +196,14 @@ def run(
     name, file = f"test-{uuid4().hex}", folder / "outbox.sqlite"
     with Mosquitto(folder) as broker, Proxy(broker.port, conditions=NetworkConditions(refuse=True)) as proxy:
         records, acknowledged_events = RecordingSubscriber(broker.port), AcknowledgedEvents()
+        url = f"mqtt://127.0.0.1:{proxy.port}"
         proxy.on_data = acknowledged_events.on_data
         try:
             _admit(records, proxy)
             broker.stop()  # once: it remembers the subscription from now on
             broker.start()
             _admit(records, proxy)
-            gateway = _start(proxy.port, name, file, per_s, reported)
+            gateway = start(MODULE, url, name, file, per_s, reported)
             while (
                 reported.transitions < transitions
                 or report.broker_kills < broker_kills
@@ -202,9 +213,9 @@ def run(
                 left_b, left_g = broker_kills - report.broker_kills, gateway_kills - report.gateway_kills
                 if left_b + left_g and randomly.random() * (left_b + left_g) < left_g:
                     gateway[0].send_signal(signal.SIGKILL)
-                    _wait(gateway)
+                    wait(gateway)
                     report.gateway_kills += 1
-                    gateway = _start(proxy.port, name, file, per_s, reported)
+                    gateway = start(MODULE, url, name, file, per_s, reported)
                 elif left_b:
                     broker.kill()
                     records.connected.clear()  # it hears of it later, and must not be taken for subscribed till then
@@ -217,7 +228,7 @@ def run(
                 report.transitions, report.events = reported.transitions, len(reported.ids)
                 progress(report)
             gateway[0].send_signal(signal.SIGKILL)
-            _wait(gateway)
+            wait(gateway)
             report.gateway_kills += 1
             _deliver_the_rest(proxy.port, name, file, reported, records)
         finally:
@@ -234,11 +245,12 @@ def _admit(records: RecordingSubscriber, proxy: Proxy) -> None:
     proxy.conditions = NetworkConditions()
 
 
-def _start(
-    port: int, name: str, file: Path, per_s: float, reported: ReportedEvents
+def start(
+    module: str, url: str, name: str, file: Path, per_s: float, reported: ReportedEvents, *more: str
 ) -> tuple[subprocess.Popen[str], threading.Thread]:
+    """A child that runs `module`; what it reports is added to `reported`."""
     process = subprocess.Popen(
-        [sys.executable, "-m", MODULE, f"mqtt://127.0.0.1:{port}", name, str(file), str(per_s)],
+        [sys.executable, "-m", module, url, name, str(file), str(per_s), *more],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -258,7 +270,7 @@ def _start(
     return process, reader
 
 
-def _wait(gateway: Gateway) -> None:
+def wait(gateway: Gateway) -> None:
     process, reader = gateway
     process.wait(20)
     reader.join(20)
@@ -268,7 +280,7 @@ def _wait(gateway: Gateway) -> None:
 
 def _deliver_the_rest(port: int, name: str, file: Path, reported: ReportedEvents, records: RecordingSubscriber) -> None:
     """One more start, which makes hardly any events, until nothing is missing or nothing gets better any more."""
-    gateway = _start(port, name, file, 0.2, reported)
+    gateway = start(MODULE, f"mqtt://127.0.0.1:{port}", name, file, 0.2, reported)
     try:
         fewest, since = len(reported.ids) + 1, time.monotonic()
         while (missing := len({i for i, _, _ in reported.ids} - {i for i, _ in records.got})) and (
@@ -279,7 +291,7 @@ def _deliver_the_rest(port: int, name: str, file: Path, reported: ReportedEvents
             time.sleep(0.05)
     finally:
         gateway[0].send_signal(signal.SIGKILL)
-        _wait(gateway)
+        wait(gateway)
 
 
 def _judge(report: Report, reported: ReportedEvents, got: list[tuple[str, str]], acknowledged: set[str]) -> Report:
@@ -305,4 +317,4 @@ def _judge(report: Report, reported: ReportedEvents, got: list[tuple[str, str]],
 
 
 if __name__ == "__main__":
-    asyncio.run(child(sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4])))
+    asyncio.run(child(to_broker(sys.argv[1]), sys.argv[2], sys.argv[3], float(sys.argv[4])))

@@ -4,19 +4,16 @@ Secrets may be in the URL, in a file, or in an environment variable. No error he
 nor the repr of a `Broker` contains its password.
 """
 
-import os
 import re
 import ssl
-import stat
 from dataclasses import dataclass, field, replace
 from urllib.parse import unquote, urlsplit
 
 from gateway.config import MqttConfig
 from gateway.sinks.contract import SettingError
+from gateway.sinks.credentials import MAX_BYTES, client_context, password
 
 DEFAULT_PORT = {"mqtt": 1883, "mqtts": 8883}
-MAX_BYTES = 65_535  # of any string in MQTT
-MAX_FILE_BYTES = MAX_BYTES + 2
 SHAPE = "mqtt[s]://[user[:password]@]host[:port]"
 
 
@@ -80,7 +77,7 @@ def broker_of(config: MqttConfig) -> Broker:
         if broker.username is not None:
             raise SettingError("mqtt.username", "mqtt.url names a user, too; keep one of them")
         broker = replace(broker, username=config.username)
-    secret = _password(config)
+    secret = password("mqtt", config.password_file, config.password_env)
     if secret is None:
         return broker
     if broker.password is not None:
@@ -96,58 +93,4 @@ def tls_context(config: MqttConfig, broker: Broker) -> ssl.SSLContext | None:
         if config.tls is not None:
             raise SettingError("mqtt.tls", 'needs url = "mqtts://..."; with mqtt:// nothing is encrypted')
         return None
-    if config.tls is None:
-        return ssl.create_default_context()
-    tls = config.tls
-    try:
-        context = ssl.create_default_context(cafile=tls.ca_file)
-    except (OSError, ssl.SSLError) as error:
-        raise SettingError("mqtt.tls.ca_file", _reason(error), tls.ca_file) from error
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    if tls.cert_file is not None:
-        secret = (
-            None if tls.key_password_file is None else _one_line("mqtt.tls.key_password_file", tls.key_password_file)
-        )
-        try:
-            # Without a configured password OpenSSL would read one from the terminal, and the gateway would hang there.
-            context.load_cert_chain(tls.cert_file, tls.key_file, password=secret or "")
-        except (OSError, ssl.SSLError) as error:
-            fault = f"with key_file {tls.key_file}: {_reason(error)}"
-            raise SettingError("mqtt.tls.cert_file", fault, tls.cert_file) from error
-    return context
-
-
-def _password(config: MqttConfig) -> str | None:
-    if config.password_file is not None:
-        return _one_line("mqtt.password_file", config.password_file)
-    if config.password_env is not None:
-        secret = os.environ.get(config.password_env)
-        if not secret:
-            raise SettingError("mqtt.password_env", "no such variable in the environment", config.password_env)
-        return secret
-    return None
-
-
-def _one_line(key: str, name: str) -> str:
-    """The file's text less one newline at its end."""
-    try:
-        fd = os.open(name, os.O_RDONLY | os.O_NONBLOCK)
-        with os.fdopen(fd, "rb") as file:
-            if not stat.S_ISREG(os.fstat(fd).st_mode):  # read more than once, and a pipe would be waited for
-                raise SettingError(key, "must be a plain file", name)
-            data = file.read(MAX_FILE_BYTES + 1)
-        text = data.decode().removesuffix("\n").removesuffix("\r")
-    except OSError as error:
-        raise SettingError(key, error.strerror or str(error), name) from error
-    except UnicodeDecodeError:
-        raise SettingError(key, "not UTF-8 text", name) from None
-    if not text or len(text.encode()) > MAX_BYTES or "\n" in text:
-        raise SettingError(key, f"must hold one line of 1 to {MAX_BYTES} bytes", name)
-    return text
-
-
-def _reason(error: OSError) -> str:
-    if isinstance(error, ssl.SSLError):
-        reason = (error.reason or "not a certificate, or the key does not belong to it").lower().replace("_", " ")
-        return f"not usable: {reason}"
-    return error.strerror or str(error)
+    return client_context("mqtt.tls", config.tls)

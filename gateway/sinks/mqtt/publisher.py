@@ -279,7 +279,9 @@ def _urgent(state: StateVector) -> Urgent:
 
 def _open(context: SinkContext) -> MqttPublisher:
     config, gateway = context.settings, context.config
-    outbox = context.resources.enter_context(opened_outbox(config, gateway.site, gateway.instance))
+    outbox = context.resources.enter_context(
+        opened_outbox(config, gateway.instance, f"outbox-{gateway.site}-{gateway.instance}.sqlite")
+    )
     return MqttPublisher(
         config, gateway.site, gateway.instance, context.bays, context.clock, outbox=outbox, boot=context.boot
     )

@@ -1,1 +1,1 @@
-"""Events wait here, on disk, until a broker has acknowledged them."""
+"""Events wait here, on disk, until the other system (a broker, a database) has acknowledged them."""

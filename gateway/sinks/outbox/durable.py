@@ -5,7 +5,8 @@
 
 A put takes some 30 microseconds and never waits for the disk, and the disk has no influence on what is delivered:
 memory holds the events while the gateway runs. When the file can't be written (full, read-only, locked, corrupt) the
-thread reports it, keeps trying, and makes the file equal to memory as soon as it can.
+thread reports it, keeps trying, and makes the file equal to memory as soon as it can. What the broker acknowledges
+within a quarter of a second never goes to the file (`pace`).
 docs/decisions/0023-event-journal-is-sqlite.md has the reason for the journal.
 """
 
@@ -17,14 +18,15 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from gateway.bay_file import default_folder
-from gateway.config import MqttConfig
+from gateway.clock import machine_ns
 from gateway.errors import ConfigError
 from gateway.shared_state import folder
 from gateway.sinks.contract import StoreStatus
 from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox
+from gateway.sinks.outbox.pace import AT_ONCE, WritePace
 from gateway.sinks.outbox.store import EventFile, StoreError, put_aside
 
 log = logging.getLogger(__name__)
@@ -32,29 +34,39 @@ log = logging.getLogger(__name__)
 FIRST_RETRY_S, LAST_RETRY_S = 0.25, 30.0
 CLOSE_S = 1.0  # for the disk to take what is left at the end; the journal keeps the rest
 RELEASED_AT_ONCE = 20  # from the journal: there may be many, and a put must not wait for all
-JOURNAL_EVENTS = 1024  # several seconds of the worst flood while the disk is busy
+JOURNAL_EVENTS = 1024  # twice what may wait for the disk by pace.AT_ONCE
 
 
-def limits(config: MqttConfig) -> Limits:
+class OutboxSettings(Protocol):
+    """The keys of a section whose sink has an outbox."""
+
+    @property
+    def outbox_events(self) -> int: ...
+
+    @property
+    def outbox_mb(self) -> int: ...
+
+    @property
+    def outbox_days(self) -> float: ...
+
+    @property
+    def outbox_file(self) -> str: ...
+
+
+def limits(settings: OutboxSettings) -> Limits:
     """What may wait in the outbox."""
-    return Limits(config.outbox_events, config.outbox_mb * 1_000_000, round(config.outbox_days * 86_400_000))
-
-
-def path_of(config: MqttConfig, site: str, instance: str) -> Path | None:
-    """Path of the configured outbox; None: in memory only."""
-    if config.outbox_file != "auto":
-        return Path(config.outbox_file) if config.outbox_file else None
-    return default_folder() / f"outbox-{site}-{instance}.sqlite"
+    return Limits(settings.outbox_events, settings.outbox_mb * 1_000_000, round(settings.outbox_days * 86_400_000))
 
 
 @contextlib.contextmanager
-def opened_outbox(config: MqttConfig, site: str, instance: str) -> Iterator[Outbox]:
-    """The outbox of one gateway. Raises ConfigError where another gateway of this name runs."""
-    path = path_of(config, site, instance)
-    if path is None:
-        yield MemoryOutbox(limits(config))
+def opened_outbox(settings: OutboxSettings, journal: str, file: str) -> Iterator[Outbox]:
+    """The outbox of one sink of one gateway. `journal`: its name on this machine; `file`: that of its file, where the
+    configuration names none. Raises ConfigError where another gateway of this name runs."""
+    if not settings.outbox_file:
+        yield MemoryOutbox(limits(settings))
         return
-    with DurableOutbox(instance, path, limits(config)) as outbox:
+    path = default_folder() / file if settings.outbox_file == "auto" else Path(settings.outbox_file)
+    with DurableOutbox(journal, path, limits(settings)) as outbox:
         yield outbox
 
 
@@ -155,9 +167,9 @@ class DurableOutbox:
         self._memory = MemoryOutbox(limits)
         self._journal = Journal(name)
         self._changed = threading.Condition()  # guards everything below and the two above; held for microseconds
-        self._added: dict[str, Entry] = {}
+        self._added: dict[str, tuple[int, Entry]] = {}  # and since when (monotonic ns), the oldest first
         self._journaled: set[str] = set()  # ids the journal had at the start; the file may have them, too
-        self._removed: dict[str, None] = {}
+        self._removed: dict[str, int] = {}  # since when
         self._in_flight = 0  # of `added`, on their way to the disk
         self._stale = False  # the file is not what `_added` and `_removed` start from: write all of it
         self._read = False  # what an earlier gateway left in the file has been taken over
@@ -166,13 +178,14 @@ class DurableOutbox:
         self._faults = 0
         self._recovered = 0
         self._file: EventFile | None = None
+        self._pace = WritePace()
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)  # a dead disk holds up no exit
 
     def __enter__(self) -> Self:
         self._journal.__enter__()
         journaled = self._journal.recover()
         self._recovered = len(journaled)
-        self._added = {entry.id: entry for entry in journaled}
+        self._added = {entry.id: (machine_ns(), entry) for entry in journaled}
         self._journaled = set(self._added)
         self._forget(self._memory.prepend(journaled))
         try:
@@ -212,6 +225,10 @@ class DurableOutbox:
         with self._changed:
             return self._memory.oldest()
 
+    def batch(self, limit: int) -> list[Entry]:
+        with self._changed:
+            return self._memory.batch(limit)
+
     def acknowledge(self, entry_id: str) -> None:
         with self._changed:
             if (entry := self._memory.acknowledge(entry_id)) is not None:
@@ -225,13 +242,13 @@ class DurableOutbox:
 
     def _to_write(self, entry: Entry) -> None:
         if not self._stale:
-            self._added[entry.id] = entry
+            self._added[entry.id] = machine_ns(), entry
 
     def _forget(self, entries: list[Entry]) -> None:
         self._journal.release(entry.id for entry in entries)
         for entry in entries:
             if not self._stale and self._added.pop(entry.id, None) is None:
-                self._removed[entry.id] = None
+                self._removed[entry.id] = machine_ns()
 
     # The thread.
 
@@ -242,11 +259,12 @@ class DurableOutbox:
                 if self._fault:
                     self._changed.wait_for(lambda: self._closing, retry_s)
                 else:
-                    self._changed.wait_for(lambda: self._closing or self._stale or self._added or self._removed)
+                    self._wait_for_changes()
                 over = self._closing
             try:
                 self._open()
-                self._write()
+                if self._write():
+                    self._pace.wrote()
             except StoreError as error:
                 self._failed(error)
                 retry_s = min(LAST_RETRY_S, 2 * retry_s)
@@ -287,13 +305,24 @@ class DurableOutbox:
             self._forget(gone)
             self._read = True
 
-    def _write(self) -> None:
+    def _wait_for_changes(self) -> None:
+        """Under the lock: until there are some that must be written now."""
+        while not (self._closing or self._stale or len(self._added) + len(self._removed) >= AT_ONCE):
+            since = [next(iter(self._added.values()))[0]] if self._added else []
+            since += [next(iter(self._removed.values()))] if self._removed else []
+            wait_s = self._pace.wait_s(min(since), machine_ns()) if since else None
+            if wait_s == 0:
+                return
+            self._changed.wait(wait_s)
+
+    def _write(self) -> bool:
+        """False: there was nothing to write any more."""
         file = self._file
         if file is None:
-            return
+            return False
         with self._changed:
             stale = self._stale
-            added = list(self._added.values())
+            added = [entry for _, entry in self._added.values()]
             everything = self._memory.copy() if stale else None
             removed = list(self._removed)
             self._added, self._removed, self._stale = {}, {}, False
@@ -301,13 +330,14 @@ class DurableOutbox:
         if everything is not None:
             added = everything.waiting()
         elif not (added or removed):
-            return
+            return False
         file.write(added, removed, instead=stale)
         with self._changed:
             self._in_flight = 0
         for n in range(0, len(added), RELEASED_AT_ONCE):
             with self._changed:
                 self._journal.release(entry.id for entry in added[n : n + RELEASED_AT_ONCE])
+        return True
 
     def _failed(self, error: StoreError) -> None:
         with self._changed:

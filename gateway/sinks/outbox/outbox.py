@@ -1,12 +1,14 @@
-"""Events wait here, in order and bounded, until the broker has acknowledged them. Pure.
+"""Events wait here, in order and bounded, until the other system has acknowledged them. Pure.
 
-`Outbox` is what the publisher needs; `MemoryOutbox` keeps it in memory, and `durable` also on disk, where it survives
+`Outbox` is what a sink needs; `MemoryOutbox` keeps it in memory, and `durable` also on disk, where it survives
 a restart. Entries are opaque bytes under an id that is unique across restarts.
 """
 
+import heapq
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import islice
 from typing import Protocol
 
 from gateway.sinks.contract import StoreStatus
@@ -61,8 +63,11 @@ class Outbox(Protocol):
     def oldest(self) -> Entry | None:
         """The entry to deliver next; it stays until it is acknowledged."""
 
+    def batch(self, limit: int) -> list[Entry]:
+        """The oldest entries, at most `limit`; they stay until they are acknowledged one by one, in this order."""
+
     def acknowledge(self, entry_id: str) -> object:
-        """The broker has the entry. An id that is not the oldest any more is ignored: it was dropped on its way."""
+        """The other system has the entry. An id that is not the oldest any more is ignored: it was dropped."""
 
     def __len__(self) -> int: ...
 
@@ -116,6 +121,10 @@ class MemoryOutbox:
     def oldest(self) -> Entry | None:
         queue = self._next()
         return queue[0][1] if queue else None
+
+    def batch(self, limit: int) -> list[Entry]:
+        both = heapq.merge(self._last, self._first, key=lambda item: item[0])
+        return [entry for _, entry in islice(both, limit)]
 
     def acknowledge(self, entry_id: str) -> Entry | None:
         """The entry; None where the id is not the oldest one's."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from gateway.core.detection import Circle
 from gateway.core.readings import FRESH_FRAME, PictureHealth, Quality
 from gateway.core.state import REASON_MEANING, StateVector
+from gateway.core.visit_summary import VisitSummary
 from gateway.sinks.sparkplug.wire import DataType, Metric, QualityCode, Value
 
 NODE_REBIRTH = "Node Control/Rebirth"
@@ -20,6 +21,18 @@ class Row:
     datatype: DataType
     meaning: str
     read: Callable[[StateVector], tuple[Value, QualityCode]]
+    unit: str = ""
+    digits: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class VisitRow:
+    """Of the newest visit that is over; None: null."""
+
+    name: str
+    datatype: DataType
+    meaning: str
+    read: Callable[[VisitSummary], Value]
     unit: str = ""
     digits: int | None = None
 
@@ -112,30 +125,67 @@ DEVICE: tuple[Row, ...] = (
     Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
 )  # fmt: skip
 
+VISIT: tuple[VisitRow, ...] = (
+    VisitRow("Visit/Last/Begun", DataType.DATETIME, "when it began; with the bay, its identity. All of `Visit/Last` "
+        "are null until a visit has ended since the start, and where it does not have that value",
+        lambda v: max(0, v.begun_ms)),
+    VisitRow("Visit/Last/Length", _D, "until the bay was clear, or the truck was last seen",
+        lambda v: v.length_s, "s", 1),
+    VisitRow("Visit/Last/End", _S, "how it ended: clear, next_truck, gateway_off", lambda v: v.end.value),
+    VisitRow("Visit/Last/To Position", _D, "from its begin until it was first in place",
+        lambda v: v.to_position_s, "s", 1),
+    VisitRow("Visit/Last/In Place", _D, "how long it was in place, in all", lambda v: v.in_place_s, "s", 1),
+    VisitRow("Visit/Last/Times In Place", _U, "how often it was in place", lambda v: v.times_in_place),
+    VisitRow("Visit/Last/Corrections", _U, "reversals of the motion before it was in place", lambda v: v.corrections),
+    VisitRow("Visit/Last/Stop Latency", _D, "from the newest measurement that showed D = 1 to the decision",
+        lambda v: v.stop_latency_ms, "ms", 1),
+    VisitRow("Visit/Last/Halt", _D, "from this stop until the truck stood", lambda v: v.halt_s, "s", 1),
+    VisitRow("Visit/Last/Overrun", _D, "how far it rolled meanwhile", lambda v: v.overrun_mm, "mm", 0),
+    VisitRow("Visit/Last/Radius", _D, "R when it was last found in place", lambda v: v.radius_px, "px", 1),
+    VisitRow("Visit/Last/Distance", _D, "Z at that moment", lambda v: v.distance_mm, "mm", 0),
+    VisitRow("Visit/Last/Offset", _D, "marker minus aim point at that moment", lambda v: v.offset_mm, "mm", 0),
+    VisitRow("Visit/Last/Moved", _S, "it left its place without release: NO, DISTANCE, MARKER",
+        lambda v: v.moved.name),
+    VisitRow("Visit/Last/Faults", _U, "how often stop was on for a fault",
+        lambda v: sum(times for _, times, _ in v.faults)),
+    VisitRow("Visit/Last/Interrupted", _B, "the gateway was restarted meanwhile", lambda v: v.interrupted),
+)  # fmt: skip
+
+ROWS: tuple[Row | VisitRow, ...] = (*DEVICE, *VISIT)
+
 HISTORY = ("Stop", "May Move", "In Place", "Moved", "Permit", "Reason/Code", "Reason/Name")
 """What is kept of a change that happened while there was no session."""
 
 Reading = tuple[Value, QualityCode]
 
 
-def readings(state: StateVector) -> dict[str, Reading]:
-    """Every device metric as it would be sent now."""
-    found: dict[str, Reading] = {}
-    for row in DEVICE:
-        value, quality = row.read(state)
-        if row.digits is not None and isinstance(value, float):
-            value = round(value, row.digits)
-        if isinstance(value, float) and not -1e300 < value < 1e300:  # NaN too: no number that a host could show
-            value, quality = None, QualityCode.BAD
-        found[row.name] = (value, quality)
-    return found
+def readings(state: StateVector, visit: VisitSummary | None = None) -> dict[str, Reading]:
+    """Every device metric as it would be sent now. `visit`: the newest that is over."""
+    return {row.name: _sent(*row.read(state), row.digits) for row in DEVICE} | visit_readings(visit)
+
+
+def visit_readings(visit: VisitSummary | None) -> dict[str, Reading]:
+    """Those of the newest visit alone."""
+    found = {row.name: (None if visit is None else row.read(visit), row.digits) for row in VISIT}
+    return {
+        name: _sent(value, QualityCode.BAD if value is None else QualityCode.GOOD, digits)
+        for name, (value, digits) in found.items()
+    }
+
+
+def _sent(value: Value, quality: QualityCode, digits: int | None) -> Reading:
+    if digits is not None and isinstance(value, float):
+        value = round(value, digits)
+    if isinstance(value, float) and not -1e300 < value < 1e300:  # NaN too: no number that a host could show
+        return None, QualityCode.BAD
+    return value, quality
 
 
 def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) -> tuple[Metric, ...]:
     """`now` as metrics, in the table's order. Births carry units."""
     return tuple(
         Metric(row.name, timestamp_ms, row.datatype, value, quality=quality, unit=row.unit if birth else "")
-        for row in DEVICE
+        for row in ROWS
         if row.name in now
         for value, quality in (now[row.name],)
     )
@@ -143,5 +193,5 @@ def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) 
 
 def markdown() -> str:
     """The device metrics as a table."""
-    rows = (f"| `{r.name}` | {r.datatype.name.capitalize()} | {r.unit or '–'} | {r.meaning} |" for r in DEVICE)
+    rows = (f"| `{r.name}` | {r.datatype.name.capitalize()} | {r.unit or '–'} | {r.meaning} |" for r in ROWS)
     return "\n".join(["| metric | datatype | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from gateway.core.state import StateVector
+from gateway.core.visit_summary import VisitSummary
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading
@@ -55,8 +56,8 @@ class Stats:
 
 
 @dataclass(slots=True)
-class StopChange:
-    """The values of a bay after a change of stop that no host may have received."""
+class BayChange:
+    """The values of a bay after a change of stop, or of a visit that is over, that no host may have received."""
 
     bay: str
     timestamp_ms: int
@@ -77,9 +78,10 @@ class EdgeNode:
     _born: bool = False
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _sent_values: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
-    _history: deque[StopChange] = field(default_factory=deque)
-    _since: list[StopChange] = field(default_factory=list)  # since `states` was read; a slow link may miss some
-    _recent: deque[tuple[int, StopChange]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
+    _history: deque[BayChange] = field(default_factory=deque)
+    _visits: dict[str, VisitSummary] = field(default_factory=dict)  # the newest of each bay since the start
+    _since: list[BayChange] = field(default_factory=list)  # since `states` was read; a slow link may miss some
+    _recent: deque[tuple[int, BayChange]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
 
     @property
     def born(self) -> bool:
@@ -182,7 +184,7 @@ class EdgeNode:
             elif bay not in self._sent_values:
                 out.append(self._device_birth(bay, state, now_ms))
             else:
-                now = metrics.readings(state)
+                now = metrics.readings(state, self._visits.get(bay))
                 changed = {name: reading for name, reading in now.items() if reading != self._sent_values[bay][name]}
                 if changed:
                     self._sent_values[bay] = now
@@ -192,21 +194,28 @@ class EdgeNode:
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
         """`stop` of a bay changed. Kept without a session, or where it is not certain that a host receives it."""
         now = metrics.readings(state)
-        change = StopChange(state.bay, timestamp_ms, {name: now[name] for name in HISTORY})
+        self._happened(BayChange(state.bay, timestamp_ms, {name: now[name] for name in HISTORY}))
+
+    def visited(self, bay: str, visit: VisitSummary, timestamp_ms: int) -> None:
+        """A visit is over. Kept as `changed` keeps it."""
+        self._visits[bay] = visit
+        self._happened(BayChange(bay, timestamp_ms, metrics.visit_readings(visit)))
+
+    def _happened(self, change: BayChange) -> None:
         if not self._born:
             self._keep(change)
             return
         self._since.append(change)
         del self._since[: max(0, len(self._since) - self.history_limit)]
-        self._recent.append((timestamp_ms, change))
-        self._forget(timestamp_ms)
+        self._recent.append((change.timestamp_ms, change))
+        self._forget(change.timestamp_ms)
 
     def _forget(self, now_ms: int) -> None:
         """Drops what has certainly arrived, or is too much to send twice."""
         while self._recent and (len(self._recent) > self.history_limit or now_ms - self._recent[0][0] > self.doubt_ms):
             self._recent.popleft()
 
-    def _keep(self, change: StopChange) -> None:
+    def _keep(self, change: BayChange) -> None:
         self._history.append(change)
         if len(self._history) > self.history_limit:
             self._history.popleft()
@@ -222,7 +231,7 @@ class EdgeNode:
         self._forget(now_ms)
         return self._historical(known, now_ms)
 
-    def _historical(self, changes: list[StopChange], now_ms: int) -> list[Message]:
+    def _historical(self, changes: list[BayChange], now_ms: int) -> list[Message]:
         """Changes of devices that have a birth, some to a message."""
         out: list[Message] = []
         for bay in dict.fromkeys(change.bay for change in changes):
@@ -255,7 +264,7 @@ class EdgeNode:
         return out + self.history(now_ms)
 
     def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Message:
-        now = metrics.readings(state)
+        now = metrics.readings(state, self._visits.get(bay))
         self._sent_values[bay] = now
         return self._sequenced("DBIRTH", bay, metrics.metrics(now, now_ms, birth=True), now_ms)
 

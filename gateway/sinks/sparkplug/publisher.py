@@ -156,6 +156,9 @@ class SparkplugPublisher:
         if event.kind in payloads.DROPPED_LAST:
             self.node.changed(event.state, self._unix_ms(event.t_ns))
             self._urgent.set()
+        elif event.summary is not None:
+            self.node.visited(event.bay, event.summary, self._unix_ms(event.t_ns))
+            self._urgent.set()
 
     def _states(self) -> Mapping[str, StateVector | None]:
         """None: this bay's state is not computed any more."""

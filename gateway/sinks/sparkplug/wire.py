@@ -21,6 +21,7 @@ class DataType(IntEnum):
     DOUBLE = 10
     BOOLEAN = 11
     STRING = 12
+    DATETIME = 13  # Unix, ms
 
 
 class QualityCode(IntEnum):
@@ -110,7 +111,7 @@ def _value(datatype: DataType, value: bool | int | float | str) -> bytes:
             return _key(_DOUBLE, _FIXED64) + struct.pack("<d", value)
         case DataType.STRING:
             return _block(_STRING, str(value).encode())
-        case DataType.INT64:
+        case DataType.INT64 | DataType.DATETIME:
             return _number(_LONG, int(value) & 0xFFFF_FFFF_FFFF_FFFF)  # negative ones as their two's complement
         case DataType.INT32 | DataType.UINT32:
             return _number(_INT, int(value) & 0xFFFF_FFFF)

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from uuid import uuid4
 
@@ -62,7 +62,7 @@ def written(outbox: DurableOutbox) -> bool:
 
 
 def rows(path: Path) -> list[str]:
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         found = [str(row[0]) for row in db.execute("SELECT id FROM events ORDER BY place")]
     db.close()
     return found
@@ -181,7 +181,7 @@ def test_a_corrupt_file_is_put_aside_and_a_new_one_begun(name: str, tmp_path: Pa
 
 def test_a_file_of_another_layout_is_left_alone(name: str, tmp_path: Path) -> None:
     path = tmp_path / "outbox.sqlite"
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         db.execute("PRAGMA user_version = 99")
     db.close()
     with DurableOutbox(name, path, LIMITS) as outbox:
@@ -341,7 +341,7 @@ def test_a_file_with_a_row_that_is_no_event_is_a_corrupt_one(name: str, tmp_path
     file = EventFile(path)
     file.write([entry(1), entry(2)], [])
     file.close()
-    with sqlite3.connect(path) as db:
+    with closing(sqlite3.connect(path)) as db, db:
         db.execute(damage)
     db.close()
 

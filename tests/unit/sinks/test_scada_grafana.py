@@ -14,6 +14,7 @@ import pytest
 from gateway.config import FusionConfig
 from gateway.sinks.mqtt.topic_plan import PLAN as TOPIC_PLAN
 from gateway.sinks.mqtt.topic_plan import TopicKind
+from tests.grafana_board import laid_out
 
 DOCS = Path(__file__).parents[3] / "docs"
 BOARD = json.loads((DOCS / "scada" / "grafana-loading-bays.json").read_text(encoding="utf-8"))
@@ -126,16 +127,4 @@ def test_true_and_false_have_their_texts() -> None:
 
 
 def test_ids_are_unique_and_nothing_overlaps() -> None:
-    ids = [panel["id"] for panel in BOARD["panels"]]
-    assert len(set(ids)) == len(ids)
-    taken: set[tuple[int, int]] = set()
-    for panel in BOARD["panels"]:
-        place = panel["gridPos"]
-        cells = {
-            (x, y)
-            for x in range(place["x"], place["x"] + place["w"])
-            for y in range(place["y"], place["y"] + place["h"])
-        }
-        assert not cells & taken
-        assert max(x for x, _ in cells) < 24
-        taken |= cells
+    laid_out(BOARD)

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from gateway.core.state import StateVector
+from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
 from tests.e2e.sparkplug_plant import schema
@@ -171,3 +172,45 @@ def test_nothing_grows_while_a_link_hangs() -> None:
     session(edge, 0)
     change(edge, *range(1, 50))
     assert historical_stops(edge.states(STATES, T0 + 50)) == [47, 48, 49]
+
+
+def visit(n: int) -> VisitSummary:
+    return VisitSummary(T0 + n, 60.04, VisitEnd.CLEAR, to_position_s=12.34, times_in_place=1, distance_mm=301.6)
+
+
+def last_visits(messages: list[Message], *, historical: bool) -> list[int]:
+    """Begins, after T0, of the visits in these messages."""
+    found = [metric for message in messages for metric in decoded(message).metrics]
+    begun = [m for m in found if m.name == "Visit/Last/Begun" and m.is_historical == historical and not m.is_null]
+    return [metric.long_value - T0 for metric in begun]
+
+
+def test_a_visit_that_ended_is_sent_once_with_nothing_else() -> None:
+    edge = node()
+    assert last_visits(session(edge, 0), historical=False) == []
+    edge.visited("bay1", visit(5), T0 + 1000)
+    (message,) = edge.states(STATES, T0 + 1000)
+    assert last_visits([message], historical=False) == [5]
+    assert {metric.name.rpartition("/")[0] for metric in decoded(message).metrics} == {"Visit/Last"}
+    assert edge.states(STATES, T0 + 2000) == []
+
+
+def test_visits_that_ended_without_a_session_are_history_and_the_newest_is_in_the_birth() -> None:
+    edge = node()
+    for n in (5, 6):
+        edge.visited("bay1", visit(n), T0 + n)
+    messages = session(edge, 1000)
+    assert last_visits(messages, historical=False) == [6]
+    assert last_visits(messages, historical=True) == [5, 6]
+    edge.lost()
+    assert last_visits(session(edge, 2000), historical=True) == [5, 6], "the link may have been dead"
+
+
+def test_two_visits_between_two_messages_are_both_sent() -> None:
+    edge = node()
+    session(edge, 0)
+    for n in (5, 6):
+        edge.visited("bay1", visit(n), T0 + n)
+    messages = edge.states(STATES, T0 + 1000)
+    assert last_visits(messages, historical=True) == [5, 6]
+    assert last_visits(messages, historical=False) == [6]

@@ -20,6 +20,7 @@ VALUES: dict[DataType, st.SearchStrategy[Any]] = {
     DataType.DOUBLE: st.floats(allow_nan=False),
     DataType.BOOLEAN: st.booleans(),
     DataType.STRING: TEXT,
+    DataType.DATETIME: UINT64,
 }
 
 

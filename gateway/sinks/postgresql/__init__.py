@@ -1,0 +1,1 @@
+"""PostgreSQL. Pure: settings, tables, documents. IO: server (reads files), database, driver, sink."""

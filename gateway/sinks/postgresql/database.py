@@ -1,0 +1,62 @@
+"""What the sink needs of a connection, and of the database at its other end."""
+
+import logging
+import ssl
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from typing import Any, Protocol
+
+from gateway.errors import LinkError
+from gateway.sinks.postgresql import tables
+from gateway.sinks.postgresql.server import Server
+from gateway.sinks.postgresql.settings import PostgresqlConfig
+
+log = logging.getLogger(__name__)
+
+
+class RefusedError(Exception):
+    """The server can't take this data, now or later; the connection can be used on."""
+
+
+class Database(Protocol):
+    """An open connection, for one statement at a time. Raises LinkError when it is lost, or can't be used."""
+
+    async def write(self, sql: str, argument: str) -> int:
+        """Run a statement with `$1`; the number of rows written. Raises RefusedError."""
+
+    async def value(self, sql: str) -> Any:
+        """The first value of the first row; None: there is none."""
+
+    async def script(self, sql: str) -> None:
+        """Run several statements."""
+
+
+Connect = Callable[[Server, ssl.SSLContext | None, float], AbstractAsyncContextManager[Database]]  # a limit in s
+
+
+async def prepare(database: Database, server: Server, settings: PostgresqlConfig) -> None:
+    """Check the database, and create its tables where they are missing. Raises LinkError."""
+    if (encoding := await database.value("SHOW server_encoding")) != "UTF8":
+        raise LinkError(f"{server}: its encoding is {encoding}; it must be UTF8")
+    # An answer means that the rows are on the disk, whatever the database's default is.
+    await database.value(
+        "SELECT set_config('synchronous_commit', 'on', false) WHERE current_setting('synchronous_commit') = 'off'"
+    )
+    schema = settings.schema_name
+    found = await _layout(database, schema)
+    if found < tables.LAYOUT and settings.create_tables:
+        await database.script(tables.create(schema))
+        log.info("%s: tables created in schema %s", server, schema)
+        found = await _layout(database, schema)
+    if found < tables.LAYOUT:
+        raise LinkError(
+            f"{server}: the tables in schema {schema} have version {found}, and {tables.LAYOUT} is needed: "
+            "run docs/scada/postgresql.sql, or set create_tables"
+        )
+
+
+async def _layout(database: Database, schema: str) -> int:
+    """Version of the tables; 0: there are none."""
+    if not await database.value(f"SELECT to_regclass('\"{schema}\".layout') IS NOT NULL"):
+        return 0
+    return int(await database.value(tables.newest_layout(schema)) or 0)
