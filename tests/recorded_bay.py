@@ -1,5 +1,6 @@
 """A bay's recording on disk, as a recorder would have written it, of the bench's virtual time."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ class Recorded:
     def __init__(self, folder: Path) -> None:
         self.path = folder / "site.gateway" / "bay1"
         self.path.mkdir(parents=True)
-        self.collector = Collector(lambda: 0)
+        self.now_ns: Callable[[], int] = lambda: T0_NS  # the bench's clock, once there is a bench
+        self.collector = Collector(lambda: unix(self.now_ns()))
         self.number = 0
         self.batch = 0
 
@@ -65,6 +67,7 @@ def recorded(folder: Path, *, until_s: float = 70, faults: tuple[dict[str, Any],
     """A truck that waits at 70 cm, in segments of 20 s."""
     kept = Recorded(folder)
     bench = Bench(truck(NEAR, faults=faults), CONFIG, record=kept.collector)
+    kept.now_ns = lambda: bench.now_ns
     begin_ns = bench.now_ns
     while bench.t_s < until_s:
         bench.run(bench.t_s + 20)

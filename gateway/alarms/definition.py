@@ -66,6 +66,7 @@ class GatewayConditions:
     bay_file_fault: str = ""  # why a bay's file can't be written
     recorder_fault: str = ""  # why nothing is recorded
     records_lost: int = 0  # counter
+    index_fault: str = ""  # why the index of the recordings can't be written or read
     bay_file_damaged: str = ""  # bays whose file could not be read, until a technician has checked them
 
 

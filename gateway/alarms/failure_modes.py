@@ -189,6 +189,8 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
               "an alarm; nothing waits for the disk", "bay_file_fault"),
         _same("G12", "the recorder process is killed, stopped, or its disk refuses", "decisions wait for a disk",
               "nothing waits for it; an alarm; what is missing is recorded as a gap", "recorder_fault"),
+        _same("G13", "the index of the records cannot be written", "recording waits for it, or ends",
+              "it is made of the records and never waited for; it catches up", "index_fault"),
         _same("G7", "another bay's camera or ranger fails", "one bay stops the others",
               "each bay has its own tasks, process and thread"),
         FailureMode("G8", "a task crashes again and again", "a gateway that works by halves",
@@ -234,6 +236,12 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
         _same("Q3", "the outbox's file is corrupt", "the gateway does not start", "put aside; a new one is begun"),
         FailureMode("Q4", "the gateway is killed, its retained state says otherwise", "SCADA shows old values",
                     "the broker publishes the last will: offline", None, "offline", "offline"),
+    ),
+    "Historian": (
+        _same("H1", "database dead, hung, slow, full, or unreachable", "the registers wait for it; events are lost",
+              "timeouts; events wait in the outbox, in order; states are skipped and counted", "sink_lost"),
+        _same("H2", "the gateway or the database is killed while events are written", "events are lost, or there twice",
+              "an event stays in the outbox until its commit; the database keeps each id once"),
     ),
     "Pages": (
         _same("W1", "the web process dies", "pages hang; the gateway waits for it", "replaced; the port stays open"),

@@ -65,8 +65,8 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         Priority.MEDIUM,
         "events were dropped because the outbox or a queue was full",
         "the plant's records have a gap",
-        ("the broker was away for longer than the outbox lasts", "mqtt.outbox_events is small"),
-        "mend the broker; note the gap in the records; reset this alarm",
+        ("the broker or the database was away for longer than the outbox lasts", "its outbox_events is small"),
+        "mend the broker or the database; note the gap in the records; reset this alarm",
         8 * 60,
         lambda inputs: inputs.now.events_lost > inputs.before.events_lost,
         lambda inputs: f"{inputs.now.events_lost} since the start of the gateway",
@@ -116,6 +116,26 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         on_delay_s=0.0,
         off_delay_s=60.0,
         latching=True,
+    ),
+    AlarmDefinition(
+        "index_fault",
+        "Index of the records cannot be written",
+        Priority.LOW,
+        "the recorder could not bring index.sqlite or a file of rows up to date for three minutes; recording goes on",
+        "pages and statistics of visits, trend and events stay behind; where it lasts for longer than the records are "
+        "kept, visits and minutes are lost",
+        (
+            "the disk is full, read-only or broken",
+            "another program has locked index.sqlite",
+            "the folder's permissions",
+        ),
+        "look at the disk and at the file that the detail names; once it can be written, the index catches up by "
+        "itself; `gateway records rebuild` makes it anew where no gateway runs",
+        8 * 60,
+        lambda inputs: bool(inputs.now.index_fault),
+        lambda inputs: inputs.now.index_fault,
+        on_delay_s=180.0,
+        off_delay_s=10.0,
     ),
     AlarmDefinition(
         "task_crashed",

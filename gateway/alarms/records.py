@@ -1,5 +1,6 @@
 """Reports of alarms and actions on them, as records: they cross a process boundary. Pure."""
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -17,6 +18,7 @@ OPERATOR_EVENTS = (
     AlarmEvent.RESTORE,
 )
 """What a person may do."""
+_LOGGED = re.compile(r"([^\s:]+): (\w+), now (\w+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +64,34 @@ class AlarmChange:
         detail = f": {self.detail}" if self.detail and self.after is AlarmState.UNACKNOWLEDGED else ""
         by = f" by {self.who}{f' ({self.note})' if self.note else ''}" if self.who else ""
         return f"{self.id}: {self.event.value}, now {self.after.value}{by}{detail}"
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedChange:
+    """What is known of a change whose text was kept, in a recording or a log."""
+
+    id: str
+    event: AlarmEvent
+    after: AlarmState
+
+    @property
+    def kind(self) -> str:
+        """Row of the table, of a later version maybe."""
+        return self.id.rpartition(".")[2]
+
+    @property
+    def bay(self) -> str | None:
+        """None: of the gateway itself."""
+        return self.id.rpartition(".")[0] or None
+
+    @staticmethod
+    def of(text: str) -> "LoggedChange | None":
+        """`str` of an AlarmChange, read again; None: it is none, or one of a later version."""
+        found = _LOGGED.match(text)
+        try:
+            return None if found is None else LoggedChange(found[1], AlarmEvent(found[2]), AlarmState(found[3]))
+        except ValueError:
+            return None
 
 
 class OperatorAction(Message, frozen=True):

@@ -45,19 +45,22 @@ def main(args: argparse.Namespace) -> int:
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
     from gateway.net import tls
+    from gateway.sinks import registry as sink_registry
     from gateway.vision.detect import registry
 
     if args.keys:
-        print(reference.markdown(), end="")
+        print(reference.markdown(sink_registry.sections()), end="")
         return 0
     if args.config is None:
         raise ConfigError("gateway check: name a configuration file, or use --keys")
     settings = config.load(args.config)
     document, text = read_toml(args.config)
     app.check(settings, source=str(args.config), text=text)  # a URL that could never work is a fault of the file, too
+    sinks = tuple(sink_registry.settings_of(settings))
     if args.full:
-        for key, value in reference.flat(settings):
-            print(f"{key} = {value}")
+        sections = [("", settings), *((f"{name}.", section) for name, section in sinks)]
+        lines = [f"{key} = {value}" for prefix, section in sections for key, value in reference.flat(section, prefix)]
+        print("\n".join(lines))
         return 0
     if not document:
         print(f"{args.config}: sets nothing, so every value is a default (gateway check --keys)")
@@ -72,7 +75,8 @@ def main(args: argparse.Namespace) -> int:
         print(f"  writes to the handshake block: {who}")
     for line in modbus.warnings():
         print(f"  warning: {line}")
-    print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}")
+    others = "".join(f", {name}" for name, _ in sinks)
+    print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}{others}")
     if settings.hmi.enabled:
         hmi = settings.hmi
         print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_access(hmi)}")

@@ -3,7 +3,7 @@
 The states are decided again from what was recorded, as `gateway replay` does.
 
 examples:
-  gateway export bay1 --csv out/                        states.csv and events.csv
+  gateway export bay1 --csv out/                        states.csv, events.csv and visits.csv
   gateway export bay1 --csv out/ --hz 2 --from 03:00 --to 03:30
   gateway export bay1 --mcap bay1.mcap                  states, events and pictures; opens in Foxglove
   gateway export bay1 --pictures labelled/              for `gateway evaluate labelled/` and `gateway tune`
@@ -27,7 +27,7 @@ HELP = "write a recording as CSV, MCAP or labelled pictures"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of one bay")
-    parser.add_argument("--csv", type=Path, metavar="DIR", help="states.csv and events.csv")
+    parser.add_argument("--csv", type=Path, metavar="DIR", help="states.csv, events.csv and visits.csv")
     parser.add_argument("--mcap", type=Path, metavar="FILE", help="one file for Foxglove")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="pictures with labels.jsonl")
     parser.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
@@ -63,8 +63,8 @@ def _written(args: argparse.Namespace, excerpt: "Excerpt") -> Iterator[str]:
         if args.csv is not None:
             from gateway.records import csv_files
 
-            states, events = csv_files.write(args.csv, excerpt)
-            yield f"{args.csv}: {states} states, {events} events"
+            states, events, visits = csv_files.write(args.csv, excerpt)
+            yield f"{args.csv}: {states} states, {events} events, {visits} visits"
         if args.mcap is not None:
             from gateway.records import mcap_file
 

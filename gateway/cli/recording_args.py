@@ -1,6 +1,7 @@
 """Shared by the verbs that read one bay's recording: which folder is meant."""
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 
 from gateway.errors import ConfigError
@@ -33,6 +34,11 @@ def folder(args: argparse.Namespace) -> Path:
     if len(found) > 1:
         raise ConfigError(f"{root}: several recordings are in it: {_names(found)}. Use --bay NAME or --records FOLDER")
     return found[0]
+
+
+def folders_of(paths: Iterable[Path]) -> list[Path]:
+    """The folders that are meant, or in which the segments lie."""
+    return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths))
 
 
 def _root(args: argparse.Namespace) -> Path:

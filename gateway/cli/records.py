@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway.records.store import files_in
+    from gateway.records.files import files_in
 
     if not args.folder.is_dir():
         raise ConfigError(f"{args.folder}: no such folder")

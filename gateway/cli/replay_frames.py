@@ -20,7 +20,7 @@ WHY_NOT_EXACT = "a full search of one picture is not the tracked one of the reco
 def run(args: argparse.Namespace, other: "GatewayConfig | None") -> int:
     """0: all the same; 1: any differs, or there is none. Raises ConfigError."""
     from gateway.cli import vision_args
-    from gateway.cli.replay import folders_of
+    from gateway.cli.recording_args import folders_of
     from gateway.records import frames_again, recording
     from gateway.records.excerpt import Excerpt
 

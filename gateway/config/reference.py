@@ -1,6 +1,6 @@
 """The tables of configuration keys for the docs, and the values in force for `gateway check`. Pure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import get_origin
 
 from pydantic import BaseModel
@@ -11,9 +11,10 @@ from gateway.config.strict.errors import without_password
 from gateway.config.strict.section import bounds_of, choices_of, inner_model
 
 
-def markdown() -> str:
-    """One table per section: key, default, allowed, meaning."""
-    return "\n".join("\n".join([f"### `{title}`", "", *key_table(model), ""]) for title, model in _sections())
+def markdown(sinks: Iterable[tuple[str, type[BaseModel]]] = ()) -> str:
+    """One table per section: key, default, allowed, meaning. `sinks`: title and model of tables `[sinks.<name>]`."""
+    found = [*_sections(), *(nested for title, model in sinks for nested in _nested(title, model))]
+    return "\n".join("\n".join([f"### `{title}`", "", *key_table(model), ""]) for title, model in found)
 
 
 def key_table(model: type[BaseModel]) -> list[str]:
@@ -52,7 +53,7 @@ def _nested(title: str, model: type[BaseModel]) -> Iterator[tuple[str, type[Base
 def _default(info: FieldInfo) -> str:
     if info.is_required():
         return "(required)"
-    value = info.get_default(call_default_factory=False)
+    value = None if info.default_factory is dict else info.get_default(call_default_factory=False)
     return "–" if value is None else f"`{_toml(value)}`"
 
 
@@ -73,12 +74,13 @@ def _toml(value: object) -> str:
 
 
 def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted keys with their values as TOML would write them; passwords masked, absent keys left out."""
+    """Dotted keys with their values as TOML would write them; passwords masked, absent keys and tables that only a
+    sink can read left out."""
     for name, info in type(settings).model_fields.items():
         value = getattr(settings, name) if info.repr else "***"
         key = f"{prefix}{name}"
         match value:
-            case None:
+            case None | dict():
                 continue
             case BaseModel():
                 yield from flat(value, f"{key}.")

@@ -132,6 +132,8 @@ def as_json(answer: Answer, pictures: list[Picture]) -> dict[str, Any]:
         "site": answer.head.site,
         "instance": answer.head.instance,
         "gateway_version": answer.head.gateway_version,
+        "headline": headline(answer),
+        "warnings": list(warnings(answer)),
         "silence": answer.silence,
         "outputs": None if state is None else dict(outputs(state)) | {"reason": state.reason.name.lower()},
         "reason_meaning": None if state is None else REASON_MEANING[state.reason],

@@ -14,7 +14,6 @@ from gateway.core.readings import VisionReading
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.modbus.registers.register import WordOrder
-from gateway.modbus.registers.register_map import encode
 from gateway.records.record import (
     Checkpoint,
     Decision,
@@ -36,12 +35,14 @@ IMAGE_NS = NS_PER_S
 VISIT_NS = 10 * NS_PER_S
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Pending:
-    """Records for one block. `begins`: its first one is a Checkpoint, so that a segment may begin here."""
+    """Records for one block. `begins`: its first one is a Checkpoint, so that a segment may begin here. `visit_ended`:
+    a visit that is over is among them."""
 
     records: list[bytes]
     begins: bool
+    visit_ended: bool = False
 
 
 @dataclass(slots=True)
@@ -95,16 +96,14 @@ class Collector:
             )
             if event.summary is not None:
                 self._add(VisitRecord(t_ns=t_ns, visit=event.summary))
+                self._chunks[-1].visit_ended = True
         if t_ns - self._visit_ns >= VISIT_NS or (new and not stepped):
             self._visit_ns = t_ns
             if (visit := self.open_visit()) is not None:
                 self._add(VisitRecord(t_ns=t_ns, visit=visit))
         if t_ns - self._image_ns >= IMAGE_NS:
             self._image_ns = t_ns
-            unix_ns = self.wall_ns()
-            words = encode(state, unix_ns, self.word_order)
-            image = b"".join(word.to_bytes(2, "big") for word in words)
-            self._add(RegisterImage(t_ns=t_ns, unix_ns=unix_ns, words=image))
+            self._add(RegisterImage.of(state, self.wall_ns(), self.word_order))
         if t_ns - self._checkpoint_ns >= CHECKPOINT_NS:
             self._checkpoint(state, follows=True)
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from gateway.core.state import StateVector
+from gateway.records.moment import unix_ns
 from gateway.records.record import Decision
 from gateway.records.replay import Step
 from gateway.records.segment import Head
@@ -58,9 +59,7 @@ def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
 
 
 def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step) -> Otherwise:
-    begin_ns = head.unix_ns + first.state.t_ns - head.t_ns
-    end = after.place.head
-    end_ns = end.unix_ns + after.state.t_ns - end.t_ns
+    begin_ns, end_ns = unix_ns(head, first.state.t_ns), unix_ns(after.place.head, after.state.t_ns)
     return Otherwise(head.bay, begin_ns, max(begin_ns, end_ns), was, now, first.state)
 
 

@@ -1,16 +1,18 @@
-"""A recording as CSV: one row a state, one row an event. IO."""
+"""A recording as CSV: one row a state, one row an event, one row a visit that is over. IO."""
 
 import csv
 from pathlib import Path
 
+from gateway.records import visits_csv
 from gateway.records.excerpt import Excerpt, Row, Value, event_row, state_row
 from gateway.records.replay import Step
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a text that begins so is a formula to a spreadsheet
 
 
-def write(folder: Path, excerpt: Excerpt) -> tuple[int, int]:
-    """Writes states.csv and events.csv into `folder`; how many of each. UTF-8, comma, RFC 4180. Raises OSError."""
+def write(folder: Path, excerpt: Excerpt) -> tuple[int, int, int]:
+    """Writes states.csv, events.csv and visits.csv into `folder`; how many of each. UTF-8, comma, RFC 4180. Raises
+    OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     counts = {"states": 0, "events": 0}
     with (
@@ -25,7 +27,9 @@ def write(folder: Path, excerpt: Excerpt) -> tuple[int, int]:
                 files[name].writerow(row)
             files[name].writerow(_cells(row))
             counts[name] += 1
-    return counts["states"], counts["events"]
+    with (folder / "visits.csv").open("w", newline="", encoding="utf-8") as visits:
+        visits.write(visits_csv.text(excerpt.folder.absolute().name, excerpt.visits))
+    return counts["states"], counts["events"], len(excerpt.visits)
 
 
 def _cells(row: Row) -> list[Value]:

@@ -8,10 +8,11 @@ from typing import Any
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Tick
+from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.errors import ConfigError
 from gateway.records import moment, names, picture_search, recording
 from gateway.records.moment import unix_ns
-from gateway.records.record import Decision, EventRecord, FrameRecord, outputs
+from gateway.records.record import Decision, EventRecord, FrameRecord, VisitRecord, outputs
 from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Item, Missing
 from gateway.records.replay import Difference, Replay, Step
@@ -30,7 +31,8 @@ ENTERED = (
 class Excerpt:
     """`begin_ns`, `end_ns`: Unix. `hz`: states a second at most, beside every change of the outputs; None: all.
 
-    `missing` and `differing` are complete when `moments` has ended. It may be called more than once.
+    `missing`, `differing` and `visits`, those that ended in that time, are complete when `moments` has ended. It may be
+    called more than once.
     """
 
     folder: Path
@@ -40,6 +42,7 @@ class Excerpt:
     hz: float | None = None
     missing: list[str] = field(default_factory=list)
     differing: int = 0
+    visits: list[VisitSummary] = field(default_factory=list)
 
     @staticmethod
     def of(folder: Path, begin: str | None, end: str | None, hz: float | None = None) -> "Excerpt":
@@ -59,7 +62,7 @@ class Excerpt:
 
     def moments(self) -> Iterator[Step | tuple[int, EventRecord]]:
         """The steps, at most `hz` a second and those that change the outputs, and the events (with Unix ns)."""
-        self.missing, self.differing = [], 0
+        self.missing, self.differing, self.visits = [], 0, []
         replay = Replay(RecordedRules())
         newest_ns: int | None = None
         last: tuple[object, ...] = ()
@@ -103,6 +106,9 @@ class Excerpt:
                 at_ns = unix_ns(place.head, record.t_ns)
                 if isinstance(record, EventRecord):
                     events.append((at_ns, record))
+                elif isinstance(record, VisitRecord):
+                    if record.visit.end is not VisitEnd.OPEN and self.begin_ns <= at_ns <= self.end_ns:
+                        self.visits.append(record.visit)
                 elif at_ns > self.end_ns + 60 * NS_PER_S:
                     break
             yield item

@@ -6,8 +6,10 @@ one picture next to its moment, then none.
 """
 
 from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 
 NS_PER_S = 1_000_000_000
@@ -40,6 +42,7 @@ class IncidentPictures:
     _moments: list[tuple[int, str]] = field(default_factory=list)
     _budget: float | None = None  # bytes; None: full
     _refilled_ns: int = 0
+    _share: float = 0.0  # of a picture's bytes in memory that it takes on the disk; at first nothing is known
 
     def add(self, picture: Snapshot) -> None:
         """The newest picture; one that is here already is not taken again."""
@@ -78,16 +81,28 @@ class IncidentPictures:
         self._moments.clear()
         return Incident(first_ns, why, tuple(pictures)) if pictures else None
 
-    def allowed(self, incident: Incident, sizes: list[int], now_ns: int) -> list[int]:
-        """Which of the incident's pictures the budget allows, by place. `sizes`: bytes on the disk, of each."""
+    def kept(self, incident: Incident, now_ns: int, encode: Callable[[Image], bytes]) -> dict[int, bytes]:
+        """The incident's pictures that the budget allows, encoded, by their place in it. One that it will not allow, as
+        large as the newest encoded ones, is not encoded."""
         most = BURST_SHARE * self.bytes_per_day
         refill = self.bytes_per_day * (now_ns - self._refilled_ns) / DAY_NS
         budget = most if self._budget is None else min(most, self._budget + refill)
         self._refilled_ns = now_ns
-        places = list(range(len(sizes)))
-        if sum(sizes) > budget / 2:
-            nearest = min(places, key=lambda n: abs(incident.pictures[n].t_capture_ns - incident.t_ns))
-            places = [nearest] if sizes[nearest] <= budget else []
+        images = [picture.image for picture in incident.pictures]
+        expected = {n: round(self._share * image.nbytes) for n, image in enumerate(images)}
+        encoded = {n: encode(images[n]) for n in _fitting(incident, expected, budget)}
+        if encoded:
+            self._share = sum(map(len, encoded.values())) / sum(images[n].nbytes for n in encoded)
+        sizes = {n: len(data) for n, data in encoded.items()}
+        places = _fitting(incident, sizes, budget)
         self._budget = budget - sum(sizes[n] for n in places)
-        self.refused += len(sizes) - len(places)
-        return places
+        self.refused += len(images) - len(places)
+        return {n: encoded[n] for n in places}
+
+
+def _fitting(incident: Incident, sizes: Mapping[int, int], budget: float) -> list[int]:
+    """Places of those that fit. `sizes`: bytes on the disk, by place."""
+    if sum(sizes.values()) <= budget / 2:
+        return list(sizes)
+    nearest = min(sizes, key=lambda n: abs(incident.pictures[n].t_capture_ns - incident.t_ns))
+    return [nearest] if sizes[nearest] <= budget else []

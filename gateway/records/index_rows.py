@@ -10,6 +10,7 @@ import msgspec
 from gateway.core.readings import FRESH_FRAME, Quality
 from gateway.core.visit_summary import VisitEnd
 from gateway.records.record import (
+    ALARM,
     AnyRecord,
     Checkpoint,
     Decision,
@@ -25,14 +26,14 @@ from gateway.records.segment import Head
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 MINUTE_NS = 60 * NS_PER_S
-MAX_EVENTS = 1000  # of one segment; what flickers is in the segment itself, and counted here
+MAX_EVENTS = 1000  # of one segment, and as many changes of alarms; what flickers is in the segment, and counted here
 LONGEST_STEP_NS = NS_PER_S  # records that are farther apart: nothing is known of the time between them
 
 VisitRow = tuple[int, int, str]  # begun_ms, ended_ms, VisitSummary as JSON
 EventRow = tuple[int, str, str, str, str]  # t_ms, kind, sensor, quality, detail
 MinuteRow = tuple[int | float | str | None, ...]  # as MINUTE_COLUMNS
 MINUTE_COLUMNS = (
-    "minute", "recorded_s", "may_move_s", "in_place_s", "stop_s", "frames", "faults",
+    "minute", "recorded_s", "may_move_s", "in_place_s", "stop_s", "stops", "frames", "faults",
     "r_min", "r_mean", "r_max", "z_min", "z_mean", "z_max",
 )  # fmt: skip
 
@@ -61,13 +62,15 @@ class Spread:
 
 @dataclass(slots=True)
 class Minute:
-    """One minute of Unix time, as far as it was recorded. Times in ns; `stop_ns` by reason."""
+    """One minute of Unix time, as far as it was recorded. Times in ns; `stop_ns` by reason; `stops`: how often each
+    reason has become that of `stop`."""
 
     number: int  # since 1970
     recorded_ns: int = 0
     may_move_ns: int = 0
     in_place_ns: int = 0
     stop_ns: dict[str, int] = field(default_factory=dict)
+    stops: dict[str, int] = field(default_factory=dict)
     frames: int = 0
     faults: int = 0
     radius_px: Spread = field(default_factory=Spread)
@@ -78,16 +81,17 @@ class Minute:
         stop_s = {reason: _s(ns) for reason, ns in sorted(self.stop_ns.items())}
         return (
             self.number, _s(self.recorded_ns), _s(self.may_move_ns), _s(self.in_place_ns),
-            msgspec.json.encode(stop_s).decode(), self.frames, self.faults,
+            _json(stop_s), _json(dict(sorted(self.stops.items()))), self.frames, self.faults,
             *self.radius_px.row, *self.distance_mm.row,
         )  # fmt: skip
 
 
 @dataclass(slots=True)
 class SegmentRows:
-    """The rows of one segment, in the order of its records."""
+    """The rows of one segment, in the order of its records. With another `minute_ns` the "minutes" are so long."""
 
     head: Head
+    minute_ns: int = MINUTE_NS
     visits: list[VisitRow] = field(default_factory=list)
     events: list[EventRow] = field(default_factory=list)
     minutes: list[MinuteRow] = field(default_factory=list)  # those that are over
@@ -99,10 +103,26 @@ class SegmentRows:
     _decision: Decision | None = None
     _before_ns: int | None = None
     _event_count: int = 0
+    _alarm_count: int = 0
 
     def __post_init__(self) -> None:
         self._offset_ns = self.head.unix_ns - self.head.t_ns
         self.end_ms = self.head.unix_ns // NS_PER_MS
+
+    @property
+    def begun_ms(self) -> int:
+        """Unix time."""
+        return self.head.unix_ns // NS_PER_MS
+
+    def follow(self, head: Head) -> None:
+        """What comes now is of another segment."""
+        self.head = head
+        self._offset_ns = head.unix_ns - head.t_ns
+        self.broken()
+
+    def broken(self) -> None:
+        """Nothing is known of the time between the record before and the next."""
+        self._decision = self._before_ns = None
 
     def add(self, record: AnyRecord) -> None:
         """The next record."""
@@ -111,9 +131,9 @@ class SegmentRows:
         minute = self._at(record.t_ns)
         match record:
             case Decision():
-                self._decision = record
+                self._decide(record, minute)
             case Checkpoint():
-                self._decision = Decision.of(record.state)
+                self._decide(Decision.of(record.state), minute, follows=record.follows)
             case Gap():
                 self._decision = None
                 self.lost += record.lost
@@ -140,9 +160,21 @@ class SegmentRows:
             self.minutes.append(self._minute.row)
             self._minute = None
 
+    def _decide(self, decision: Decision, minute: Minute, *, follows: bool = False) -> None:
+        """A stop that is on after a gap or a restart counts, whether or not it was on before. `follows`: it was so at
+        the end of the segment before."""
+        before, self._decision = self._decision, decision
+        if before is None and follows:
+            return
+        if decision.stop and (before is None or not before.stop or before.reason is not decision.reason):
+            reason = decision.reason.name.lower()
+            minute.stops[reason] = minute.stops.get(reason, 0) + 1
+
     def _event(self, record: EventRecord) -> None:
-        self._event_count += 1
-        if self._event_count > MAX_EVENTS:
+        alarm = record.kind == ALARM
+        self._alarm_count += alarm
+        self._event_count += not alarm
+        if (self._alarm_count if alarm else self._event_count) > MAX_EVENTS:
             self.events_left_out += 1
             return
         quality = record.quality.name if record.sensor in ("vision", "range") else ""
@@ -153,7 +185,7 @@ class SegmentRows:
         """The minute of that moment; the time until then counts as what was decided before."""
         unix_ns = t_ns + self._offset_ns
         self.end_ms = max(self.end_ms, unix_ns // NS_PER_MS)
-        number = unix_ns // MINUTE_NS
+        number = unix_ns // self.minute_ns
         if self._minute is not None and number != self._minute.number:
             self.minutes.append(self._minute.row)
             self._minute = None
@@ -169,6 +201,10 @@ class SegmentRows:
                 reason = decision.reason.name.lower()
                 minute.stop_ns[reason] = minute.stop_ns.get(reason, 0) + step_ns
         return self._minute
+
+
+def _json(values: dict[str, float] | dict[str, int]) -> str:
+    return msgspec.json.encode(values).decode()
 
 
 def _s(ns: int) -> float:

@@ -26,13 +26,14 @@ class Job(Message, frozen=True):
 
 
 class Records(Message, frozen=True):
-    """One block. `begins`: a segment may begin with it."""
+    """One block. `begins`: a segment may begin with it. `visit_ended`: the index is brought up to date at once."""
 
     bay: str
     number: int
     t_ns: int
     begins: bool
     records: list[bytes]
+    visit_ended: bool = False
 
 
 class KeepPictures(Message, frozen=True):

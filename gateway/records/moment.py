@@ -38,6 +38,11 @@ def clock(at_ns: int) -> str:
     return f"{_local(at_ns):%H:%M:%S}.{at_ns // 1_000_000 % 1000:03d}"
 
 
+def local_name(at_ns: int) -> str:
+    """Local date and time as part of a file's name."""
+    return f"{_local(at_ns):%Y%m%dT%H%M%S}"
+
+
 def parsed(text: str) -> Asked:
     """Raises ConfigError with the forms that are understood."""
     text = text.strip()

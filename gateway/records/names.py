@@ -3,6 +3,7 @@
     00000042-20261123T035712Z.seg           a segment
     00000042-20261123T035712Z.pictures      pictures round an incident, a segment, too
     00000042-20261123T035712Z.pictures.pin  somebody keeps it: deleted last
+    00000042-20261123T035712Z.rows          visits and minutes of segments, kept for longer than these
 
 The number counts up for each bay, whatever the clock does; the time is for people.
 """
@@ -11,15 +12,15 @@ import re
 from datetime import UTC, datetime
 from typing import NamedTuple
 
-SEGMENT, PICTURES, PIN = ".seg", ".pictures", ".pin"
-_NAME = re.compile(r"(\d{8,})-(\d{8}T\d{6}Z)(\.seg|\.pictures)")
+SEGMENT, PICTURES, ROWS, PIN = ".seg", ".pictures", ".rows", ".pin"
+_NAME = re.compile(r"(\d{8,})-(\d{8}T\d{6}Z)(\.seg|\.pictures|\.rows)")
 _TIME = "%Y%m%dT%H%M%SZ"
 
 
 class FileName(NamedTuple):
     number: int
     unix_s: int
-    kind: str  # SEGMENT or PICTURES
+    kind: str  # SEGMENT, PICTURES or ROWS
 
     def __str__(self) -> str:
         return f"{self.number:08d}-{datetime.fromtimestamp(self.unix_s, UTC):{_TIME}}{self.kind}"

@@ -35,6 +35,7 @@ from gateway.records.privacy import blurred_outside
 from gateway.records.retention import Limits
 from gateway.records.segment import Head, PictureHead, picture_block, records_block
 from gateway.records.store import Store
+from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Ring
 
 CODEC = TO_RECORDER
@@ -78,7 +79,6 @@ class Recorder:
         self._fault = ""
         self._pictures = 0
         self._wall_offset_ns = self._offset_ns()
-        self._jumped = False
 
     def run(self) -> None:
         """Until the main process has ended, which ends this process."""
@@ -135,6 +135,9 @@ class Recorder:
             self._tidy()
             return
         self._channel.send(Written(self._unwritten[-1].number))
+        for message in self._unwritten:
+            if message.visit_ended:
+                self._index.soon(message.bay)
         self._unwritten.clear()
         if self._fault:
             self._fault = ""
@@ -156,11 +159,11 @@ class Recorder:
     def _keep(self, bay: _Bay, incident: Incident, now_ns: int) -> None:
         offset_ns = self._offset_ns()
         region = self._job.config.picture_region_px
-        images = [picture.image for picture in incident.pictures]
-        if region is not None:
-            images = [blurred_outside(image, region) for image in images]
-        encoded = [_png(image) for image in images]
-        places = bay.pictures.allowed(incident, [len(data) for data in encoded], now_ns)
+
+        def encode(image: Image) -> bytes:
+            return _png(image if region is None else blurred_outside(image, region))
+
+        encoded = bay.pictures.kept(incident, now_ns, encode)
         blocks = [
             picture_block(
                 PictureHead(
@@ -174,7 +177,7 @@ class Recorder:
                 encoded[n],
             )
             for n, p in enumerate(incident.pictures)
-            if n in places
+            if n in encoded
         ]
         if blocks:
             bay.store.pictures(blocks)
@@ -182,13 +185,9 @@ class Recorder:
 
     def _tidy(self) -> None:
         offset_ns = self._offset_ns()
-        ahead_s = (offset_ns - self._wall_offset_ns) / NS_PER_S
-        if abs(ahead_s) > MAX_CLOCK_JUMP_S:
-            self._jumped = not self._jumped  # believed from the next time on, if it stays
-        else:
-            self._jumped = False
+        jumped = abs(offset_ns - self._wall_offset_ns) > MAX_CLOCK_JUMP_S * NS_PER_S  # believed next time, if it stays
         self._wall_offset_ns = offset_ns
-        unix_s = None if self._jumped else self._clock.wall_ns() / NS_PER_S
+        unix_s = None if jumped else self._clock.wall_ns() / NS_PER_S
         for bay in self._bays.values():
             try:
                 bay.store.delete_surplus(unix_s)
@@ -227,7 +226,7 @@ class Recorder:
     def _bay(self, job: BayJob) -> _Bay:
         config = self._job.config
         pictures = IncidentPictures(config.picture_before_s, config.picture_after_s, config.picture_mb_per_day * MB)
-        limits = Limits(config.max_mb * MB, config.max_days, config.picture_days)
+        limits = Limits(config.max_mb * MB, config.max_days, config.picture_days, config.visit_days)
         folder = Path(self._job.folder) / job.head.bay
         store = Store(folder, limits, config.min_free_percent / 100, lambda number: self._head(job.head, number))
         ring = None if job.ring is None else Ring(job.ring, writable=False)

@@ -13,6 +13,10 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
 from gateway.core.visit_summary import VisitSummary
 from gateway.errors import ProtocolError
+from gateway.modbus.registers.register import WordOrder
+from gateway.modbus.registers.register_map import encode
+
+ALARM = "alarm"  # kind of the EventRecord that is a change of an alarm
 
 
 class Record(msgspec.Struct, frozen=True, tag_field="is", omit_defaults=True, kw_only=True):
@@ -91,6 +95,13 @@ class RegisterImage(Record, frozen=True, tag="registers"):
 
     unix_ns: int
     words: bytes
+
+    @staticmethod
+    def of(state: StateVector, unix_ns: int, word_order: WordOrder) -> "RegisterImage":
+        words = encode(state, unix_ns, word_order)
+        return RegisterImage(
+            t_ns=state.t_ns, unix_ns=unix_ns, words=b"".join(word.to_bytes(2, "big") for word in words)
+        )
 
 
 class Checkpoint(Record, frozen=True, tag="checkpoint"):

@@ -12,10 +12,10 @@ from gateway.config import GatewayConfig
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.errors import ConfigError, ProtocolError
 from gateway.records import names
+from gateway.records.files import files_in
 from gateway.records.names import PICTURES, SEGMENT
 from gateway.records.record import AnyRecord, Gap, VisitRecord
 from gateway.records.segment import BlockKind, Damage, Head, Picture, batch_of, blocks, head_of, picture_of
-from gateway.records.store import files_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ def segments_of(paths: Iterable[Path]) -> list[Path]:
     found: list[Path] = []
     for path in paths:
         if path.is_dir():
-            found += [path / str(file.name) for file in files_in(path) if file.name.kind == SEGMENT]
+            found += _files(path, SEGMENT)
         elif names.parsed(path.name) is not None and path.is_file():
             found.append(path)
         else:
@@ -57,7 +57,11 @@ def segments_of(paths: Iterable[Path]) -> list[Path]:
 
 def pictures_in(folder: Path) -> list[Path]:
     """The files of pictures in a bay's folder, by number."""
-    return [folder / str(file.name) for file in files_in(folder) if file.name.kind == PICTURES]
+    return _files(folder, PICTURES)
+
+
+def _files(folder: Path, kind: str) -> list[Path]:
+    return [folder / str(file.name) for file in files_in(folder) if file.name.kind == kind]
 
 
 def records(paths: Iterable[Path]) -> Iterator[Item | Missing]:
@@ -93,8 +97,7 @@ def records(paths: Iterable[Path]) -> Iterator[Item | Missing]:
 
 def open_visit(folder: Path, boot: str) -> VisitSummary | None:
     """The visit that was open at the end of what a gateway of another start has recorded. Raises OSError."""
-    segments = [folder / str(file.name) for file in files_in(folder) if file.name.kind == SEGMENT]
-    for path in reversed(segments[-2:]):
+    for path in reversed(_files(folder, SEGMENT)[-2:]):
         found: VisitSummary | None = None
         for item in records([path]):
             if isinstance(item, Missing):

@@ -15,7 +15,7 @@ from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
 from gateway.core.state import StateVector, Tick
 from gateway.modbus.registers.register import WordOrder
-from gateway.modbus.registers.register_map import MAP_VERSION, REGISTERS, encode
+from gateway.modbus.registers.register_map import MAP_VERSION, REGISTERS
 from gateway.records.record import (
     OUTPUTS,
     AnyRecord,
@@ -165,8 +165,7 @@ def _map_version(record: RegisterImage) -> int:
 
 
 def _register_changes(record: RegisterImage, state: StateVector, order: WordOrder) -> dict[str, Change]:
-    words = encode(state, record.unix_ns, order)
-    now = b"".join(word.to_bytes(2, "big") for word in words)
+    now = RegisterImage.of(state, record.unix_ns, order).words
     if now == record.words:
         return {}
     changed: dict[str, Change] = {}

@@ -2,15 +2,17 @@
 
 The oldest first, by number: a clock that jumps changes no order. What somebody has pinned goes last, and only for size
 and free space, never for its age. The newest file and the segment
-that is being written stay.
+that is being written stay. Files of rows have limits of their own: they stay when the segments are gone.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
-from gateway.records.names import PICTURES, FileName
+from gateway.records.names import PICTURES, ROWS, FileName
 
 DAY_S = 86_400
+ROWS_SHARE = 0.1  # of max_bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +24,12 @@ class StoredFile:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """`max_bytes`: of the bay. `max_days`, `picture_days`: 0: no limit of age."""
+    """`max_bytes`: of the bay. `max_days`, `picture_days`, `visit_days`: 0: no limit of age."""
 
     max_bytes: int
     max_days: float
     picture_days: float
+    visit_days: float = 0
 
 
 def surplus(
@@ -40,17 +43,33 @@ def surplus(
 
     `missing_bytes`: what the disk lacks of the free space that must be left. `being_written`: number of a file.
     """
+    rows = [file for file in files if file.name.kind == ROWS]
+    deleted = _surplus_rows(rows, limits, unix_s)
+    rows_bytes = sum(file.size_bytes for file in rows) - sum(file.size_bytes for file in deleted)
+    files = [file for file in files if file.name.kind != ROWS]
     if not files:
-        return []
+        return deleted
     kept = {max(file.name.number for file in files), being_written}
     closed = sorted(
         (f for f in files if f.name.number not in kept), key=lambda f: (f.pinned, f.name.number, f.name.kind)
     )
-    over_bytes = max(sum(file.size_bytes for file in files) - limits.max_bytes, missing_bytes)
-    deleted = []
+    over_bytes = max(sum(file.size_bytes for file in files) + rows_bytes - limits.max_bytes, missing_bytes)
     for file in closed:
         too_much = over_bytes > 0
         if too_much or (not file.pinned and _too_old(file, limits, unix_s)):
+            deleted.append(file)
+            over_bytes -= file.size_bytes
+    return deleted
+
+
+def _surplus_rows(files: Sequence[StoredFile], limits: Limits, unix_s: float | None) -> list[StoredFile]:
+    """A file is older than its newest row, and that older than the begin of the next file, whatever the clock did."""
+    over_bytes = sum(file.size_bytes for file in files) - ROWS_SHARE * limits.max_bytes
+    deleted = []
+    for file, after in pairwise(sorted(files, key=lambda file: file.name.number)):
+        ended_s = max(file.name.unix_s, after.name.unix_s)
+        old = unix_s is not None and limits.visit_days > 0 and unix_s - ended_s > limits.visit_days * DAY_S
+        if over_bytes > 0 or old:
             deleted.append(file)
             over_bytes -= file.size_bytes
     return deleted

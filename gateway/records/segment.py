@@ -22,7 +22,7 @@ from gateway.records.record import AnyRecord, array_of, unpacked
 
 MAGIC = b"LGRECORD1\n"
 MARK = b"\xf5\x9dLG"
-_HEADER = struct.Struct("<4sBII")
+HEADER = struct.Struct("<4sBII")
 MAX_PAYLOAD = 64 * 1024 * 1024  # a picture of 20 megapixels, uncompressed
 MAX_RECORDS_BYTES = 64 * 1024 * 1024  # of one block, unpacked
 
@@ -33,6 +33,7 @@ class BlockKind(IntEnum):
     HEAD = 1
     RECORDS = 2
     PICTURE = 3
+    ROWS = 4  # in a file of its own: row_files
 
 
 class Head(msgspec.Struct, frozen=True, kw_only=True):
@@ -93,7 +94,7 @@ class Block:
     @property
     def size(self) -> int:
         """In the file."""
-        return _HEADER.size + len(self.payload)
+        return HEADER.size + len(self.payload)
 
 
 _HEAD = msgspec.json.Decoder(Head)
@@ -118,7 +119,7 @@ def picture_block(head: PictureHead, data: bytes) -> bytes:
 
 def block(kind: BlockKind, payload: bytes) -> bytes:
     crc = zlib.crc32(payload, zlib.crc32(struct.pack("<BI", kind, len(payload))))
-    return _HEADER.pack(MARK, kind, len(payload), crc) + payload
+    return HEADER.pack(MARK, kind, len(payload), crc) + payload
 
 
 def blocks(data: bytes) -> Iterator[Block | Damage]:
@@ -143,10 +144,10 @@ def blocks(data: bytes) -> Iterator[Block | Damage]:
 
 
 def _block_at(data: bytes, at: int) -> Block | None:
-    if len(data) - at < _HEADER.size:
+    if len(data) - at < HEADER.size:
         return None
-    mark, kind, length, crc = _HEADER.unpack_from(data, at)
-    begin = at + _HEADER.size
+    mark, kind, length, crc = HEADER.unpack_from(data, at)
+    begin = at + HEADER.size
     if mark != MARK or length > MAX_PAYLOAD or begin + length > len(data):
         return None
     payload = data[begin : begin + length]
@@ -175,9 +176,14 @@ def batch_of(payload: bytes) -> tuple[int, list[AnyRecord]]:
 
 def picture_of(payload: bytes) -> Picture:
     """Raises ProtocolError."""
+    head = picture_head_of(payload)
+    return Picture(head, payload[4 + struct.unpack_from("<I", payload)[0] :])
+
+
+def picture_head_of(payload: bytes) -> PictureHead:
+    """Of a picture block's payload, or of its beginning. Raises ProtocolError."""
     try:
         (length,) = struct.unpack_from("<I", payload)
-        head = msgspec.msgpack.decode(payload[4 : 4 + length], type=PictureHead)
+        return msgspec.msgpack.decode(payload[4 : 4 + length], type=PictureHead)
     except (struct.error, msgspec.DecodeError, UnicodeDecodeError) as error:
         raise ProtocolError(f"not a picture block of this version or an earlier one: {error}") from None
-    return Picture(head, payload[4 + length :])

@@ -15,11 +15,10 @@ from pathlib import Path
 from platform import python_version
 from typing import NoReturn
 
-from gateway import __version__
+from gateway import __version__, bay_file
 from gateway.alarms.records import AlarmChange
 from gateway.alarms.states import AlarmEvent
 from gateway.bay import BayControl
-from gateway.bay_file import default_folder
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.events import Event, EventKind
@@ -41,6 +40,7 @@ from gateway.records.messages import (
     ToRecorder,
     Written,
 )
+from gateway.records.record import ALARM
 from gateway.records.segment import Head
 from gateway.supervisor import Task
 from gateway.vision.transport.ring import RingSpec
@@ -74,10 +74,8 @@ def folder_of(config: GatewayConfig) -> Path | None:
         return None
     if config.records.folder != "auto":
         return Path(config.records.folder) / f"{config.site}.{config.instance}"
-    if not config.state_dir:
-        return None
-    state = default_folder() if config.state_dir == "auto" else Path(config.state_dir)
-    return state / "records" / f"{config.site}.{config.instance}"
+    state = bay_file.folder_of(config)
+    return None if state is None else state / "records" / f"{config.site}.{config.instance}"
 
 
 def head_of(config: GatewayConfig, bay: BayConfig, boot: str) -> Head:
@@ -149,7 +147,7 @@ class RecorderService:
         bays = self.collectors if change.bay is None else [change.bay]
         for bay in bays:
             if bay in self.collectors and not change.by_design:
-                self.collectors[bay].note(change.t_ns, "alarm", str(change))
+                self.collectors[bay].note(change.t_ns, ALARM, str(change))
                 if change.event is AlarmEvent.OCCURS and change.bay is not None:
                     self.keep(bay, change.t_ns, f"alarm {change.kind}")
 
@@ -223,7 +221,9 @@ class RecorderService:
             while self._bytes < UNACKNOWLEDGED_BYTES and (chunk := collector.take()) is not None:
                 self._number += 1
                 size = sum(map(len, chunk.records))
-                records = Records(bay, self._number, self.clock.now_ns(), chunk.begins, chunk.records)
+                records = Records(
+                    bay, self._number, self.clock.now_ns(), chunk.begins, chunk.records, chunk.visit_ended
+                )
                 self._unacknowledged.append((records, size))
                 self._bytes += size
                 slot.send(records)

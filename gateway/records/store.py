@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from gateway.records import names, retention
+from gateway.records import retention, row_files
+from gateway.records.files import files_in, sync_folder, write_all
 from gateway.records.names import PICTURES, PIN, SEGMENT, FileName
 from gateway.records.retention import Limits, StoredFile
 from gateway.records.segment import Head, head_block
@@ -45,7 +46,7 @@ class Store:
         assert self._fd is not None
         try:
             self._leave_room(len(data))
-            _write(self._fd, data)
+            write_all(self._fd, data)
         except OSError:
             self.close()
             raise
@@ -77,7 +78,7 @@ class Store:
         fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o640)
         try:
             for block in (head_block(head), *blocks):
-                _write(fd, block)
+                write_all(fd, block)
                 self.written_bytes += len(block)
             os.fdatasync(fd)
         except OSError:
@@ -87,7 +88,7 @@ class Store:
         finally:
             os.close(fd)
         fresh.replace(path)
-        self._sync_folder()
+        sync_folder(self.folder)
         return path
 
     def delete_surplus(self, unix_s: float | None) -> list[StoredFile]:
@@ -128,8 +129,8 @@ class Store:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_NOFOLLOW, 0o640)
         try:
             data = head_block(head)
-            _write(fd, data)
-            self._sync_folder()
+            write_all(fd, data)
+            sync_folder(self.folder)
         except OSError:
             os.close(fd)
             raise
@@ -142,35 +143,8 @@ class Store:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o750)
             for leftover in self.folder.glob("*.new"):
                 leftover.unlink(missing_ok=True)
-            self._number = max((file.name.number for file in self.files()), default=0)
+            numbers = [file.name.number for file in self.files()]
+            self._number = max([*numbers, row_files.newest_segment(self.folder)])
         self._leave_room(length)
         self._number += 1
         return self._number
-
-    def _sync_folder(self) -> None:
-        fd = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(fd)
-        finally:
-            os.close(fd)
-
-
-def files_in(folder: Path) -> list[StoredFile]:
-    """The files of a recording, by number; other files are not looked at. Raises OSError."""
-    found, pins = [], set()
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.name.endswith(PIN):
-                pins.add(entry.name.removesuffix(PIN))
-            elif (name := names.parsed(entry.name)) is not None and entry.is_file(follow_symlinks=False):
-                found.append((name, entry.stat(follow_symlinks=False).st_size))
-    return sorted(
-        (StoredFile(name, size, str(name) in pins) for name, size in found), key=lambda f: (f.name.number, f.name.kind)
-    )
-
-
-def _write(fd: int, data: bytes) -> None:
-    """All of it; a short write (a full disk) is continued, and fails then."""
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(fd, rest) :]

@@ -1,4 +1,4 @@
-"""What several sections share: reconnection, and addresses of the network. Pure."""
+"""What several sections share: reconnection, TLS towards a server, and addresses of the network. Pure."""
 
 from ipaddress import ip_address, ip_network
 from typing import Self
@@ -19,6 +19,22 @@ class Reconnect(Section):
     def _ordered(self) -> Self:
         if self.max_s < self.min_s:
             raise FieldError(f"max_s = {self.max_s} must be at least min_s = {self.min_s}", "max_s")
+        return self
+
+
+class ClientTls(Section):
+    """TLS of a connection to a server that is verified."""
+
+    ca_file: str | None = Field(None, min_length=1, description="PEM; whom to trust; default: what the system trusts")
+    cert_file: str | None = Field(None, min_length=1, description="PEM; the certificate we show to the server")
+    key_file: str | None = Field(None, min_length=1, description="PEM; its private key")
+    key_password_file: str | None = Field(None, min_length=1, description="file whose one line opens the key")
+
+    @model_validator(mode="after")
+    def _paired(self) -> Self:
+        if (self.cert_file is None) != (self.key_file is None):
+            missing = "key_file" if self.key_file is None else "cert_file"
+            raise FieldError("is missing; cert_file and key_file must be set together", missing)
         return self
 
 

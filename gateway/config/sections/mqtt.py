@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from gateway.config.sections.common import Reconnect
+from gateway.config.sections.common import ClientTls, Reconnect
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
@@ -25,20 +25,8 @@ class SparkplugConfig(Section):
     history: int = Field(1000, ge=0, le=100_000, description="changes of stop kept while there is no session")
 
 
-class MqttTls(Section):
+class MqttTls(ClientTls):
     """With `url = "mqtts://..."`. Absent: the system's certificate authorities, and no certificate of our own."""
-
-    ca_file: str | None = Field(None, min_length=1, description="PEM; whom to trust; default: what the system trusts")
-    cert_file: str | None = Field(None, min_length=1, description="PEM; the certificate we show to the broker")
-    key_file: str | None = Field(None, min_length=1, description="PEM; its private key")
-    key_password_file: str | None = Field(None, min_length=1, description="file whose one line opens the key")
-
-    @model_validator(mode="after")
-    def _paired(self) -> Self:
-        if (self.cert_file is None) != (self.key_file is None):
-            missing = "key_file" if self.key_file is None else "cert_file"
-            raise FieldError("is missing; cert_file and key_file must be set together", missing)
-        return self
 
 
 class MqttConfig(Section):

@@ -1,6 +1,6 @@
 """`[records]`: what is recorded of each bay, where, and for how long. Pure."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -19,6 +19,13 @@ class RecordsConfig(Section):
     )
     max_mb: int = Field(4000, ge=50, le=10_000_000, description="for each bay; the oldest files are deleted")
     max_days: float = Field(90, ge=0, le=36_500, description="older records are deleted; 0: only max_mb counts")
+    visit_days: float = Field(
+        730,
+        ge=0,
+        le=36_500,
+        description="visits and the figures of each minute are kept so long, also when their records are deleted, in "
+        "a tenth of max_mb at most; 0: only that counts",
+    )
     min_free_percent: float = Field(
         10,
         ge=0,
@@ -30,6 +37,11 @@ class RecordsConfig(Section):
         None,
         description="left, top, width, height: outside of it pictures are stored in coarse squares, so that no face "
         "and no number plate is kept; absent: pictures as they are",
+    )
+    pictures_for: Literal["viewer", "technician", "nobody"] = Field(
+        "viewer",
+        description="least role that sees kept pictures on the pages, in the API and in reports made there; "
+        "nobody: only who may read the files",
     )
     picture_days: float = Field(30, ge=0, le=36_500, description="older pictures are deleted; 0: as long as records")
     picture_mb_per_day: int = Field(

@@ -3,6 +3,8 @@
 import base64
 import csv
 import json
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,13 +17,17 @@ from mcap.reader import make_reader
 
 from gateway.cli.main import main
 from gateway.core.detection import Circle, Ellipse, Tracking
+from gateway.core.events import Event, EventKind
 from gateway.core.readings import Quality, VisionReading
+from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.records.excerpt import Excerpt
 from gateway.records.labelled_pictures import SOURCE, label_of
+from gateway.records.moment import shown
 from gateway.records.record import Decision, outputs
 from gateway.records.replay import Step
-from tests.recorded_bay import Recorded, S, recorded, unix
-from tests.visit_bench import Bench
+from gateway.records.visits_csv import HEADER
+from tests.recorded_bay import CONFIG, NEAR, Recorded, S, recorded, unix
+from tests.visit_bench import Bench, truck
 
 FAULTS = ({"kind": "camera_freeze", "at_s": 8, "for_s": 2}, {"kind": "marker_hidden", "at_s": 14, "for_s": 3})
 
@@ -74,6 +80,35 @@ def test_csv_has_every_state_and_event(bay: tuple[Recorded, Bench], tmp_path: Pa
     assert all(float(row["distance_mm"]) > 300 for row in moving)
 
 
+def test_csv_has_the_visits_that_ended_in_that_time(tmp_path: Path) -> None:
+    folder = Recorded(tmp_path)
+    bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
+    bench.run(10)
+    begun_ms = unix(bench.now_ns) // 10**6 - 8000
+    early, late = (VisitSummary(begun_ms + n * 5000, 4.0, VisitEnd.CLEAR, at_mark_s=1.5) for n in (0, 1))
+    for visit in (early, late):
+        bench.run(bench.t_s + 5)
+        at_ns, open_ = bench.now_ns, replace(late, end=VisitEnd.OPEN)
+        folder.collector.open_visit = partial(replace, open_)  # one that goes on is none
+        folder.collector(None, bench.state, [Event(EventKind.VISIT, "bay1", at_ns, bench.state, summary=visit)])
+    bench.run(bench.t_s + 2)
+    folder.write(996 * S)
+    out = tmp_path / "out"
+    assert main(["export", str(folder.path), "--csv", str(out), "--hz", "1"]) == 0
+    found = rows(out / "visits.csv")
+    assert len(HEADER) == len(set(HEADER)), "times in a phase are not those until something"
+    assert [int(row["begun_ms"]) for row in found] == [early.begun_ms, late.begun_ms]
+    assert (found[0]["bay"], found[0]["end"], found[0]["length_s"], found[0]["at_mark_s"]) == (
+        "bay1", "clear", "4.0", "1.5",
+    )  # fmt: skip
+    assert found[0]["to_position_s"] == ""
+    begin = shown(unix(bench.now_ns) - 4 * S)  # between both
+    assert main(["export", str(folder.path), "--csv", str(out), "--hz", "1", "--from", begin]) == 0
+    assert [int(row["begun_ms"]) for row in rows(out / "visits.csv")] == [late.begun_ms]
+    assert main(["export", str(folder.path), "--csv", str(out), "--hz", "1", "--to", begin]) == 0
+    assert [int(row["begun_ms"]) for row in rows(out / "visits.csv")] == [early.begun_ms]
+
+
 def test_csv_by_rate_keeps_every_change_of_the_outputs(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:
     folder, bench = bay
     assert main(["export", str(folder.path), "--csv", str(tmp_path), "--hz", "2"]) == 0
@@ -90,8 +125,6 @@ def test_csv_by_rate_keeps_every_change_of_the_outputs(bay: tuple[Recorded, Benc
 def test_from_and_to(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:
     folder, _ = bay
     begin, end = unix(1009 * S), unix(1011 * S)
-    from gateway.records.moment import shown
-
     assert main(["export", str(folder.path), "--csv", str(tmp_path), "--from", shown(begin), "--to", shown(end)]) == 0
     times = [float(row["unix_s"]) for row in rows(tmp_path / "states.csv")]
     assert times[0] == pytest.approx(begin / S, abs=0.03)

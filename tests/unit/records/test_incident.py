@@ -3,6 +3,7 @@
 import numpy as np
 
 from gateway.records.incident import DAY_NS, IncidentPictures
+from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 
 S = 1_000_000_000
@@ -94,7 +95,7 @@ def kept(pictures: IncidentPictures, at_s: float, size: int) -> int:
     found = pictures.due(round((at_s + 3) * S))
     assert found is not None
     assert len(found.pictures) == 5
-    return len(pictures.allowed(found, [size] * 5, round((at_s + 3) * S)))
+    return len(pictures.kept(found, round((at_s + 3) * S), lambda image: bytes(size)))
 
 
 def test_a_day_costs_no_more_than_its_budget() -> None:
@@ -120,5 +121,40 @@ def test_the_one_picture_is_that_next_to_the_moment() -> None:
     pictures.happened(2 * S + 1, "stop_raised")
     found = pictures.due(10 * S)
     assert found is not None
-    places = pictures.allowed(found, [900] * len(found.pictures), 10 * S)
-    assert [found.pictures[n].t_capture_ns for n in places] == [2 * S]
+    kept = pictures.kept(found, 10 * S, lambda image: bytes(900))
+    assert [found.pictures[n].t_capture_ns for n in kept] == [2 * S]
+
+
+def test_what_the_budget_will_refuse_is_not_encoded() -> None:
+    """A camera that flickers all day costs one encoding of each picture that is kept, and no more."""
+    pictures, encoded = IncidentPictures(1.0, 1.0, 86_400), 0
+
+    def encode(image: Image) -> bytes:
+        nonlocal encoded
+        encoded += 1
+        return bytes(1000)
+
+    total = 0
+    for n in range(60):
+        filmed(pictures, 10 * n, 10 * n + 2)
+        pictures.happened((10 * n + 1) * S, "sensor_fault")
+        found = pictures.due((10 * n + 3) * S)
+        assert found is not None
+        total += len(pictures.kept(found, (10 * n + 3) * S, encode))
+    assert (encoded, pictures.refused) == (total, 300 - total)
+    assert 20 < total < 24
+
+
+def test_pictures_that_became_smaller_are_found_out() -> None:
+    pictures = IncidentPictures(1.0, 1.0, 86_400)
+    assert [kept(pictures, 10 * n, 4000) for n in range(6)] == [1, 1, 1, 1, 1, 0]
+    numbers = [kept(pictures, 60 + 10 * n, 10) for n in range(600)]
+    first = next(n for n, number in enumerate(numbers) if number)
+    assert numbers[first : first + 2] == [1, 5], "one as large as expected fits again, and shows that it is small"
+    assert set(numbers[first + 2 : first + 50]) == {5}
+
+
+def test_pictures_that_became_larger_stay_within_the_budget() -> None:
+    pictures = IncidentPictures(1.0, 1.0, 86_400)
+    numbers = [kept(pictures, 10 * n, size) for n, size in enumerate([10, 2000, 2000, 2000, 2000, 20_000])]
+    assert numbers == [5, 5, 1, 1, 1, 0]

@@ -2,26 +2,19 @@
 
 import pytest
 
-from gateway.core.interlock import Rules
-from gateway.modbus.registers.register import WordOrder
 from gateway.records import recording
 from gateway.records.record import Decision
+from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Missing
 from gateway.records.replay import Difference, Replay
-from gateway.records.segment import Head
 from tests.recorded_incidents import FOLDER, INCIDENTS, path_of
 
 pytestmark = pytest.mark.one_interpreter
 
 
-def rules_of(head: Head) -> tuple[Rules, WordOrder]:
-    config = recording.config_of(head)
-    return Rules.of(config.bays[0], config), config.modbus.word_order
-
-
 @pytest.mark.parametrize("name", INCIDENTS)
 def test_the_same_is_decided_as_when_it_was_recorded(name: str) -> None:
-    replay = Replay(rules_of)
+    replay = Replay(RecordedRules())
     found = list(replay.run(recording.records([path_of(name)])))
     decided = [f"{step.place}: {step.what}" for step in found if isinstance(step, Difference)]
     assert decided == [], "if this is what was wanted: python -m tests.recorded_incidents"

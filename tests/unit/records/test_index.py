@@ -2,6 +2,7 @@
 
 import multiprocessing
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,16 +13,27 @@ import msgspec
 import pytest
 
 from gateway.cli.main import main
-from gateway.core.state import StateVector, Tick
+from gateway.core.events import Event, EventKind
+from gateway.core.state import Reason, StateVector, Tick
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.errors import LinkError
 from gateway.processes import seccomp
 from gateway.records import recording
 from gateway.records.collector import Collector
-from gateway.records.index import NAME, TABLES, Index
+from gateway.records.index import NAME, Index
 from gateway.records.index_reader import IndexReader
 from gateway.records.index_rows import MAX_EVENTS, SegmentRows
-from gateway.records.record import EventRecord, Gap, RegisterImage, TickRecord, VisitRecord, packed
+from gateway.records.index_tables import TABLES
+from gateway.records.record import (
+    Checkpoint,
+    Decision,
+    EventRecord,
+    Gap,
+    RegisterImage,
+    TickRecord,
+    VisitRecord,
+    packed,
+)
 from gateway.records.retention import Limits
 from gateway.records.segment import Head, records_block
 from gateway.records.store import SEGMENT_NS, Store
@@ -83,7 +95,7 @@ def _record(folder: Path) -> Bench:
 
 
 def content(folder: Path) -> dict[str, list[Any]]:
-    with sqlite3.connect(folder / NAME) as db:
+    with closing(sqlite3.connect(folder / NAME)) as db, db:
         rows = {table: db.execute(f"SELECT * FROM {table}").fetchall() for table in TABLES}
     db.close()
     return rows
@@ -130,7 +142,7 @@ def test_it_holds_visits_events_minutes_and_files(tmp_path: Path) -> None:
     assert told["t_ms"] == (placed.t_ns + UNIX_NS) // 10**6
     assert told["detail"] == placed.detail
     assert str(told["file"]).startswith("00000001-")
-    with sqlite3.connect(tmp_path / NAME) as db:
+    with closing(sqlite3.connect(tmp_path / NAME)) as db, db:
         files = db.execute("SELECT bay, number, complete, lost, damaged FROM files ORDER BY bay, number").fetchall()
     assert files == [("bay1", 1, 1, 0, 0), ("bay1", 2, 1, 0, 0), ("bay2", 1, 1, 0, 0)]
 
@@ -142,7 +154,7 @@ def test_made_while_it_was_written_and_made_anew_it_is_the_same(tmp_path: Path) 
     index = Index(live)
     for bay in ("bay1", "bay2"):
         (live / bay).mkdir(parents=True)
-        for source in sorted((whole / bay).iterdir()):
+        for source in sorted((whole / bay).glob("*.seg")):
             data = source.read_bytes()
             for end in range(0, len(data), 7001):
                 (live / bay / source.name).write_bytes(data[:end])
@@ -182,22 +194,67 @@ def test_a_batch_that_was_written_twice_counts_once(tmp_path: Path) -> None:
     assert [row[2] for row in content(tmp_path)["events"]] == [1, 3, 4]
 
 
-def test_what_is_deleted_goes_here_too(tmp_path: Path) -> None:
+def test_of_what_is_deleted_visits_and_minutes_stay_until_their_file_of_rows_goes(tmp_path: Path) -> None:
     recorded(tmp_path)
     index = Index(tmp_path)
     work(index)
-    (first, _) = sorted((tmp_path / "bay1").iterdir())
+    before = content(tmp_path)
+    (first, _) = sorted((tmp_path / "bay1").glob("*.seg"))
+    (rows_file,) = (tmp_path / "bay1").glob("*.rows")
+    assert not list((tmp_path / "bay2").glob("*.rows")), "its segment is not over"
     first.unlink()
     for path in (tmp_path / "bay2").iterdir():
         path.unlink()
     (tmp_path / "bay2").rmdir()
     work(index)
+    after = content(tmp_path)
+    assert {(row[0], row[1]) for row in after["files"]} == {("bay1", 2)}
+    assert after["visits"] == []
+    assert {row[2] for row in after["events"]} <= {2}
+    assert after["minutes"] == [row for row in before["minutes"] if row[0] == "bay1"]
+    assert {row[-1] for row in after["minutes"]} == {1, 2}
+    rows_file.unlink()
+    work(index)
     index.close()
-    rows = content(tmp_path)
-    assert {(row[0], row[1]) for row in rows["files"]} == {("bay1", 2)}
-    assert rows["visits"] == []
-    assert {row[2] for row in rows["events"]} <= {2}
-    assert {row[-1] for row in rows["minutes"]} <= {2}
+    gone = content(tmp_path)
+    assert {row[-1] for row in gone["minutes"]} == {2}
+    assert (gone["kept"], gone["row_files"]) == ([], [])
+    assert gone["files"] == after["files"]
+
+
+def test_the_end_of_a_visit_is_read_at_once_and_only_in_its_bay(tmp_path: Path) -> None:
+    index = Index(tmp_path)
+    for bay in ("bay1", "bay2"):
+        kept = store(tmp_path / bay)
+        kept.append(records_block(1, [packed(TickRecord(t_ns=BEGUN_NS))]), 0, begins=True)
+        kept.close()
+    work(index)
+    for bay in ("bay1", "bay2"):
+        (path,) = (tmp_path / bay).iterdir()
+        with path.open("ab") as file:
+            file.write(records_block(2, [packed(VisitRecord(t_ns=BEGUN_NS, visit=VISIT))]))
+    assert not index.work(LONG_NS)
+    assert content(tmp_path)["visits"] == [], "its minute is not over"
+    index.soon("bay2")
+    assert not index.work(LONG_NS)
+    assert [row[0] for row in content(tmp_path)["visits"]] == ["bay2"]
+    index.soon("unknown")
+    assert not index.work(LONG_NS)
+    work(index)
+    index.close()
+    assert [row[0] for row in content(tmp_path)["visits"]] == ["bay1", "bay2"]
+
+
+def test_a_visit_that_ends_while_the_index_is_read_is_not_forgotten(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    index = Index(tmp_path)
+    assert index.work(0), "there is more"
+    index.soon("bay2")
+    while index._work is not None:
+        more = index.work(LONG_NS)
+    assert more, "and no pause before it"
+    assert not index.work(LONG_NS)
+    index.close()
 
 
 @pytest.mark.parametrize("rubbish", [b"", b"no database", b"SQLite format 3\0" + b"\xff" * 5000])
@@ -231,7 +288,7 @@ def test_pages_overwritten_in_the_middle_are_noticed_at_the_next_start(tmp_path:
 
 def test_an_index_of_another_version_is_set_aside(tmp_path: Path) -> None:
     recorded(tmp_path)
-    with sqlite3.connect(tmp_path / NAME) as db:
+    with closing(sqlite3.connect(tmp_path / NAME)) as db, db:
         db.execute("PRAGMA user_version = 99")
     db.close()
     with pytest.raises(LinkError, match="another version"):
@@ -291,7 +348,16 @@ def test_what_flickers_does_not_fill_it() -> None:
         rows.add(EventRecord(t_ns=HEAD.t_ns + n, kind="sensor_fault", sensor="range"))
     rows.finish()
     assert (len(rows.events), rows.events_left_out) == (MAX_EVENTS, 5)
-    assert rows.minutes[0][6] == MAX_EVENTS + 5
+    assert rows.minutes[0][7] == MAX_EVENTS + 5
+    for n in range(MAX_EVENTS + 2):
+        rows.add(EventRecord(t_ns=HEAD.t_ns + n, kind="alarm", detail="bay1.camera_down: occurs, now unacknowledged"))
+    assert [kind for _, kind, *_ in rows.events].count("alarm") == MAX_EVENTS, "those that flicker leave room for them"
+    assert rows.events_left_out == 7
+    rows = SegmentRows(HEAD)
+    for kind in ("alarm", "sensor_fault"):
+        for n in range(MAX_EVENTS):
+            rows.add(EventRecord(t_ns=HEAD.t_ns + n, kind=kind))
+    assert (len(rows.events), rows.events_left_out) == (2 * MAX_EVENTS, 0)
 
 
 def test_a_clock_that_was_set_dates_what_follows() -> None:
@@ -310,7 +376,60 @@ def test_time_of_which_nothing_is_known_is_of_no_output() -> None:
     rows.add(TickRecord(t_ns=t_ns + S + S // 2))
     rows.finish()
     assert rows.lost == 7
-    assert [minute[1:5] for minute in rows.minutes] == [(0.0, 0.0, 0.0, "{}")]
+    assert [minute[1:6] for minute in rows.minutes] == [(0.0, 0.0, 0.0, "{}", "{}")]
+
+
+def _decided(t_ns: int, reason: Reason) -> Decision:
+    outputs = Decision.of(replace(Bench(truck()).state, stop=reason is not Reason.NONE, reason=reason))
+    return msgspec.structs.replace(outputs, t_ns=t_ns)
+
+
+def test_how_often_each_reason_became_that_of_stop() -> None:
+    """The segment goes on where the one before ended: that stop was counted there."""
+    rows, t_ns = SegmentRows(HEAD), HEAD.t_ns
+    stopped = replace(Bench(truck()).state, stop=True, reason=Reason.NO_TARGET, t_ns=t_ns)
+    story = (Reason.NO_TARGET, Reason.TARGET_REACHED, Reason.NONE, Reason.TARGET_REACHED, Reason.NO_TARGET)
+    rows.add(Checkpoint(t_ns=t_ns, state=stopped, follows=True))
+    for n, reason in enumerate(story):
+        rows.add(_decided(t_ns + n * S, reason))
+    rows.add(Gap(t_ns=t_ns + 6 * S, lost=7, why="not written in time"))
+    rows.add(Checkpoint(t_ns=t_ns + 6 * S, state=stopped))
+    rows.add(Checkpoint(t_ns=t_ns + 7 * S, state=stopped, follows=True))
+    rows.add(_decided(t_ns + 8 * S, Reason.NO_TARGET))
+    rows.finish()
+    assert [minute[5] for minute in rows.minutes] == ['{"no_target":2,"target_reached":2}']
+
+
+def test_a_stop_whose_begin_was_damaged_counts_at_the_next_checkpoint() -> None:
+    rows, t_ns = SegmentRows(HEAD), HEAD.t_ns
+    rows.add(_decided(t_ns, Reason.NONE))
+    stopped = replace(Bench(truck()).state, stop=True, reason=Reason.NO_TARGET, t_ns=t_ns + S)
+    rows.add(Checkpoint(t_ns=t_ns + S, state=stopped, follows=True))
+    rows.finish()
+    assert rows.minutes[0][5] == '{"no_target":1}'
+
+
+def test_the_first_stop_of_a_start_counts() -> None:
+    rows, state = SegmentRows(HEAD), Bench(truck()).state
+    rows.add(Checkpoint(t_ns=HEAD.t_ns, state=state))
+    rows.add(msgspec.structs.replace(Decision.of(state), t_ns=HEAD.t_ns))
+    rows.finish()
+    assert rows.minutes[0][5] == '{"starting":1}'
+
+
+def test_events_of_some_kinds_only_and_how_many_are_left_out(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    Index(tmp_path).rebuild()
+    reader, begun_ms = IndexReader(tmp_path), (BEGUN_NS + UNIX_NS) // 10**6
+    some = reader.events("bay1", begun_ms, begun_ms + 200_000, 1000, ("in_place", "stop_raised"))
+    assert {event["kind"] for event in some} == {"in_place", "stop_raised"}
+    assert reader.events_left_out("bay1", 0, 2 * begun_ms) == 0
+    with closing(sqlite3.connect(tmp_path / NAME)) as db, db:
+        db.execute("UPDATE files SET events_left_out = number + 2 WHERE bay = 'bay1'")
+    db.close()
+    assert reader.events_left_out("bay1", 0, 2 * begun_ms) == 7
+    assert reader.events_left_out("bay1", 0, begun_ms) == 0
+    assert reader.events_left_out("bay3", 0, 2 * begun_ms) == 0
 
 
 # A visit goes on after a restart.
@@ -351,6 +470,19 @@ def test_an_open_visit_is_recorded_every_ten_seconds_and_at_the_end() -> None:
     assert [record["t_ns"] // S for record in taken if record["is"] == "visit"] == [0, 10, 20, 26]
 
 
+def test_the_recorder_hears_that_a_visit_is_over() -> None:
+    collector = Collector(lambda: UNIX_NS)
+    state = StateVector("bay1", t_ns=1)
+    collector(None, state, [])
+    collector(Tick(), replace(state, t_ns=2), [Event(EventKind.VISIT_ENDED, "bay1", 2, state)])
+    quiet = collector.take()
+    collector(Tick(), replace(state, t_ns=3), [Event(EventKind.VISIT, "bay1", 3, state, summary=VISIT)])
+    ended = collector.take()
+    assert quiet is not None
+    assert ended is not None
+    assert (quiet.visit_ended, ended.visit_ended) == (False, True)
+
+
 # The web process may only read files.
 
 
@@ -374,7 +506,7 @@ def test_a_process_that_may_only_read_files_can_ask_while_it_is_written(tmp_path
 
 def test_the_verb_lists_what_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded(tmp_path)
-    (first, _) = sorted((tmp_path / "bay1").iterdir())
+    (first, _) = sorted((tmp_path / "bay1").glob("*.seg"))
     first.with_name(first.name + ".pin").touch()
     assert main(["records", "list", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -9,12 +9,13 @@ import pytest
 
 from gateway.errors import ConfigError
 from gateway.records import recording
+from gateway.records.files import files_in
 from gateway.records.names import PICTURES, PIN, parsed
 from gateway.records.record import Gap, TickRecord, packed
 from gateway.records.recording import Missing
 from gateway.records.retention import Limits
 from gateway.records.segment import Head, PictureHead, picture_block, records_block
-from gateway.records.store import SEGMENT_NS, Store, files_in
+from gateway.records.store import SEGMENT_NS, Store
 from tests.unit.records.test_segment import HEAD
 
 UNLIMITED = Limits(10**15, 0, 0)

@@ -1,0 +1,88 @@
+"""The reader process's work: an answer from the recordings themselves. IO."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+
+from gateway import __version__
+from gateway.records import account, names, page, recording
+from gateway.records.index_reader import Bucket
+from gateway.records.index_rows import MINUTE_COLUMNS, MinuteRow, SegmentRows
+from gateway.records.inquiry import Inquiry
+from gateway.records.picture_search import pictures_near
+from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
+from gateway.records.recording import Missing
+from gateway.records.segment import Picture
+
+NS_PER_MS = 1_000_000
+LEAST_BUCKET_MS = 100
+LONGEST_S = 900 + 60  # of a segment; it ends where a complete state is due
+
+
+def answer(folder: Path, question: Question) -> bytes:
+    """`folder`: of all bays. Raises ConfigError where nothing is recorded for it, OSError."""
+    bay = folder / question.bay
+    match question:
+        case WhyQuestion():
+            return _why(bay, question)
+        case ValuesQuestion():
+            return _values(bay, question)
+
+
+def _why(bay: Path, question: WhyQuestion) -> bytes:
+    found = Inquiry(bay).at(question.at_ms * NS_PER_MS)
+    pictures: list[Picture] = []
+    if question.pictures:
+        pictures = list(pictures_near(bay, found.begin_ns, found.end_ns))
+    if question.html:
+        made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, gateway {__version__}"
+        if not question.pictures:
+            made += "; without pictures: records.pictures_for"
+        return page.html(found, pictures, made).encode()
+    return json.dumps(account.as_json(found, pictures), allow_nan=False, default=str).encode()
+
+
+def _values(bay: Path, question: ValuesQuestion) -> bytes:
+    """`bucket_ms`, `buckets` by the names of Bucket, and `missing`: what could not be read, in words."""
+    length_ms = max(LEAST_BUCKET_MS, -(-(question.until_ms - question.since_ms) // question.points))
+    rows: SegmentRows | None = None
+    missing: list[str] = []
+    for item in recording.records(_segments(bay, question)):
+        if isinstance(item, Missing):
+            missing.append(item.why)
+            if rows is not None:
+                rows.broken()
+            continue
+        place, record = item
+        if rows is None:
+            rows = SegmentRows(place.head, length_ms * NS_PER_MS)
+        elif place.head is not rows.head:
+            rows.follow(place.head)
+        rows.add(record)
+    found: list[MinuteRow] = []
+    if rows is not None:
+        rows.finish()
+        found = rows.minutes
+    begin, end = question.since_ms // length_ms, -(-question.until_ms // length_ms)
+    buckets = [bucket(row, length_ms) for row in found if begin <= int(str(row[0])) < end]
+    return msgspec.json.encode({"bucket_ms": length_ms, "buckets": buckets, "missing": missing})
+
+
+def bucket(row: MinuteRow, length_ms: int) -> Bucket:
+    """One row of SegmentRows whose minutes are so long."""
+    values = dict(zip(MINUTE_COLUMNS, row, strict=True))
+    t_ms = int(str(values.pop("minute"))) * length_ms
+    values["stop_s"] = msgspec.json.decode(str(values["stop_s"]))
+    return msgspec.convert({"t_ms": t_ms, **values}, Bucket)
+
+
+def _segments(bay: Path, question: ValuesQuestion) -> list[Path]:
+    """Those that may have something of that time, by number. Raises ConfigError where there is none at all."""
+    found = []
+    for path in recording.segments_of([bay]):
+        name = names.parsed(path.name)
+        if name is not None and question.since_ms / 1000 - LONGEST_S <= name.unix_s <= question.until_ms / 1000:
+            found.append(path)
+    return found

@@ -1,0 +1,200 @@
+"""Answers from recordings: their numbers, and the process that is forked for each, on a real pipe."""
+
+import json
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from gateway.core.state import StateVector
+from gateway.errors import ConfigError, LinkError, ProtocolError
+from gateway.records import reader_process
+from gateway.records.answers import answer
+from gateway.records.index_rows import SegmentRows
+from gateway.records.questions import QUESTIONS, Question, ValuesQuestion, WhyQuestion
+from gateway.records.record import Decision, TickRecord
+from tests import recorded_bay
+from tests.unit.records.test_segment import HEAD
+from tests.unit.web.history import BEGIN_MS, LATER_MS, folder_of, recorded
+
+pytestmark = pytest.mark.one_interpreter
+
+ASKED = ValuesQuestion("bay1", 1, 2, 3)
+S = 10**9
+
+
+def values(folder: Path, since_ms: int, until_ms: int, points: int) -> Any:
+    return json.loads(answer(folder_of(folder), ValuesQuestion("bay1", since_ms, until_ms, points)))
+
+
+def test_values_are_those_of_the_records(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    found = values(tmp_path, BEGIN_MS + 20_000, BEGIN_MS + 40_000, 4)
+    assert (found["bucket_ms"], found["missing"]) == (5000, [])
+    first, second, third, fourth = found["buckets"]
+    assert [b["t_ms"] - BEGIN_MS for b in found["buckets"]] == [20_000, 25_000, 30_000, 35_000]
+    # R grows by 2 px a second from 100 px; then it is 180 px.
+    assert (first["r_min"], first["r_mean"], first["r_max"]) == (140.0, 144.0, 148.0)
+    assert (second["r_max"], second["z_mean"], third["r_min"], third["z_max"]) == (158.0, 900.0, 180.0, 300.0)
+    assert (first["may_move_s"], first["in_place_s"], first["stop_s"], first["frames"]) == (5.0, 0.0, {}, 5)
+    # What was decided holds until the next record, here half a second into the next part.
+    assert (third["may_move_s"], third["in_place_s"], third["stop_s"]) == (0.5, 4.5, {"target_reached": 4.5})
+    assert (fourth["recorded_s"], fourth["in_place_s"]) == (5.0, 5.0)
+
+
+def test_values_across_what_was_not_recorded(tmp_path: Path) -> None:
+    bay = recorded(tmp_path)
+    found = values(tmp_path, BEGIN_MS, LATER_MS + 60_000, 12)
+    assert found["bucket_ms"] == 60_000
+    assert [(b["t_ms"], b["recorded_s"]) for b in found["buckets"]] == [(BEGIN_MS, 59.5), (LATER_MS, 59.5)]
+    assert found["buckets"][1]["stop_s"] == {"vision_stale": 59.5}
+    (path,) = bay.glob("00000006-*.seg")
+    path.write_bytes(path.read_bytes()[:-5])
+    found = values(tmp_path, BEGIN_MS, LATER_MS + 60_000, 12)
+    assert [b["t_ms"] for b in found["buckets"]] == [BEGIN_MS]
+    assert len(found["missing"]) == 1
+    assert path.name in found["missing"][0]
+    assert values(tmp_path, BEGIN_MS + 10_000, BEGIN_MS + 10_400, 2000)["bucket_ms"] == 100  # not finer
+    assert values(tmp_path, 0, 60_000, 10)["buckets"] == []
+    with pytest.raises(ConfigError):
+        answer(folder_of(tmp_path), ValuesQuestion("bay2", 0, 1, 1))
+
+
+def test_nothing_is_known_of_the_time_across_what_is_missing() -> None:
+    state = StateVector("bay1", HEAD.t_ns, stop=False, may_move=True)
+    ticks = [TickRecord(t_ns=HEAD.t_ns + n * S // 10) for n in range(1, 4)]
+
+    def known_s(between: Callable[[SegmentRows], None]) -> object:
+        rows = SegmentRows(HEAD, 60 * S)
+        rows.add(Decision.of(state))
+        rows.add(ticks[0])
+        between(rows)
+        rows.add(ticks[1])
+        rows.add(ticks[2])
+        rows.finish()
+        return rows.minutes[0][1]
+
+    assert known_s(lambda rows: None) == 0.3
+    assert known_s(SegmentRows.broken) == 0.1
+    assert known_s(lambda rows: rows.follow(HEAD)) == 0.1
+
+
+def test_why_as_json_and_as_a_report(tmp_path: Path) -> None:
+    kept, _ = recorded_bay.recorded(tmp_path, until_s=40)
+    kept.picture(recorded_bay.T0_NS + 19 * S, 500, "operator_mark")
+    at_ms = recorded_bay.unix(recorded_bay.T0_NS + 20 * S) // 10**6
+    folder = tmp_path / "site.gateway"
+    told = json.loads(answer(folder, WhyQuestion("bay1", at_ms, html=False, pictures=True)))
+    assert (told["bay"], told["outputs"]["may_move"], told["silence"]) == ("bay1", "on", "")
+    assert [picture["frame_id"] for picture in told["pictures"]] == [500]
+    page = answer(folder, WhyQuestion("bay1", at_ms, html=True, pictures=True)).decode()
+    assert page.startswith("<!DOCTYPE html>")
+    assert "frame 500" in page
+    assert "data:image" in page
+    without = answer(folder, WhyQuestion("bay1", at_ms, html=True, pictures=False)).decode()
+    assert "data:image" not in without
+    assert "records.pictures_for" in without
+
+
+def test_only_questions_are_read() -> None:
+    asked: list[Question] = [ASKED, WhyQuestion("bay1", 5, html=True, pictures=False)]
+    for question in asked:
+        assert QUESTIONS.unpacked(QUESTIONS.packed(question)) == question
+    for data in (b"", b"\xc0", msgspec.msgpack.encode(["WhyQuestion", "bay1", "soon", True, True])):
+        with pytest.raises(ProtocolError):
+            QUESTIONS.unpacked(data)
+
+
+def asked_of(work: Callable[[Path, Question], bytes], read: bool = True) -> tuple[bytes, float]:
+    """What comes through the pipe of a forked process that does `work`, and how long its parent waited, s."""
+    reading, writing = os.pipe()
+
+    def server() -> None:
+        os.close(reading)
+        reader_process._answered(SimpleNamespace(answer=work), Path("/nowhere"), ASKED, writing)  # type: ignore[arg-type]
+
+    process = multiprocessing.get_context("fork").Process(target=server)
+    process.start()
+    os.close(writing)
+    data = b""
+    while read and (piece := os.read(reading, 65536)):
+        data += piece
+    os.close(reading)
+    begun_s = time.monotonic()
+    process.join(30)
+    assert process.exitcode == 0
+    return data, time.monotonic() - begun_s
+
+
+def test_an_answer_comes_whole_through_the_pipe() -> None:
+    assert asked_of(lambda folder, question: b"x" * 3_000_000)[0] == b"+" + b"x" * 3_000_000
+
+
+def raising(error: BaseException) -> Callable[[Path, Question], bytes]:
+    def work(_folder: Path, _question: Question) -> bytes:
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (ConfigError("no segment"), b"0no segment"),
+        (LinkError("gone\x07"), b"-gone\\x07"),
+        (OSError(5, "Input/output error"), b"-[Errno 5] Input/output error"),
+        (MemoryError(), b"-it needs too much memory"),
+    ],
+)
+def test_what_went_wrong_is_told(error: BaseException, told: bytes) -> None:
+    assert asked_of(raising(error))[0] == told
+
+
+def test_a_fault_in_the_software_ends_only_the_forked_process(capfd: pytest.CaptureFixture[str]) -> None:
+    assert asked_of(raising(KeyError("a bug")))[0] == b""
+    assert "a bug" in capfd.readouterr().err
+
+
+def for_ever(_folder: Path, _question: Question) -> bytes:
+    while True:
+        time.sleep(0.001)
+
+
+def test_nobody_waits_so_nothing_goes_on() -> None:
+    assert asked_of(for_ever, read=False)[1] < 20
+
+
+def test_what_takes_too_long_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader_process, "LIMIT_S", 0.2)
+    assert asked_of(for_ever)[0] == b""
+
+
+def test_what_takes_too_much_memory_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader_process, "LIMIT_BYTES", 100_000_000)
+    assert asked_of(lambda folder, question: b"%d" % len(bytearray(300_000_000)))[0] == b"-it needs too much memory"
+    assert asked_of(lambda folder, question: b"%d" % len(bytearray(30_000_000)))[0] == b"+30000000"
+
+
+def test_its_parent_is_not_outlived() -> None:
+    """The forked process ends with the reader process, even where that one is killed."""
+    reading, writing = os.pipe()
+
+    def server() -> None:
+        reader_process._answered(SimpleNamespace(answer=for_ever), Path("/nowhere"), ASKED, writing)  # type: ignore[arg-type]
+
+    process = multiprocessing.get_context("fork").Process(target=server)
+    process.start()
+    time.sleep(0.3)
+    assert process.pid is not None
+    os.kill(process.pid, signal.SIGKILL)
+    process.join(30)
+    os.close(writing)
+    assert os.read(reading, 1) == b""  # all that had it open have ended
+    os.close(reading)
